@@ -1,0 +1,51 @@
+"""A spherical inverted pendulum balanced on a quadrotor, as Gymnasium environments."""
+
+from typing import Any
+
+import gymnasium as gym
+
+from quadpend_gym.env import QuadPendulumEnv
+from quadpend_gym.observation import OBSERVATION_FIELDS, read_observation
+from quadpend_gym.params import PAPER, Actuators, Parameters, Simulation
+from quadpend_gym.references import Reference
+from quadpend_gym.state import State
+from quadpend_gym.tasks import Limits, ReferenceSettings, RewardWeights, StartSettings, Task
+from quadpend_gym.vector_env import QuadPendulumVectorEnv
+from quadpend_gym.wind import Constant, OrnsteinUhlenbeck, PaperGusts, Sinusoid
+
+__version__ = "0.1.0"
+__all__ = [
+    "OBSERVATION_FIELDS",
+    "PAPER",
+    "Actuators",
+    "Constant",
+    "Limits",
+    "OrnsteinUhlenbeck",
+    "PaperGusts",
+    "Parameters",
+    "QuadPendulumEnv",
+    "QuadPendulumVectorEnv",
+    "Reference",
+    "ReferenceSettings",
+    "RewardWeights",
+    "Simulation",
+    "Sinusoid",
+    "StartSettings",
+    "State",
+    "Task",
+    "read_observation",
+]
+
+
+def _register(name: str, **kwargs: Any) -> None:
+    gym.register(
+        id=name,
+        entry_point="quadpend_gym.env:QuadPendulumEnv",
+        vector_entry_point="quadpend_gym.vector_env:QuadPendulumVectorEnv",
+        max_episode_steps=1000,
+        kwargs=kwargs,
+    )
+
+
+_register("QuadPendulum-v0", task="track")
+_register("QuadPendulumHover-v0", task="hover")

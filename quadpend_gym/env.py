@@ -1,0 +1,185 @@
+"""The single environment: a world of one row behind `gymnasium.Env`."""
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from quadpend_gym import kernel
+from quadpend_gym.arrays import Floats, Floats32
+from quadpend_gym.observation import OBSERVATION_SIZE
+from quadpend_gym.params import Simulation
+from quadpend_gym.records import build
+from quadpend_gym.state import State
+from quadpend_gym.tasks import as_task
+from quadpend_gym.world import World, named_info
+
+_ROW = np.zeros(1, np.int64)
+
+
+def observation_space() -> spaces.Box:
+    """The space of one observation, any finite numbers; see `quadpend_gym.observation` for its layout."""
+    largest = float(np.finfo(np.float32).max)
+    return spaces.Box(-largest, largest, (OBSERVATION_SIZE,), np.float32)
+
+
+def action_space() -> spaces.Box:
+    """The space of one action: thrust and the torques about roll, pitch and yaw."""
+    return spaces.Box(-1.0, 1.0, (4,), np.float32)
+
+
+def check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
+    """The options of a reset, after a check that all of them are known.
+
+    Raises:
+        TypeError: `options` is not a dict.
+        ValueError: it has an unknown key.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, dict):
+        raise TypeError(f"options must be a dict, not {options!r}")
+    if unknown := [key for key in options if key not in known]:
+        raise ValueError(f"there is no option {unknown[0]!r}; the options are {', '.join(known)}")
+    return options
+
+
+def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
+    """`action` as a float32 array.
+
+    Raises:
+        TypeError: it is not made of numbers.
+        ValueError: it has another shape.
+    """
+    try:
+        array = np.asarray(action, np.float32, order="C")
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"action must be an array of numbers of shape {shape}, not {action!r}") from error
+    if array.shape != shape:
+        raise ValueError(f"action must have shape {shape}, not {array.shape}")
+    return array
+
+
+class QuadPendulumEnv(gym.Env[Floats32, Floats32]):
+    """A spherical inverted pendulum balanced on a quadrotor that tracks a reference in the wind.
+
+    ## Description
+    A bob of 0.2 kg stands on a massless rod of 0.3 m, free to swing in every direction, on the centre of a quadrotor of
+    0.5 kg (Martinez-Vasquez et al., Machines 2023, 11(6), 578, Table 1). The bob's horizontal position, the quadrotor's
+    height and its yaw are to follow a reference.
+
+    ## Action Space
+    `Box(-1, 1, (4,), float32)`; zero is hover. Out of range or not finite: ValueError.
+
+    | action | command                       | unit | range at ±1    |
+    |--------|-------------------------------|------|----------------|
+    | 0      | thrust u = 6.86 (1 + a₀)      | N    | 0 … 13.72      |
+    | 1      | torque τφ = 5 a₁ about roll   | N·m  | −5 … 5         |
+    | 2      | torque τθ = 5 a₂ about pitch  | N·m  | −5 … 5         |
+    | 3      | torque τψ = 1 a₃ about yaw    | N·m  | −1 … 1         |
+
+    ## Observation Space
+    `Box` of 36 finite numbers, float32, scaled by fixed constants to order one: tracking error and its rate, the
+    pendulum's direction and its rate, attitude and rates, the reference's derivatives of order 2 to 6, and the yaw
+    reference. The table is in `quadpend_gym.observation`; `read_observation(observation, name)` reads a field in
+    physical units. The wind is not observed.
+
+    ## Rewards
+    Per step, in [0, 1]: 0.6 tracking + 0.15 upright + 0.1 yaw + 0.15 effort, see `quadpend_gym.reward`. 1 only for
+    perfect still tracking. The terms are in `info["reward_terms"]`.
+
+    ## Starting State
+    Flying a random reference (hover, circle, figure eight or helix) perfectly, but for a uniform deviation of at most
+    0.1 m, 0.1 m/s, 0.05 rad, 0.1 rad/s in each component.
+
+    `reset(options={"state": {"position": …}})` sets any of the state's fields (`quadpend_gym.state`), leaving the
+    others as drawn; `options={"reference": Reference.circle(1.0, 1.0)}` fixes the reference.
+
+    ## Episode End
+    Terminates when the pendulum is more than 60° from upright, the body tilts past 80°, the tracking error passes 3 m,
+    quadrotor or bob touches the ground, or the state diverges. Truncates after 1000 steps (10 s).
+
+    ## Arguments
+    - `task`: `"track"` or `"hover"`, a `Task`, or a mapping of its fields.
+    - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, actuators, control period, substeps.
+    - `wind`: a model of `quadpend_gym.wind`, a sum of them, or a mapping with its kind. Calm without.
+    - `render_mode`: None; there is no picture yet.
+
+    ## Version History
+    - v0: first version.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 100}
+
+    def __init__(
+        self, task: Any = "track", simulation: Any = None, wind: Any = None, render_mode: str | None = None
+    ) -> None:
+        """Build the environment; see the class for the arguments.
+
+        Raises:
+            TypeError: an argument is of the wrong type.
+            ValueError: an argument names or holds something unknown or out of range.
+        """
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None, not {render_mode!r}")
+        simulation = build(Simulation, {} if simulation is None else simulation, "simulation")
+        self.render_mode = render_mode
+        self.world = World(1, as_task(task), simulation, wind)
+        self.observation_space = observation_space()
+        self.action_space = action_space()
+        self._seeded = False
+
+    @property
+    def state(self) -> State:
+        """Named views of the state, each of shape (3,), see `quadpend_gym.state`."""
+        return State(self.world.state[0])
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats32, dict[str, Any]]:
+        """Begin an episode: the first of `seed`, or the next one.
+
+        Args:
+            seed: non-negative integer.
+            options: ``state`` and ``reference``, see the class.
+
+        Raises:
+            TypeError: an option is of the wrong type.
+            ValueError: an option is unknown, or has a wrong shape or value.
+        """
+        options = check_options(options, ("state", "reference"))
+        state = options.get("state")
+        super().reset(seed=seed)
+        if seed is not None or not self._seeded:
+            self.world.seed(_ROW, [self.np_random_seed])
+            self._seeded = True
+        self.world.begin(_ROW, state, options.get("reference"))
+        observation, measured = self.world.look(_ROW)
+        return observation[0], _info(measured[0], np.zeros(9))
+
+    def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
+        """Hold `action` for one control period.
+
+        Args:
+            action: shape (4,), components in [−1, 1].
+
+        Raises:
+            ResetNeeded: `reset` was never called, or wind was added since.
+            TypeError: the action is not made of numbers.
+            ValueError: it has the wrong shape, or is out of range or not finite.
+        """
+        action = check_action(action, (4,)).reshape(1, 4)
+        observation, measured, disturbance = self.world.step(action)
+        row = measured[0]
+        return (
+            observation[0],
+            float(row[kernel.REWARD]),
+            bool(row[kernel.TERMINATED]),
+            False,
+            _info(row, disturbance[0]),
+        )
+
+
+def _info(measured: Floats, disturbance: Floats) -> dict[str, Any]:
+    return named_info(measured.tolist(), measured[4:7], disturbance)

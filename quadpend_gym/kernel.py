@@ -1,0 +1,343 @@
+"""The compiled loops over sub-environments: integration, measurement, and the start of episodes.
+
+Rows are worked on in blocks of 64, copied into (field, lane) buffers so that each loop over lanes becomes vector
+instructions; a batch of one takes the same path, so its numbers are the same bits.
+
+One substep of length h integrates with the classical Runge–Kutta method (RK4), in coordinates in which most of it is
+done exactly (see `dynamics` for the equations):
+
+    attitude         a quadratic in time, since τ is held over a control period
+    centre of mass   Ẍ depends on time alone: RK4 is Simpson's rule
+    pendulum         RK4 for (r, ṙ), with the pull w at t, t + h/2 and t + h
+
+Afterwards r is normalised and ṙ projected onto its tangent plane. The thrust axis at the end of a substep is kept for
+the start of the next, so a substep takes two evaluations of the angles' sines.
+"""
+
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from quadpend_gym.arrays import Floats, Floats32, Integers
+from quadpend_gym.dynamics import (
+    centre_acceleration,
+    centre_offset,
+    direction_acceleration,
+    euler_acceleration,
+    load_physics,
+    rod_pull,
+    thrust_axis,
+)
+from quadpend_gym.elementary import arcsin
+from quadpend_gym.initial_states import StartRanges, draw_start
+from quadpend_gym.jit import compiled, inlined
+from quadpend_gym.observation import OBSERVATION_SIZE, Tracking, observe, track
+from quadpend_gym.references import REFERENCE_SIZE, ReferenceRanges, draw_reference, reference_point
+from quadpend_gym.reward import reward_terms
+from quadpend_gym.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, STATE_SIZE, VELOCITY
+from quadpend_gym.streams import REFERENCE_STREAM, START_STREAM, Keys, derive
+from quadpend_gym.vectors import Vec3, add, axpy, dot, load, norm, scale, store
+
+ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PHYSICS_SIZE = 4, 4, 9, 7
+# A row's memory: state, parameters and reference, from edge to edge.
+MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE)))
+ROD_LENGTH = 2  # column of the parameters
+# Columns of what is measured after a step: the four reward terms, then these.
+TRACKING_ERROR, TILT, REWARD, TERMINATED = 4, 7, 8, 9
+MEASURED_SIZE = 10
+
+_BLOCK = 64
+_AXIS = STATE_SIZE  # fields of the state lanes that hold the thrust axis
+# Edges of the parts of one buffer of lanes: state and axis, action, command, disturbance, physics, reference,
+# measured, time.
+_SIZES = (STATE_SIZE + 3, ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE, MEASURED_SIZE, 1)
+_EDGES = (0, *accumulate(_SIZES))
+_DIVERGED = 1e6  # a state this large is no longer a state
+
+
+@inlined
+def _euler_after(euler: Vec3, rate: Vec3, acceleration: Vec3, time: float) -> Vec3:
+    return axpy(time, axpy(0.5 * time, acceleration, rate), euler)
+
+
+@inlined
+def _substep(state: Any, command: Any, disturbance: Any, physics_lanes: Any, lane: int, h: float) -> None:
+    physics = load_physics(physics_lanes, lane)
+    thrust = command[0, lane]
+    quadrotor_force, bob_force = load(disturbance, 0, lane), load(disturbance, 3, lane)
+
+    euler, euler_rate = load(state, EULER, lane), load(state, EULER_RATE, lane)
+    euler_ddot = euler_acceleration(add(load(command, 1, lane), load(disturbance, 6, lane)), physics)
+    euler_end = _euler_after(euler, euler_rate, euler_ddot, h)
+    axis_end = thrust_axis(euler_end)
+    force_0 = axpy(thrust, load(state, _AXIS, lane), quadrotor_force)
+    force_m = axpy(thrust, thrust_axis(_euler_after(euler, euler_rate, euler_ddot, 0.5 * h)), quadrotor_force)
+    force_1 = axpy(thrust, axis_end, quadrotor_force)
+
+    pull_m = rod_pull(force_m, bob_force, physics)
+    r, v1 = load(state, DIRECTION, lane), load(state, DIRECTION_RATE, lane)
+    a1 = direction_acceleration(r, v1, rod_pull(force_0, bob_force, physics))
+    v2 = axpy(0.5 * h, a1, v1)
+    a2 = direction_acceleration(axpy(0.5 * h, v1, r), v2, pull_m)
+    v3 = axpy(0.5 * h, a2, v1)
+    a3 = direction_acceleration(axpy(0.5 * h, v2, r), v3, pull_m)
+    v4 = axpy(h, a3, v1)
+    a4 = direction_acceleration(axpy(h, v3, r), v4, rod_pull(force_1, bob_force, physics))
+    r_end = axpy(h / 6.0, add(add(v1, v4), scale(2.0, add(v2, v3))), r)
+    v_end = axpy(h / 6.0, add(add(a1, a4), scale(2.0, add(a2, a3))), v1)
+    r_end = scale(1.0 / norm(r_end), r_end)
+    v_end = axpy(-dot(r_end, v_end), r_end, v_end)
+
+    offset = centre_offset(physics)
+    centre = axpy(offset, r, load(state, POSITION, lane))
+    centre_rate = axpy(offset, v1, load(state, VELOCITY, lane))
+    c0 = centre_acceleration(force_0, bob_force, physics)
+    cm = centre_acceleration(force_m, bob_force, physics)
+    c1 = centre_acceleration(force_1, bob_force, physics)
+    centre = axpy(h * h / 6.0, axpy(2.0, cm, c0), axpy(h, centre_rate, centre))
+    centre_rate = axpy(h / 6.0, axpy(4.0, cm, add(c0, c1)), centre_rate)
+
+    store(state, POSITION, lane, axpy(-offset, r_end, centre))
+    store(state, VELOCITY, lane, axpy(-offset, v_end, centre_rate))
+    store(state, EULER, lane, euler_end)
+    store(state, EULER_RATE, lane, axpy(h, euler_ddot, euler_rate))
+    store(state, DIRECTION, lane, r_end)
+    store(state, DIRECTION_RATE, lane, v_end)
+    store(state, _AXIS, lane, axis_end)
+
+
+@inlined
+def _gather(rows: Any, first: int, lanes: int, out: Any) -> None:
+    for lane in range(lanes):
+        for field in range(rows.shape[1]):
+            out[field, lane] = rows[first + lane, field]
+
+
+@inlined
+def _scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
+    for lane in range(lanes):
+        for field in range(out.shape[1]):
+            out[first + lane, field] = lanes_in[field, lane]
+
+
+@inlined
+def _integrate(
+    state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
+) -> None:
+    for lane in range(lanes):
+        store(state, _AXIS, lane, thrust_axis(load(state, EULER, lane)))
+    for _ in range(substeps):
+        for lane in range(lanes):
+            _substep(state, command, disturbance, physics, lane, period / substeps)
+
+
+@compiled
+def advance(
+    state: Floats, command: Floats, disturbance: Floats, parameters: Floats, period: float, substeps: int
+) -> None:
+    """Physics alone: advance n states by `period`, in place.
+
+    Args:
+        state: shape (n, 18), laid out as in `quadpend_gym.state`.
+        command: thrust (N) and torques τφ, τθ, τψ (N·m), held over the period, shape (n, 4).
+        disturbance: d_Q (N), d_B (N), d_τ (N·m), world frame, held over the period, shape (n, 9).
+        parameters: rows of `Parameters.as_array`, shape (n, 7).
+        period: s.
+        substeps: number of Runge–Kutta steps the period is divided into.
+    """
+    buffer = np.empty((_EDGES[5], _BLOCK))
+    state_lanes = buffer[_EDGES[0] : _EDGES[1]]
+    command_lanes = buffer[_EDGES[2] : _EDGES[3]]
+    disturbance_lanes = buffer[_EDGES[3] : _EDGES[4]]
+    physics_lanes = buffer[_EDGES[4] : _EDGES[5]]
+    for first in range(0, state.shape[0], _BLOCK):
+        lanes = min(_BLOCK, state.shape[0] - first)
+        _gather(state, first, lanes, state_lanes)
+        _gather(command, first, lanes, command_lanes)
+        _gather(disturbance, first, lanes, disturbance_lanes)
+        _gather(parameters, first, lanes, physics_lanes)
+        _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+        _scatter(state_lanes, first, lanes, state)
+
+
+@inlined
+def _command(action: Any, actuators: Any, lanes: int, out: Any) -> None:
+    for lane in range(lanes):
+        out[0, lane] = actuators[0] * (1.0 + action[0, lane])
+        out[1, lane] = actuators[1] * action[1, lane]
+        out[2, lane] = actuators[1] * action[2, lane]
+        out[3, lane] = actuators[2] * action[3, lane]
+
+
+@inlined
+def _diverged(state: Any, lane: int) -> bool:
+    size = 0.0
+    for field in range(STATE_SIZE):
+        size = size + abs(state[field, lane])
+    return not (size < _DIVERGED)
+
+
+@inlined
+def _over(state: Any, lane: int, error: Vec3, rod_length: float, limits: Any) -> bool:
+    """Whether the state is past the task's limits; `limits` holds the two angles as cosines."""
+    height, upright = state[POSITION + 2, lane], state[DIRECTION + 2, lane]
+    return bool(
+        (upright < limits[0])
+        | (state[_AXIS + 2, lane] < limits[1])
+        | (norm(error) > limits[2])
+        | (min(height, height + rod_length * upright) <= limits[3])
+    )
+
+
+@inlined
+def _measure(
+    state: Any, action: Any, physics: Any, lane: int, tracking: Tracking, limits: Any, weights: Any, out: Any
+) -> None:
+    """Write reward, termination and measurements into column `lane` of a (10, n) buffer."""
+    r = load(state, DIRECTION, lane)
+    terms = reward_terms(tracking.error, r.z, tracking.yaw_error, action, lane)
+    out[0, lane] = terms.tracking
+    out[1, lane] = terms.upright
+    out[2, lane] = terms.yaw
+    out[3, lane] = terms.effort
+    store(out, TRACKING_ERROR, lane, tracking.error)
+    out[TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - 1.0)), 1.0))
+    out[REWARD, lane] = (
+        weights[0] * terms.tracking
+        + weights[1] * terms.upright
+        + weights[2] * terms.yaw
+        + weights[3] * terms.effort
+    )
+    over = _over(state, lane, tracking.error, physics[ROD_LENGTH, lane], limits)
+    out[TERMINATED, lane] = 1.0 if over else 0.0
+
+
+@compiled
+def step(
+    memory: Floats,
+    clock: Integers,
+    disturbance: Floats,
+    action: Floats32,
+    settings: Floats,
+    substeps: int,
+    observation: Floats32,
+    measured: Floats,
+) -> int:
+    """One control period of n sub-environments, or with `substeps` 0 a look at them where they stand.
+
+    A state that diverges is not kept: the row stays where it was and terminates.
+
+    Args:
+        memory: each row's state, parameters and reference side by side, shape (n, 45); see `MEMORY_EDGES`. The state
+            is changed in place.
+        clock: control steps since each episode began, shape (n,), changed in place.
+        disturbance: shape (n, 9), as in `advance`.
+        action: shape (n, 4), each component in [−1, 1].
+        settings: `world.kernel_settings`: period, actuators (3), limits (4), reward weights (4).
+        substeps: Runge–Kutta steps in the period, or 0 to leave state and clock alone.
+        observation: written, shape (n, 36).
+        measured: written, shape (n, 10), columns as above.
+
+    Returns:
+        The first row whose action is out of range or not finite, in which case nothing was done, or −1.
+    """
+    for row in range(action.shape[0]):
+        for component in range(ACTION_SIZE):
+            if not (abs(action[row, component]) <= 1.0):
+                return row
+    state = memory[:, MEMORY_EDGES[0] : MEMORY_EDGES[1]]
+    parameters = memory[:, MEMORY_EDGES[1] : MEMORY_EDGES[2]]
+    reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
+    period, actuators, limits, weights = settings[0], settings[1:4], settings[4:8], settings[8:12]
+    buffer = np.empty((_EDGES[8], _BLOCK))
+    state_lanes = buffer[_EDGES[0] : _EDGES[1]]
+    action_lanes = buffer[_EDGES[1] : _EDGES[2]]
+    command_lanes = buffer[_EDGES[2] : _EDGES[3]]
+    disturbance_lanes = buffer[_EDGES[3] : _EDGES[4]]
+    physics_lanes = buffer[_EDGES[4] : _EDGES[5]]
+    reference_lanes = buffer[_EDGES[5] : _EDGES[6]]
+    measured_lanes = buffer[_EDGES[6] : _EDGES[7]]
+    time = buffer[_EDGES[7]]
+    observation_lanes = np.empty((OBSERVATION_SIZE, _BLOCK), np.float32)
+    diverged = np.empty(_BLOCK, np.bool_)
+    for first in range(0, state.shape[0], _BLOCK):
+        lanes = min(_BLOCK, state.shape[0] - first)
+        _gather(state, first, lanes, state_lanes)
+        _gather(action, first, lanes, action_lanes)
+        _gather(disturbance, first, lanes, disturbance_lanes)
+        _gather(parameters, first, lanes, physics_lanes)
+        _gather(reference, first, lanes, reference_lanes)
+        _command(action_lanes, actuators, lanes, command_lanes)
+        _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+        for lane in range(lanes):
+            diverged[lane] = _diverged(state_lanes, lane)
+        for lane in range(lanes):
+            clock[first + lane] += min(substeps, 1)
+            time[lane] = period * clock[first + lane]
+            if diverged[lane]:
+                for field in range(STATE_SIZE):
+                    state_lanes[field, lane] = state[first + lane, field]
+                store(state_lanes, _AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
+        for lane in range(lanes):
+            point = reference_point(reference_lanes, lane, time[lane])
+            tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], point)
+            observe(state_lanes, lane, tracking, point, observation_lanes)
+            _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, measured_lanes)
+        _scatter(state_lanes, first, lanes, state)
+        _scatter(observation_lanes, first, lanes, observation)
+        _scatter(measured_lanes, first, lanes, measured)
+        for lane in range(lanes):
+            if diverged[lane]:
+                measured[first + lane, TERMINATED] = 1.0
+    return -1
+
+
+@compiled
+def draw_references(
+    rows: Integers, seeds: Keys, episodes: Integers, ranges: Floats, reference: Floats
+) -> None:
+    """Draw a random reference for each of the given rows.
+
+    Args:
+        rows: indices into `reference`, shape (m,).
+        seeds: root of each row's random streams, shape (n,).
+        episodes: number of each row's episode, shape (n,).
+        ranges: `tasks.flatten` of the task's references.
+        reference: written, shape (n, 20).
+    """
+    r = ranges
+    bounds = ReferenceRanges(
+        r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14]
+    )
+    for row in rows:
+        key = derive(derive(seeds[row], episodes[row]), REFERENCE_STREAM)
+        draw_reference(key, bounds, reference.T, row)
+
+
+@compiled
+def draw_starts(
+    rows: Integers,
+    seeds: Keys,
+    episodes: Integers,
+    ranges: Floats,
+    parameters: Floats,
+    reference: Floats,
+    state: Floats,
+) -> None:
+    """Draw a random start near the reference of each of the given rows.
+
+    Args:
+        rows: indices into the arrays below, shape (m,).
+        seeds: root of each row's random streams, shape (n,).
+        episodes: number of each row's episode, shape (n,).
+        ranges: `tasks.flatten` of the task's start.
+        parameters: shape (n, 7).
+        reference: shape (n, 20).
+        state: written, shape (n, 18).
+    """
+    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
+    for row in rows:
+        key = derive(derive(seeds[row], episodes[row]), START_STREAM)
+        point = reference_point(reference.T, row, 0.0)
+        draw_start(key, bounds, point, load_physics(parameters.T, row), state.T, row)

@@ -1,0 +1,96 @@
+"""Physical parameters (the paper's Table 1) and the limits of the actuators."""
+
+from dataclasses import astuple, dataclass, field, fields
+
+import numpy as np
+
+from quadpend_gym.arrays import Floats
+from quadpend_gym.records import build, positive
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The bodies: a quadrotor of constant diagonal inertia, a massless rod and a bob of no extent.
+
+    Raises:
+        TypeError: a value is not a number.
+        ValueError: a value is not finite or not above zero.
+    """
+
+    quadrotor_mass: float = 0.5  # M, kg, Table 1
+    bob_mass: float = 0.2  # m_c, kg, Table 1
+    rod_length: float = 0.3  # l, m, Table 1
+    gravity: float = 9.8  # g, m/s², Table 1
+    inertia_roll: float = 0.1  # I_φ, kg·m², Table 1
+    inertia_pitch: float = 0.1  # I_θ, kg·m², Table 1
+    inertia_yaw: float = 0.1  # I_ψ, kg·m², Table 1
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            positive(getattr(self, item.name), item.name)
+
+    @property
+    def total_mass(self) -> float:
+        """M + m_c, kg."""
+        return self.quadrotor_mass + self.bob_mass
+
+    @property
+    def hover_thrust(self) -> float:
+        """(M + m_c) g, N."""
+        return self.total_mass * self.gravity
+
+    @property
+    def chain_stiffness(self) -> float:
+        """K = (M + m_c) g / (M l), 1/s²: r̈_x = K (r_x − θ) near hover, equation (26)."""
+        return self.hover_thrust / (self.quadrotor_mass * self.rod_length)
+
+    def as_array(self) -> Floats:
+        """The fields in order, shape (7,), SI units: the kernel's view."""
+        return np.array(astuple(self))
+
+
+PAPER = Parameters()
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """What an action of ±1 means. Zero action is hover.
+
+    Raises:
+        TypeError: a value is not a number.
+        ValueError: a value is not finite or not above zero.
+    """
+
+    hover_thrust: float = PAPER.hover_thrust  # N; thrust = hover_thrust · (1 + a₀)
+    roll_pitch_torque: float = 5.0  # N·m; τφ, τθ = 5 a₁, 5 a₂
+    yaw_torque: float = 1.0  # N·m; τψ = a₃
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            positive(getattr(self, item.name), item.name)
+
+    def as_array(self) -> Floats:
+        """The fields in order, shape (3,), SI units: the kernel's view."""
+        return np.array(astuple(self))
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What is simulated and how finely.
+
+    Raises:
+        TypeError: a value has the wrong type.
+        ValueError: a value is out of range.
+    """
+
+    parameters: Parameters = PAPER
+    actuators: Actuators = field(default_factory=Actuators)
+    period: float = 0.01  # s, of the control loop: 100 Hz
+    substeps: int = 2  # Runge–Kutta steps in a control period
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", build(Parameters, self.parameters, "parameters"))
+        object.__setattr__(self, "actuators", build(Actuators, self.actuators, "actuators"))
+        positive(self.period, "period")
+        if not isinstance(self.substeps, int) or self.substeps < 1:
+            raise ValueError(f"substeps must be a whole number of at least 1, not {self.substeps!r}")

@@ -1,0 +1,187 @@
+"""The vector environment: a world of many rows behind `gymnasium.vector.VectorEnv`."""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from quadpend_gym import kernel
+from quadpend_gym.arrays import Booleans, Floats, Floats32
+from quadpend_gym.env import action_space, check_action, check_options, observation_space
+from quadpend_gym.params import Simulation
+from quadpend_gym.records import build
+from quadpend_gym.state import State
+from quadpend_gym.tasks import as_task
+from quadpend_gym.world import World, named_info
+
+
+class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
+    """Many `QuadPendulumEnv` in one compiled loop.
+
+    Row i, seeded with s, is exactly the single environment seeded with s, through every autoreset and for any number of
+    rows. An integer seed s seeds row i with s + i.
+
+    Args:
+        num_envs: number of rows.
+        task: as in `QuadPendulumEnv`.
+        simulation: as in `QuadPendulumEnv`.
+        wind: as in `QuadPendulumEnv`.
+        max_episode_steps: control steps after which an episode is truncated; None: never.
+        autoreset_mode: an `AutoresetMode` or its value, ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
+        render_mode: None; there is no picture yet.
+
+    Raises:
+        TypeError: an argument is of the wrong type.
+        ValueError: an argument names or holds something unknown or out of range.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 100}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: Any = "track",
+        simulation: Any = None,
+        wind: Any = None,
+        max_episode_steps: int | None = 1000,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+    ) -> None:
+        """Build the environment; see the class for the arguments."""
+        if not isinstance(num_envs, int) or num_envs < 1:
+            raise ValueError(f"num_envs must be a whole number of at least 1, not {num_envs!r}")
+        if max_episode_steps is not None and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
+            raise ValueError(f"max_episode_steps must be a whole number of at least 1, not {max_episode_steps!r}")
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None, not {render_mode!r}")
+        simulation = build(Simulation, {} if simulation is None else simulation, "simulation")
+        self.num_envs = num_envs
+        self.max_episode_steps = max_episode_steps
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
+        self.world = World(num_envs, as_task(task), simulation, wind)
+        self.single_observation_space = observation_space()
+        self.single_action_space = action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ended = np.zeros(num_envs, np.bool_)
+        self._seeded = np.zeros(num_envs, np.bool_)
+        self._every_row = np.ones(num_envs, np.bool_)
+
+    @property
+    def state(self) -> State:
+        """Named views of the rows' states, each of shape (num_envs, 3), see `quadpend_gym.state`."""
+        return State(self.world.state)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats32, dict[str, Any]]:
+        """Begin an episode in every row: the first of its seed, or the next one.
+
+        Args:
+            seed: an integer s for s, s + 1, …; a sequence with an integer, or None to go on, for each row; or None.
+            options: ``state`` and ``reference`` as in `QuadPendulumEnv.reset`, for all rows or one for each;
+                ``reset_mask``, shape (num_envs,), bool: reset these rows only.
+
+        Raises:
+            TypeError: an option is of the wrong type.
+            ValueError: an option is unknown, or has a wrong shape or value.
+        """
+        options = check_options(options, ("state", "reference", "reset_mask"))
+        mask = self._check_mask(options.get("reset_mask", self._every_row))
+        rows = np.flatnonzero(mask)
+        self._seed(seed, mask)
+        self.world.begin(rows, options.get("state"), options.get("reference"))
+        self._ended[mask] = False
+        observation, measured = self.world.look(np.arange(self.num_envs))
+        return observation, self._info(measured, np.zeros((self.num_envs, 9)), mask)
+
+    def step(self, actions: Any) -> tuple[Floats32, Floats, Booleans, Booleans, dict[str, Any]]:
+        """Hold each row's action for one control period.
+
+        Args:
+            actions: shape (num_envs, 4), components in [−1, 1].
+
+        Raises:
+            ResetNeeded: a row has no running episode.
+            TypeError: the actions are not made of numbers.
+            ValueError: they have the wrong shape, or a row's is out of range or not finite.
+        """
+        actions = check_action(actions, (self.num_envs, 4))
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
+            raise ResetNeeded(
+                f"the episode of row {self._ended.argmax()} is over: reset it with options={{'reset_mask': …}}"
+            )
+        observation, measured, disturbance = self.world.step(actions)
+        reward = measured[:, kernel.REWARD].copy()
+        terminated = measured[:, kernel.TERMINATED] != 0.0
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
+            reward[self._ended], terminated[self._ended] = 0.0, False
+            disturbance = self._restart(self._ended, observation, measured, disturbance)
+        truncated = self._truncated()
+        self._ended = ended = terminated | truncated
+        final: dict[str, Any] = {}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
+            final_obs = np.full(self.num_envs, None, object)
+            for row, last in zip(np.flatnonzero(ended), observation[ended], strict=True):
+                final_obs[row] = last
+            final_info = self._info(measured, disturbance, ended)
+            final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
+            measured = measured.copy()
+            disturbance = self._restart(ended, observation, measured, disturbance)
+        info = self._info(measured, disturbance, self._every_row)
+        return observation, reward, terminated, truncated, {**info, **final}
+
+    def _truncated(self) -> Booleans:
+        if self.max_episode_steps is None:
+            return np.zeros(self.num_envs, np.bool_)
+        return np.asarray(self.world.clock >= self.max_episode_steps)
+
+    def _restart(
+        self, mask: Booleans, observation: Floats32, measured: Floats, disturbance: Floats
+    ) -> Floats:
+        """Begin the next episode of some rows and write what they look like; a copy of `disturbance` without them."""
+        rows = np.flatnonzero(mask)
+        self.world.begin(rows)
+        observation[rows], measured[rows] = self.world.look(rows)
+        remaining = disturbance.copy()
+        remaining[rows] = 0.0
+        return remaining
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+            seeds: list[int | None] = [int(seed) + row for row in range(self.num_envs)]
+        elif seed is None:
+            seeds = [None] * self.num_envs
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be one integer or {self.num_envs}, not {len(seeds)}")
+        fresh = np.array([item is not None for item in seeds])
+        unseeded = ~fresh & ~self._seeded
+        drawn = iter(self.np_random.integers(2**63, size=unseeded.sum()).tolist() if unseeded.any() else [])
+        chosen = [next(drawn) if missing else item for item, missing in zip(seeds, unseeded, strict=True)]
+        rows = np.flatnonzero(mask & (fresh | unseeded))
+        self.world.seed(rows, [int(chosen[row]) for row in rows])  # type: ignore[arg-type]
+        self._seeded[rows] = True
+
+    def _check_mask(self, mask: Any) -> Booleans:
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            raise ValueError(
+                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},), not {mask!r}"
+            )
+        if not mask.any():
+            raise ValueError("options['reset_mask'] must have a True in it")
+        return mask
+
+    def _info(self, measured: Floats, disturbance: Floats, mask: Booleans) -> dict[str, Any]:
+        """`named_info` with Gymnasium's ``_key`` masks of the rows it is about."""
+        info = named_info(measured.T, measured[:, 4:7], disturbance)
+        terms = info["reward_terms"]
+        info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
+        return {**info, **{f"_{name}": mask for name in info}}

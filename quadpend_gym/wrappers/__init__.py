@@ -1,0 +1,5 @@
+"""Wrappers: the real world, one line each, for a single environment and for a vector of them."""
+
+from quadpend_gym.wrappers.wind import VectorWindWrapper, WindWrapper
+
+__all__ = ["VectorWindWrapper", "WindWrapper"]

@@ -1,0 +1,94 @@
+"""Random streams: SplitMix64 by index, of the distributions they claim, and independent of each other."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from quadpend_gym.arrays import Floats
+from quadpend_gym.streams import START, WIND, Streams, normal_pair, uniform, uniform_between
+
+SEEDS = [0, 1, 2, 2**32]
+
+
+def blocks(streams: Streams, index: int) -> np.ndarray:
+    return np.full(streams.keys.shape, index)
+
+
+def correlations(numbers: Floats) -> Floats:
+    """Correlation coefficients of different rows, shape (n (n−1) / 2,)."""
+    return np.corrcoef(numbers)[np.triu_indices(len(numbers), 1)]
+
+
+def test_a_stream_is_splitmix64_read_by_index() -> None:
+    """Against the published outputs of the generator seeded with 1234567."""
+    outputs = [
+        6457827717110365317,
+        3203168211198807973,
+        9817491932198370423,
+        4593380528125082431,
+        16408922859458223821,
+    ]
+    for index, output in enumerate(outputs):
+        assert uniform(np.uint64(1234567), index) == ((output >> 12) + 0.5) / 2**52
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_uniform_numbers_are_uniform(seed: int) -> None:
+    numbers = Streams.from_seeds([seed]).uniform(np.array([0]), 100_000)[0]
+    assert numbers.min() > 0.0 and numbers.max() < 1.0
+    assert stats.kstest(numbers, "uniform").pvalue > 0.01
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_normal_numbers_are_normal(seed: int) -> None:
+    numbers = Streams.from_seeds([seed]).normal(np.array([0]), 100_000)[0]
+    assert stats.kstest(numbers, "norm").pvalue > 0.01
+    assert stats.kstest(numbers[::2] ** 2 + numbers[1::2] ** 2, "chi2", args=(2,)).pvalue > 0.01
+
+
+def test_first_numbers_of_successive_episodes_are_uniform_and_normal() -> None:
+    episodes = Streams.from_seeds([7] * 100_000).derive(np.arange(100_000)).derive(START)
+    assert stats.kstest(episodes.uniform(blocks(episodes, 0), 1)[:, 0], "uniform").pvalue > 0.01
+    assert stats.kstest(episodes.normal(blocks(episodes, 0), 1)[:, 0], "norm").pvalue > 0.01
+
+
+def test_rows_episodes_and_purposes_are_uncorrelated() -> None:
+    seeds = Streams.from_seeds(list(range(4)))
+    keys = [seeds.derive(episode).derive(purpose).keys for episode in range(4) for purpose in (START, WIND)]
+    streams = Streams(np.concatenate(keys))
+    n = 100_000
+    for numbers in (streams.uniform(blocks(streams, 0), n), streams.normal(blocks(streams, 0), n)):
+        # 496 coefficients, each normal of deviation 1/√n: the largest is below five deviations.
+        assert np.abs(correlations(numbers)).max() < 5.0 / np.sqrt(n)
+        shifted = np.concatenate([numbers[:1, 1:], numbers[:1, :-1]])
+        assert np.abs(correlations(shifted)).max() < 5.0 / np.sqrt(n)
+
+
+def test_streams_of_different_seeds_episodes_and_purposes_have_different_keys() -> None:
+    seeds = Streams.from_seeds(list(range(50)))
+    keys = [seeds.derive(episode).derive(purpose).keys for episode in range(100) for purpose in (START, WIND)]
+    assert np.unique(np.concatenate(keys)).size == 50 * 100 * 2
+
+
+def test_numbers_do_not_depend_on_the_rows_drawn_beside_them() -> None:
+    many = Streams.from_seeds(list(range(20))).derive(np.arange(20))
+    for row in (0, 7, 19):
+        alone = Streams.from_seeds([row]).derive(row)
+        for draw in ("uniform", "normal"):
+            together = getattr(many, draw)(np.arange(20), 5)[row]
+            assert np.array_equal(getattr(alone, draw)(np.array([row]), 5)[0], together)
+            assert np.array_equal(getattr(many[row : row + 1], draw)(np.array([row]), 5)[0], together)
+
+
+def test_blocks_are_consecutive_numbers_of_the_stream() -> None:
+    stream = Streams.from_seeds([3])
+    key = stream.keys[0]
+    assert stream.uniform(np.array([2]), 3).tolist() == [[uniform(key, index) for index in (6, 7, 8)]]
+    pairs = [normal_pair(key, index) for index in (4, 5)]
+    assert stream.normal(np.array([2]), 4).tolist() == [[*pairs[0], *pairs[1]]]
+    assert stream.normal(np.array([2]), 3).tolist() == [[*pairs[0], pairs[1][0]]]
+
+
+def test_uniform_between_scales_the_same_number() -> None:
+    key = np.uint64(11)
+    assert uniform_between(key, 5, -2.0, 3.0) == -2.0 + 5.0 * uniform(key, 5)
