@@ -24,7 +24,11 @@ _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 def sincos(x: float) -> tuple[float, float]:
     """(sin x, cos x) for x in rad."""
     k = np.rint(x * _TWO_OVER_PI)
-    r = ((x - k * _HALF_PI[0]) - k * _HALF_PI[1]) - k * _HALF_PI[2]
+    rest = x - k * _HALF_PI[0]
+    middle = k * _HALF_PI[1]
+    reduced = rest - middle
+    # The part of `middle` that rounding lost in `reduced` is taken off together with the last term.
+    r = reduced - (k * _HALF_PI[2] - ((rest - reduced) - middle))
     z = r * r
     s = 1.58969099521155010221e-10
     s = z * s - 2.50507602534068634195e-08
@@ -66,8 +70,9 @@ def arcsin(x: float) -> float:
     q = z * q + 2.02094576023350569471e00
     q = z * q - 2.40339491173441421878e00
     q = z * q + 1.0
-    arc = y + y * (z * p / q)
-    return float(0.5 * np.pi - 2.0 * arc) if steep else float(arc)
+    rest = y * (z * p / q)
+    quarter = 0.25 * np.pi
+    return float(quarter - ((2.0 * y - quarter) + 2.0 * rest)) if steep else float(y + rest)
 
 
 @inlined

@@ -10,10 +10,10 @@ from quadpend_gym import kernel
 from quadpend_gym.arrays import Floats, Floats32
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
-from quadpend_gym.records import build
+from quadpend_gym.records import build, numbers
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
-from quadpend_gym.world import World, named_info
+from quadpend_gym.world import World, check_fixed, named_info
 
 _ROW = np.zeros(1, np.int64)
 
@@ -52,13 +52,13 @@ def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
         TypeError: it is not made of numbers.
         ValueError: it has another shape.
     """
-    try:
-        array = np.asarray(action, np.float32, order="C")
-    except (TypeError, ValueError) as error:
-        raise TypeError(f"action must be an array of numbers of shape {shape}, not {action!r}") from error
+    array = numbers(action, "action")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, not {array.shape}")
-    return array
+    if array.dtype != np.float32:
+        with np.errstate(over="ignore"):  # what overflows is refused as out of range
+            array = array.astype(np.float32)
+    return np.ascontiguousarray(array)
 
 
 class QuadPendulumEnv(gym.Env[Floats32, Floats32]):
@@ -90,8 +90,8 @@ class QuadPendulumEnv(gym.Env[Floats32, Floats32]):
     perfect still tracking. The terms are in `info["reward_terms"]`.
 
     ## Starting State
-    Flying a random reference (hover, circle, figure eight or helix) perfectly, but for a uniform deviation of at most
-    0.1 m, 0.1 m/s, 0.05 rad, 0.1 rad/s in each component.
+    Flying a random reference (hover, circle, figure eight or helix) perfectly, but for a uniform deviation in each
+    component: ±0.1 m, ±0.05 m/s; ±0.03 rad and ±0.05 rad/s of attitude and pendulum.
 
     `reset(options={"state": {"position": …}})` sets any of the state's fields (`quadpend_gym.state`), leaving the
     others as drawn; `options={"reference": Reference.circle(1.0, 1.0)}` fixes the reference.
@@ -149,12 +149,12 @@ class QuadPendulumEnv(gym.Env[Floats32, Floats32]):
             ValueError: an option is unknown, or has a wrong shape or value.
         """
         options = check_options(options, ("state", "reference"))
-        state = options.get("state")
+        fixed = check_fixed(options.get("state"), options.get("reference"), 1)
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             self.world.seed(_ROW, [self.np_random_seed])
             self._seeded = True
-        self.world.begin(_ROW, state, options.get("reference"))
+        self.world.begin(_ROW, fixed)
         observation, measured = self.world.look(_ROW)
         return observation[0], _info(measured[0], np.zeros(9))
 

@@ -53,7 +53,7 @@ _AXIS = STATE_SIZE  # fields of the state lanes that hold the thrust axis
 # measured, time.
 _SIZES = (STATE_SIZE + 3, ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE, MEASURED_SIZE, 1)
 _EDGES = (0, *accumulate(_SIZES))
-_DIVERGED = 1e6  # a state this large is no longer a state
+DIVERGED = 1e6  # a state this large is no longer a state
 
 
 @inlined
@@ -175,7 +175,7 @@ def _diverged(state: Any, lane: int) -> bool:
     size = 0.0
     for field in range(STATE_SIZE):
         size = size + abs(state[field, lane])
-    return not (size < _DIVERGED)
+    return not (size < DIVERGED)
 
 
 @inlined

@@ -9,6 +9,7 @@ from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 Record = TypeVar("Record")
 
@@ -57,6 +58,21 @@ def number(value: Any, name: str, low: float = -np.inf, high: float = np.inf) ->
     if not (np.isfinite(value) and low <= value <= high):
         raise ValueError(f"{name} must be a finite number in [{low:g}, {high:g}], not {value!r}")
     return float(value)
+
+
+def numbers(value: Any, name: str) -> NDArray[Any]:
+    """`value` as an array of real numbers.
+
+    Raises:
+        TypeError: it is not made of them.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise TypeError(f"{name} must be made of numbers, not {value!r}") from error
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must be made of numbers, not {value!r}")
+    return array
 
 
 def positive(value: Any, name: str) -> float:

@@ -194,7 +194,8 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
     """Draw a random reference into column `lane` of a (20, n) buffer.
 
     The family is drawn first, then its size and peak horizontal acceleration a, which fixes the frequency:
-    ω² = a / radius for a circle and ω² = a / (2 radius) for a figure eight, whose y channel has frequency 2ω.
+    ω² = a / radius for a circle and ω² = 8 a / (17 radius) for a figure eight, where |F̈| = radius ω² √(s + 16 s (1−s))
+    with s = sin²(ωt + phase).
     """
     choice = uniform(key, 0) * (ranges.hover + ranges.circle + ranges.figure_eight + ranges.helix)
     hovers = choice < ranges.hover
@@ -205,7 +206,8 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
     radius = 0.0 if hovers else uniform_between(key, 1, ranges.radius_low, ranges.radius_high)
     acceleration = uniform_between(key, 2, ranges.acceleration_low, ranges.acceleration_high)
     divisor = 2.0 if eight else 1.0
-    frequency = 0.0 if hovers else np.sqrt(acceleration / (divisor * radius))
+    peak = 17.0 / 8.0 if eight else 1.0  # of |F̈|, in units of radius · frequency²
+    frequency = 0.0 if hovers else np.sqrt(acceleration / (peak * radius))
     phase = uniform_between(key, 3, 0.0, 2.0 * np.pi)
     turn = 1.0 if uniform(key, 4) < 0.5 else -1.0
     for field in range(REFERENCE_SIZE):

@@ -48,11 +48,11 @@ class StartSettings:
     """Random starts: the largest deviation, in each component, from flying the reference perfectly."""
 
     position: float = 0.1  # m, of the quadrotor
-    velocity: float = 0.1  # m/s
-    angle: float = 0.05  # rad, roll, pitch, yaw
-    angle_rate: float = 0.1  # rad/s
-    direction: float = 0.05  # of r_x and r_y
-    direction_rate: float = 0.1  # 1/s, of ṙ_x and ṙ_y
+    velocity: float = 0.05  # m/s
+    angle: float = 0.03  # rad, roll, pitch, yaw
+    angle_rate: float = 0.05  # rad/s
+    direction: float = 0.03  # of r, before it is normalised
+    direction_rate: float = 0.05  # 1/s, of ṙ, before it is made perpendicular to r
 
     def __post_init__(self) -> None:
         for item in fields(self):

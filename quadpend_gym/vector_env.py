@@ -15,7 +15,7 @@ from quadpend_gym.params import Simulation
 from quadpend_gym.records import build
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
-from quadpend_gym.world import World, named_info
+from quadpend_gym.world import World, check_fixed, named_info
 
 
 class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
@@ -61,7 +61,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.render_mode = render_mode
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         self.world = World(num_envs, as_task(task), simulation, wind)
         self.single_observation_space = observation_space()
@@ -70,7 +70,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, np.bool_)
         self._seeded = np.zeros(num_envs, np.bool_)
-        self._every_row = np.ones(num_envs, np.bool_)
 
     @property
     def state(self) -> State:
@@ -89,14 +88,15 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
         Raises:
             TypeError: an option is of the wrong type.
-            ValueError: an option is unknown, or has a wrong shape or value.
+            ValueError: a seed is not a non-negative integer, or an option is unknown or has a wrong shape or value.
         """
         options = check_options(options, ("state", "reference", "reset_mask"))
-        mask = self._check_mask(options.get("reset_mask", self._every_row))
+        mask = self._check_mask(options.get("reset_mask"))
         rows = np.flatnonzero(mask)
+        fixed = check_fixed(options.get("state"), options.get("reference"), rows.size)
         self._seed(seed, mask)
-        self.world.begin(rows, options.get("state"), options.get("reference"))
-        self._ended[mask] = False
+        self.world.begin(rows, fixed)
+        self._ended &= ~mask
         observation, measured = self.world.look(np.arange(self.num_envs))
         return observation, self._info(measured, np.zeros((self.num_envs, 9)), mask)
 
@@ -123,7 +123,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             reward[self._ended], terminated[self._ended] = 0.0, False
             disturbance = self._restart(self._ended, observation, measured, disturbance)
         truncated = self._truncated()
-        self._ended = ended = terminated | truncated
+        ended = terminated | truncated
+        self._ended = ended.copy()
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             final_obs = np.full(self.num_envs, None, object)
@@ -133,7 +134,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
             measured = measured.copy()
             disturbance = self._restart(ended, observation, measured, disturbance)
-        info = self._info(measured, disturbance, self._every_row)
+        info = self._info(measured, disturbance, np.ones(self.num_envs, np.bool_))
         return observation, reward, terminated, truncated, {**info, **final}
 
     def _truncated(self) -> Booleans:
@@ -153,15 +154,9 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return remaining
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
+        seeds = self._check_seeds(seed)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-            seeds: list[int | None] = [int(seed) + row for row in range(self.num_envs)]
-        elif seed is None:
-            seeds = [None] * self.num_envs
-        else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be one integer or {self.num_envs}, not {len(seeds)}")
         fresh = np.array([item is not None for item in seeds])
         unseeded = ~fresh & ~self._seeded
         drawn = iter(self.np_random.integers(2**63, size=unseeded.sum()).tolist() if unseeded.any() else [])
@@ -170,14 +165,28 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.world.seed(rows, [int(chosen[row]) for row in rows])  # type: ignore[arg-type]
         self._seeded[rows] = True
 
+    def _check_seeds(self, seed: Any) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer) and seed >= 0:
+            return [int(seed) + row for row in range(self.num_envs)]
+        if not isinstance(seed, Sequence | np.ndarray) or len(seed) != self.num_envs:
+            raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
+        for row, item in enumerate(seed):
+            if item is not None and not (isinstance(item, int | np.integer) and item >= 0):
+                raise ValueError(f"seed of row {row} must be None or an integer of at least 0, not {item!r}")
+        return list(seed)
+
     def _check_mask(self, mask: Any) -> Booleans:
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
             raise ValueError(
                 f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},), not {mask!r}"
             )
         if not mask.any():
             raise ValueError("options['reset_mask'] must have a True in it")
-        return mask
+        return mask.copy()
 
     def _info(self, measured: Floats, disturbance: Floats, mask: Booleans) -> dict[str, Any]:
         """`named_info` with Gymnasium's ``_key`` masks of the rows it is about."""
@@ -185,3 +194,11 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         terms = info["reward_terms"]
         info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
         return {**info, **{f"_{name}": mask for name in info}}
+
+
+def _as_autoreset_mode(value: Any) -> AutoresetMode:
+    try:
+        return AutoresetMode(value)
+    except ValueError as error:
+        modes = ", ".join(repr(mode.value) for mode in AutoresetMode)
+        raise ValueError(f"autoreset_mode must be an AutoresetMode or one of {modes}, not {value!r}") from error

@@ -4,7 +4,7 @@ Both environments are thin adapters over it. Nothing here knows of spaces, autor
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -13,7 +13,7 @@ from quadpend_gym import kernel
 from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
-from quadpend_gym.records import build
+from quadpend_gym.records import build, numbers
 from quadpend_gym.references import Reference
 from quadpend_gym.state import STATE_FIELDS, State
 from quadpend_gym.streams import WIND_STREAM, Streams
@@ -47,6 +47,36 @@ def kernel_settings(task: Task, simulation: Simulation) -> Floats:
     limits, weights = flatten(task.limits), flatten(task.reward)
     limits[:2] = np.cos(limits[:2])
     return np.concatenate([[simulation.period], simulation.actuators.as_array(), limits, weights / weights.sum()])
+
+
+class Fixed(NamedTuple):
+    """What a reset fixes of new episodes; the rest is drawn.
+
+    Attributes:
+        state: fields of the state, each of shape (3,) or (m, 3).
+        reference: shape (20,) or (m, 20), or None to draw it.
+    """
+
+    state: dict[str, Floats]
+    reference: Floats | None
+
+
+NOTHING_FIXED = Fixed({}, None)
+
+
+def check_fixed(state: Any, reference: Any, rows: int) -> Fixed:
+    """Check what the options of a reset fix, before anything changes.
+
+    Args:
+        state: a mapping from names in `STATE_FIELDS` to arrays of shape (3,) or (rows, 3), or None.
+        reference: a `Reference`, a mapping of its fields, one of these for each row, or None.
+        rows: number of rows that begin an episode.
+
+    Raises:
+        TypeError: `state` or `reference` is of the wrong type.
+        ValueError: one of them has something unknown, a wrong shape or a value out of range.
+    """
+    return Fixed(_check_state(state, rows), _check_reference(reference, rows))
 
 
 class World:
@@ -101,8 +131,6 @@ class World:
         models = self._wind.models if self._wind else ()
         self._wind = WindProcess((*models, *wind.models), self.rows) if (*models, *wind.models) else None
         self.disturbance = np.zeros((self.rows, DISTURBANCE_SIZE))
-        self._calm = self.disturbance.copy()
-        self._calm.flags.writeable = False
         self._waiting = np.ones(self.rows, np.bool_)
         self._ready = False
 
@@ -111,27 +139,17 @@ class World:
         self._seeds[rows] = Streams.from_seeds(list(seeds)).keys
         self.episode[rows] = -1
 
-    def begin(self, rows: Integers, state: Any = None, reference: Any = None) -> None:
-        """Begin the next episode of the given rows.
+    def begin(self, rows: Integers, fixed: Fixed = NOTHING_FIXED) -> None:
+        """Begin the next episode of the given rows, shape (m,), drawing all that is not `fixed`.
 
-        Args:
-            rows: indices, shape (m,).
-            state: fields of the state to set, the others staying as drawn: a mapping from names in
-                `STATE_FIELDS` to arrays of shape (3,) or (m, 3). The direction is normalised, and the direction rate
-                loses its component along it.
-            reference: a `Reference`, a mapping of its fields, or one of these for each row.
-
-        Raises:
-            TypeError: `state` or `reference` is of the wrong type.
-            ValueError: `state` has an unknown field, a wrong shape, a value that is not finite or no direction.
+        A fixed direction is normalised, and the direction rate loses its component along it.
         """
-        fields = _check_state(state, rows.size)
-        references = _check_reference(reference, rows.size)
+        fields = fixed.state
         self.episode[rows] += 1
-        if references is None:
+        if fixed.reference is None:
             kernel.draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
         else:
-            self.reference[rows] = references
+            self.reference[rows] = fixed.reference
         kernel.draw_starts(
             rows, self._seeds, self.episode, self._start_ranges, self.parameters, self.reference, self.state
         )
@@ -188,7 +206,7 @@ class World:
                 " gymnasium.wrappers.ClipAction clips"
             )
         if self._wind is None:
-            return observation, measured, self._calm
+            return observation, measured, disturbance.copy()
         self.disturbance = self._wind.blow(self.clock, self.simulation.period)
         return observation, measured, disturbance
 
@@ -202,14 +220,13 @@ def _check_state(state: Any, rows: int) -> dict[str, Floats]:
     for name, value in state.items():
         if name not in STATE_FIELDS:
             raise ValueError(f"options['state'] has no field {name!r}; the fields are {', '.join(STATE_FIELDS)}")
-        try:
-            array = np.asarray(value, np.float64)
-        except (TypeError, ValueError) as error:
-            raise TypeError(f"options['state'][{name!r}] must be numbers, not {value!r}") from error
+        array = numbers(value, f"options['state'][{name!r}]").astype(np.float64)
         if array.shape not in {(3,), (rows, 3)}:
             raise ValueError(f"options['state'][{name!r}] must have shape (3,) or ({rows}, 3), not {array.shape}")
-        if not np.isfinite(array).all():
-            raise ValueError(f"options['state'][{name!r}] must be finite, not {array.tolist()}")
+        if not (np.abs(array) < kernel.DIVERGED).all():
+            raise ValueError(
+                f"options['state'][{name!r}] must be finite and below {kernel.DIVERGED:g}, not {array.tolist()}"
+            )
         checked[name] = array
     if "direction" in checked and not np.linalg.norm(checked["direction"], axis=-1).all():
         raise ValueError("options['state']['direction'] must not be zero")

@@ -21,7 +21,7 @@ UNEQUAL = Parameters(
 
 def random_states(rows: int, seed: int, spread: float = 1.0) -> Floats:
     """Tumbling states in all directions, shape (rows, 18); `spread` scales all but the pendulum's direction."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([0, seed])
     state = State(spread * rng.normal(size=(rows, STATE_SIZE)))
     direction = rng.normal(size=(rows, 3))
     state.direction[:] = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
@@ -32,14 +32,14 @@ def random_states(rows: int, seed: int, spread: float = 1.0) -> Floats:
 
 def random_commands(rows: int, seed: int, parameters: Parameters) -> Floats:
     """Thrust between nothing and twice the weight (N) and torques up to 1 N·m, shape (rows, 4)."""
-    action = np.random.default_rng(seed).uniform(-1.0, 1.0, (rows, 4))
+    action = np.random.default_rng([1, seed]).uniform(-1.0, 1.0, (rows, 4))
     action[:, 0] = parameters.hover_thrust * (1.0 + action[:, 0])
     return action
 
 
 def random_disturbances(rows: int, seed: int) -> Floats:
     """Forces on both bodies (N) and torques (N·m) of order one, shape (rows, 9)."""
-    return np.random.default_rng(seed).normal(size=(rows, 9))
+    return np.random.default_rng([2, seed]).normal(size=(rows, 9))
 
 
 def flown(

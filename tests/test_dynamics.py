@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.arrays import Floats
@@ -175,7 +176,7 @@ def test_moving_the_world_moves_flights() -> None:
     assert_allclose(moved, still + shift, rtol=0.0, atol=1e-12)
 
 
-def swing(direction: Floats, rate: Floats) -> Floats:
+def swing(direction: ArrayLike, rate: ArrayLike) -> Floats:
     """A quadrotor at rest and level, its pendulum moving; shape (1, 18)."""
     state = np.zeros((1, STATE_SIZE))
     State(state).direction[:], State(state).direction_rate[:] = direction, rate

@@ -10,7 +10,7 @@ import sympy as sp
 from numpy.testing import assert_allclose
 
 from quadpend_gym.arrays import Floats
-from quadpend_gym.dynamics import accelerations
+from quadpend_gym.dynamics import accelerations, energy, momentum
 from quadpend_gym.lagrangian import (
     coriolis_matrix,
     gravity_vector,
@@ -61,7 +61,8 @@ def derived() -> SimpleNamespace:
     arguments = [list(v) for v in (q, q_dot, q_ddot, command, disturbance, parameters)]
 
     def function(expression: sp.Matrix) -> Callable[..., Floats]:
-        return sp.lambdify(arguments, expression, "numpy", cse=True)
+        compiled: Callable[..., Floats] = sp.lambdify(arguments, expression, "numpy", cse=True)
+        return compiled
 
     mass_rate = mass.applyfunc(lambda entry: rate(sp.Matrix([entry]))[0])
     curl = momentum.jacobian(q) - momentum.jacobian(q).T
@@ -74,6 +75,8 @@ def derived() -> SimpleNamespace:
         generalised=function(generalised),
         inputs=function(generalised.jacobian(command)),
         direction_acceleration=function(rate(rate(direction))),
+        energy=function(sp.Matrix([kinetic + potential])),
+        momentum=function(momentum),
     )
 
 
@@ -94,7 +97,8 @@ class Sample:
 
 
 def sample(seed: int) -> Sample:
-    rng = np.random.default_rng(seed)
+    """The sample numbered `seed`."""
+    rng = np.random.default_rng([3, seed])
     q, q_dot = rng.normal(size=(2, 8))
     q[3:6] = rng.uniform(-np.pi, np.pi, 3)
     q[6:8] = rng.uniform(0.1, np.pi - 0.1), rng.uniform(-np.pi, np.pi)
@@ -117,7 +121,22 @@ def test_accelerations_solve_the_euler_lagrange_equations(derived: SimpleNamespa
         state_from_coordinates(given.q, given.q_dot), given.command, given.disturbance, given.parameters
     )
     for name, value in expected.items():
-        assert_allclose(getattr(actual, name), value, rtol=0.0, atol=1e-9 * np.linalg.norm(value), err_msg=name)
+        assert_allclose(getattr(actual, name), value, rtol=0.0, atol=1e-9 * float(np.linalg.norm(value)), err_msg=name)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_energy_and_momentum_are_those_of_the_lagrangian(derived: SimpleNamespace, seed: int) -> None:
+    given = sample(seed)
+    state, arguments = state_from_coordinates(given.q, given.q_dot), given.arguments()
+    assert_allclose(energy(state, given.parameters), derived.energy(*arguments)[0, 0], rtol=1e-12)
+    assert_allclose(momentum(state, given.parameters), derived.momentum(*arguments)[0:3, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_spherical_angles_are_views_of_the_direction(seed: int) -> None:
+    given = sample(seed)
+    state = State(state_from_coordinates(given.q, given.q_dot))
+    assert_allclose([state.alpha, state.beta], given.q[6:8], rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -175,6 +194,7 @@ def test_linearisation_at_hover_is_the_paper_s_corrected_one() -> None:
     p = UNEQUAL
     M, m_c, g = p.quadrotor_mass, p.bob_mass, p.gravity
     K = p.total_mass * g / (M * p.rod_length)
+    assert p.chain_stiffness == pytest.approx(K)
     #    φ                     θ                    ψ   r_x         r_y         u                   τφ τθ τψ
     expected = [
         [0, p.total_mass * g / M, 0, -m_c * g / M, 0, 0, 0, 0, 0],  # ẍ, (24)
@@ -198,4 +218,4 @@ def test_linearisation_at_hover_is_the_paper_s_corrected_one() -> None:
 
     steps = 1e-5 * np.eye(9)
     jacobian = np.transpose([(response(step) - response(-step)) / 2e-5 for step in steps])
-    assert_allclose(jacobian, expected, rtol=0.0, atol=1e-7)
+    assert_allclose(jacobian, np.array(expected), rtol=0.0, atol=1e-7)

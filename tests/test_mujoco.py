@@ -67,7 +67,7 @@ class Engine:
 
 
 def middle_thrusts(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Floats:
-    """u R e₃ in the middle of each timestep of a control period, N, shape (steps, 3)."""
+    """The thrust u R e₃ in the middle of each timestep of a control period, N, shape (steps, 3)."""
     s = State(state)
     time = (np.arange(round(PERIOD / TIMESTEP))[:, None] + 0.5) * TIMESTEP
     euler_ddot = (command[1:4] + disturbance[6:9]) / parameters.as_array()[4:7]

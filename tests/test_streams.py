@@ -4,19 +4,29 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from quadpend_gym.arrays import Floats
-from quadpend_gym.streams import START, WIND, Streams, normal_pair, uniform, uniform_between
+from quadpend_gym.arrays import Floats, Integers
+from quadpend_gym.streams import (
+    REFERENCE_STREAM,
+    START_STREAM,
+    WIND_STREAM,
+    Streams,
+    normal_pair,
+    uniform,
+    uniform_between,
+)
 
 SEEDS = [0, 1, 2, 2**32]
+PURPOSES = [START_STREAM, REFERENCE_STREAM, WIND_STREAM]
 
 
-def blocks(streams: Streams, index: int) -> np.ndarray:
+def block(streams: Streams, index: int) -> Integers:
+    """The same block index for every row."""
     return np.full(streams.keys.shape, index)
 
 
 def correlations(numbers: Floats) -> Floats:
     """Correlation coefficients of different rows, shape (n (n−1) / 2,)."""
-    return np.corrcoef(numbers)[np.triu_indices(len(numbers), 1)]
+    return np.asarray(np.corrcoef(numbers))[np.triu_indices(len(numbers), 1)]
 
 
 def test_a_stream_is_splitmix64_read_by_index() -> None:
@@ -47,27 +57,39 @@ def test_normal_numbers_are_normal(seed: int) -> None:
 
 
 def test_first_numbers_of_successive_episodes_are_uniform_and_normal() -> None:
-    episodes = Streams.from_seeds([7] * 100_000).derive(np.arange(100_000)).derive(START)
-    assert stats.kstest(episodes.uniform(blocks(episodes, 0), 1)[:, 0], "uniform").pvalue > 0.01
-    assert stats.kstest(episodes.normal(blocks(episodes, 0), 1)[:, 0], "norm").pvalue > 0.01
+    episodes = Streams.from_seeds([7] * 100_000).derive(np.arange(100_000)).derive(START_STREAM)
+    assert stats.kstest(episodes.uniform(block(episodes, 0), 1)[:, 0], "uniform").pvalue > 0.01
+    assert stats.kstest(episodes.normal(block(episodes, 0), 1)[:, 0], "norm").pvalue > 0.01
 
 
-def test_rows_episodes_and_purposes_are_uncorrelated() -> None:
+def family() -> Streams:
+    """The streams of four seeds, four episodes and three purposes."""
     seeds = Streams.from_seeds(list(range(4)))
-    keys = [seeds.derive(episode).derive(purpose).keys for episode in range(4) for purpose in (START, WIND)]
-    streams = Streams(np.concatenate(keys))
-    n = 100_000
-    for numbers in (streams.uniform(blocks(streams, 0), n), streams.normal(blocks(streams, 0), n)):
-        # 496 coefficients, each normal of deviation 1/√n: the largest is below five deviations.
-        assert np.abs(correlations(numbers)).max() < 5.0 / np.sqrt(n)
-        shifted = np.concatenate([numbers[:1, 1:], numbers[:1, :-1]])
-        assert np.abs(correlations(shifted)).max() < 5.0 / np.sqrt(n)
+    keys = [seeds.derive(episode).derive(purpose).keys for episode in range(4) for purpose in PURPOSES]
+    return Streams(np.concatenate(keys))
+
+
+@pytest.mark.parametrize("draw", ["uniform", "normal"])
+def test_rows_episodes_and_purposes_are_uncorrelated(draw: str) -> None:
+    streams, n = family(), 100_000
+    numbers = getattr(streams, draw)(block(streams, 0), n)
+    # 1128 coefficients, each nearly normal with a deviation of 1/√n: none is five deviations from zero.
+    assert np.abs(correlations(numbers)).max() < 5.0 / np.sqrt(n)
+    successive = [correlations(np.stack([row[1:], row[:-1]]))[0] for row in numbers]
+    assert np.abs(successive).max() < 5.0 / np.sqrt(n)
+
+
+def test_no_stream_runs_into_another() -> None:
+    """All streams walk through the same sequence of 2⁶⁴ numbers; from different places, they share none."""
+    streams = family()
+    numbers = streams.uniform(block(streams, 0), 10_000)
+    assert np.unique(numbers).size == numbers.size
 
 
 def test_streams_of_different_seeds_episodes_and_purposes_have_different_keys() -> None:
     seeds = Streams.from_seeds(list(range(50)))
-    keys = [seeds.derive(episode).derive(purpose).keys for episode in range(100) for purpose in (START, WIND)]
-    assert np.unique(np.concatenate(keys)).size == 50 * 100 * 2
+    keys = [seeds.derive(episode).derive(purpose).keys for episode in range(100) for purpose in PURPOSES]
+    assert np.unique(np.concatenate(keys)).size == 50 * 100 * len(PURPOSES)
 
 
 def test_numbers_do_not_depend_on_the_rows_drawn_beside_them() -> None:

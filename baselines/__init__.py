@@ -1,0 +1,7 @@
+"""Classical controllers for the QuadPendulum environments, with the `predict` protocol of Stable-Baselines3."""
+
+from baselines.adrc import ADRC
+from baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
+from baselines.policy import Policy
+
+__all__ = ["ADRC", "ADRC_GAINS", "AdrcGains", "ObserverGains", "Policy"]

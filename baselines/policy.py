@@ -1,0 +1,53 @@
+"""What every policy, learned or classical, has in common: the `predict` protocol and the scaling of actions."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from quadpend_gym import Actuators
+from quadpend_gym.arrays import Booleans, Floats, Floats32
+
+
+class Policy(Protocol):
+    """The protocol of Stable-Baselines3's models, so that its `evaluate_policy` takes a controller as it is."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Floats32, Any]:
+        """Action for an observation or for a batch of them.
+
+        Args:
+            observation: shape (36,) or (n, 36), laid out as in `quadpend_gym.observation`.
+            state: what the previous call returned; None at first.
+            episode_start: rows whose episode has just begun, shape (n,); None: none but at first.
+            deterministic: learned policies may draw their action when False.
+
+        Returns:
+            The action, shape (4,) or (n, 4), and the policy's memory.
+        """
+
+
+def started_rows(episode_start: Any, first: bool, rows: int) -> Booleans:
+    """Mask of the rows that begin an episode, shape (rows,), from the arguments of `predict`."""
+    if first or episode_start is None:
+        return np.full(rows, first)
+    return np.broadcast_to(np.asarray(episode_start, np.bool_), (rows,))
+
+
+def to_action(command: Floats, actuators: Actuators) -> tuple[Floats32, Floats]:
+    """The action that comes closest to a command, and the command that it really gives.
+
+    Args:
+        command: thrust (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).
+        actuators: what an action of ±1 means.
+    """
+    size = np.array(
+        [actuators.hover_thrust, actuators.roll_pitch_torque, actuators.roll_pitch_torque, actuators.yaw_torque]
+    )
+    zero = np.array([actuators.hover_thrust, 0.0, 0.0, 0.0])
+    action = np.clip((command - zero) / size, -1.0, 1.0).astype(np.float32)
+    return action, zero + size * action

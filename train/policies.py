@@ -1,0 +1,27 @@
+"""Policies by name, as the command line gives them."""
+
+from pathlib import Path
+
+from baselines import ADRC, Policy
+
+
+def load_policy(name: str) -> Policy:
+    """The policy that `name` stands for.
+
+    Args:
+        name: ``adrc`` followed by the name of its gains (``adrc-paper``, ``adrc-fixed``), or the path of a run folder
+            or of a PPO model saved by Stable-Baselines3. Loading such a file executes code in it: load only your own.
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    if name.startswith("adrc-"):
+        return ADRC(name.removeprefix("adrc-"))
+    path = Path(name)
+    if path.is_dir():
+        path = path / "model.zip"
+    if not path.is_file():
+        raise ValueError(f"there is no policy {name!r}: it is neither adrc-paper, adrc-fixed nor a run or model file")
+    from stable_baselines3 import PPO
+
+    return PPO.load(path, device="cpu")

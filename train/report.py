@@ -1,0 +1,108 @@
+"""A comparison for the eye: a table for the terminal, the same in Markdown, and a plot."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from train.evaluate import MEASURES, Comparison, differences, summarise
+from train.statistics import Interval
+
+# Okabe and Ito's colours, distinguishable by the colour-blind.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+
+def _cell(interval: Interval) -> str:
+    value, low, high = interval
+    if np.isnan(value):
+        return "–"
+    digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _heading(name: str) -> str:
+    unit = MEASURES[name][0]
+    return f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
+
+
+def _rows(comparison: Comparison) -> list[list[str]]:
+    return [
+        [scenario, policy, *(_cell(value) for value in summarise(comparison.flights[scenario, policy]).values())]
+        for scenario in comparison.scenarios
+        for policy in comparison.policies
+    ]
+
+
+def table(comparison: Comparison) -> Table:
+    """Every cell with its 95 % interval, for the terminal."""
+    title = f"{comparison.episodes} episodes each, seeds from {comparison.seed}, 95 % intervals"
+    out = Table(title=title)
+    for heading in ("scenario", "policy", *(_heading(name) for name in MEASURES)):
+        out.add_column(heading, overflow="fold")
+    for row in _rows(comparison):
+        out.add_row(*row, end_section=row[1] == comparison.policies[-1])
+    return out
+
+
+def markdown(comparison: Comparison) -> str:
+    """The table in Markdown, and under it who is better and by how much."""
+    headings = ["scenario", "policy", *(_heading(name) for name in MEASURES)]
+    lines = [headings, ["---"] * len(headings), *_rows(comparison)]
+    text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return f"{text}\n\n" + "\n".join(f"- {sentence}" for sentence in verdicts(comparison)) + "\n"
+
+
+def verdicts(comparison: Comparison) -> list[str]:
+    """One sentence for each scenario and policy: is it better than the first one, and by how much."""
+    first = comparison.policies[0]
+    return [
+        _verdict(comparison, scenario, policy, first)
+        for scenario in comparison.scenarios
+        for policy in comparison.policies[1:]
+    ]
+
+
+def _verdict(comparison: Comparison, scenario: str, policy: str, first: str) -> str:
+    flights, other = comparison.flights[scenario, policy], comparison.flights[scenario, first]
+    by = differences(flights, other)
+    return (
+        f"In {scenario}, {policy} tracks {_judged(by['rmse'], 'mm of RMSE', MEASURES['rmse'][1], 'closer', 'worse')}"
+        f" than {first}, and survives"
+        f" {_judged(by['survival'], 'points', MEASURES['survival'][1], 'more often', 'less often')}."
+    )
+
+
+def _judged(difference: Interval, unit: str, sign: int, better: str, worse: str) -> str:
+    value, low, high = difference
+    if low <= 0.0 <= high:
+        return f"neither {better} nor {worse} (difference {value:.1f}, 95 % interval {low:.1f} to {high:.1f} {unit})"
+    word = better if value * sign > 0 else worse
+    least, most = sorted([abs(low), abs(high)])
+    return f"{word} by {abs(value):.1f} {unit} (95 % interval {least:.1f} to {most:.1f})"
+
+
+def plot(comparison: Comparison, path: Path) -> None:
+    """Tracking error over time for every scenario: median over the episodes, and the band that holds 80 % of them."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    count = len(comparison.scenarios)
+    figure = Figure(figsize=(1.0 + 4.2 * count, 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes: Any = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+    for axis, scenario in zip(axes, comparison.scenarios, strict=True):
+        for i, policy in enumerate(comparison.policies):
+            error = comparison.flights[scenario, policy].error * 1000.0
+            flown = ~np.isnan(error).all(axis=0)
+            low, middle, high = np.nanquantile(error[:, flown], [0.1, 0.5, 0.9], axis=0)
+            time = 0.01 * (1 + np.flatnonzero(flown))
+            colour = _COLOURS[i % len(_COLOURS)]
+            axis.plot(time, middle, color=colour, linewidth=1.5, label=policy)
+            axis.fill_between(time, low, high, color=colour, alpha=0.2, linewidth=0)
+        axis.set(title=scenario, xlabel="time (s)", yscale="log")
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("tracking error (mm)")
+    axes[0].legend(frameon=False)
+    figure.suptitle(f"Median and 80 % band of {comparison.episodes} episodes", fontsize=10)
+    figure.savefig(path, dpi=150)

@@ -1,0 +1,118 @@
+"""Training settings: one dataclass with every default, and files with what a run does differently."""
+
+import sys
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+from train.scenarios import find_scenario
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """Everything that decides how a policy is trained.
+
+    Raises:
+        ValueError: a setting is unknown or out of range.
+    """
+
+    scenario: str = "windy"
+    """Name of the scenario to train in, see `train.scenarios`."""
+    total_steps: int = 6_000_000
+    """Environment steps to train for."""
+    max_seconds: float = 0.0
+    """Wall-clock seconds after which training ends at the latest; 0: no such limit."""
+    seed: int = 0
+    """Of the networks and the episodes."""
+    num_envs: int = 256
+    """Rows of the vector environment."""
+    rollout_steps: int = 64
+    """Steps of each row between two updates."""
+    batch_size: int = 2048
+    """Samples in a gradient step."""
+    epochs: int = 5
+    """Passes over a rollout."""
+    learning_rate: float = 1e-3
+    """Of Adam, at the beginning."""
+    final_learning_rate: float = 1e-4
+    """Of Adam, at the end; it falls linearly."""
+    discount: float = 0.99
+    """γ."""
+    gae_lambda: float = 0.95
+    """λ of the generalised advantage estimate."""
+    clip_range: float = 0.2
+    """Of PPO's ratio."""
+    entropy_coefficient: float = 0.0
+    """Of the entropy bonus."""
+    reward_scale: float = 0.01
+    """Factor on the rewards that the learner sees, so that returns are of order one."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers of policy and value network."""
+    activation: Literal["relu", "tanh", "elu"] = "relu"
+    """Between the layers."""
+    initial_log_std: float = -0.5
+    """Logarithm of the action noise at the beginning."""
+    checkpoint_steps: int = 1_000_000
+    """Environment steps between two checkpoints."""
+    threads: int = 1
+    """Of torch. Two are faster on two idle cores, and many times slower on busy ones."""
+
+    def __post_init__(self) -> None:
+        find_scenario(self.scenario)
+        object.__setattr__(self, "hidden", tuple(self.hidden))
+        for name in (
+            "total_steps",
+            "num_envs",
+            "rollout_steps",
+            "batch_size",
+            "epochs",
+            "learning_rate",
+            "reward_scale",
+            "checkpoint_steps",
+            "threads",
+        ):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be above zero, not {getattr(self, name)!r}")
+
+
+def read_settings(name: str) -> TrainSettings:
+    """The defaults, changed by a file.
+
+    Args:
+        name: of a file here without its ending (``demo``), or the path of a TOML file.
+
+    Raises:
+        ValueError: there is no such file, or it sets something unknown.
+    """
+    path = FOLDER / f"{name}.toml"
+    if not path.is_file():
+        path = Path(name)
+    if not path.is_file():
+        known = ", ".join(sorted(item.stem for item in FOLDER.glob("*.toml")))
+        raise ValueError(f"there are no settings {name!r}; there are {known}, or give the path of a TOML file")
+    with path.open("rb") as file:
+        return from_mapping(tomllib.load(file), str(path))
+
+
+def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
+    """The defaults, changed by `values`, which come from `source`.
+
+    Raises:
+        ValueError: a key is unknown or a value out of range.
+    """
+    known = [item.name for item in fields(TrainSettings)]
+    if unknown := [key for key in values if key not in known]:
+        raise ValueError(f"{source} sets {unknown[0]!r}, which is no setting; the settings are {', '.join(known)}")
+    return TrainSettings(**values)
+
+
+def to_mapping(settings: TrainSettings) -> dict[str, Any]:
+    """All settings as plain data."""
+    return asdict(settings)

@@ -1,0 +1,179 @@
+"""Training PPO from Stable-Baselines3 on the native vector environment.
+
+A run folder holds everything that a run is: `settings.json` (resolved), `origin.json` (versions, commit, hardware),
+`checkpoint.zip` (the latest), `model.zip` (the end) and TensorBoard's events. Interrupted, a run leaves its checkpoint
+and goes on from there.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorRewardWrapper
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
+
+from train.sb3_vec_env import SB3VecEnv
+from train.scenarios import find_scenario
+from train.settings import TrainSettings, from_mapping, to_mapping
+
+SETTINGS, CHECKPOINT, MODEL = "settings.json", "checkpoint.zip", "model.zip"
+_ACTIVATIONS = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
+_PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "numba", "stable-baselines3", "torch")
+
+
+class ScaledReward(VectorRewardWrapper):
+    """Rewards multiplied by a factor, for the learner's eyes."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], factor: float) -> None:
+        """Wrap `env`."""
+        super().__init__(env)
+        self.factor = factor
+
+    def rewards(self, reward: Any) -> Any:
+        """The scaled rewards."""
+        return self.factor * reward
+
+
+class _Limits(BaseCallback):
+    """Ends training when the time is up, and keeps the latest checkpoint."""
+
+    def __init__(self, settings: TrainSettings, folder: Path) -> None:
+        super().__init__()
+        self.settings = settings
+        self.folder = folder
+        self.began = time.perf_counter()
+        self.saved_at = 0
+
+    def _on_training_start(self) -> None:
+        self.saved_at = self.num_timesteps
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
+            save_checkpoint(self.model, self.folder)
+            self.saved_at = self.num_timesteps
+
+    def _on_step(self) -> bool:
+        limit = self.settings.max_seconds
+        return limit <= 0 or time.perf_counter() - self.began < limit
+
+
+def save_checkpoint(model: Any, folder: Path) -> None:
+    """Replace the checkpoint in `folder`; an interruption in the middle leaves the old one."""
+    unfinished = folder / "unfinished.zip"
+    model.save(unfinished)
+    unfinished.replace(folder / CHECKPOINT)
+
+
+def make_env(settings: TrainSettings) -> SB3VecEnv:
+    """The scenario to train in, as Stable-Baselines3 wants it."""
+    env = find_scenario(settings.scenario).make_vec(settings.num_envs, AutoresetMode.SAME_STEP)
+    return SB3VecEnv(ScaledReward(env, settings.reward_scale))
+
+
+def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> PPO:
+    """An untrained PPO; with a `folder`, TensorBoard's events go there."""
+    span = settings.learning_rate - settings.final_learning_rate
+    return PPO(
+        "MlpPolicy",
+        env,
+        learning_rate=lambda remaining: settings.final_learning_rate + span * remaining,
+        n_steps=settings.rollout_steps,
+        batch_size=settings.batch_size,
+        n_epochs=settings.epochs,
+        gamma=settings.discount,
+        gae_lambda=settings.gae_lambda,
+        clip_range=settings.clip_range,
+        ent_coef=settings.entropy_coefficient,
+        policy_kwargs={
+            "net_arch": list(settings.hidden),
+            "activation_fn": _ACTIVATIONS[settings.activation],
+            "log_std_init": settings.initial_log_std,
+        },
+        tensorboard_log=None if folder is None else str(folder),
+        seed=settings.seed,
+        device="cpu",
+    )
+
+
+def train(settings: TrainSettings, folder: Path, *, progress: bool = True) -> Path:
+    """Train from scratch, or go on from the folder's checkpoint.
+
+    Args:
+        settings: of the run; those of a run to go on with are in its folder, see `resume`.
+        folder: of the run.
+        progress: whether to draw a progress bar.
+
+    Returns:
+        The path of the trained model.
+
+    Raises:
+        FileExistsError: the folder holds a run already.
+    """
+    if (folder / SETTINGS).exists():
+        raise FileExistsError(f"{folder} holds a run already: resume it, or choose another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_json(folder / SETTINGS, to_mapping(settings))
+    _write_json(folder / "origin.json", origin())
+    torch.set_num_threads(settings.threads)
+    env = make_env(settings)
+    env.seed(settings.seed)
+    return _learn(make_model(settings, env, folder), settings, folder, settings.total_steps, progress)
+
+
+def resume(folder: Path, *, progress: bool = True) -> Path:
+    """Go on with an interrupted run from its latest checkpoint; as `train`.
+
+    Raises:
+        FileNotFoundError: the folder holds no interrupted run.
+    """
+    if not (folder / SETTINGS).exists() or not (folder / CHECKPOINT).exists():
+        raise FileNotFoundError(f"{folder} holds no run with a checkpoint to go on from")
+    if (folder / MODEL).exists():
+        raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
+    settings = from_mapping(json.loads((folder / SETTINGS).read_text(encoding="utf-8")), str(folder / SETTINGS))
+    torch.set_num_threads(settings.threads)
+    env = make_env(settings)
+    model = PPO.load(folder / CHECKPOINT, env=env, device="cpu")
+    env.seed(settings.seed + settings.num_envs + model.num_timesteps)  # episodes not seen before
+    return _learn(model, settings, folder, settings.total_steps - model.num_timesteps, progress)
+
+
+def _learn(model: PPO, settings: TrainSettings, folder: Path, steps: int, progress: bool) -> Path:
+    callbacks: list[BaseCallback] = [_Limits(settings, folder)]
+    if progress:
+        callbacks.append(ProgressBarCallback())
+    try:
+        model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
+    except KeyboardInterrupt:
+        save_checkpoint(model, folder)
+        print(f"Interrupted after {model.num_timesteps} steps; `quadpend train --resume {folder}` goes on.")
+        raise
+    model.save(folder / MODEL)
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+    return folder / MODEL
+
+
+def origin() -> dict[str, Any]:
+    """What a run was made with: package versions, commit, Python and machine."""
+    root = Path(__file__).parents[1]
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty"]
+    commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    return {
+        "command": sys.argv,
+        "commit": commit or None,
+        "python": platform.python_version(),
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+        "packages": {name: version(name) for name in _PACKAGES},
+    }
+
+
+def _write_json(path: Path, data: Any) -> None:
+    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
