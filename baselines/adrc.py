@@ -63,9 +63,7 @@ class _Measured(NamedTuple):
 def _turn(vector: Floats, yaw: Floats) -> Floats:
     """Turn (n, 2) vectors by angles (n,)."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
-    return np.stack(
-        [cosine * vector[:, 0] - sine * vector[:, 1], sine * vector[:, 0] + cosine * vector[:, 1]], axis=-1
-    )
+    return np.stack([cosine * vector[:, 0] - sine * vector[:, 1], sine * vector[:, 0] + cosine * vector[:, 1]], axis=-1)
 
 
 def _measure(observation: Floats32) -> _Measured:

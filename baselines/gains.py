@@ -23,7 +23,7 @@ class AdrcGains:
     vertical_bandwidth: float = 10.0  # ω_nc of z and ψ, rad/s, Section 5
     damping: float = 0.9  # ζ_c of all, Section 5
     luenberger: ObserverGains = field(default_factory=ObserverGains)  # of F … F⁽³⁾, (46)
-    horizontal: ObserverGains = field(default_factory=lambda: ObserverGains(switching=1e5))  # of F⁽⁴⁾ …, ϑ, (47)
+    horizontal: ObserverGains = field(default_factory=lambda: ObserverGains(switching=5e6))  # of F⁽⁴⁾ …, ϑ, (47)
     vertical: ObserverGains = field(default_factory=lambda: ObserverGains(switching=1e4))  # of z and ψ, (13), (20)
     mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾ (and of its rate to F⁽⁵⁾): 0 as in the paper
 

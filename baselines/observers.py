@@ -32,7 +32,7 @@ LUENBERGER_INPUT, ESO_INPUT = 3, 1  # the state that the known input drives
 def characteristic_polynomial(gains: ObserverGains) -> Floats:
     """Coefficients of (s² + 2ζω s + ω²)², highest power first, shape (5,): 1, λ₃, λ₂, λ₁, λ₀."""
     quadratic = [1.0, 2.0 * gains.damping * gains.bandwidth, gains.bandwidth**2]
-    return np.polymul(quadratic, quadratic)
+    return np.asarray(np.polymul(quadratic, quadratic), np.float64)
 
 
 def chain(period: float) -> Floats:

@@ -72,9 +72,7 @@ def thrust_axis(euler: Vec3) -> Vec3:
 @inlined
 def euler_acceleration(torque: Vec3, physics: Physics) -> Vec3:
     """η̈, equation (2); `torque` includes the disturbance."""
-    return Vec3(
-        torque.x / physics.inertia_roll, torque.y / physics.inertia_pitch, torque.z / physics.inertia_yaw
-    )
+    return Vec3(torque.x / physics.inertia_roll, torque.y / physics.inertia_pitch, torque.z / physics.inertia_yaw)
 
 
 @inlined

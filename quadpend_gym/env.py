@@ -1,6 +1,6 @@
 """The single environment: a world of one row behind `gymnasium.Env`."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -61,7 +61,7 @@ def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
     return np.ascontiguousarray(array)
 
 
-class QuadPendulumEnv(gym.Env[Floats32, Floats32]):
+class QuadPendulumEnv(gym.Env[Any, Any]):
     """A spherical inverted pendulum balanced on a quadrotor that tracks a reference in the wind.
 
     ## Description
@@ -110,7 +110,7 @@ class QuadPendulumEnv(gym.Env[Floats32, Floats32]):
     - v0: first version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 100}
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 100}  # noqa: RUF012
 
     def __init__(
         self, task: Any = "track", simulation: Any = None, wind: Any = None, render_mode: str | None = None

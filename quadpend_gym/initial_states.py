@@ -12,7 +12,6 @@ To this a deviation is added, uniform in each component.
 
 from typing import Any, NamedTuple
 
-
 from quadpend_gym.dynamics import Physics
 from quadpend_gym.elementary import sincos
 from quadpend_gym.jit import inlined

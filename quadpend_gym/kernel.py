@@ -204,10 +204,7 @@ def _measure(
     store(out, TRACKING_ERROR, lane, tracking.error)
     out[TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - 1.0)), 1.0))
     out[REWARD, lane] = (
-        weights[0] * terms.tracking
-        + weights[1] * terms.upright
-        + weights[2] * terms.yaw
-        + weights[3] * terms.effort
+        weights[0] * terms.tracking + weights[1] * terms.upright + weights[2] * terms.yaw + weights[3] * terms.effort
     )
     over = _over(state, lane, tracking.error, physics[ROD_LENGTH, lane], limits)
     out[TERMINATED, lane] = 1.0 if over else 0.0
@@ -294,9 +291,7 @@ def step(
 
 
 @compiled
-def draw_references(
-    rows: Integers, seeds: Keys, episodes: Integers, ranges: Floats, reference: Floats
-) -> None:
+def draw_references(rows: Integers, seeds: Keys, episodes: Integers, ranges: Floats, reference: Floats) -> None:
     """Draw a random reference for each of the given rows.
 
     Args:

@@ -199,9 +199,7 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
     """
     choice = uniform(key, 0) * (ranges.hover + ranges.circle + ranges.figure_eight + ranges.helix)
     hovers = choice < ranges.hover
-    eight = (choice >= ranges.hover + ranges.circle) & (
-        choice < ranges.hover + ranges.circle + ranges.figure_eight
-    )
+    eight = (choice >= ranges.hover + ranges.circle) & (choice < ranges.hover + ranges.circle + ranges.figure_eight)
     helix = choice >= ranges.hover + ranges.circle + ranges.figure_eight
     radius = 0.0 if hovers else uniform_between(key, 1, ranges.radius_low, ranges.radius_high)
     acceleration = uniform_between(key, 2, ranges.acceleration_low, ranges.acceleration_high)

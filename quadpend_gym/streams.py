@@ -1,9 +1,10 @@
 """Random numbers as a pure function of (seed, episode, stream, index).
 
-A stream is a 64-bit key; its number n = 0, 1, … is ``mix(key + (n + 1)·γ)``, the SplitMix64 generator (Steele, Lea & Flood, OOPSLA
-2014) read by index instead of in sequence. Keys are derived by the same mixing, so every sub-environment, episode and
-purpose has a stream of its own: what happens in episode k depends on the seed and on k, not on the number of rows, the
-policy, or what else is drawn. Uniform and normal numbers of one stream share its bits: whoever needs both derives two.
+A stream is a 64-bit key; its number n = 0, 1, … is ``mix(key + (n + 1)·γ)``: the SplitMix64 generator (Steele, Lea &
+Flood, OOPSLA 2014) read by index instead of in sequence. Keys are derived by the same mixing, so every sub-environment,
+episode and purpose has a stream of its own: what happens in episode k depends on the seed and on k, not on the number
+of rows, the policy, or what else is drawn. Uniform and normal numbers of one stream share its bits: whoever needs both
+derives two.
 """
 
 from dataclasses import dataclass

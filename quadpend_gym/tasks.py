@@ -131,6 +131,6 @@ def flatten(settings: Any) -> Floats:
     """The numbers of a settings dataclass in order of its fields, nested ones and pairs opened: the kernel's view."""
 
     def numbers(item: Any) -> list[float]:
-        return [float(item)] if np.isscalar(item) else [number for part in item for number in numbers(part)]
+        return [x for part in item for x in numbers(part)] if isinstance(item, tuple) else [float(item)]
 
     return np.array(numbers(astuple(settings)), np.float64)

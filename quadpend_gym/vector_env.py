@@ -1,7 +1,7 @@
 """The vector environment: a world of many rows behind `gymnasium.vector.VectorEnv`."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -38,7 +38,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         ValueError: an argument names or holds something unknown or out of range.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 100}
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 100}  # noqa: RUF012
 
     def __init__(
         self,
@@ -142,9 +142,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             return np.zeros(self.num_envs, np.bool_)
         return np.asarray(self.world.clock >= self.max_episode_steps)
 
-    def _restart(
-        self, mask: Booleans, observation: Floats32, measured: Floats, disturbance: Floats
-    ) -> Floats:
+    def _restart(self, mask: Booleans, observation: Floats32, measured: Floats, disturbance: Floats) -> Floats:
         """Begin the next episode of some rows and write what they look like; a copy of `disturbance` without them."""
         rows = np.flatnonzero(mask)
         self.world.begin(rows)
@@ -181,9 +179,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         if mask is None:
             return np.ones(self.num_envs, np.bool_)
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise ValueError(
-                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},), not {mask!r}"
-            )
+            raise ValueError(f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},), not {mask!r}")
         if not mask.any():
             raise ValueError("options['reset_mask'] must have a True in it")
         return mask.copy()

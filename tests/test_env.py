@@ -72,9 +72,7 @@ def test_a_copy_in_mid_episode_continues_identically(clone: Callable[[Any], Any]
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_a_copy_of_many_rows_continues_identically_across_autoresets(
-    clone: Callable[[Any], Any], mode: str
-) -> None:
+def test_a_copy_of_many_rows_continues_identically_across_autoresets(clone: Callable[[Any], Any], mode: str) -> None:
     env = make_rows(7, wind=WINDY, max_episode_steps=15, autoreset_mode=mode)
     env.reset(seed=5)
     fly(env, draw_actions(0, 10, 7))
@@ -87,14 +85,15 @@ def test_a_copy_of_many_rows_continues_identically_across_autoresets(
 @pytest.mark.parametrize("rows", [None, 3], ids=["single", "vector"])
 def test_returned_data_belongs_to_the_caller(rows: int | None, wind: Any) -> None:
     """Nothing writes into it later, and what the caller writes into it does not reach the environment."""
-    env: Any = make_rows(3, wind=wind, autoreset_mode="SameStep") if rows else make(wind=wind)
+    env: Any = make_rows(3, wind=wind, max_episode_steps=8, autoreset_mode="SameStep") if rows else make(wind=wind)
     steps = (5, rows) if rows else (5,)
-    returned = [env.reset(seed=0), *fly(env, draw_actions(0, *steps))]
+    returned = [env.reset(seed=0), *fly(env, draw_actions(0, *steps)), *fly(env, draw_actions(1, *steps))]
     kept, twin = copy.deepcopy(returned), copy.deepcopy(env)
-    after = fly(env, draw_actions(1, *steps)), env.reset()
-    assert_same(returned, kept)
+    after = fly(twin, draw_actions(2, *steps)), twin.reset()
     overwrite(returned)
-    assert_same((fly(twin, draw_actions(1, *steps)), twin.reset()), after)
+    assert_same((fly(env, draw_actions(2, *steps)), env.reset()), after)
+    overwrite(kept)
+    assert_same(returned, kept)
 
 
 def overwrite(data: Any) -> None:

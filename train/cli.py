@@ -1,94 +1,109 @@
-"""The command `quadpend`."""
+"""The command `quadpend`: `train`, `evaluate`, `bench`; `python -m train` is the same.
 
+Each command is a function whose parameters are its options. Heavy imports wait until a command needs them.
+"""
+
+import argparse
 import sys
-from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from train.evaluate import TEST_SEED
 from train.settings import TrainSettings, read_settings
 
-
-@dataclass(frozen=True)
-class Train:
-    """Train a policy: `quadpend train --settings demo --out runs/demo --set.seed 3`."""
-
-    set: TrainSettings
-    """Settings that differ from the file's."""
-    settings: str = "demo"
-    """Name or path of the settings file."""
-    out: Path = Path("runs/latest")
-    """Folder of the run."""
-    resume: Path | None = None
-    """Folder of an interrupted run to go on with; nothing else counts then."""
-
-    def run(self) -> None:
-        """Train, and say where the model is."""
-        from train.train import resume, train
-
-        model = resume(self.resume) if self.resume else train(self.set, self.out)
-        print(f"Trained model: {model}")
+DEFAULT_SETTINGS = "demo"
 
 
-@dataclass(frozen=True)
-class Evaluate:
-    """Fly policies through the same episodes and compare them with the first."""
+def train(
+    run: Annotated[TrainSettings, tyro.conf.arg(name="")],
+    settings: str = DEFAULT_SETTINGS,
+    out: Path = Path("runs/latest"),
+    resume: Path | None = None,
+) -> None:
+    """Train PPO in a scenario.
 
-    policies: tuple[str, ...] = ("adrc-paper", "adrc-fixed")
-    """adrc-paper, adrc-fixed, run folders or model files; NAME=… gives one a name."""
-    scenarios: tuple[str, ...] = ("calm", "windy")
-    """Names of scenarios, see `train.scenarios`."""
-    episodes: int = 100
-    """Episodes in each scenario."""
-    seed: int = TEST_SEED
-    """Of the first episode."""
-    out: Path = Path("results")
-    """Folder for comparison.json, comparison.md and comparison.png."""
+    Args:
+        run: Settings that differ from those of the file.
+        settings: Settings file: a name in train/settings or the path of a TOML file.
+        out: Folder of the run.
+        resume: Folder of an interrupted run to go on with, under the settings in it.
+    """
+    from train import train as training
 
-    def run(self) -> None:
-        """Compare, print the table and write the files."""
-        from rich.console import Console
-
-        from train import report
-        from train.evaluate import compare
-        from train.policies import load_policy
-
-        named = [item.rpartition("=") for item in self.policies]
-        policies = {name or path: load_policy(path) for name, _, path in named}
-        comparison = compare(policies, self.scenarios, self.episodes, self.seed)
-        comparison.save(self.out)
-        (self.out / "comparison.md").write_text(report.markdown(comparison), encoding="utf-8")
-        report.plot(comparison, self.out / "comparison.png")
-        console = Console(width=None if sys.stdout.isatty() else 140)
-        console.print(report.table(comparison))
-        for sentence in report.verdicts(comparison):
-            console.print(f"• {sentence}", highlight=False)
-        console.print(f"Written: {self.out}/comparison.json, .md, .png", highlight=False)
+    model = training.resume(resume) if resume else training.train(run, out)
+    print(f"Trained model: {model}")
 
 
-@dataclass(frozen=True)
-class Bench:
-    """Measure speed, beside other environments in the same run."""
+def evaluate(
+    policies: tuple[str, ...] = ("adrc-paper", "adrc-fixed"),
+    scenarios: tuple[str, ...] = ("calm", "windy"),
+    episodes: int = 100,
+    seed: int = TEST_SEED,
+    out: Path = Path("results"),
+) -> None:
+    """Fly policies through the same episodes and compare them with the first.
 
-    out: Path | None = None
-    """JSON file to write the figures to."""
-    seconds: float = 0.5
-    """Shortest time that a measurement takes."""
-    training: bool = field(default=True)
-    """Whether to measure PPO too."""
+    Args:
+        policies: adrc-paper, adrc-fixed, run folders or model files; NAME=POLICY gives one a name.
+        scenarios: Names of scenarios, see train/scenarios.py.
+        episodes: Episodes in each scenario.
+        seed: Seed of the first episode.
+        out: Folder for comparison.json, comparison.md and comparison.png.
+    """
+    from rich.console import Console
 
-    def run(self) -> None:
-        """Measure and print."""
-        from benchmarks.speed import main
+    from train import report
+    from train.evaluate import compare
+    from train.policies import load_policy
 
-        main(self.out, self.seconds, self.training)
+    named = [item.partition("=") if "=" in item else (item, "", item) for item in policies]
+    comparison = compare({name: load_policy(policy) for name, _, policy in named}, scenarios, episodes, seed)
+    comparison.save(out)
+    (out / "comparison.md").write_text(report.markdown(comparison), encoding="utf-8")
+    report.plot(comparison, out / "comparison.png")
+    console = Console(width=None if sys.stdout.isatty() else 150)
+    console.print(report.table(comparison))
+    for sentence in report.verdicts(comparison):
+        console.print(f"• {sentence}", highlight=False)
+    console.print(f"Written: {out}/comparison.json, comparison.md, comparison.png", highlight=False)
 
 
-Commands = Annotated[Train, tyro.conf.subcommand("train")] | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+def bench(out: Path | None = None, training: bool = True) -> None:
+    """Measure speed beside other environments in the same run.
+
+    Args:
+        out: JSON file for the figures.
+        training: Whether to measure PPO too.
+    """
+    from benchmarks import speed
+
+    speed.main(out, training=training)
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; wrong input ends with one sentence and exit status 2."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        _run(arguments)
+    except (ValueError, TypeError, FileNotFoundError, FileExistsError) as error:
+        print(f"quadpend: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _run(arguments: list[str]) -> None:
+    # The settings file gives the defaults of the other options, so it is read first.
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--settings", default=DEFAULT_SETTINGS)
+    chosen = read_settings(first.parse_known_args(arguments)[0].settings)
+
+    tyro.extras.subcommand_cli_from_dict(
+        {"train": partial(train, run=chosen), "evaluate": evaluate, "bench": bench},
+        prog="quadpend",
+        description="A spherical inverted pendulum on a quadrotor: train policies and compare them.",
+        args=arguments,
+    )

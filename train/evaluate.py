@@ -46,7 +46,7 @@ class Flights(NamedTuple):
 
 
 def fly(policy: Policy, scenario: str, episodes: int = 100, seed: int = TEST_SEED) -> Flights:
-    """Fly `policy` through the first episode of each of the seeds `seed`, `seed` + 1, …
+    """Fly `policy` through the first episode of each of `episodes` seeds, counting up from `seed`.
 
     Args:
         policy: anything that obeys the `predict` protocol.
@@ -90,7 +90,8 @@ def _settled(error: Floats) -> Floats:
     late = error[:, SETTLED:]
     count = np.sum(~np.isnan(late), axis=1)
     total = np.nansum(late**2, axis=1)
-    return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
+    mean_square: Floats = np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
+    return np.sqrt(mean_square)
 
 
 # column of the table: unit and, for how much a policy is better than another, the sign that means better

@@ -1,0 +1,37 @@
+# Two commands for newcomers: `make demo` and `make test`. Everything runs in .venv, which is made on first use.
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo test check format bench clean
+
+demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO
+	rm -rf runs/demo
+	$(BIN)/quadpend train --settings demo --out runs/demo
+	$(BIN)/quadpend evaluate --policies adrc-paper adrc-fixed ppo=runs/demo --scenarios calm windy --out results/demo
+
+test: .venv/.installed  ## the tests
+	$(BIN)/python -m pytest
+
+check: .venv/.installed  ## what CI runs: format, lint, types, tests
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(MAKE) test
+
+format: .venv/.installed  ## let ruff format and mend
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: .venv/.installed  ## speed, beside other environments
+	$(BIN)/quadpend bench --out results/bench.json
+
+clean:  ## caches of the compiler and the tools; numba does not notice edits in inlined functions of other files
+	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
+
+.venv/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed, not " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,dev]'
+	touch $@

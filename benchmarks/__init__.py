@@ -1,0 +1,1 @@
+"""Benchmarks: how fast everything is, beside something measured in the same run."""

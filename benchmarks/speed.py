@@ -1,0 +1,195 @@
+"""How fast the environments are, as ratios against others measured in the same run.
+
+Each figure is the best of several repetitions, one process, one thread unless said otherwise. Environments are stepped
+with a small fixed action and restart by themselves, so that resets are in the figure.
+"""
+
+import json
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from rich.console import Console
+from rich.table import Table
+
+from quadpend_gym import OrnsteinUhlenbeck
+from quadpend_gym.vector_env import QuadPendulumVectorEnv
+
+ROWS = (1, 64, 1024, 4096, 16384)
+_SECONDS = 0.25
+_REPETITIONS = 5
+
+
+def seconds_per_call(function: Callable[[], Any]) -> float:
+    """The shortest mean time of a call among several repetitions."""
+    function()
+    began = time.perf_counter()
+    function()
+    calls = max(1, int(_SECONDS / max(time.perf_counter() - began, 1e-7)))
+    best = np.inf
+    for _ in range(_REPETITIONS):
+        began = time.perf_counter()
+        for _ in range(calls):
+            function()
+        best = min(best, (time.perf_counter() - began) / calls)
+    return best
+
+
+def single_rate(env: gym.Env[Any, Any], action: Any) -> float:
+    """Steps per second of an unwrapped single environment, with a reset whenever an episode ends."""
+    env = env.unwrapped
+    env.reset(seed=0)
+
+    def step() -> None:
+        if env.step(action)[2]:
+            env.reset()
+
+    return 1.0 / seconds_per_call(step)
+
+
+def vector_rate(env: VectorEnv[Any, Any, Any], actions: Any) -> float:
+    """Environment steps per second of a vector environment, autoresets included."""
+    env.reset(seed=0)
+    return env.num_envs / seconds_per_call(lambda: env.step(actions))
+
+
+def measure_environments() -> dict[str, float]:
+    """Environment steps per second of ours and of others."""
+    wind = OrnsteinUhlenbeck()
+    hover = np.full(4, 0.01, np.float32)
+    rates = {
+        "QuadPendulum-v0, single": single_rate(gym.make("quadpend_gym:QuadPendulum-v0"), hover),
+        "QuadPendulum-v0, single, wind": single_rate(gym.make("quadpend_gym:QuadPendulum-v0", wind=wind), hover),
+        "CartPole-v1, single": single_rate(gym.make("CartPole-v1"), 1),
+        "InvertedDoublePendulum-v5, single": single_rate(gym.make("InvertedDoublePendulum-v5"), np.zeros(1)),
+    }
+    for rows in ROWS:
+        actions = np.full((rows, 4), 0.01, np.float32)
+        for name, blowing in (("", None), (", wind", wind)):
+            env = QuadPendulumVectorEnv(rows, wind=blowing, autoreset_mode=AutoresetMode.SAME_STEP)
+            rates[f"QuadPendulum-v0, {rows} rows{name}"] = vector_rate(env, actions)
+        cartpole = gym.make_vec("CartPole-v1", rows, vectorization_mode="vector_entry_point")
+        rates[f"CartPole-v1, {rows} rows"] = vector_rate(cartpole, np.ones(rows, np.int64))
+    return rates
+
+
+class FreeVectorEnv(VectorEnv[Any, Any, Any]):
+    """An environment of QuadPendulum's spaces that costs nothing: it returns the same arrays at every step."""
+
+    def __init__(self, num_envs: int) -> None:
+        ours = QuadPendulumVectorEnv(1)
+        self.num_envs = num_envs
+        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
+        self.single_observation_space, self.single_action_space = ours.single_observation_space, spaces.Box(-1, 1, (4,))
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._observation = np.random.default_rng(0).normal(size=(num_envs, 36)).astype(np.float32)
+        self._reward, self._never = np.full(num_envs, 0.01), np.zeros(num_envs, np.bool_)
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        """The same observation always."""
+        return self._observation, {}
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """The same arrays always."""
+        return self._observation, self._reward, self._never, self._never, {}
+
+
+def measure_training(steps: int = 500_000) -> dict[str, float]:
+    """PPO's environment steps per second, on our environment and on one that costs nothing, in turns."""
+    import torch
+
+    from train.sb3_vec_env import SB3VecEnv
+    from train.settings import read_settings
+    from train.train import make_env, make_model
+
+    settings = read_settings("demo")
+    torch.set_num_threads(settings.threads)
+    envs = {
+        "PPO on QuadPendulum-v0 in wind": make_env(settings),
+        "PPO on a free environment": SB3VecEnv(FreeVectorEnv(settings.num_envs)),
+    }
+    models = {name: make_model(settings, env, None) for name, env in envs.items()}
+    rates = dict.fromkeys(models, 0.0)
+    for _ in range(3):
+        for name, model in models.items():
+            began, before = time.perf_counter(), model.num_timesteps
+            model.learn(steps, reset_num_timesteps=False)
+            rates[name] = max(rates[name], (model.num_timesteps - before) / (time.perf_counter() - began))
+    return rates
+
+
+_FIRST_EPISODE = """
+import time; began = time.perf_counter()
+import quadpend_gym; imported = time.perf_counter()
+import gymnasium as gym, numpy as np
+env = gym.make("quadpend_gym:QuadPendulum-v0", wind=quadpend_gym.OrnsteinUhlenbeck())
+env.reset(seed=0)
+for _ in range(10): env.step(np.zeros(4, np.float32))
+print(imported - began, time.perf_counter() - imported)
+"""
+
+
+def measure_start() -> dict[str, float]:
+    """Seconds to import, and to compile what a first episode needs, with an empty cache and with a full one."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {"NUMBA_CACHE_DIR": cache, "PATH": "/usr/bin:/bin"}
+        runs = [
+            subprocess.run(
+                [sys.executable, "-c", _FIRST_EPISODE], env=environment, capture_output=True, text=True, check=True
+            )
+            for _ in range(2)
+        ]
+    cold, cached = ([float(item) for item in run.stdout.split()] for run in runs)
+    return {"import": cached[0], "first episode, cold": cold[1], "first episode, cached": cached[1]}
+
+
+def _ratios(rates: dict[str, float]) -> dict[str, float]:
+    ratios = {
+        "single / CartPole-v1": rates["QuadPendulum-v0, single"] / rates["CartPole-v1, single"],
+        "single / InvertedDoublePendulum-v5": rates["QuadPendulum-v0, single"]
+        / rates["InvertedDoublePendulum-v5, single"],
+    }
+    for rows in ROWS:
+        ratios[f"{rows} rows / CartPole-v1's"] = (
+            rates[f"QuadPendulum-v0, {rows} rows"] / rates[f"CartPole-v1, {rows} rows"]
+        )
+    return ratios
+
+
+def main(out: Path | None, *, training: bool) -> None:
+    """Measure, print, and write the figures to `out`."""
+    rates = measure_environments()
+    ratios = _ratios(rates)
+    if training:
+        trained = measure_training()
+        rates |= trained
+        ours, free = trained.values()
+        ratios["PPO / PPO on a free environment"] = ours / free
+    start = measure_start()
+    console = Console()
+    for title, figures, form in (
+        ("environment steps per second", rates, "{:,.0f}"),
+        ("ratios", ratios, "{:.2f}"),
+        ("seconds", start, "{:.2f}"),
+    ):
+        table = Table("", title, title_justify="left")
+        for name, value in figures.items():
+            table.add_row(name, form.format(value))
+        console.print(table)
+    if out is not None:
+        machine = f"{platform.machine()}, Python {platform.python_version()}"
+        out.parent.mkdir(parents=True, exist_ok=True)
+        data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "seconds": start}
+        out.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
