@@ -1,6 +1,6 @@
 """What the tests of the environments share: makers, winds, actions, flights and exact comparison."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import gymnasium as gym
@@ -65,7 +65,7 @@ def draw_actions(seed: int, *shape: int) -> Floats32:
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (*shape, 4)).astype(np.float32)
 
 
-def fly(env: Any, actions: Floats32 | Sequence[Floats32]) -> list[Any]:
+def fly(env: Any, actions: Iterable[Any]) -> list[Any]:
     """Everything that `env`, an Env or a VectorEnv, returns while it takes one action after the other."""
     return [env.step(action) for action in actions]
 
@@ -89,7 +89,7 @@ def assert_same(one: Any, other: Any) -> None:
         assert_array_equal(one, other)
 
 
-def pick(info: dict[str, Any], row: int) -> dict[str, Any]:
+def pick(info: dict[str, Any], row: Any) -> dict[str, Any]:
     """Row `row` of a vector environment's info, as the single environment would give it."""
     return {
         key: pick(value, row) if isinstance(value, dict) else value[row]

@@ -183,7 +183,7 @@ def test_observation_fields_are_the_documented_quantities() -> None:
     env.reset(seed=7, options={"reference": MOVING})
     observation = fly(env, draw_actions(7, 25))[-1][0]
     s, d = env.state, MOVING.derivatives(0.25)
-    expected = {
+    expected: dict[str, Any] = {
         "tracking_error": [*(s.position + ROD * s.direction)[:2] - d[0, :2], s.position[2] - d[0, 2]],
         "tracking_error_rate": [*(s.velocity + ROD * s.direction_rate)[:2] - d[1, :2], s.velocity[2] - d[1, 2]],
         "direction": s.direction,

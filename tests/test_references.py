@@ -76,7 +76,7 @@ def test_a_figure_eight_is_the_lemniscate_of_gerono() -> None:
 
 def only(family: str, **settings: Any) -> Task:
     """A task whose references are all of one family."""
-    return Task(references=ReferenceSettings(**{**dict.fromkeys(FAMILIES, 0.0), family: 1.0}, **settings))
+    return Task(references=ReferenceSettings(**{**dict.fromkeys(FAMILIES, 0.0), family: 1.0, **settings}))
 
 
 @cache

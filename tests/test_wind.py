@@ -128,9 +128,10 @@ def test_every_row_and_every_episode_has_a_wind_of_its_own() -> None:
 )
 def test_keyword_and_wrapper_blow_the_same_for_one_and_for_many(wind: Any) -> None:
     actions = draw_actions(0, 20)
-    flights = []
-    for env in (make(wind=wind), WindWrapper(make(), wind)):
-        flights.append([env.reset(seed=3)[0], *(step[:2] for step in fly(env, actions))])
+    flights = [
+        [env.reset(seed=3)[0], *(step[:2] for step in fly(env, actions))]
+        for env in (make(wind=wind), WindWrapper(make(), wind))
+    ]
     for rows in (make_rows(4, wind=wind), VectorWindWrapper(make_rows(4), wind)):
         first = rows.reset(seed=0)[0][3]
         flight = fly(rows, np.repeat(actions[:, np.newaxis], 4, axis=1))
@@ -181,7 +182,7 @@ def test_the_disturbance_in_info_is_what_acted() -> None:
     for action in draw_actions(0, 10):
         state = env.state.array[np.newaxis].copy()
         info = env.step(action)[4]
-        command = np.array([[PAPER.hover_thrust, 5.0, 5.0, 1.0]]) * (action + (1.0, 0.0, 0.0, 0.0))
+        command = np.array([[PAPER.hover_thrust, 5.0, 5.0, 1.0]]) * (action + np.eye(4)[0])
         advance(state, command, info["disturbance"][np.newaxis], parameters, PERIOD, 2)
         assert_allclose(env.state.array, state[0], atol=1e-14)
 

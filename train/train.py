@@ -18,7 +18,8 @@ from typing import Any
 import torch
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorRewardWrapper
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ProgressBarCallback
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from tqdm.auto import tqdm
 
 from train.sb3_vec_env import SB3VecEnv
 from train.scenarios import find_scenario
@@ -63,6 +64,31 @@ class _Limits(BaseCallback):
     def _on_step(self) -> bool:
         limit = self.settings.max_seconds
         return limit <= 0 or time.perf_counter() - self.began < limit
+
+
+class _Progress(BaseCallback):
+    """A progress bar with the mean length and return of the latest episodes."""
+
+    def __init__(self, total_steps: int, reward_scale: float) -> None:
+        super().__init__()
+        self.total_steps = total_steps
+        self.reward_scale = reward_scale
+
+    def _on_training_start(self) -> None:
+        self.bar = tqdm(total=self.total_steps, initial=self.num_timesteps, unit="step", unit_scale=True)
+
+    def _on_rollout_end(self) -> None:
+        if episodes := self.model.ep_info_buffer:
+            length = sum(item["l"] for item in episodes) / len(episodes)
+            gained = sum(item["r"] for item in episodes) / len(episodes) / self.reward_scale
+            self.bar.set_postfix_str(f"episodes of {length:.0f} steps, return {gained:.0f}", refresh=False)
+        self.bar.update(self.num_timesteps - self.bar.n)
+
+    def _on_training_end(self) -> None:
+        self.bar.close()
+
+    def _on_step(self) -> bool:
+        return True
 
 
 def save_checkpoint(model: Any, folder: Path) -> None:
@@ -134,10 +160,10 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
     Raises:
         FileNotFoundError: the folder holds no interrupted run.
     """
-    if not (folder / SETTINGS).exists() or not (folder / CHECKPOINT).exists():
-        raise FileNotFoundError(f"{folder} holds no run with a checkpoint to go on from")
     if (folder / MODEL).exists():
         raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
+    if not (folder / SETTINGS).exists() or not (folder / CHECKPOINT).exists():
+        raise FileNotFoundError(f"{folder} holds no run with a checkpoint to go on from")
     settings = from_mapping(json.loads((folder / SETTINGS).read_text(encoding="utf-8")), str(folder / SETTINGS))
     torch.set_num_threads(settings.threads)
     env = make_env(settings)
@@ -149,7 +175,7 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
 def _learn(model: PPO, settings: TrainSettings, folder: Path, steps: int, progress: bool) -> Path:
     callbacks: list[BaseCallback] = [_Limits(settings, folder)]
     if progress:
-        callbacks.append(ProgressBarCallback())
+        callbacks.append(_Progress(settings.total_steps, settings.reward_scale))
     try:
         model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
     except KeyboardInterrupt:
