@@ -1,5 +1,6 @@
 """References: exact derivatives, the shapes they are named after, and what is drawn near them."""
 
+import copy
 from functools import cache
 from typing import Any
 
@@ -8,8 +9,9 @@ import pytest
 import sympy
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import Reference, ReferenceSettings, StartSettings, Task
+from quadpend_gym import PAPER, Reference, ReferenceSettings, StartSettings, Task
 from quadpend_gym.arrays import Floats
+from quadpend_gym.dynamics import accelerations
 from quadpend_gym.references import FAMILIES
 from quadpend_gym.tasks import TASKS
 from tests.env_helpers import make_bare, make_rows
@@ -23,6 +25,7 @@ GENERAL = Reference(
 )
 TIMES = np.linspace(0.0, 10.0, 201)
 GRAVITY, ROD = 9.8, 0.3
+NOTHING = StartSettings(**dict.fromkeys(StartSettings.__dataclass_fields__, 0.0))
 
 
 def test_derivatives_are_those_of_sympy() -> None:
@@ -167,8 +170,7 @@ def exact_start(reference: Reference) -> dict[str, Floats]:
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_starts_without_deviation_fly_the_reference(family: str) -> None:
-    still = StartSettings(**dict.fromkeys(StartSettings.__dataclass_fields__, 0.0))
-    env = make_bare(task=Task(references=only(family, climb=(0.0, 0.0)).references, start=still))
+    env = make_bare(task=Task(references=only(family, climb=(0.0, 0.0)).references, start=NOTHING))
     for seed in range(20):
         _, info = env.reset(seed=seed)
         reference = Reference(*env.world.reference[0].reshape(5, 4))
@@ -178,15 +180,39 @@ def test_starts_without_deviation_fly_the_reference(family: str) -> None:
         assert_allclose(env.state.euler[2], reference.derivatives(0.0)[0, 3], rtol=1e-14)
 
 
+def shifted(reference: Reference, time: float) -> Reference:
+    """The same trajectory, begun `time` seconds later."""
+    numbers = reference.as_array().reshape(5, 4)
+    _, rate, _, frequency, _ = numbers
+    return Reference(*(numbers + np.outer((time, 0, 0, 0, 0), rate) + np.outer((0, 0, 0, 0, time), frequency)))
+
+
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_start_without_deviation_stays_near_the_reference_without_control(family: str) -> None:
-    """The body leans so that thrust carries the reference's acceleration: the error grows like t⁴ only."""
-    still = StartSettings(**dict.fromkeys(StartSettings.__dataclass_fields__, 0.0))
-    env = make_rows(50, task=Task(references=only(family, climb=(0.0, 0.0)).references, start=still))
+def test_rates_of_a_start_without_deviation_are_derivatives_along_the_reference(family: str) -> None:
+    step, still_yaw = 1e-4, {"yaw_amplitude": 0.0}
+    env = make_rows(50, task=Task(references=only(family, climb=(0.0, 0.0), **still_yaw).references, start=NOTHING))
     env.reset(seed=0)
-    for _ in range(10):
-        info = env.step(np.zeros((50, 4)))[4]
-    assert np.abs(info["tracking_error"][:, :2]).max() < 5e-4
+    references = [Reference(*numbers.reshape(5, 4)) for numbers in env.world.reference]
+    states = []
+    for time in (-step, 0.0, step):
+        env.reset(options={"reference": [shifted(reference, time) for reference in references]})
+        states.append(copy.deepcopy(env.state))
+    before, now, after = states
+    for name, rate in (("position", "velocity"), ("euler", "euler_rate"), ("direction", "direction_rate")):
+        difference = (getattr(after, name) - getattr(before, name)) / (2.0 * step)
+        assert_allclose(getattr(now, rate), difference, atol=1e-7, err_msg=rate)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_in_a_start_without_deviation_the_body_leans_so_that_the_pendulum_follows(family: str) -> None:
+    """Near upright the bob's acceleration is g r, so r̈ must be F⁽⁴⁾ / g."""
+    small = {"radius": (0.02, 0.03), "acceleration": (0.05, 0.1), "climb": (0.0, 0.0)}
+    env = make_rows(50, task=Task(references=only(family, **small).references, start=NOTHING))
+    env.reset(seed=0)
+    hovering = np.array([PAPER.hover_thrust, 0.0, 0.0, 0.0])
+    swing = accelerations(env.state.array, hovering, np.zeros(9), PAPER).direction
+    fourth = [Reference(*numbers.reshape(5, 4)).derivatives(0.0)[4, :2] for numbers in env.world.reference]
+    assert_allclose(swing[:, :2], np.array(fourth) / GRAVITY, atol=1e-3)
 
 
 START_FIELDS = {

@@ -189,6 +189,17 @@ def make_twice_reset(seed: int) -> Floats32:
     return env.reset()[0]
 
 
+def test_a_row_that_has_ended_still_restarts_after_a_reset_of_other_rows() -> None:
+    env = make_rows(3, max_episode_steps=2)
+    env.reset(seed=0)
+    fly(env, np.zeros((2, 3, 4)))
+    env.reset(options={"reset_mask": np.array([True, False, True])})
+    assert env.world.episode.tolist() == [1, 0, 1]
+    assert (env.step(np.zeros((3, 4)))[1] == 0.0).tolist() == [False, True, False]
+    assert env.world.episode.tolist() == [1, 1, 1]
+    assert env.world.clock.tolist() == [1, 0, 1]
+
+
 @pytest.mark.parametrize("seeds", [[5, 2, 5], (5, 2, 5), np.array([5, 2, 5])], ids=["list", "tuple", "array"])
 def test_each_row_can_have_a_seed_of_its_own(seeds: Any) -> None:
     observation, _ = make_rows(3).reset(seed=seeds)

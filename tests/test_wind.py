@@ -51,7 +51,7 @@ def test_the_axes_of_a_sinusoid_have_phases_of_their_own() -> None:
     assert np.abs(np.corrcoef(force.T) - np.eye(3)).max() < 0.08
 
 
-@pytest.mark.parametrize(("period", "steps"), [(0.01, 101), (0.002, 501)])
+@pytest.mark.parametrize(("period", "steps"), [(0.1, 21), (0.01, 101), (0.002, 501)])
 def test_an_ornstein_uhlenbeck_wind_has_its_deviation_and_correlation_at_every_step_size(
     period: float, steps: int
 ) -> None:

@@ -1,0 +1,33 @@
+"""What the README says can be typed, and does what it says."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", README, re.DOTALL))
+def test_python_in_the_readme_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(re.sub(r"total_timesteps=[\d_]+", "total_timesteps=64", block), "README.md", "exec"), {})
+
+
+def test_the_results_table_is_the_one_that_the_demo_wrote() -> None:
+    table = (ROOT / "docs/demo/comparison.md").read_text(encoding="utf-8")
+    assert table.strip() in README
+
+
+def test_the_demos_data_say_how_they_were_made() -> None:
+    data = json.loads((ROOT / "docs/demo/comparison.json").read_text(encoding="utf-8"))
+    assert data["episodes"] >= 100
+    assert {"seed", "scenarios", "results"} <= set(data)
+
+
+def test_every_linked_file_exists() -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]+)\)", README)
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
