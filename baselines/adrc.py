@@ -134,7 +134,7 @@ class ADRC:
             updated = self._bank.update(state.estimate, 0.5 * (state.known_input + known_input), outputs)
             estimate = np.where(started[:, np.newaxis, np.newaxis], estimate, updated)
         command = self._command(measured, estimate)
-        action, command = to_action(command, self.simulation.actuators)
+        action, command = to_action(command, self.simulation)
         memory = AdrcMemory(estimate, command, self._known_input(measured, estimate, command))
         return (action[0] if single else action), memory
 

@@ -4,7 +4,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from quadpend_gym import Actuators
+from quadpend_gym import Simulation
 from quadpend_gym.arrays import Booleans, Floats, Floats32
 
 
@@ -38,16 +38,14 @@ def started_rows(episode_start: Any, first: bool, rows: int) -> Booleans:
     return np.broadcast_to(np.asarray(episode_start, np.bool_), (rows,))
 
 
-def to_action(command: Floats, actuators: Actuators) -> tuple[Floats32, Floats]:
+def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
     """The action that comes closest to a command, and the command that it really gives.
 
     Args:
         command: thrust (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).
-        actuators: what an action of ±1 means.
+        simulation: what an action means, see `Simulation.command_scale`.
     """
-    size = np.array(
-        [actuators.hover_thrust, actuators.roll_pitch_torque, actuators.roll_pitch_torque, actuators.yaw_torque]
-    )
-    zero = np.array([actuators.hover_thrust, 0.0, 0.0, 0.0])
+    size = simulation.command_scale
+    zero = size * [1.0, 0.0, 0.0, 0.0]
     action = np.clip((command - zero) / size, -1.0, 1.0).astype(np.float32)
     return action, zero + size * action

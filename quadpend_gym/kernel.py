@@ -162,12 +162,12 @@ def advance(
 
 
 @inlined
-def _command(action: Any, actuators: Any, lanes: int, out: Any) -> None:
+def _command(action: Any, scale: Any, lanes: int, out: Any) -> None:
     for lane in range(lanes):
-        out[0, lane] = actuators[0] * (1.0 + action[0, lane])
-        out[1, lane] = actuators[1] * action[1, lane]
-        out[2, lane] = actuators[1] * action[2, lane]
-        out[3, lane] = actuators[2] * action[3, lane]
+        out[0, lane] = scale[0] * (1.0 + action[0, lane])
+        out[1, lane] = scale[1] * action[1, lane]
+        out[2, lane] = scale[2] * action[2, lane]
+        out[3, lane] = scale[3] * action[3, lane]
 
 
 @inlined
@@ -231,7 +231,7 @@ def step(
         clock: control steps since each episode began, shape (n,), changed in place.
         disturbance: shape (n, 9), as in `advance`.
         action: shape (n, 4), each component in [−1, 1].
-        settings: `world.kernel_settings`: period, actuators (3), limits (4), reward weights (4).
+        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4).
         substeps: Runge–Kutta steps in the period, or 0 to leave state and clock alone.
         observation: written, shape (n, 36).
         measured: written, shape (n, 10), columns as above.
@@ -246,7 +246,7 @@ def step(
     state = memory[:, MEMORY_EDGES[0] : MEMORY_EDGES[1]]
     parameters = memory[:, MEMORY_EDGES[1] : MEMORY_EDGES[2]]
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
-    period, actuators, limits, weights = settings[0], settings[1:4], settings[4:8], settings[8:12]
+    period, command_scale, limits, weights = settings[0], settings[1:5], settings[5:9], settings[9:13]
     buffer = np.empty((_EDGES[8], _BLOCK))
     state_lanes = buffer[_EDGES[0] : _EDGES[1]]
     action_lanes = buffer[_EDGES[1] : _EDGES[2]]
@@ -265,7 +265,7 @@ def step(
         _gather(disturbance, first, lanes, disturbance_lanes)
         _gather(parameters, first, lanes, physics_lanes)
         _gather(reference, first, lanes, reference_lanes)
-        _command(action_lanes, actuators, lanes, command_lanes)
+        _command(action_lanes, command_scale, lanes, command_lanes)
         _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)

@@ -54,24 +54,19 @@ PAPER = Parameters()
 
 @dataclass(frozen=True)
 class Actuators:
-    """What an action of ±1 means. Zero action is hover.
+    """Torques that an action of ±1 commands; the thrust's range follows from the weight, see `Simulation`.
 
     Raises:
         TypeError: a value is not a number.
         ValueError: a value is not finite or not above zero.
     """
 
-    hover_thrust: float = PAPER.hover_thrust  # N; thrust = hover_thrust · (1 + a₀)
     roll_pitch_torque: float = 5.0  # N·m; τφ, τθ = 5 a₁, 5 a₂
     yaw_torque: float = 1.0  # N·m; τψ = a₃
 
     def __post_init__(self) -> None:
         for item in fields(self):
             positive(getattr(self, item.name), item.name)
-
-    def as_array(self) -> Floats:
-        """The fields in order, shape (3,), SI units: the kernel's view."""
-        return np.array(astuple(self))
 
 
 @dataclass(frozen=True)
@@ -94,3 +89,12 @@ class Simulation:
         positive(self.period, "period")
         if not isinstance(self.substeps, int) or self.substeps < 1:
             raise ValueError(f"substeps must be a whole number of at least 1, not {self.substeps!r}")
+
+    @property
+    def command_scale(self) -> Floats:
+        """What an action a means, shape (4,): thrust scale₀ (1 + a₀) in N, torques scaleᵢ aᵢ in N·m.
+
+        The thrust's scale is the weight, so zero action is hover.
+        """
+        a = self.actuators
+        return np.array([self.parameters.hover_thrust, a.roll_pitch_torque, a.roll_pitch_torque, a.yaw_torque])

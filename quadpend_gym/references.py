@@ -23,12 +23,13 @@ import numpy as np
 from quadpend_gym.arrays import Floats
 from quadpend_gym.elementary import sincos
 from quadpend_gym.jit import compiled, inlined
-from quadpend_gym.records import vector
+from quadpend_gym.records import number, vector
 from quadpend_gym.streams import uniform, uniform_between
 from quadpend_gym.vectors import Vec3
 
 CHANNELS = 4
 REFERENCE_SIZE = 5 * CHANNELS
+LARGEST = 1000.0  # of any number of a reference, in SI units
 ORDERS = 7  # derivatives of order 0 to 6
 FAMILIES = ("hover", "circle", "figure_eight", "helix")
 
@@ -119,7 +120,7 @@ class Reference:
 
     Raises:
         TypeError: a field is not a number or four numbers.
-        ValueError: a number is not finite.
+        ValueError: a number is not finite, or larger than 1000 in size.
     """
 
     offset: tuple[float, ...] = (0.0, 0.0, 2.0, 0.0)
@@ -130,7 +131,8 @@ class Reference:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            object.__setattr__(self, field.name, vector(getattr(self, field.name), CHANNELS, field.name))
+            values = vector(getattr(self, field.name), CHANNELS, field.name)
+            object.__setattr__(self, field.name, tuple(number(x, field.name, -LARGEST, LARGEST) for x in values))
 
     @classmethod
     def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":

@@ -34,11 +34,10 @@ class ReferenceSettings:
         weights = [number(getattr(self, name), name, 0.0) for name in ("hover", "circle", "figure_eight", "helix")]
         if sum(weights) == 0.0:
             raise ValueError("one of hover, circle, figure_eight and helix must be above zero")
-        interval(self.height, "height", 0.0)
-        if interval(self.radius, "radius", 0.0)[0] == 0.0:
+        for name, low in (("height", 0.0), ("radius", 0.0), ("acceleration", 0.0), ("climb", -np.inf)):
+            object.__setattr__(self, name, interval(getattr(self, name), name, low))
+        if self.radius[0] == 0.0:
             raise ValueError(f"radius must be above zero, not {self.radius!r}")
-        interval(self.acceleration, "acceleration", 0.0)
-        interval(self.climb, "climb")
         for name in ("yaw_offset", "yaw_amplitude", "yaw_frequency"):
             number(getattr(self, name), name, 0.0)
 

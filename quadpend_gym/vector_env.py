@@ -30,7 +30,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         simulation: as in `QuadPendulumEnv`.
         wind: as in `QuadPendulumEnv`.
         max_episode_steps: control steps after which an episode is truncated; None: never.
-        autoreset_mode: an `AutoresetMode` or its value, ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
+        autoreset_mode: an `AutoresetMode` or its value, ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``; only
+            the latter keeps the specification JSON.
         render_mode: None; there is no picture yet.
 
     Raises:

@@ -64,6 +64,9 @@ class _Loads:
     torque: Load = 0.0  # N·m
 
     def __post_init__(self) -> None:
+        for name in ("force", "bob_force", "torque"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, value if np.isscalar(value) else vector(value, 3, name))
         _ = self.load
 
     @cached_property
@@ -217,7 +220,8 @@ class PaperGusts:
 
 @dataclass(frozen=True)
 class Sum:
-    """Several models at once. Each has a random stream of its own, so adding one leaves the others' numbers alone.
+    """Several models at once. Each has a random stream of its own, by its place in the sum, so adding one behind leaves
+    the others' numbers alone.
 
     Args:
         models: models, sums, or mappings with their kinds.

@@ -43,10 +43,10 @@ def named_info(columns: Any, tracking_error: Floats, disturbance: Floats) -> dic
 
 
 def kernel_settings(task: Task, simulation: Simulation) -> Floats:
-    """The numbers `kernel.step` reads: period, actuators (3), limits (4, angles as cosines), reward weights (4)."""
+    """The numbers `kernel.step` reads: period, command scale (4), limits (4, angles as cosines), reward weights (4)."""
     limits, weights = flatten(task.limits), flatten(task.reward)
     limits[:2] = np.cos(limits[:2])
-    return np.concatenate([[simulation.period], simulation.actuators.as_array(), limits, weights / weights.sum()])
+    return np.concatenate([[simulation.period], simulation.command_scale, limits, weights / weights.sum()])
 
 
 class Fixed(NamedTuple):

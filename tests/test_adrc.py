@@ -12,12 +12,12 @@ from baselines.observers import LUENBERGER_INPUT, chain, current_gain, input_gai
 from baselines.policy import to_action
 from quadpend_gym import (
     PAPER,
-    Actuators,
     Constant,
     OrnsteinUhlenbeck,
     QuadPendulumEnv,
     QuadPendulumVectorEnv,
     Reference,
+    Simulation,
 )
 from train.sb3_vec_env import SB3VecEnv
 
@@ -132,10 +132,9 @@ def test_evaluate_policy_of_sb3_takes_the_controller() -> None:
 
 
 def test_observers_are_told_the_saturated_command() -> None:
-    actuators = Actuators(roll_pitch_torque=5.0, yaw_torque=1.0)
-    action, given = to_action(np.array([[100.0, 7.0, -2.5, -3.0]]), actuators)
+    action, given = to_action(np.array([[100.0, 7.0, -2.5, -3.0]]), Simulation())
     np.testing.assert_allclose(action, [[1.0, 1.0, -0.5, -1.0]])
-    np.testing.assert_allclose(given, [[2 * actuators.hover_thrust, 5.0, -2.5, -1.0]])
+    np.testing.assert_allclose(given, [[2 * PAPER.hover_thrust, 5.0, -2.5, -1.0]])
 
 
 def test_unknown_gains_are_refused_by_name() -> None:

@@ -109,7 +109,8 @@ def test_direction_stays_a_unit_vector_perpendicular_to_its_rate() -> None:
         s.euler[:], s.euler_rate[:] = s.euler % (2.0 * np.pi), 0.1 * s.euler_rate
         worst_length = max(worst_length, np.abs(np.linalg.norm(s.direction, axis=-1) - 1.0).max())
         worst_angle = max(worst_angle, np.abs(np.sum(s.direction * s.direction_rate, -1)).max())
-    assert worst_length <= 1e-12 and worst_angle <= 1e-12
+    assert worst_length <= 1e-12
+    assert worst_angle <= 1e-12
 
 
 def test_integrator_is_of_fourth_order() -> None:

@@ -129,9 +129,7 @@ def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: p
         (["train", "--resume", "nowhere"], "holds no run"),
     ],
 )
-def test_mistakes_end_with_one_sentence(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_mistakes_end_with_one_sentence(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2

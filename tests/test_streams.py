@@ -45,7 +45,8 @@ def test_a_stream_is_splitmix64_read_by_index() -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_uniform_numbers_are_uniform(seed: int) -> None:
     numbers = Streams.from_seeds([seed]).uniform(np.array([0]), 100_000)[0]
-    assert numbers.min() > 0.0 and numbers.max() < 1.0
+    assert numbers.min() > 0.0
+    assert numbers.max() < 1.0
     assert stats.kstest(numbers, "uniform").pvalue > 0.01
 
 
