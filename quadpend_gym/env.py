@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from quadpend_gym import kernel
-from quadpend_gym.arrays import Floats, Floats32
+from quadpend_gym.arrays import Floats32
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
 from quadpend_gym.records import build, numbers
@@ -16,6 +16,7 @@ from quadpend_gym.tasks import as_task
 from quadpend_gym.world import World, check_fixed, named_info
 
 _ROW = np.zeros(1, np.int64)
+_FLOAT32 = np.dtype(np.float32)
 
 
 def observation_space() -> spaces.Box:
@@ -55,10 +56,10 @@ def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
     array = numbers(action, "action")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, not {array.shape}")
-    if array.dtype != np.float32:
-        with np.errstate(over="ignore"):  # what overflows is refused as out of range
-            array = array.astype(np.float32)
-    return np.ascontiguousarray(array)
+    if array.dtype is _FLOAT32 and array.flags.c_contiguous:
+        return array
+    with np.errstate(over="ignore"):  # what overflows is refused as out of range
+        return array.astype(np.float32, order="C")
 
 
 class QuadPendulumEnv(gym.Env[Any, Any]):
@@ -156,7 +157,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             self._seeded = True
         self.world.begin(_ROW, fixed)
         observation, measured = self.world.look(_ROW)
-        return observation[0], _info(measured[0], np.zeros(9))
+        return observation[0], named_info(measured[0].tolist(), measured[0, 4:7], np.zeros(9))
 
     def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
         """Hold `action` for one control period.
@@ -172,14 +173,6 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         action = check_action(action, (4,)).reshape(1, 4)
         observation, measured, disturbance = self.world.step(action)
         row = measured[0]
-        return (
-            observation[0],
-            float(row[kernel.REWARD]),
-            bool(row[kernel.TERMINATED]),
-            False,
-            _info(row, disturbance[0]),
-        )
-
-
-def _info(measured: Floats, disturbance: Floats) -> dict[str, Any]:
-    return named_info(measured.tolist(), measured[4:7], disturbance)
+        columns = row.tolist()
+        info = named_info(columns, row[4:7], disturbance[0])
+        return observation[0], columns[kernel.REWARD], columns[kernel.TERMINATED] != 0.0, False, info

@@ -217,11 +217,10 @@ def step(
     disturbance: Floats,
     action: Floats32,
     settings: Floats,
-    substeps: int,
     observation: Floats32,
     measured: Floats,
 ) -> int:
-    """One control period of n sub-environments, or with `substeps` 0 a look at them where they stand.
+    """One control period of n sub-environments, or with 0 substeps a look at them where they stand.
 
     A state that diverges is not kept: the row stays where it was and terminates.
 
@@ -231,8 +230,8 @@ def step(
         clock: control steps since each episode began, shape (n,), changed in place.
         disturbance: shape (n, 9), as in `advance`.
         action: shape (n, 4), each component in [−1, 1].
-        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4).
-        substeps: Runge–Kutta steps in the period, or 0 to leave state and clock alone.
+        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), and the number of
+            Runge–Kutta steps in the period, or 0 to leave state and clock alone.
         observation: written, shape (n, 36).
         measured: written, shape (n, 10), columns as above.
 
@@ -247,6 +246,7 @@ def step(
     parameters = memory[:, MEMORY_EDGES[1] : MEMORY_EDGES[2]]
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
     period, command_scale, limits, weights = settings[0], settings[1:5], settings[5:9], settings[9:13]
+    substeps = int(settings[13])
     buffer = np.empty((_EDGES[8], _BLOCK))
     state_lanes = buffer[_EDGES[0] : _EDGES[1]]
     action_lanes = buffer[_EDGES[1] : _EDGES[2]]

@@ -102,7 +102,8 @@ class Streams:
 
     def derive(self, numbers: int | NDArray[np.int64]) -> "Streams":
         """The streams numbered `numbers`, an integer or one for each row, below these."""
-        numbers = np.broadcast_to(np.asarray(numbers, np.int64), self.keys.shape)
+        if isinstance(numbers, int):
+            numbers = np.full(self.keys.shape, numbers)
         out = np.empty_like(self.keys)
         _derive_all(self.keys, numbers, out)
         return Streams(out)

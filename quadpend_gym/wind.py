@@ -220,8 +220,9 @@ class PaperGusts:
 
 @dataclass(frozen=True)
 class Sum:
-    """Several models at once. Each has a random stream of its own, by its place in the sum, so adding one behind leaves
-    the others' numbers alone.
+    """Several models at once.
+
+    Each has a random stream of its own, by its place in the sum: adding one behind leaves the others' numbers alone.
 
     Args:
         models: models, sums, or mappings with their kinds.

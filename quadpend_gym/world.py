@@ -42,11 +42,11 @@ def named_info(columns: Any, tracking_error: Floats, disturbance: Floats) -> dic
     }
 
 
-def kernel_settings(task: Task, simulation: Simulation) -> Floats:
-    """The numbers `kernel.step` reads: period, command scale (4), limits (4, angles as cosines), reward weights (4)."""
+def kernel_settings(task: Task, simulation: Simulation, substeps: int) -> Floats:
+    """What `kernel.step` reads: period, command scale (4), limits (4, angles as cosines), weights (4), substeps."""
     limits, weights = flatten(task.limits), flatten(task.reward)
     limits[:2] = np.cos(limits[:2])
-    return np.concatenate([[simulation.period], simulation.command_scale, limits, weights / weights.sum()])
+    return np.concatenate([[simulation.period], simulation.command_scale, limits, weights / weights.sum(), [substeps]])
 
 
 class Fixed(NamedTuple):
@@ -101,7 +101,8 @@ class World:
         self.episode = np.full(rows, -1, np.int64)
         self._seeds = np.zeros(rows, np.uint64)
         self._wind: WindProcess | None = None
-        self._settings = kernel_settings(task, simulation)
+        self._settings = kernel_settings(task, simulation, simulation.substeps)
+        self._looking = kernel_settings(task, simulation, 0)
         self._reference_ranges = flatten(task.references)
         self._start_ranges = flatten(task.start)
         self.add_wind(as_wind(wind))
@@ -174,7 +175,7 @@ class World:
         observation, measured = np.empty((rows.size, OBSERVATION_SIZE), np.float32), np.empty((rows.size, _MEASURED))
         action = np.zeros((rows.size, kernel.ACTION_SIZE), np.float32)
         clock, calm = self.clock[rows], np.zeros((rows.size, DISTURBANCE_SIZE))
-        kernel.step(self._memory[rows], clock, calm, action, self._settings, 0, observation, measured)
+        kernel.step(self._memory[rows], clock, calm, action, self._looking, observation, measured)
         return observation, measured
 
     def step(self, action: Floats32) -> tuple[Floats32, Floats, Floats]:
@@ -193,20 +194,17 @@ class World:
         """
         if not self._ready:
             raise ResetNeeded(f"row {self._waiting.argmax()} has no episode: call reset before step")
-        rows = action.shape[0]
+        rows = self.clock.size
         observation, measured = np.empty((rows, OBSERVATION_SIZE), np.float32), np.empty((rows, _MEASURED))
         disturbance = self.disturbance
-        substeps = self.simulation.substeps
-        bad = kernel.step(
-            self._memory, self.clock, disturbance, action, self._settings, substeps, observation, measured
-        )
+        bad = kernel.step(self._memory, self.clock, disturbance, action, self._settings, observation, measured)
         if bad >= 0:
             raise ValueError(
                 f"action of row {bad} must be four numbers in [-1, 1], not {action[bad].tolist()};"
                 " gymnasium.wrappers.ClipAction clips"
             )
         if self._wind is None:
-            return observation, measured, disturbance.copy()
+            return observation, measured, np.zeros((rows, DISTURBANCE_SIZE))
         self.disturbance = self._wind.blow(self.clock, self.simulation.period)
         return observation, measured, disturbance
 

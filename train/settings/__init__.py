@@ -25,7 +25,7 @@ class TrainSettings:
 
     scenario: str = "windy"
     """Name of the scenario to train in, see `train.scenarios`."""
-    total_steps: int = 6_000_000
+    total_steps: int = 7_000_000
     """Environment steps to train for."""
     max_seconds: float = 0.0
     """Wall-clock seconds after which training ends at the latest; 0: no such limit."""
@@ -35,15 +35,15 @@ class TrainSettings:
     """Rows of the vector environment."""
     rollout_steps: int = 64
     """Steps of each row between two updates."""
-    batch_size: int = 2048
+    batch_size: int = 1024
     """Samples in a gradient step."""
-    epochs: int = 5
+    epochs: int = 3
     """Passes over a rollout."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     """Of Adam, at the beginning."""
-    final_learning_rate: float = 1e-4
+    final_learning_rate: float = 4e-5
     """Of Adam, at the end; it falls linearly."""
-    discount: float = 0.99
+    discount: float = 0.995
     """γ."""
     gae_lambda: float = 0.95
     """λ of the generalised advantage estimate."""
@@ -57,7 +57,7 @@ class TrainSettings:
     """Widths of the hidden layers of policy and value network."""
     activation: Literal["relu", "tanh", "elu"] = "relu"
     """Between the layers."""
-    initial_log_std: float = -0.5
+    initial_log_std: float = 0.0
     """Logarithm of the action noise at the beginning."""
     checkpoint_steps: int = 1_000_000
     """Environment steps between two checkpoints."""
