@@ -31,7 +31,7 @@ format: .venv/.installed  ## let ruff format and mend
 	$(BIN)/ruff check --fix .
 
 bench: .venv/.installed  ## speed, beside other environments
-	$(BIN)/quadpend bench --out results/bench.json
+	$(BIN)/quadpend bench --out docs/bench.json
 
 clean:  ## caches of the compiler and the tools; numba does not notice edits in inlined functions of other files
 	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
