@@ -61,6 +61,19 @@ def test_any_vector_env_with_same_step_autoreset_will_do() -> None:
     assert any("episode" in info for _, _, _, infos in ends for info in infos)
 
 
+def test_scaled_rewards_leave_the_episode_statistics_alone() -> None:
+    plain, scaled = (
+        SB3VecEnv(QuadPendulumVectorEnv(2, max_episode_steps=3, autoreset_mode="SameStep"), scale)
+        for scale in (1.0, 0.01)
+    )
+    plain.seed(0), scaled.seed(0)
+    plain.reset(), scaled.reset()
+    for _ in range(3):
+        expected, given = plain.step(np.zeros((2, 4), np.float32)), scaled.step(np.zeros((2, 4), np.float32))
+        np.testing.assert_allclose(given[1], 0.01 * expected[1], rtol=1e-6)
+    assert given[3][0]["episode"]["r"] == expected[3][0]["episode"]["r"]
+
+
 def test_another_autoreset_mode_is_refused() -> None:
     with pytest.raises(ValueError, match=r"must have autoreset_mode AutoresetMode.SAME_STEP, not AutoresetMode.NEXT"):
         SB3VecEnv(QuadPendulumVectorEnv(2))

@@ -17,17 +17,19 @@ class SB3VecEnv(VecEnv):
 
     Args:
         env: a vector environment whose `metadata["autoreset_mode"]` is `AutoresetMode.SAME_STEP`.
+        reward_scale: factor on the rewards that the learner sees; episode statistics keep the true ones.
 
     Raises:
         ValueError: it resets differently.
     """
 
-    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], reward_scale: float = 1.0) -> None:
         """Wrap `env`."""
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"env must have autoreset_mode {AutoresetMode.SAME_STEP}, not {mode}")
         self.env = env
+        self.reward_scale = reward_scale
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._actions = np.empty(0)
         self._returns = np.zeros(self.num_envs)
@@ -69,7 +71,7 @@ class SB3VecEnv(VecEnv):
             }
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
-        return observation, reward.astype(np.float32), ended, infos
+        return observation, (self.reward_scale * reward).astype(np.float32), ended, infos
 
     def close(self) -> None:
         """Close the wrapped environment."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorRewardWrapper
+from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from tqdm.auto import tqdm
@@ -28,19 +28,6 @@ from train.settings import TrainSettings, from_mapping, to_mapping
 SETTINGS, CHECKPOINT, MODEL = "settings.json", "checkpoint.zip", "model.zip"
 _ACTIVATIONS = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
 _PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "numba", "stable-baselines3", "torch")
-
-
-class ScaledReward(VectorRewardWrapper):
-    """Rewards multiplied by a factor, for the learner's eyes."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], factor: float) -> None:
-        """Wrap `env`."""
-        super().__init__(env)
-        self.factor = factor
-
-    def rewards(self, reward: Any) -> Any:
-        """The scaled rewards."""
-        return self.factor * reward
 
 
 class _Limits(BaseCallback):
@@ -69,10 +56,9 @@ class _Limits(BaseCallback):
 class _Progress(BaseCallback):
     """A progress bar with the mean length and return of the latest episodes."""
 
-    def __init__(self, total_steps: int, reward_scale: float) -> None:
+    def __init__(self, total_steps: int) -> None:
         super().__init__()
         self.total_steps = total_steps
-        self.reward_scale = reward_scale
 
     def _on_training_start(self) -> None:
         self.bar = tqdm(total=self.total_steps, initial=self.num_timesteps, unit="step", unit_scale=True)
@@ -80,7 +66,7 @@ class _Progress(BaseCallback):
     def _on_rollout_end(self) -> None:
         if episodes := self.model.ep_info_buffer:
             length = sum(item["l"] for item in episodes) / len(episodes)
-            gained = sum(item["r"] for item in episodes) / len(episodes) / self.reward_scale
+            gained = sum(item["r"] for item in episodes) / len(episodes)
             self.bar.set_postfix_str(f"episodes of {length:.0f} steps, return {gained:.0f}", refresh=False)
         self.bar.update(self.num_timesteps - self.bar.n)
 
@@ -101,7 +87,7 @@ def save_checkpoint(model: Any, folder: Path) -> None:
 def make_env(settings: TrainSettings) -> SB3VecEnv:
     """The scenario to train in, as Stable-Baselines3 wants it."""
     env = find_scenario(settings.scenario).make_vec(settings.num_envs, AutoresetMode.SAME_STEP)
-    return SB3VecEnv(ScaledReward(env, settings.reward_scale))
+    return SB3VecEnv(env, settings.reward_scale)
 
 
 def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> PPO:
@@ -110,7 +96,7 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
     return PPO(
         "MlpPolicy",
         env,
-        learning_rate=lambda remaining: settings.final_learning_rate + span * remaining,
+        learning_rate=lambda remaining: settings.final_learning_rate + span * max(remaining, 0.0),
         n_steps=settings.rollout_steps,
         batch_size=settings.batch_size,
         n_epochs=settings.epochs,
@@ -175,7 +161,7 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
 def _learn(model: PPO, settings: TrainSettings, folder: Path, steps: int, progress: bool) -> Path:
     callbacks: list[BaseCallback] = [_Limits(settings, folder)]
     if progress:
-        callbacks.append(_Progress(settings.total_steps, settings.reward_scale))
+        callbacks.append(_Progress(settings.total_steps))
     try:
         model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
     except KeyboardInterrupt:
