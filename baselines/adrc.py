@@ -47,7 +47,7 @@ class AdrcMemory(NamedTuple):
     known_input: Floats
 
 
-class _Measured(NamedTuple):
+class Measurement(NamedTuple):
     """What the controller takes from an observation, n rows: positions, angles and the reference."""
 
     error: Floats  # e, m, (n, 3)
@@ -66,21 +66,34 @@ def _turn(vector: Floats, yaw: Floats) -> Floats:
     return np.stack([cosine * vector[:, 0] - sine * vector[:, 1], sine * vector[:, 0] + cosine * vector[:, 1]], axis=-1)
 
 
-def _measure(observation: Floats32) -> _Measured:
-    roll, pitch, yaw_error = read_observation(observation, "attitude").T
-    yaw_reference = read_observation(observation, "yaw_reference")
+def measure(
+    error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: dict[int, Floats]
+) -> Measurement:
+    """What the controller works with, from what is measured in n rows.
+
+    Args:
+        error: e, m, shape (n, 3).
+        direction: r, shape (n, 3).
+        euler: φ, θ and the yaw error ψ − ψ_d, rad, shape (n, 3).
+        yaw_reference: ψ_d, ψ̇_d, ψ̈_d, shape (n, 3).
+        reference: F_d⁽ⁱ⁾ for i = 2 … 6, each of shape (n, 3).
+    """
+    roll, pitch, yaw_error = euler.T
     yaw = yaw_error + yaw_reference[:, 0]
     # In the heading's axes the thrust leans by (cos φ sin θ, −sin φ).
     lean = np.stack([np.cos(roll) * np.sin(pitch), -np.sin(roll)], axis=-1)
-    return _Measured(
+    tilt = _turn(np.stack([pitch, -roll], axis=-1), yaw)
+    axis = np.column_stack([_turn(lean, yaw), np.cos(roll) * np.cos(pitch)])
+    return Measurement(error, direction, tilt, axis, yaw, yaw_error, reference, yaw_reference[:, 2])
+
+
+def _measure_observation(observation: Floats32) -> Measurement:
+    return measure(
         read_observation(observation, "tracking_error"),
         read_observation(observation, "direction"),
-        _turn(np.stack([pitch, -roll], axis=-1), yaw),
-        np.column_stack([_turn(lean, yaw), np.cos(roll) * np.cos(pitch)]),
-        yaw,
-        yaw_error,
+        read_observation(observation, "attitude"),
+        read_observation(observation, "yaw_reference"),
         {order: read_observation(observation, f"reference_{order}") for order in range(2, 7)},
-        yaw_reference[:, 2],
     )
 
 
@@ -125,17 +138,17 @@ class ADRC:
     ) -> tuple[Floats32, AdrcMemory]:
         """Action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
-        measured = _measure(np.reshape(np.asarray(observation, np.float32), (-1, OBSERVATION_SIZE)))
-        outputs = self._outputs(measured)
-        estimate = self._first_estimate(measured, outputs)
+        measured = _measure_observation(np.reshape(np.asarray(observation, np.float32), (-1, OBSERVATION_SIZE)))
+        outputs = self.outputs(measured)
+        estimate = self.first_estimate(measured, outputs)
         started = started_rows(episode_start, state is None, measured.yaw.size)
         if not started.all():
-            known_input = self._known_input(measured, state.estimate, state.command)
+            known_input = self.known_input(measured, state.estimate, state.command)
             updated = self._bank.update(state.estimate, 0.5 * (state.known_input + known_input), outputs)
             estimate = np.where(started[:, np.newaxis, np.newaxis], estimate, updated)
-        command = self._command(measured, estimate)
+        command = self.command(measured, estimate)
         action, command = to_action(command, self.simulation)
-        memory = AdrcMemory(estimate, command, self._known_input(measured, estimate, command))
+        memory = AdrcMemory(estimate, command, self.known_input(measured, estimate, command))
         return (action[0] if single else action), memory
 
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
@@ -156,22 +169,22 @@ class ADRC:
         """g K, m/s⁴."""
         return self.simulation.parameters.gravity * self.simulation.parameters.chain_stiffness
 
-    def _fourth_derivative(self, measured: _Measured) -> Floats:
+    def _fourth_derivative(self, measured: Measurement) -> Floats:
         """F₅ of equation (1), shape (n, 2)."""
         return self._stiffness * (measured.direction[:, :2] - measured.tilt)
 
-    def _thrust_gain(self, measured: _Measured) -> Floats:
+    def _thrust_gain(self, measured: Measurement) -> Floats:
         """g_z of equation (4), 1/kg, shape (n,)."""
         p, axis, r = self.simulation.parameters, measured.thrust_axis, measured.direction
         along = np.sum(r * axis, axis=-1) * r[:, 2]
         return np.asarray((axis[:, 2] - p.bob_mass / p.total_mass * along) / p.quadrotor_mass)
 
-    def _outputs(self, measured: _Measured) -> Floats:
+    def outputs(self, measured: Measurement) -> Floats:
         """What each observer measures, shape (n, 6)."""
         fourth = self._fourth_derivative(measured) - measured.reference[4][:, :2]
         return np.column_stack([measured.error[:, :2], fourth, measured.error[:, 2], measured.yaw_error])
 
-    def _first_estimate(self, measured: _Measured, outputs: Floats) -> Floats:
+    def first_estimate(self, measured: Measurement, outputs: Floats) -> Floats:
         """Where the observers start: rates unknown, F̈ = g r, and gravity known, shape (n, 6, 4)."""
         gravity = self.simulation.parameters.gravity
         estimate = np.zeros((outputs.shape[0], _OBSERVERS, 4))
@@ -180,7 +193,7 @@ class ADRC:
         estimate[:, _HEIGHT, 2] = -gravity
         return estimate
 
-    def _command(self, measured: _Measured, estimate: Floats) -> Floats:
+    def command(self, measured: Measurement, estimate: Floats) -> Floats:
         """Equations (3)–(5): thrust and torques, shape (n, 4)."""
         p = self.simulation.parameters
         disturbance = estimate[:, _HORIZONTAL, 2]
@@ -204,7 +217,7 @@ class ADRC:
             ]
         )
 
-    def _known_input(self, measured: _Measured, estimate: Floats, command: Floats) -> Floats:
+    def known_input(self, measured: Measurement, estimate: Floats, command: Floats) -> Floats:
         """What drives each chain at this instant, given the command that acts, shape (n, 6)."""
         p = self.simulation.parameters
         fourth = self._fourth_derivative(measured)
