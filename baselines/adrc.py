@@ -101,7 +101,7 @@ class ADRC:
     """The paper's controller as a policy with the `predict` protocol.
 
     Args:
-        gains: a name in `ADRC_GAINS` (``"paper"`` or ``"fixed"``) or gains of your own.
+        gains: a name in `ADRC_GAINS` (``"paper"`` or ``"matched"``) or gains of your own.
         simulation: what the controller believes of the plant and its actuators, and its period.
 
     Raises:

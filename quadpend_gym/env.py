@@ -91,8 +91,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     perfect still tracking. The terms are in `info["reward_terms"]`.
 
     ## Starting State
-    Flying a random reference (hover, circle, figure eight or helix) perfectly, but for a uniform deviation in each
-    component: ±0.1 m, ±0.05 m/s; ±0.03 rad and ±0.05 rad/s of attitude and pendulum.
+    Flying a random reference (hover, circle, figure eight or helix) perfectly to first order in the tilt, but for a
+    uniform deviation in each component: ±0.1 m, ±0.05 m/s; ±0.03 rad and ±0.05 rad/s of attitude and pendulum.
 
     `reset(options={"state": {"position": …}})` sets any of the state's fields (`quadpend_gym.state`), leaving the
     others as drawn; `options={"reference": Reference.circle(1.0, 1.0)}` fixes the reference.

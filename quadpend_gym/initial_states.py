@@ -1,11 +1,11 @@
 """Random starts near the reference.
 
-Flying the reference perfectly is, with K the chain stiffness and g the gravity (the paper's flat parametrisation
-(30)–(45), corrected):
+Flying the reference is, to first order in the tilt, with K the chain stiffness and g the gravity (the paper's flat
+parametrisation (30)–(45), corrected):
 
     (1)  r ∥ F̈_d + g e₃,                ṙ = (I − r rᵀ) F_d⁽³⁾ / |F̈_d + g e₃|
     (2)  ζ = F_d − l r  horizontally,    z = z_d
-    (3)  thrust axis  b = r − F_d⁽⁴⁾ / (g K)  horizontally, turned by ψ_d into θ and −φ
+    (3)  thrust axis  b = r − F_d⁽⁴⁾ / (g K)  horizontally, turned by ψ_d into θ and −φ, which themselves turn at ψ̇_d
 
 To this a deviation is added, uniform in each component.
 """
@@ -63,6 +63,8 @@ def draw_start(
     lead = -1.0 / (gravity * stiffness)
     roll, pitch = _turn(axpy(lead, reference.d4, r), reference.yaw)
     roll_rate, pitch_rate = _turn(axpy(lead, reference.d5, r_dot), reference.yaw)
+    yaw_rate = reference.yaw_rate
+    turning = Vec3(roll_rate + yaw_rate * pitch, pitch_rate - yaw_rate * roll, yaw_rate)
     position = axpy(-physics.rod_length, r, reference.d0)
     velocity = axpy(-physics.rod_length, r_dot, reference.d1)
     store(
@@ -82,7 +84,7 @@ def draw_start(
         lanes,
         EULER_RATE,
         lane,
-        add(Vec3(roll_rate, pitch_rate, reference.yaw_rate), _deviation(key, 15, ranges.angle_rate)),
+        add(turning, _deviation(key, 15, ranges.angle_rate)),
     )
     store(lanes, DIRECTION, lane, r)
     store(lanes, DIRECTION_RATE, lane, r_dot)

@@ -1,24 +1,30 @@
 """Typed doors to numba: `compiled` for what Python calls, `inlined` for what kernels are made of.
 
 `inlined` functions vanish into their caller (LLVM ``alwaysinline``), which is what lets a loop over rows become
-vector instructions. `compiled` functions are cached on disk; numba does not notice when a function they inline changes
-in another file, so run ``make clean`` after editing one.
+vector instructions. `compiled` functions are cached on disk. Numba would only notice when the file of a compiled
+function changes, not the files of what it inlines, so the cache is stamped with all of the package's files.
 
 ``fastmath`` stays off: it makes ``isfinite`` lie and the scalar and vectorised loops differ in their last bits.
 ``error_model="numpy"`` lets a division by zero give inf instead of a branch.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar, cast
 
 from numba import njit
 
+_SOURCE_STAMP = tuple(
+    (file.name, file.stat().st_mtime_ns, file.stat().st_size) for file in sorted(Path(__file__).parent.glob("*.py"))
+)
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def compiled(function: Function) -> Function:
     """Compile `function` for calls from Python, with an on-disk cache."""
-    return cast(Function, njit(cache=True, error_model="numpy", nogil=True)(function))
+    dispatcher = njit(cache=True, error_model="numpy", nogil=True)(function)
+    dispatcher._cache._cache_file._source_stamp = _SOURCE_STAMP
+    return cast(Function, dispatcher)
 
 
 def inlined(function: Function) -> Function:

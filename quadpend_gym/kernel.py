@@ -236,12 +236,16 @@ def step(
         measured: written, shape (n, 10), columns as above.
 
     Returns:
-        The first row whose action is out of range or not finite, in which case nothing was done, or −1.
+        −1; or, with nothing done, the first row whose action is out of range or not finite, or −2 minus the first row
+        whose disturbance is not finite.
     """
     for row in range(action.shape[0]):
         for component in range(ACTION_SIZE):
             if not (abs(action[row, component]) <= 1.0):
                 return row
+        for component in range(DISTURBANCE_SIZE):
+            if not np.isfinite(disturbance[row, component]):
+                return -2 - row
     state = memory[:, MEMORY_EDGES[0] : MEMORY_EDGES[1]]
     parameters = memory[:, MEMORY_EDGES[1] : MEMORY_EDGES[2]]
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]

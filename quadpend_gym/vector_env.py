@@ -117,6 +117,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             raise ResetNeeded(
                 f"the episode of row {self._ended.argmax()} is over: reset it with options={{'reset_mask': …}}"
             )
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
+            actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)  # they only begin an episode
         observation, measured, disturbance = self.world.step(actions)
         reward = measured[:, kernel.REWARD].copy()
         terminated = measured[:, kernel.TERMINATED] != 0.0

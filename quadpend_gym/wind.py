@@ -168,8 +168,10 @@ class OrnsteinUhlenbeck(_Loads):
 class PaperGusts:
     """The paper's random gusts in x, y, z and yaw, calm until the onset (its Section 5).
 
-    The paper gives neither shape nor size. Here a new target is drawn every `hold` seconds, uniform in ± the
-    amplitude, and approached along half a cosine: bounded and differentiable, as the paper's Theorem 1 assumes.
+    With the paper's onset of 10 s they never blow in an episode of 10 s: lower the onset, or raise the environment's
+    `max_episode_steps`. The paper gives neither shape nor size. Here a new target is drawn every `hold` seconds,
+    uniform in ± the amplitude, and approached along half a cosine: bounded and differentiable, as the paper's Theorem 1
+    assumes.
 
     Raises:
         TypeError: a value is not a number, or the force neither a number nor three numbers.

@@ -190,7 +190,7 @@ class World:
 
         Raises:
             ResetNeeded: a row has not begun an episode.
-            ValueError: an action is out of range or not finite. Nothing has changed then.
+            ValueError: an action is out of range or not finite, or the wind is. Nothing has changed then.
         """
         if not self._ready:
             raise ResetNeeded(f"row {self._waiting.argmax()} has no episode: call reset before step")
@@ -203,6 +203,8 @@ class World:
                 f"action of row {bad} must be four numbers in [-1, 1], not {action[bad].tolist()};"
                 " gymnasium.wrappers.ClipAction clips"
             )
+        if bad < -1:
+            raise ValueError(f"wind must blow finite numbers, not {disturbance[-2 - bad].tolist()} in row {-2 - bad}")
         if self._wind is None:
             return observation, measured, np.zeros((rows, DISTURBANCE_SIZE))
         self.disturbance = self._wind.blow(self.clock, self.simulation.period)

@@ -66,7 +66,7 @@ def test_papers_law_keeps_the_predicted_offset_in_wind_and_the_fix_removes_it() 
     force = 0.1
     wind = Constant((force, 0.0, 0.0))
     paper, _ = settled_rmse(ADRC("paper"), wind, Reference.hover())
-    fixed, _ = settled_rmse(ADRC("fixed"), wind, Reference.hover())
+    fixed, _ = settled_rmse(ADRC("matched"), wind, Reference.hover())
     assert paper == pytest.approx(abs(predicted_offset(force)), rel=0.01)
     assert 0.35 < paper / force < 0.4
     assert fixed < 1e-5
@@ -75,14 +75,14 @@ def test_papers_law_keeps_the_predicted_offset_in_wind_and_the_fix_removes_it() 
 def test_fluctuating_wind_is_tracked_as_well_as_promised() -> None:
     """±0.3 N, two standard deviations."""
     paper, _ = settled_rmse(ADRC("paper"), OrnsteinUhlenbeck(0.15))
-    fixed, _ = settled_rmse(ADRC("fixed"), OrnsteinUhlenbeck(0.15))
+    fixed, _ = settled_rmse(ADRC("matched"), OrnsteinUhlenbeck(0.15))
     assert paper < 0.08
     assert fixed < 0.003
 
 
 @pytest.mark.parametrize("force", [(0.1, -0.2, 0.0), (0.0, 0.0, 0.15)])
 def test_estimated_disturbance_is_the_true_one_in_steady_wind(force: tuple[float, float, float]) -> None:
-    env, policy = QuadPendulumEnv(wind=Constant(force, torque=(0.0, 0.0, 0.03))), ADRC("fixed")
+    env, policy = QuadPendulumEnv(wind=Constant(force, torque=(0.0, 0.0, 0.03))), ADRC("matched")
     observation, _ = env.reset(seed=3, options={"reference": Reference.hover()})
     memory = None
     for _ in range(800):
@@ -138,12 +138,14 @@ def test_observers_are_told_the_saturated_command() -> None:
 
 
 def test_unknown_gains_are_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="no ADRC gains 'nix'; there are paper, fixed"):
+    with pytest.raises(ValueError, match="no ADRC gains 'nix'; there are paper, matched"):
         ADRC("nix")
 
 
 def test_heading_does_not_matter() -> None:
     """Roll and pitch are turned into the world's axes: a quarter turn of yaw changes nothing but the axes."""
-    ahead, _ = settled_rmse(ADRC("fixed"), None, Reference(offset=(0, 0, 2, 0), amplitude=(1, 0, 0, 0), frequency=0.6))
+    ahead, _ = settled_rmse(
+        ADRC("matched"), None, Reference(offset=(0, 0, 2, 0), amplitude=(1, 0, 0, 0), frequency=0.6)
+    )
     turned = Reference(offset=(0, 0, 2, np.pi / 2), amplitude=(1, 0, 0, 0), frequency=0.6)
-    assert settled_rmse(ADRC("fixed"), None, turned)[0] == pytest.approx(ahead, rel=0.05)
+    assert settled_rmse(ADRC("matched"), None, turned)[0] == pytest.approx(ahead, rel=0.05)

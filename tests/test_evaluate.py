@@ -12,14 +12,14 @@ from baselines import ADRC
 from train.cli import main
 from train.evaluate import Flights, compare, differences, fly, summarise
 from train.report import markdown, verdicts
-from train.statistics import mean, proportion
+from train.statistics import mean, paired_proportion, proportion
 
 
 class Biased:
     """ADRC that holds the bob a known distance (m) beside the reference in x."""
 
     def __init__(self, distance: float) -> None:
-        self.distance, self.adrc = distance, ADRC("fixed")
+        self.distance, self.adrc = distance, ADRC("matched")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -43,7 +43,7 @@ class Falling:
 def test_every_policy_meets_the_same_episodes() -> None:
     first, again = fly(ADRC(), "windy", 5), fly(ADRC(), "windy", 5)
     np.testing.assert_array_equal(first.error, again.error)
-    other = fly(ADRC("fixed"), "windy", 5)
+    other = fly(ADRC("matched"), "windy", 5)
     np.testing.assert_allclose(first.error[:, 0], other.error[:, 0], atol=1e-3)
     fewer = fly(ADRC(), "windy", 3)
     np.testing.assert_array_equal(first.error[:3], fewer.error)
@@ -100,13 +100,13 @@ def test_intervals_are_those_of_the_books() -> None:
 
 
 def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--policies", "paper=adrc-paper", "adrc-fixed", "--scenarios", "windy", "--episodes", "5"]
+    arguments = ["--policies", "paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
     main(["evaluate", *arguments, "--out", str(tmp_path)])
     printed = capsys.readouterr().out
-    assert "adrc-fixed tracks closer by" in printed
+    assert "adrc-matched tracks closer by" in printed
     data = json.loads((tmp_path / "comparison.json").read_text())
-    assert set(data["results"]["windy"]) == {"paper", "adrc-fixed"}
-    assert data["results"]["windy"]["adrc-fixed"]["minus_first"]["rmse"]["high"] < 0.0
+    assert set(data["results"]["windy"]) == {"paper", "adrc-matched"}
+    assert data["results"]["windy"]["adrc-matched"]["minus_first"]["rmse"]["high"] < 0.0
     assert (tmp_path / "comparison.md").read_text().startswith("| scenario | policy | survival (%)")
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
 
@@ -127,6 +127,8 @@ def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: p
         (["train", "--settings", "nix"], "there are no settings 'nix'"),
         (["train", "--scenario", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "holds no run"),
+        (["train", "--resume", "nowhere", "--seed", "9"], "give no others"),
+        (["evaluate", "--policies", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
     ],
 )
 def test_mistakes_end_with_one_sentence(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -136,6 +138,24 @@ def test_mistakes_end_with_one_sentence(arguments: list[str], message: str, caps
     assert message in capsys.readouterr().err
 
 
+def test_paired_survival_is_never_certain() -> None:
+    """Two policies that fall in the same episodes may still differ; Agresti and Min's interval says by how much."""
+    survived = np.arange(200) > 3
+    value, low, high = paired_proportion(survived, survived)
+    assert value == 0.0
+    assert (low, high) == pytest.approx((-0.0097, 0.0097), abs=1e-4)
+    better = paired_proportion(survived | True, survived)
+    assert better.value == pytest.approx(4 / 200)
+
+
+def test_data_are_json_even_when_nobody_settles(tmp_path: Path) -> None:
+    comparison = compare({"falling": Falling()}, ["calm"], episodes=3)
+    comparison.save(tmp_path)
+    data = json.loads((tmp_path / "comparison.json").read_text(), parse_constant=pytest.fail)
+    assert data["results"]["calm"]["falling"]["measures"]["settled_rmse"]["value"] is None
+    assert "packages" in data["origin"]
+
+
 def test_markdown_table_has_a_row_for_every_cell() -> None:
-    comparison = compare({"a": ADRC(), "b": ADRC("fixed")}, ["calm", "windy"], episodes=3)
+    comparison = compare({"a": ADRC(), "b": ADRC("matched")}, ["calm", "windy"], episodes=3)
     assert markdown(comparison).count("\n| ") == 5

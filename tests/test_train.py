@@ -1,13 +1,16 @@
 """Training runs, is interrupted and goes on, keeps its origin, and can be repeated."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from stable_baselines3 import PPO
 
 from train import train as training
+from train.evaluate import TEST_SEED, VALIDATION_SEED
 from train.settings import TrainSettings, read_settings
 
 BRIEF = TrainSettings(total_steps=2048, num_envs=16, rollout_steps=32, batch_size=256, epochs=1)
@@ -72,6 +75,34 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
         training.resume(tmp_path / "nowhere")
 
 
+def test_a_run_that_died_before_its_first_checkpoint_begins_again(tmp_path: Path) -> None:
+    finished = training.train(BRIEF, tmp_path / "whole", progress=False)
+    dead = tmp_path / "dead"
+    dead.mkdir()
+    (dead / "settings.json").write_text((tmp_path / "whole/settings.json").read_text())
+    np.testing.assert_array_equal(weights(training.resume(dead, progress=False)), weights(finished))
+
+
+def test_no_two_runs_and_no_evaluation_share_an_episode() -> None:
+    blocks = [training.first_episode(TrainSettings(seed=seed)) for seed in range(3)]
+    rows = 2**31  # more than rows and steps of any run
+    assert all(after - before > rows for before, after in pairwise(blocks))
+    assert blocks[0] > max(TEST_SEED, VALIDATION_SEED) + rows
+
+
+def test_a_fresh_run_begins_with_the_episodes_of_its_block() -> None:
+    model = training._fresh_model(BRIEF, Path("unused"))
+    assert model.env is not None
+    expected = training.make_env(BRIEF)
+    expected.seed(training.first_episode(BRIEF))
+    np.testing.assert_array_equal(model.env.reset(), expected.reset())
+
+
+def test_a_run_is_repeated_from_its_folder(tmp_path: Path) -> None:
+    training.train(BRIEF, tmp_path, progress=False)
+    assert read_settings(str(tmp_path / "settings.json")) == BRIEF
+
+
 def test_settings_files_are_deltas_and_mistakes_in_them_are_named(tmp_path: Path) -> None:
     assert read_settings("demo").scenario == "windy"
     path = tmp_path / "mine.toml"
@@ -84,5 +115,22 @@ def test_settings_files_are_deltas_and_mistakes_in_them_are_named(tmp_path: Path
         read_settings("nix")
     with pytest.raises(ValueError, match="no scenario 'nix'"):
         TrainSettings(scenario="nix")
-    with pytest.raises(ValueError, match="epochs must be above zero, not 0"):
-        TrainSettings(epochs=0)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"epochs": 0}, "epochs must be a whole number of at least 1, not 0"),
+        ({"num_envs": 1.5}, "num_envs must be a whole number of at least 1, not 1.5"),
+        ({"seed": -1}, "seed must be a whole number of at least 0, not -1"),
+        ({"hidden": (0,)}, r"hidden\[0\] must be a whole number"),
+        ({"discount": 5.0}, r"discount must be a finite number in \[0, 1\], not 5.0"),
+        ({"max_seconds": -3.0}, "max_seconds must be a finite number"),
+        ({"learning_rate": 0.0}, "learning_rate must be above zero"),
+        ({"activation": "foo"}, "activation must be one of relu, tanh, elu, not 'foo'"),
+        ({"batch_size": 1000}, "batch_size must divide num_envs"),
+    ],
+)
+def test_settings_out_of_range_are_refused(setting: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        TrainSettings(**setting)

@@ -16,10 +16,13 @@ from tqdm.auto import tqdm
 
 from baselines import Policy
 from quadpend_gym.arrays import Booleans, Floats
+from train.origin import origin
 from train.scenarios import find_scenario
-from train.statistics import Interval, mean, proportion
+from train.statistics import Interval, mean, paired_proportion, proportion
 
-TEST_SEED = 1_000_000  # episodes that no training run has seen: rows of training count up from its seed
+# Episodes that no training run sees, whose seeds are above 2³² (`train.train.first_episode`).
+TEST_SEED = 1_000_000  # the published results'
+VALIDATION_SEED = 2_000_000  # for everything that is tuned
 SETTLED = 500  # control steps after which the start should no longer matter
 
 
@@ -29,7 +32,7 @@ class Flights(NamedTuple):
     Attributes:
         survived: whether the episode lasted its 1000 steps, shape (n,).
         rmse: root mean square of the tracking error's norm over the steps flown, m, shape (n,).
-        settled_rmse: the same from step 500 on, m; nan where the episode ended before, shape (n,).
+        settled_rmse: the same from step 500 on, m; nan where the episode was not survived, shape (n,).
         largest_tilt: of the pendulum from upright, rad, shape (n,).
         effort: root mean square of the action's norm, shape (n,).
         episode_return: sum of rewards, shape (n,).
@@ -67,18 +70,21 @@ def fly(policy: Policy, scenario: str, episodes: int = 100, seed: int = TEST_SEE
     while flying.any():
         action, memory = policy.predict(observation, memory, started, deterministic=True)
         observation, reward, terminated, truncated, info = env.step(action)
-        last = info.get("final_info", info)
-        error = np.linalg.norm(last["tracking_error"], axis=1)
-        column = np.stack([error, last["tilt"], np.linalg.norm(action, axis=1), reward])
+        started = terminated | truncated
+        error, tilt = np.linalg.norm(info["tracking_error"], axis=1), info["tilt"].copy()
+        if started.any():  # these rows' info is of their next episode
+            final = info["final_info"]
+            error[started] = np.linalg.norm(final["tracking_error"][started], axis=1)
+            tilt[started] = final["tilt"][started]
+        column = np.stack([error, tilt, np.linalg.norm(action, axis=1), reward])
         columns.append(np.where(flying, column, np.nan))
         survived |= flying & truncated & ~terminated
-        started = terminated | truncated
         flying &= ~started
     error, tilt, effort, rewards = np.stack(columns, axis=-1)
     return Flights(
         survived,
         np.sqrt(np.nanmean(error**2, axis=1)),
-        _settled(error),
+        _settled(error, survived),
         np.nanmax(tilt, axis=1),
         np.sqrt(np.nanmean(effort**2, axis=1)),
         np.nansum(rewards, axis=1),
@@ -86,12 +92,11 @@ def fly(policy: Policy, scenario: str, episodes: int = 100, seed: int = TEST_SEE
     )
 
 
-def _settled(error: Floats) -> Floats:
-    late = error[:, SETTLED:]
-    count = np.sum(~np.isnan(late), axis=1)
-    total = np.nansum(late**2, axis=1)
-    mean_square: Floats = np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
-    return np.sqrt(mean_square)
+def _settled(error: Floats, survived: Booleans) -> Floats:
+    settled = np.full(survived.shape, np.nan)
+    if survived.any():
+        settled[survived] = np.sqrt(np.mean(error[survived, SETTLED:] ** 2, axis=1))
+    return settled
 
 
 # column of the table: unit and, for how much a policy is better than another, the sign that means better
@@ -123,14 +128,14 @@ def differences(flights: Flights, other: Flights) -> dict[str, Interval]:
     """How far `flights` lies above `other`, with paired intervals: the same episodes, one minus the other."""
     both = ~np.isnan(flights.settled_rmse) & ~np.isnan(other.settled_rmse)
     pairs = {
-        "survival": flights.survived.astype(np.float64) - other.survived,
         "rmse": flights.rmse - other.rmse,
         "settled_rmse": (flights.settled_rmse - other.settled_rmse)[both],
         "largest_tilt": flights.largest_tilt - other.largest_tilt,
         "effort": flights.effort - other.effort,
         "return": flights.episode_return - other.episode_return,
     }
-    return {name: mean(_FACTOR[MEASURES[name][0]] * pair) for name, pair in pairs.items()}
+    survival = Interval(*(100.0 * x for x in paired_proportion(flights.survived, other.survived)))
+    return {"survival": survival, **{name: mean(_FACTOR[MEASURES[name][0]] * pair) for name, pair in pairs.items()}}
 
 
 @dataclass(frozen=True)
@@ -158,14 +163,13 @@ class Comparison:
             first = self.flights[scenario, self.policies[0]]
             results[scenario] = {
                 policy: {
-                    "measures": {k: v._asdict() for k, v in summarise(self.flights[scenario, policy]).items()},
-                    "minus_first": {
-                        k: v._asdict() for k, v in differences(self.flights[scenario, policy], first).items()
-                    },
+                    "measures": _plain(summarise(self.flights[scenario, policy])),
+                    "minus_first": _plain(differences(self.flights[scenario, policy], first)),
                 }
                 for policy in self.policies
             }
         return {
+            "origin": origin(),
             "episodes": self.episodes,
             "seed": self.seed,
             "units": {name: unit for name, (unit, _) in MEASURES.items()},
@@ -176,8 +180,16 @@ class Comparison:
     def save(self, folder: Path) -> None:
         """Write `comparison.json` into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.as_data(), indent=1)
+        text = json.dumps(self.as_data(), indent=1, allow_nan=False)
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _plain(intervals: dict[str, Interval]) -> dict[str, dict[str, float | None]]:
+    """Intervals as JSON has them, which knows no nan."""
+    return {
+        name: {key: None if np.isnan(x) else x for key, x in interval._asdict().items()}
+        for name, interval in intervals.items()
+    }
 
 
 def compare(

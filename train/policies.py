@@ -9,7 +9,7 @@ def load_policy(name: str) -> Policy:
     """The policy that `name` stands for.
 
     Args:
-        name: ``adrc`` followed by the name of its gains (``adrc-paper``, ``adrc-fixed``), or the path of a run folder
+        name: ``adrc`` followed by the name of its gains (``adrc-paper``, ``adrc-matched``), or the path of a run folder
             or of a PPO model saved by Stable-Baselines3. Loading such a file executes code in it: load only your own.
 
     Raises:
@@ -21,7 +21,7 @@ def load_policy(name: str) -> Policy:
     if path.is_dir():
         path = path / "model.zip"
     if not path.is_file():
-        raise ValueError(f"there is no policy {name!r}: it is neither adrc-paper, adrc-fixed nor a run or model file")
+        raise ValueError(f"there is no policy {name!r}: it is neither adrc-paper, adrc-matched nor a run or model file")
     from stable_baselines3 import PPO
 
     return PPO.load(path, device="cpu")

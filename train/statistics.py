@@ -26,6 +26,15 @@ def proportion(successes: Booleans) -> Interval:
     return Interval(float(successes.mean()), float(low), float(high))
 
 
+def paired_proportion(successes: Booleans, others: Booleans) -> Interval:
+    """Difference of two shares of successes in the same n trials, with Agresti and Min's interval, each shape (n,)."""
+    gained, lost = np.sum(successes & ~others) + 0.5, np.sum(~successes & others) + 0.5
+    trials = successes.size + 2
+    difference = (gained - lost) / trials
+    half = stats.norm.ppf((1 + CONFIDENCE) / 2) * np.sqrt(gained + lost - (gained - lost) ** 2 / trials) / trials
+    return Interval(float((gained - lost) / successes.size), float(difference - half), float(difference + half))
+
+
 def mean(values: Floats) -> Interval:
     """Mean of n values, with the percentile bootstrap's interval; nan where there are none."""
     if values.size == 0:

@@ -6,12 +6,8 @@ and goes on from there.
 """
 
 import json
-import os
-import platform
-import subprocess
-import sys
+import signal
 import time
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +17,16 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from tqdm.auto import tqdm
 
+from train.origin import origin
 from train.sb3_vec_env import SB3VecEnv
 from train.scenarios import find_scenario
-from train.settings import TrainSettings, from_mapping, to_mapping
+from train.settings import TrainSettings, read_settings, to_mapping
 
 SETTINGS, CHECKPOINT, MODEL = "settings.json", "checkpoint.zip", "model.zip"
 _ACTIVATIONS = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
-_PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "numba", "stable-baselines3", "torch")
 
 
-class _Limits(BaseCallback):
+class _Watch(BaseCallback):
     """Ends training when the time is up, and keeps the latest checkpoint."""
 
     def __init__(self, settings: TrainSettings, folder: Path) -> None:
@@ -134,57 +130,63 @@ def train(settings: TrainSettings, folder: Path, *, progress: bool = True) -> Pa
     folder.mkdir(parents=True, exist_ok=True)
     _write_json(folder / SETTINGS, to_mapping(settings))
     _write_json(folder / "origin.json", origin())
-    torch.set_num_threads(settings.threads)
-    env = make_env(settings)
-    env.seed(settings.seed)
-    return _learn(make_model(settings, env, folder), settings, folder, settings.total_steps, progress)
+    return _learn(_fresh_model(settings, folder), settings, folder, progress)
 
 
 def resume(folder: Path, *, progress: bool = True) -> Path:
-    """Go on with an interrupted run from its latest checkpoint; as `train`.
+    """Go on with an interrupted run from its latest checkpoint, or from the start if it has none yet; as `train`.
 
     Raises:
         FileNotFoundError: the folder holds no interrupted run.
     """
     if (folder / MODEL).exists():
         raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
-    if not (folder / SETTINGS).exists() or not (folder / CHECKPOINT).exists():
-        raise FileNotFoundError(f"{folder} holds no run with a checkpoint to go on from")
-    settings = from_mapping(json.loads((folder / SETTINGS).read_text(encoding="utf-8")), str(folder / SETTINGS))
+    if not (folder / SETTINGS).exists():
+        raise FileNotFoundError(f"{folder} holds no run to go on with")
+    settings = read_settings(str(folder / SETTINGS))
+    if not (folder / CHECKPOINT).exists():
+        return _learn(_fresh_model(settings, folder), settings, folder, progress)
     torch.set_num_threads(settings.threads)
     env = make_env(settings)
     model = PPO.load(folder / CHECKPOINT, env=env, device="cpu")
-    env.seed(settings.seed + settings.num_envs + model.num_timesteps)  # episodes not seen before
-    return _learn(model, settings, folder, settings.total_steps - model.num_timesteps, progress)
+    env.seed(first_episode(settings) + settings.num_envs + model.num_timesteps)  # episodes not seen before
+    return _learn(model, settings, folder, progress)
 
 
-def _learn(model: PPO, settings: TrainSettings, folder: Path, steps: int, progress: bool) -> Path:
-    callbacks: list[BaseCallback] = [_Limits(settings, folder)]
+def first_episode(settings: TrainSettings) -> int:
+    """Seed of a run's first row: every run has a block of 2³² seeds, which no other run and no evaluation touches."""
+    return (1 + settings.seed) << 32
+
+
+def _fresh_model(settings: TrainSettings, folder: Path) -> PPO:
+    torch.set_num_threads(settings.threads)
+    env = make_env(settings)
+    model = make_model(settings, env, folder)
+    env.seed(first_episode(settings))  # last, since PPO seeds its environment too
+    return model
+
+
+def _interrupt(*_: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def _learn(model: PPO, settings: TrainSettings, folder: Path, progress: bool) -> Path:
+    steps = settings.total_steps - model.num_timesteps
+    callbacks: list[BaseCallback] = [_Watch(settings, folder)]
     if progress:
         callbacks.append(_Progress(settings.total_steps))
+    terminate = signal.signal(signal.SIGTERM, _interrupt)
     try:
         model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
     except KeyboardInterrupt:
         save_checkpoint(model, folder)
         print(f"Interrupted after {model.num_timesteps} steps; `quadpend train --resume {folder}` goes on.")
         raise
+    finally:
+        signal.signal(signal.SIGTERM, terminate)
     model.save(folder / MODEL)
     (folder / CHECKPOINT).unlink(missing_ok=True)
     return folder / MODEL
-
-
-def origin() -> dict[str, Any]:
-    """What a run was made with: package versions, commit, Python and machine."""
-    root = Path(__file__).parents[1]
-    command = ["git", "-C", str(root), "describe", "--always", "--dirty"]
-    commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
-    return {
-        "command": sys.argv,
-        "commit": commit or None,
-        "python": platform.python_version(),
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
-        "packages": {name: version(name) for name in _PACKAGES},
-    }
 
 
 def _write_json(path: Path, data: Any) -> None:

@@ -1,4 +1,4 @@
-"""Wrappers: the real world, one line each, for a single environment and for a vector of them."""
+"""Wrappers that bring the wind, for a single environment and for a vector of them."""
 
 from quadpend_gym.wrappers.wind import VectorWindWrapper, WindWrapper
 

@@ -1,10 +1,12 @@
 """Training settings: one dataclass with every default, and files with what a run does differently."""
 
+import json
 import sys
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
+from quadpend_gym.records import number, positive
 from train.scenarios import find_scenario
 
 if sys.version_info >= (3, 11):
@@ -13,6 +15,7 @@ else:
     import tomli as tomllib
 
 FOLDER = Path(__file__).parent
+ACTIVATIONS = ("relu", "tanh", "elu")
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class TrainSettings:
     total_steps: int = 7_000_000
     """Environment steps to train for."""
     max_seconds: float = 0.0
-    """Wall-clock seconds after which training ends at the latest; 0: no such limit."""
+    """Wall-clock seconds after which a run, or its resumption, ends at the latest; 0: no such limit."""
     seed: int = 0
     """Of the networks and the episodes."""
     num_envs: int = 256
@@ -67,26 +70,38 @@ class TrainSettings:
     def __post_init__(self) -> None:
         find_scenario(self.scenario)
         object.__setattr__(self, "hidden", tuple(self.hidden))
-        for name in (
-            "total_steps",
-            "num_envs",
-            "rollout_steps",
-            "batch_size",
-            "epochs",
-            "learning_rate",
-            "reward_scale",
-            "checkpoint_steps",
-            "threads",
-        ):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be above zero, not {getattr(self, name)!r}")
+        for name in ("total_steps", "num_envs", "rollout_steps", "batch_size", "epochs", "checkpoint_steps", "threads"):
+            _whole(getattr(self, name), name, 1)
+        _whole(self.seed, "seed", 0)
+        for i, width in enumerate(self.hidden):
+            _whole(width, f"hidden[{i}]", 1)
+        for name in ("learning_rate", "clip_range", "reward_scale"):
+            positive(getattr(self, name), name)
+        for name in ("discount", "gae_lambda"):
+            number(getattr(self, name), name, 0.0, 1.0)
+        for name in ("max_seconds", "final_learning_rate", "entropy_coefficient"):
+            number(getattr(self, name), name, 0.0)
+        number(self.initial_log_std, "initial_log_std")
+        if self.activation not in ACTIVATIONS:
+            raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, not {self.activation!r}")
+        if self.num_envs * self.rollout_steps % self.batch_size:
+            raise ValueError(
+                f"batch_size must divide num_envs * rollout_steps = {self.num_envs * self.rollout_steps},"
+                f" not be {self.batch_size}"
+            )
+
+
+def _whole(value: Any, name: str, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
 
 
 def read_settings(name: str) -> TrainSettings:
     """The defaults, changed by a file.
 
     Args:
-        name: of a file here without its ending (``demo``), or the path of a TOML file.
+        name: of a file here without its ending (``demo``), or the path of a TOML or JSON file, such as the
+            ``settings.json`` of a run to repeat.
 
     Raises:
         ValueError: there is no such file, or it sets something unknown.
@@ -96,9 +111,9 @@ def read_settings(name: str) -> TrainSettings:
         path = Path(name)
     if not path.is_file():
         known = ", ".join(sorted(item.stem for item in FOLDER.glob("*.toml")))
-        raise ValueError(f"there are no settings {name!r}; there are {known}, or give the path of a TOML file")
-    with path.open("rb") as file:
-        return from_mapping(tomllib.load(file), str(path))
+        raise ValueError(f"there are no settings {name!r}; there are {known}, or give the path of a file")
+    text = path.read_text(encoding="utf-8")
+    return from_mapping(json.loads(text) if path.suffix == ".json" else tomllib.loads(text), str(path))
 
 
 def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
