@@ -12,10 +12,12 @@ demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO
 	$(BIN)/quadpend evaluate --policies adrc-paper adrc-matched ppo=runs/demo --scenarios calm windy --episodes 200 --seed $(TEST_SEED) --out results/demo
 
 SEEDS := 0 1 2 3 4
+comma := ,
+space := $(subst ,, )
 evidence: .venv/.installed  ## the results table of the README: five training seeds against ADRC-DESO
 	rm -rf $(SEEDS:%=runs/demo-%)
 	$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings demo --seed $(seed) --out runs/demo-$(seed) &&) true
-	$(BIN)/quadpend evaluate --policies adrc-paper adrc-matched $(foreach seed,$(SEEDS),ppo-$(seed)=runs/demo-$(seed)) \
+	$(BIN)/quadpend evaluate --policies adrc-paper adrc-matched ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
 test: .venv/.installed  ## the tests

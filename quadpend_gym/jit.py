@@ -10,7 +10,7 @@ function changes, not the files of what it inlines, so the cache is stamped with
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
@@ -22,7 +22,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 def compiled(function: Function) -> Function:
     """Compile `function` for calls from Python, with an on-disk cache."""
-    dispatcher = njit(cache=True, error_model="numpy", nogil=True)(function)
+    dispatcher: Any = njit(cache=True, error_model="numpy", nogil=True)(function)
     dispatcher._cache._cache_file._source_stamp = _SOURCE_STAMP
     return cast(Function, dispatcher)
 

@@ -50,7 +50,8 @@ def evaluate(
     """Fly policies through the same episodes and compare them with the first.
 
     Args:
-        policies: adrc-paper, adrc-matched, run folders or model files; NAME=POLICY gives one a name.
+        policies: adrc-paper, adrc-matched, run folders or model files; NAME=POLICY gives one a name, and
+            NAME=POLICY,POLICY,… puts the training seeds of one learner under it.
         scenarios: Names of scenarios, see train/scenarios.py.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode; the published results use 1000000, so tune with another.
@@ -60,12 +61,12 @@ def evaluate(
 
     from train import report
     from train.evaluate import compare
-    from train.policies import load_policy
+    from train.policies import load_policies
 
     named = dict(_named(item) for item in policies)
     if len(named) < len(policies):
         raise ValueError("two policies have the same name: give each its own, as NAME=POLICY")
-    loaded = {name: load_policy(policy) for name, policy in named.items()}
+    loaded = {name: load_policies(policy) for name, policy in named.items()}
     comparison = compare(loaded, scenarios, episodes, seed)
     comparison.save(out)
     (out / "comparison.md").write_text(report.markdown(comparison), encoding="utf-8")

@@ -5,7 +5,7 @@ episodes and differences can be taken episode by episode.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,16 +27,16 @@ SETTLED = 500  # control steps after which the start should no longer matter
 
 
 class Flights(NamedTuple):
-    """n episodes of one policy.
+    """The same n episodes, flown by s policies that are one learner trained with s seeds, or by one controller.
 
     Attributes:
-        survived: whether the episode lasted its 1000 steps, shape (n,).
-        rmse: root mean square of the tracking error's norm over the steps flown, m, shape (n,).
-        settled_rmse: the same from step 500 on, m; nan where the episode was not survived, shape (n,).
-        largest_tilt: of the pendulum from upright, rad, shape (n,).
-        effort: root mean square of the action's norm, shape (n,).
-        episode_return: sum of rewards, shape (n,).
-        error: norm of the tracking error at each step, nan after the end, m, shape (n, 1000).
+        survived: whether the episode lasted its 1000 steps, shape (s, n).
+        rmse: root mean square of the tracking error's norm over the steps flown, m, shape (s, n).
+        settled_rmse: the same from step 500 on, m; nan where the episode was not survived, shape (s, n).
+        largest_tilt: of the pendulum from upright, rad, shape (s, n).
+        effort: root mean square of the action's norm, shape (s, n).
+        episode_return: sum of rewards, shape (s, n).
+        error: norm of the tracking error at each step, nan after the end, m, shape (s, n, 1000).
     """
 
     survived: Booleans
@@ -48,11 +48,11 @@ class Flights(NamedTuple):
     error: Floats
 
 
-def fly(policy: Policy, scenario: str, episodes: int = 100, seed: int = TEST_SEED) -> Flights:
-    """Fly `policy` through the first episode of each of `episodes` seeds, counting up from `seed`.
+def fly(policies: Sequence[Policy], scenario: str, episodes: int = 100, seed: int = TEST_SEED) -> Flights:
+    """Fly each policy through the first episode of each of `episodes` seeds, counting up from `seed`.
 
     Args:
-        policy: anything that obeys the `predict` protocol.
+        policies: anything that obeys the `predict` protocol: one, or one for each training seed.
         scenario: a name in `train.scenarios.SCENARIOS`.
         episodes: how many.
         seed: of the first.
@@ -60,6 +60,19 @@ def fly(policy: Policy, scenario: str, episodes: int = 100, seed: int = TEST_SEE
     Raises:
         ValueError: there is no such scenario.
     """
+    flown = [_fly_one(policy, scenario, episodes, seed) for policy in policies]
+    length = max(flights.error.shape[-1] for flights in flown)
+    padded = [
+        flights._replace(
+            error=np.pad(flights.error, ((0, 0), (0, length - flights.error.shape[-1])), constant_values=np.nan)
+        )
+        for flights in flown
+    ]
+    return Flights(*(np.stack(parts) for parts in zip(*padded, strict=True)))
+
+
+def _fly_one(policy: Policy, scenario: str, episodes: int, seed: int) -> Flights:
+    """As `fly`, for one policy and without the axis of the seeds."""
     env = find_scenario(scenario).make_vec(episodes, AutoresetMode.SAME_STEP)
     observation, _ = env.reset(seed=seed)
     memory: Any = None
@@ -116,7 +129,7 @@ def summarise(flights: Flights) -> dict[str, Interval]:
     values = {
         "survival": proportion(flights.survived),
         "rmse": mean(flights.rmse),
-        "settled_rmse": mean(flights.settled_rmse[~np.isnan(flights.settled_rmse)]),
+        "settled_rmse": mean(flights.settled_rmse),
         "largest_tilt": mean(flights.largest_tilt),
         "effort": mean(flights.effort),
         "return": mean(flights.episode_return),
@@ -125,11 +138,13 @@ def summarise(flights: Flights) -> dict[str, Interval]:
 
 
 def differences(flights: Flights, other: Flights) -> dict[str, Interval]:
-    """How far `flights` lies above `other`, with paired intervals: the same episodes, one minus the other."""
-    both = ~np.isnan(flights.settled_rmse) & ~np.isnan(other.settled_rmse)
+    """How far `flights` lies above `other`, with paired intervals: the same episodes, one minus the other.
+
+    `other` is one policy, or has as many training seeds as `flights`.
+    """
     pairs = {
         "rmse": flights.rmse - other.rmse,
-        "settled_rmse": (flights.settled_rmse - other.settled_rmse)[both],
+        "settled_rmse": flights.settled_rmse - other.settled_rmse,
         "largest_tilt": flights.largest_tilt - other.largest_tilt,
         "effort": flights.effort - other.effort,
         "return": flights.episode_return - other.episode_return,
@@ -193,12 +208,12 @@ def _plain(intervals: dict[str, Interval]) -> dict[str, dict[str, float | None]]
 
 
 def compare(
-    policies: dict[str, Policy], scenarios: Sequence[str], episodes: int = 100, seed: int = TEST_SEED
+    policies: Mapping[str, Sequence[Policy]], scenarios: Sequence[str], episodes: int = 100, seed: int = TEST_SEED
 ) -> Comparison:
     """Fly every policy through the same episodes of every scenario.
 
     Args:
-        policies: by the names they shall have.
+        policies: by the names they shall have; under one name, a controller or the training seeds of one learner.
         scenarios: names in `train.scenarios.SCENARIOS`.
         episodes: in each scenario.
         seed: of the first.

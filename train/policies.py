@@ -5,6 +5,11 @@ from pathlib import Path
 from baselines import ADRC, Policy
 
 
+def load_policies(names: str) -> list[Policy]:
+    """The policies that stand under one name: one, or several separated by commas, the training seeds of one learner."""
+    return [load_policy(name) for name in names.split(",")]
+
+
 def load_policy(name: str) -> Policy:
     """The policy that `name` stands for.
 

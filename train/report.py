@@ -83,7 +83,7 @@ def _judged(difference: Interval, unit: str, sign: int, better: str, worse: str)
 
 
 def plot(comparison: Comparison, path: Path) -> None:
-    """Tracking error over time for every scenario: median over the episodes, and the band that holds 80 % of them."""
+    """Tracking error over time in every scenario: median and 80 % band of the episodes still flying."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -94,6 +94,7 @@ def plot(comparison: Comparison, path: Path) -> None:
     for axis, scenario in zip(axes, comparison.scenarios, strict=True):
         for i, policy in enumerate(comparison.policies):
             error = comparison.flights[scenario, policy].error * 1000.0
+            error = error.reshape(-1, error.shape[-1])
             flown = ~np.isnan(error).all(axis=0)
             low, middle, high = np.nanquantile(error[:, flown], [0.1, 0.5, 0.9], axis=0)
             time = 0.01 * (1 + np.flatnonzero(flown))
@@ -104,5 +105,5 @@ def plot(comparison: Comparison, path: Path) -> None:
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("tracking error (mm)")
     axes[0].legend(frameon=False)
-    figure.suptitle(f"Median and 80 % band of {comparison.episodes} episodes", fontsize=10)
+    figure.suptitle(f"Median and 80 % band of the episodes still flying, of {comparison.episodes}", fontsize=10)
     figure.savefig(path, dpi=150)

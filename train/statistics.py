@@ -1,4 +1,9 @@
-"""Intervals that stand behind every number of a comparison."""
+"""Intervals that stand behind every number of a comparison.
+
+Values have the shape (s, n): s training seeds of one learner (one for a controller), each in the same n episodes. With
+several seeds the bootstrap draws seeds first and then episodes, so that its interval covers both; with one it is about
+that one policy only.
+"""
 
 from typing import NamedTuple
 
@@ -20,14 +25,20 @@ class Interval(NamedTuple):
 
 
 def proportion(successes: Booleans) -> Interval:
-    """Share of successes, with Wilson's interval; `successes` has shape (n,)."""
-    found = stats.binomtest(int(successes.sum()), successes.size)
-    low, high = found.proportion_ci(CONFIDENCE, method="wilson")
+    """Share of successes, shape (s, n): Wilson's interval for one seed, the bootstrap's for several."""
+    if len(successes) > 1:
+        return mean(successes.astype(np.float64))
+    low, high = stats.binomtest(int(successes.sum()), successes.size).proportion_ci(CONFIDENCE, method="wilson")
     return Interval(float(successes.mean()), float(low), float(high))
 
 
 def paired_proportion(successes: Booleans, others: Booleans) -> Interval:
-    """Difference of two shares of successes in the same n trials, with Agresti and Min's interval, each shape (n,)."""
+    """Difference of two shares of successes in the same episodes, shapes (s, n) and (1, n) or equal.
+
+    Agresti and Min's interval for one seed of both, the bootstrap's for several.
+    """
+    if len(successes) > 1 or len(others) > 1:
+        return mean(successes.astype(np.float64) - others)
     gained, lost = np.sum(successes & ~others) + 0.5, np.sum(~successes & others) + 0.5
     trials = successes.size + 2
     difference = (gained - lost) / trials
@@ -36,10 +47,19 @@ def paired_proportion(successes: Booleans, others: Booleans) -> Interval:
 
 
 def mean(values: Floats) -> Interval:
-    """Mean of n values, with the percentile bootstrap's interval; nan where there are none."""
-    if values.size == 0:
+    """Mean, with the interval of the percentile bootstrap over seeds and episodes, shape (s, n).
+
+    Values that are nan are left out; the mean of none is nan.
+    """
+    if np.isnan(values).all():
         return Interval(np.nan, np.nan, np.nan)
     random = np.random.default_rng(0)
-    means = random.choice(values, (_RESAMPLES, values.size)).mean(axis=1)
+    seeds, episodes = values.shape
+    means = []
+    for _ in range(_RESAMPLES):
+        drawn = values[random.integers(seeds, size=seeds)][:, random.integers(episodes, size=episodes)]
+        known = ~np.isnan(drawn)
+        if known.any():
+            means.append(drawn[known].mean())
     low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return Interval(float(values.mean()), float(low), float(high))
+    return Interval(float(np.nanmean(values)), float(low), float(high))
