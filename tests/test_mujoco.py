@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.arrays import Floats
-from quadpend_gym.params import Parameters
+from quadpend_gym.params import Parameters, Simulation
 from quadpend_gym.state import State
 from tests.physics_helpers import UNEQUAL, flown, random_commands, random_disturbances, random_states
 
@@ -86,7 +86,7 @@ def test_tumbling_flight_agrees_with_mujoco(seed: int) -> None:
     for command, disturbance in zip(commands, disturbances, strict=True):
         for thrust in middle_thrusts(state, command, disturbance, p):
             engine.step(thrust + disturbance[0:3], disturbance[3:6])
-        state = flown(state, command, disturbance, p, PERIOD, 10)[0]
+        state = flown(state, command, disturbance, p, PERIOD, Simulation().substeps)[0]
         s = State(state)
         ours = np.array([s.position, s.position + p.rod_length * s.direction])
         largest = max(largest, np.abs(ours - engine.positions()).max())

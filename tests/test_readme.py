@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from train.cli import main
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -16,12 +18,22 @@ def test_python_in_the_readme_runs(block: str, tmp_path: Path, monkeypatch: pyte
     exec(compile(re.sub(r"total_timesteps=[\d_]+", "total_timesteps=64", block), "README.md", "exec"), {})
 
 
-def test_the_results_table_is_the_one_that_the_demo_wrote() -> None:
+def test_the_commands_in_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    brief = {"train": ["--total-steps", "1024", "--num-envs", "16"], "evaluate": ["--episodes", "2"]}
+    for line in block.splitlines():
+        command, *options = line.removeprefix("quadpend ").split()
+        main([command, *options, *brief[command]])
+    assert (tmp_path / "results/comparison.md").exists()
+
+
+def test_the_results_table_is_the_one_that_make_evidence_wrote() -> None:
     table = (ROOT / "docs/demo/comparison.md").read_text(encoding="utf-8")
     assert table.strip() in README
 
 
-def test_the_demos_data_say_how_they_were_made() -> None:
+def test_the_data_say_how_they_were_made() -> None:
     data = json.loads((ROOT / "docs/demo/comparison.json").read_text(encoding="utf-8"))
     assert data["episodes"] >= 100
     assert {"seed", "scenarios", "results"} <= set(data)

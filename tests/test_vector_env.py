@@ -277,3 +277,12 @@ def test_gymnasium_turns_its_infos_into_lists() -> None:
         assert_same({key: infos[1][key] for key in info}, info)
     assert ended
     assert all("episode" in info for info in ended)
+
+
+def test_the_action_of_a_row_about_to_begin_an_episode_is_ignored() -> None:
+    """Gymnasium's next-step autoreset: whatever the policy says to a row that has ended, even nothing."""
+    env, twin = (make_rows(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
+    env.reset(seed=0), twin.reset(seed=0)
+    still = np.zeros((2, 4), np.float32)
+    env.step(still), twin.step(still)
+    assert_same(env.step(np.full((2, 4), np.nan, np.float32)), twin.step(still))

@@ -207,3 +207,13 @@ def test_calm_and_a_sum_of_nothing_are_the_same() -> None:
     actions = draw_actions(0, 5)
     calm, empty = make_bare(task=Task()), make_bare(task=Task(), wind=Sum())
     assert_same((calm.reset(seed=0), fly(calm, actions)), (empty.reset(seed=0), fly(empty, actions)))
+
+
+def test_wind_that_is_not_a_number_is_refused_and_not_taken_for_a_crash() -> None:
+    env = make_rows(3, wind=Ramp(slope=np.nan))
+    env.reset(seed=0)
+    env.step(np.zeros((3, 4)))
+    before = env.world.state.copy()
+    with pytest.raises(ValueError, match=r"wind must blow finite numbers, not \[nan, 0.0, .*\] in row 0"):
+        env.step(np.zeros((3, 4)))
+    assert_array_equal(env.world.state, before)

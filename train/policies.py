@@ -6,7 +6,7 @@ from baselines import ADRC, Policy
 
 
 def load_policies(names: str) -> list[Policy]:
-    """The policies that stand under one name: one, or several separated by commas, the training seeds of one learner."""
+    """The policies under one name: one, or several separated by commas, the training seeds of one learner."""
     return [load_policy(name) for name in names.split(",")]
 
 
