@@ -152,7 +152,7 @@ def measure_start() -> dict[str, float]:
             for _ in range(2)
         ]
     cold, cached = ([float(item) for item in run.stdout.split()] for run in runs)
-    return {"import": cached[0], "first episode, cold": cold[1], "first episode, cached": cached[1]}
+    return {"import quadpend_gym": cached[0], "first episode, cold": cold[1], "first episode, cached": cached[1]}
 
 
 def _ratios(rates: dict[str, float]) -> dict[str, float]:
@@ -168,8 +168,22 @@ def _ratios(rates: dict[str, float]) -> dict[str, float]:
     return ratios
 
 
+def markdown(rates: dict[str, float], ratios: dict[str, float], start: dict[str, float]) -> str:
+    """The figures as a Markdown table, rounded to three digits."""
+    rows = [
+        *((name, f"{rate:,.3g} steps/s" if rate < 1e3 else _thousands(rate)) for name, rate in rates.items()),
+        *((name, f"{ratio:.2f} ×") for name, ratio in ratios.items()),
+        *((name, f"{seconds:.2f} s") for name, seconds in start.items()),
+    ]
+    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)]) + "\n"
+
+
+def _thousands(rate: float) -> str:
+    return f"{rate / 1e6:.3g} M steps/s" if rate >= 1e6 else f"{rate / 1e3:.3g} k steps/s"
+
+
 def main(out: Path | None, *, training: bool) -> None:
-    """Measure, print, and write the figures to `out`."""
+    """Measure, print, and write the figures to `out`, and as a table beside it."""
     rates = measure_environments()
     ratios = _ratios(rates)
     if training:
@@ -193,3 +207,4 @@ def main(out: Path | None, *, training: bool) -> None:
         out.parent.mkdir(parents=True, exist_ok=True)
         data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "seconds": start}
         out.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        out.with_suffix(".md").write_text(markdown(rates, ratios, start), encoding="utf-8")

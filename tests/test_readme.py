@@ -29,8 +29,11 @@ def test_the_commands_in_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_the_results_table_is_the_one_that_make_evidence_wrote() -> None:
-    table = (ROOT / "docs/demo/comparison.md").read_text(encoding="utf-8")
-    assert table.strip() in README
+    assert (ROOT / "docs/demo/comparison.md").read_text(encoding="utf-8").strip() in README
+
+
+def test_the_speed_table_is_the_one_that_make_bench_wrote() -> None:
+    assert (ROOT / "docs/bench.md").read_text(encoding="utf-8").strip() in README
 
 
 def test_the_data_say_how_they_were_made() -> None:

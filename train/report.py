@@ -11,6 +11,7 @@ from train.statistics import Interval
 
 # Okabe and Ito's colours, distinguishable by the colour-blind.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_SMALLEST = 0.02  # mm, lower end of the plot
 
 
 def _cell(interval: Interval) -> str:
@@ -87,11 +88,12 @@ def plot(comparison: Comparison, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    count = len(comparison.scenarios)
-    figure = Figure(figsize=(1.0 + 4.2 * count, 3.8), layout="constrained")
+    columns = min(len(comparison.scenarios), 2)
+    rows = -(-len(comparison.scenarios) // columns)
+    figure = Figure(figsize=(0.6 + 4.6 * columns, 0.6 + 2.7 * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    axes: Any = figure.subplots(1, count, sharey=True, squeeze=False)[0]
-    for axis, scenario in zip(axes, comparison.scenarios, strict=True):
+    axes: Any = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axis, scenario in zip(axes, comparison.scenarios, strict=False):
         for i, policy in enumerate(comparison.policies):
             error = comparison.flights[scenario, policy].error * 1000.0
             error = error.reshape(-1, error.shape[-1])
@@ -101,9 +103,12 @@ def plot(comparison: Comparison, path: Path) -> None:
             colour = _COLOURS[i % len(_COLOURS)]
             axis.plot(time, middle, color=colour, linewidth=1.5, label=policy)
             axis.fill_between(time, low, high, color=colour, alpha=0.2, linewidth=0)
-        axis.set(title=scenario, xlabel="time (s)", yscale="log")
+        axis.set(title=scenario, yscale="log", ylim=(_SMALLEST, None))
         axis.grid(alpha=0.3)
-    axes[0].set_ylabel("tracking error (mm)")
+    for axis in axes[len(comparison.scenarios) :]:
+        axis.set_axis_off()
+    figure.supxlabel("time (s)", fontsize=10)
+    figure.supylabel("tracking error (mm)", fontsize=10)
     axes[0].legend(frameon=False)
     figure.suptitle(f"Median and 80 % band of the episodes still flying, of {comparison.episodes}", fontsize=10)
     figure.savefig(path, dpi=150)
