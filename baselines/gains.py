@@ -1,9 +1,9 @@
 """Gains of the controllers, as data.
 
-The bandwidths and dampings are those of the paper's Section 5, untuned. This project's own choices, where the paper says
-nothing: the sign terms are saturations (`ObserverGains`), with ρ above the largest |ϑ̈| that the winds here cause, so that
-in flight the observers are linear nearly always; the sampling at 100 Hz (`observers`), with the known inputs' mean over a
-period; the torque limits (`quadpend_gym.params.Actuators`).
+The bandwidths and dampings are those of the paper's Section 5, untuned. This project's own choices, where the paper
+says nothing: the sign terms are saturations (`ObserverGains`), with ρ above the largest |ϑ̈| that the winds here cause,
+so that in flight the observers are linear nearly always; the sampling at 100 Hz (`observers`), with the known inputs'
+mean over a period; the torque limits (`quadpend_gym.params.Actuators`).
 """
 
 from dataclasses import dataclass, field, replace
