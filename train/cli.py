@@ -1,4 +1,4 @@
-"""The command `quadpend`: `train`, `evaluate`, `bench`; `python -m train` is the same.
+"""The command `quadpend`: `train`, `evaluate`, `paper`, `bench`; `python -m train` is the same.
 
 Each command is a function whose parameters are its options. Heavy imports wait until a command needs them.
 """
@@ -84,6 +84,24 @@ def _named(policy: str) -> tuple[str, str]:
     return (name, rest) if sign and "/" not in name else (policy, policy)
 
 
+def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
+    """Repeat the paper's experiment and draw its Figures 4 to 10.
+
+    Args:
+        gains: Gains of the controller: paper, or matched.
+        out: Folder for the figures (PNG, SVG) and merit.json.
+    """
+    import json
+
+    from baselines.paper import experiment, figures, merit
+
+    flown = experiment.run(gains)
+    figures.draw(flown, out)
+    numbers = json.dumps(merit.figures_of_merit(flown), indent=1, allow_nan=False)
+    (out / "merit.json").write_text(numbers + "\n", encoding="utf-8")
+    print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
+
+
 def bench(out: Path | None = None, training: bool = True) -> None:
     """Measure speed beside other environments in the same run.
 
@@ -117,7 +135,7 @@ def _run(arguments: list[str]) -> None:
     chosen = read_settings(first.parse_known_args(arguments)[0].settings)
 
     tyro.extras.subcommand_cli_from_dict(
-        {"train": partial(train, run=chosen), "evaluate": evaluate, "bench": bench},
+        {"train": partial(train, run=chosen), "evaluate": evaluate, "paper": paper, "bench": bench},
         prog="quadpend",
         description="A spherical inverted pendulum on a quadrotor: train policies and compare them.",
         args=arguments,

@@ -1,0 +1,68 @@
+"""The paper's experiment shows what the paper's text says: every error converges, and the gusts are seen."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baselines import ADRC
+from baselines.paper import experiment
+from baselines.paper.continuous import ContinuousLoop
+from baselines.paper.experiment import GUSTS, REFERENCE, Experiment, fly_sampled, gusts, start_state
+from baselines.paper.figures import FIGURES
+from baselines.paper.flight import Flight
+from baselines.paper.merit import CHANNELS, figures_of_merit
+from quadpend_gym import State
+from train.cli import main
+
+
+@pytest.fixture(scope="module")
+def at_100_hz() -> Flight:
+    return fly_sampled("paper", 0.01)
+
+
+def test_all_errors_converge_in_calm_air_and_the_pendulum_stands(at_100_hz: Flight) -> None:
+    calm = (at_100_hz.time > 6.0) & (at_100_hz.time < GUSTS.onset)
+    assert np.all(np.abs(at_100_hz.error[calm]).max(axis=0) < [1e-4, 1e-4, 1e-6, 1e-6])
+    assert State(at_100_hz.state).alpha[calm].max() < 0.03  # what the circle's centripetal acceleration asks for
+
+
+def test_beta_does_not_converge(at_100_hz: Flight) -> None:
+    calm = (at_100_hz.time > 6.0) & (at_100_hz.time < GUSTS.onset)
+    assert np.ptp(State(at_100_hz.state).beta[calm]) > 1.0
+
+
+def test_estimates_follow_the_injected_gusts_in_all_four_channels(at_100_hz: Flight) -> None:
+    merit = figures_of_merit(Experiment(at_100_hz, at_100_hz, at_100_hz))["100 Hz"]
+    assert all(merit["estimates"][channel]["correlation"] >= 0.99 for channel in CHANNELS)
+    assert merit["convergence_time"]["0.01"]["F_x"] < 2.0
+    assert merit["convergence_time"]["0.0001"]["z"] < 2.0
+
+
+def test_gusts_are_those_that_the_environment_draws(at_100_hz: Flight) -> None:
+    held = gusts(at_100_hz.time + 0.005)
+    np.testing.assert_allclose(at_100_hz.disturbance, held, atol=1e-12)
+    assert not held[at_100_hz.time < GUSTS.onset - 0.01].any()
+
+
+def test_sampled_control_approaches_continuous_time() -> None:
+    duration, step = 1.2, 4e-4
+    times = 0.5 * step * np.arange(2 * round(duration / step) + 1)
+    continuous = ContinuousLoop(ADRC("paper")).fly(start_state(), REFERENCE, gusts(times), step, 25)
+    differences = []
+    for period in (1e-2, 1e-3):
+        sampled = fly_sampled("paper", period, duration)
+        differences.append(np.abs(sampled.error - continuous.error)[:, :3].max())
+    assert differences[0] < 0.02
+    assert differences[1] < differences[0] / 4
+
+
+def test_the_paper_command_writes_every_figure_and_the_numbers(
+    at_100_hz: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown = Experiment(at_100_hz, at_100_hz, at_100_hz)
+    monkeypatch.setattr(experiment, "run", lambda gains: flown)
+    main(["paper", "--out", str(tmp_path)])
+    names = {path.name for path in tmp_path.iterdir()}
+    figures = [*FIGURES, "figure_10"]
+    assert names == {"merit.json", *(f"{name}.png" for name in figures), *(f"{name}.svg" for name in figures)}
