@@ -1,7 +1,5 @@
 """Names for the array types that cross the package's borders."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,4 +7,3 @@ Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
-Rows = Any  # an index of rows: integer array, boolean mask or slice

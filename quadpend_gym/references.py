@@ -31,7 +31,6 @@ CHANNELS = 4
 REFERENCE_SIZE = 5 * CHANNELS
 LARGEST = 1000.0  # of any number of a reference, in SI units
 ORDERS = 7  # derivatives of order 0 to 6
-FAMILIES = ("hover", "circle", "figure_eight", "helix")
 
 
 class Derivatives(NamedTuple):

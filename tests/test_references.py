@@ -12,9 +12,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_gym import PAPER, Reference, ReferenceSettings, StartSettings, Task
 from quadpend_gym.arrays import Floats
 from quadpend_gym.dynamics import accelerations
-from quadpend_gym.references import FAMILIES
 from quadpend_gym.tasks import TASKS
 from tests.env_helpers import make_bare, make_rows
+
+FAMILIES = ("hover", "circle", "figure_eight", "helix")  # fields of `ReferenceSettings`, each a frequency
 
 GENERAL = Reference(
     offset=(0.1, -0.2, 2.5, 0.3),

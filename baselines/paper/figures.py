@@ -166,6 +166,7 @@ def _flight_picture(flight: Flight) -> Any:
     scene.scatter(*view.position[shown].T, color="#0072B2", marker="s", s=12)
     scene.scatter(*bob[shown].T, color="#D55E00", s=16)
     scene.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title="(a)")
+    scene.set_box_aspect(None, zoom=0.85)
     scene.legend(frameon=False, fontsize=8)
     for place, (i, j), label in ((2, (0, 1), "(b)"), (3, (0, 2), "(c)"), (4, (1, 2), "(d)")):
         axis = figure.add_subplot(2, 2, place)
