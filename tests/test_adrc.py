@@ -7,10 +7,11 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
-from baselines import ADRC, ADRC_GAINS
+from baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains
 from baselines.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from baselines.policy import to_action
 from quadpend_gym import (
+    OBSERVATION_FIELDS,
     PAPER,
     Constant,
     OrnsteinUhlenbeck,
@@ -19,6 +20,7 @@ from quadpend_gym import (
     Reference,
     Simulation,
 )
+from quadpend_gym.observation import OBSERVATION_SCALE
 from train.sb3_vec_env import SB3VecEnv
 
 EPISODES = 30
@@ -149,3 +151,23 @@ def test_heading_does_not_matter() -> None:
     )
     turned = Reference(offset=(0, 0, 2, np.pi / 2), amplitude=(1, 0, 0, 0), frequency=0.6)
     assert settled_rmse(ADRC("matched"), None, turned)[0] == pytest.approx(ahead, rel=0.05)
+
+
+@pytest.mark.parametrize(("bandwidth", "survivors"), [(500.0, 0.0), (15.0, 1.0)])
+def test_noise_ends_the_flight_of_fast_observers_and_not_of_slow_ones(bandwidth: float, survivors: float) -> None:
+    """White noise of 1 mm and 1 mrad on what is measured: ω_n = 500 rad/s falls, ω_n = 15 rad/s does not."""
+    slow = ObserverGains(bandwidth)
+    policy = ADRC(AdrcGains(luenberger=slow, horizontal=slow, vertical=slow))
+    env = QuadPendulumVectorEnv(EPISODES, task="hover", autoreset_mode=AutoresetMode.SAME_STEP)
+    random = np.random.default_rng(0)
+    observation, _ = env.reset(seed=7)
+    flying, started, memory = np.ones(EPISODES, np.bool_), None, None
+    for _ in range(1000):
+        for name in ("tracking_error", "direction", "attitude"):
+            part = OBSERVATION_FIELDS[name]
+            observation[:, part] += 1e-3 * random.normal(size=(EPISODES, 3)) / OBSERVATION_SCALE[part]
+        action, memory = policy.predict(observation, memory, started)
+        observation, _, terminated, truncated, _ = env.step(action)
+        flying &= ~terminated
+        started = terminated | truncated
+    assert flying.mean() == survivors
