@@ -130,7 +130,7 @@ class ADRC:
         # k₀ … k₅ and k₀, k₁: the coefficients of (s² + 2ζωs + ω²)³ and of s² + 2ζωs + ω², lowest power first
         slow = [1.0, 2.0 * gains.damping * gains.horizontal_bandwidth, gains.horizontal_bandwidth**2]
         fast = [1.0, 2.0 * gains.damping * gains.vertical_bandwidth, gains.vertical_bandwidth**2]
-        self._horizontal_gains = np.polymul(np.polymul(slow, slow), slow)[:0:-1]
+        self.horizontal_gains = np.polymul(np.polymul(slow, slow), slow)[:0:-1]
         self._vertical_gains = np.array(fast)[:0:-1]
 
     def predict(
@@ -169,7 +169,7 @@ class ADRC:
         """g K, m/s⁴."""
         return self.simulation.parameters.gravity * self.simulation.parameters.chain_stiffness
 
-    def _fourth_derivative(self, measured: Measurement) -> Floats:
+    def fourth_derivative(self, measured: Measurement) -> Floats:
         """F₅ of equation (1), shape (n, 2)."""
         return self._stiffness * (measured.direction[:, :2] - measured.tilt)
 
@@ -181,7 +181,7 @@ class ADRC:
 
     def outputs(self, measured: Measurement) -> Floats:
         """What each observer measures, shape (n, 6)."""
-        fourth = self._fourth_derivative(measured) - measured.reference[4][:, :2]
+        fourth = self.fourth_derivative(measured) - measured.reference[4][:, :2]
         return np.column_stack([measured.error[:, :2], fourth, measured.error[:, 2], measured.yaw_error])
 
     def first_estimate(self, measured: Measurement, outputs: Floats) -> Floats:
@@ -200,9 +200,9 @@ class ADRC:
         errors = [estimate[:, _LUENBERGER, order] for order in range(4)]
         share = self.gains.mismatch / p.chain_stiffness
         errors += [estimate[:, _HORIZONTAL, i] + share * estimate[:, _HORIZONTAL, i + 2] for i in range(2)]
-        feedback = sum(k * error for k, error in zip(self._horizontal_gains, errors, strict=True))
+        feedback = sum(k * error for k, error in zip(self.horizontal_gains, errors, strict=True))
         v = measured.reference[6][:, :2] - feedback - disturbance
-        torque = (p.chain_stiffness * self._fourth_derivative(measured) - v) / self._stiffness
+        torque = (p.chain_stiffness * self.fourth_derivative(measured) - v) / self._stiffness
         pitch, roll = (_turn(torque, -measured.yaw) * [1.0, -1.0]).T
         k0, k1 = self._vertical_gains
         height, yaw = estimate[:, _HEIGHT], estimate[:, _YAW]
@@ -220,7 +220,7 @@ class ADRC:
     def known_input(self, measured: Measurement, estimate: Floats, command: Floats) -> Floats:
         """What drives each chain at this instant, given the command that acts, shape (n, 6)."""
         p = self.simulation.parameters
-        fourth = self._fourth_derivative(measured)
+        fourth = self.fourth_derivative(measured)
         mismatch = self.gains.mismatch / p.chain_stiffness * estimate[:, _HORIZONTAL, 2]
         body = np.stack([command[:, 2] / p.inertia_pitch, -command[:, 1] / p.inertia_roll], axis=-1)
         horizontal = p.chain_stiffness * fourth - self._stiffness * _turn(body, measured.yaw)

@@ -8,7 +8,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
 from baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains
-from baselines.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
+from baselines.paper.ablations import predicted_offset
 from baselines.policy import to_action
 from quadpend_gym import (
     OBSERVATION_FIELDS,
@@ -49,27 +49,12 @@ def test_circles_are_tracked_in_calm_air(gains: str, radius: float) -> None:
     assert vertical < 1e-6
 
 
-def predicted_offset(force: float) -> float:
-    """The paper's law's steady error (m) under a constant horizontal force (N), from linear theory.
-
-    The law overlooks w = −g d/(M l) in F⁽⁴⁾ = F₅ + w, both in its feedback, k₄ w, and as the input of the Luenberger
-    stage, whose error x̃ settles at x̃ = (I − L C)(Φ x̃ + Γ w): the offset is (k₄ w + k₀ x̃₁ + … + k₃ x̃₄) / k₀.
-    """
-    p, gains, period = PAPER, ADRC_GAINS["paper"], 0.01
-    w = -p.gravity * force / (p.quadrotor_mass * p.rod_length)
-    correct = np.eye(4) - np.outer(current_gain(gains.luenberger, period), [1, 0, 0, 0])
-    bias = np.linalg.solve(np.eye(4) - correct @ chain(period), correct @ input_gain(LUENBERGER_INPUT, period) * w)
-    quadratic = [1.0, 2 * gains.damping * gains.horizontal_bandwidth, gains.horizontal_bandwidth**2]
-    k = np.polymul(np.polymul(quadratic, quadratic), quadratic)[::-1]
-    return float((k[4] * w + k[:4] @ bias) / k[0])
-
-
 def test_papers_law_keeps_the_predicted_offset_in_wind_and_the_fix_removes_it() -> None:
     force = 0.1
     wind = Constant((force, 0.0, 0.0))
     paper, _ = settled_rmse(ADRC("paper"), wind, Reference.hover())
     fixed, _ = settled_rmse(ADRC("matched"), wind, Reference.hover())
-    assert paper == pytest.approx(abs(predicted_offset(force)), rel=0.01)
+    assert paper == pytest.approx(force * predicted_offset(ADRC_GAINS["paper"], Simulation()), rel=0.01)
     assert 0.35 < paper / force < 0.4
     assert fixed < 1e-5
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baselines import ADRC
-from baselines.paper import experiment
+from baselines.paper import ablations, experiment
 from baselines.paper.continuous import ContinuousLoop
 from baselines.paper.experiment import GUSTS, REFERENCE, Experiment, fly_sampled, gusts, start_state
 from baselines.paper.figures import FIGURES
@@ -66,3 +66,23 @@ def test_the_paper_command_writes_every_figure_and_the_numbers(
     names = {path.name for path in tmp_path.iterdir()}
     figures = [*FIGURES, "figure_10"]
     assert names == {"merit.json", *(f"{name}.png" for name in figures), *(f"{name}.svg" for name in figures)}
+
+
+def test_the_ablations_say_when_the_law_fails_and_what_cures_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As printed it falls, corrected it keeps the predicted offset, matched none; noise needs slow observers."""
+    chosen = [case for case in ablations.cases() if case.group == "law" or "noise 1 mm" in case.name]
+    chosen += [case for case in ablations.cases() if case.group in {"authority", "wind", "frequency"}][::7]
+    flown = {case.name: ablations.fly(case) for case in chosen}
+    assert flown["as printed"].seconds < 1.0
+    corrected = flown["corrected"]
+    assert corrected.survival == 1.0
+    assert corrected.offset_per_newton == pytest.approx(corrected.predicted_offset, rel=0.01)
+    assert flown["matched"].offset_per_newton < 1e-4
+    assert flown["ω_n = 500 rad/s, noise 1 mm and mrad"].survival == 0.0
+    assert flown["ω_n = 15 rad/s, noise 1 mm and mrad"].survival == 1.0
+    monkeypatch.setattr(ablations, "run", lambda: [(case, flown[case.name]) for case in chosen])
+    main(["paper", "--ablations", "--out", str(tmp_path)])
+    assert "| law | as printed | 0 |" in (tmp_path / "ablations.md").read_text()
+    assert (tmp_path / "ablations.png").stat().st_size > 10_000

@@ -84,15 +84,20 @@ def _named(policy: str) -> tuple[str, str]:
     return (name, rest) if sign and "/" not in name else (policy, policy)
 
 
-def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
+def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bool = False) -> None:
     """Repeat the paper's experiment and draw its Figures 4 to 10.
 
     Args:
         gains: Gains of the controller: paper, or matched.
         out: Folder for the figures (PNG, SVG) and merit.json.
+        ablations: Instead, tabulate when the controller fails and what cures it: ablations.md and ablations.png.
     """
     import json
 
+    out.mkdir(parents=True, exist_ok=True)
+    if ablations:
+        _ablate(out)
+        return
     from baselines.paper import experiment, figures, merit
 
     flown = experiment.run(gains)
@@ -100,6 +105,15 @@ def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
     numbers = json.dumps(merit.figures_of_merit(flown), indent=1, allow_nan=False)
     (out / "merit.json").write_text(numbers + "\n", encoding="utf-8")
     print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
+
+
+def _ablate(out: Path) -> None:
+    from baselines.paper import ablation_plots, ablations
+
+    results = ablations.run()
+    (out / "ablations.md").write_text(ablations.markdown(results), encoding="utf-8")
+    ablation_plots.draw(results, out / "ablations.png")
+    print(ablations.markdown(results) + f"Written: {out}/ablations.md, ablations.png")
 
 
 def bench(out: Path | None = None, training: bool = True) -> None:
