@@ -1,7 +1,7 @@
 """When the paper's controller fails, and what cures it: one table.
 
-Every case hovers in the environment at 100 Hz, 50 episodes of 10 s, and changes one or two things against the paper's
-law with its misprints corrected: the law, the observers, bandwidth and noise, authority, wind.
+Every case hovers in the environment at 100 Hz, 50 episodes of 10 s, under the paper's law with its misprints corrected
+or, where the row says so, the matched one, and varies the law, the observers, bandwidth and noise, authority, wind.
 """
 
 from collections.abc import Iterator
@@ -96,9 +96,10 @@ def cases() -> Iterator[Case]:
         ("DESO, saturation, ρ = 5e6", 5e6, None),
         ("DESO, sign, ρ = 1e3", 1e3, 0.0),
         ("DESO, sign, ρ = 1e5", 1e5, 0.0),
+        ("DESO, sign, ρ = 5e6", 5e6, 0.0),
     ):
-        gains = replace(_PAPER, horizontal=ObserverGains(switching=switching, layer=layer))
-        yield Case("observer", name, gains, wind=OrnsteinUhlenbeck(0.3))
+        gains = replace(_MATCHED, horizontal=ObserverGains(switching=switching, layer=layer))
+        yield Case("observer", f"matched, {name}", gains, wind=OrnsteinUhlenbeck(0.3))
     for noise in (0.0, 1e-4, 1e-3):
         for bandwidth in (500.0, 100.0, 50.0, 30.0, 15.0, 10.0):
             gains = _observers(_PAPER, ObserverGains(bandwidth))
@@ -108,9 +109,12 @@ def cases() -> Iterator[Case]:
         for torque in (2.0, 5.0, 10.0):
             for offset in (0.1, 0.2, 0.4, 0.8):
                 gains = replace(_MATCHED, horizontal_bandwidth=bandwidth)
-                name = f"ω_nc = {bandwidth:g} rad/s, {torque:g} N·m, start {offset:g} m off"
+                name = f"matched, ω_nc = {bandwidth:g} rad/s, {torque:g} N·m, start {offset:g} m off"
                 place = {"x": offset, "line": torque, "dash": bandwidth}
                 yield Case("authority", name, gains, torque=torque, offset=offset, place=place)
+    strong = OrnsteinUhlenbeck(0.6)
+    yield Case("cure", "matched, σ = 0.6 N, 10 N·m", _MATCHED, wind=strong, torque=10.0)
+    yield Case("cure", "matched, σ = 0.6 N, ω_nc = 5 rad/s", replace(_MATCHED, horizontal_bandwidth=5.0), wind=strong)
     for label, gains in (("corrected", _PAPER), ("matched", _MATCHED)):
         for force in (0.15, 0.3, 0.6, 1.0):
             place = {"x": force, "line": gains.mismatch}

@@ -56,6 +56,9 @@ class ContinuousLoop:
         observers = [gains.luenberger] * 2 + [gains.horizontal] * 2 + [gains.vertical] * 2
         self._gains = np.array([characteristic_polynomial(item)[1:] for item in observers])
         self._limits = np.array([item.switching for item in observers])
+        for gain, item in zip(self._gains, observers, strict=True):
+            if item.layer is not None:  # λ₀ becomes ρ/δ; the sign function is the limit of a thin layer
+                gain[3] = item.switching / max(item.layer, 1e-300)
 
     def fly(self, start: Floats, reference: Reference, disturbance: Floats, step: float, every: int) -> Flight:
         """Integrate and record.

@@ -83,18 +83,17 @@ def fly_sampled(gains: str, period: float, duration: float = DURATION) -> Flight
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / 0.01)))
     policy = ADRC(gains, simulation)
     env = QuadPendulumEnv(simulation=simulation, wind=GUSTS)
-    observation, info = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
+    observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
     every = round(RECORDED / period)
-    memory, records, disturbance = None, [], info["disturbance"]
+    memory, records = None, []
     for i in range(round(duration / period) + 1):
         state = env.state.array.copy()
         action, memory = policy.predict(observation, memory)
         estimate = policy.estimated_disturbance(memory)[0]
-        observation, _, terminated, _, info = env.step(action)
-        disturbance = info["disturbance"]
+        observation, _, terminated, _, _ = env.step(action)
         if i % every == 0:
-            records.append((i * period, state, memory.command[0], disturbance, estimate))
+            records.append((i * period, state, memory.command[0], estimate))
         if terminated:
             break
-    times, states, commands, disturbances, estimates = (np.array(part) for part in zip(*records, strict=True))
-    return Flight(times, states, REFERENCE.derivatives(times), commands, disturbances, estimates)
+    times, states, commands, estimates = (np.array(part) for part in zip(*records, strict=True))
+    return Flight(times, states, REFERENCE.derivatives(times), commands, gusts(times), estimates)

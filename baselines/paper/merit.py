@@ -12,6 +12,7 @@ from quadpend_gym.arrays import Floats
 CHANNELS = ("F_x", "F_y", "z", "psi")  # m, m, m, rad
 _DISTURBED = (0, 1, 2, 8)  # columns of the disturbance in which the gusts blow: N, N, N, N·m
 _TOLERANCES = (1e-2, 1e-3, 1e-4)  # ε of (8)–(11), m and rad
+_LARGEST_LAG = 20  # records
 _CONVERGED = 6.0  # s, after which the start no longer matters
 
 
@@ -56,10 +57,18 @@ def _settles(flight: Flight, channel: int, tolerance: float) -> float:
 
 def _estimate(true: Floats, seen: Floats) -> dict[str, float]:
     """Root mean square error, correlation, and the lag (s) at which the correlation is largest."""
-    lags = np.arange(50)
-    correlations = [np.corrcoef(true[: true.size - lag], seen[lag:])[0, 1] for lag in lags]
+    size = true.size - 2 * _LARGEST_LAG
+    middle = true[_LARGEST_LAG : _LARGEST_LAG + size]
+    correlations = np.array([np.corrcoef(middle, seen[lag : lag + size])[0, 1] for lag in range(2 * _LARGEST_LAG + 1)])
     return {
         "rmse": float(np.sqrt(np.mean((true - seen) ** 2))),
-        "correlation": float(correlations[0]),
-        "lag": float(RECORDED * lags[int(np.argmax(correlations))]),
+        "correlation": float(np.corrcoef(true, seen)[0, 1]),
+        "lag": RECORDED * _peak(correlations),
     }
+
+
+def _peak(correlations: Floats) -> float:
+    """Where the correlations, at lags from −`_LARGEST_LAG` on, are largest, by a parabola through the top three."""
+    top = int(np.clip(np.argmax(correlations), 1, correlations.size - 2))
+    before, at, after = correlations[top - 1 : top + 2]
+    return float(top - _LARGEST_LAG + 0.5 * (before - after) / (before - 2.0 * at + after))
