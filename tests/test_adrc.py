@@ -8,10 +8,9 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
 from baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains
-from baselines.paper.ablations import predicted_offset
+from baselines.paper.ablations import Case, fly, predicted_offset
 from baselines.policy import to_action
 from quadpend_gym import (
-    OBSERVATION_FIELDS,
     PAPER,
     Constant,
     OrnsteinUhlenbeck,
@@ -20,7 +19,6 @@ from quadpend_gym import (
     Reference,
     Simulation,
 )
-from quadpend_gym.observation import OBSERVATION_SCALE
 from train.sb3_vec_env import SB3VecEnv
 
 EPISODES = 30
@@ -141,18 +139,6 @@ def test_heading_does_not_matter() -> None:
 @pytest.mark.parametrize(("bandwidth", "survivors"), [(500.0, 0.0), (15.0, 1.0)])
 def test_noise_ends_the_flight_of_fast_observers_and_not_of_slow_ones(bandwidth: float, survivors: float) -> None:
     """White noise of 1 mm and 1 mrad on what is measured: ω_n = 500 rad/s falls, ω_n = 15 rad/s does not."""
-    slow = ObserverGains(bandwidth)
-    policy = ADRC(AdrcGains(luenberger=slow, horizontal=slow, vertical=slow))
-    env = QuadPendulumVectorEnv(EPISODES, task="hover", autoreset_mode=AutoresetMode.SAME_STEP)
-    random = np.random.default_rng(0)
-    observation, _ = env.reset(seed=7)
-    flying, started, memory = np.ones(EPISODES, np.bool_), None, None
-    for _ in range(1000):
-        for name in ("tracking_error", "direction", "attitude"):
-            part = OBSERVATION_FIELDS[name]
-            observation[:, part] += 1e-3 * random.normal(size=(EPISODES, 3)) / OBSERVATION_SCALE[part]
-        action, memory = policy.predict(observation, memory, started)
-        observation, _, terminated, truncated, _ = env.step(action)
-        flying &= ~terminated
-        started = terminated | truncated
-    assert flying.mean() == survivors
+    observer = ObserverGains(bandwidth)
+    gains = AdrcGains(luenberger=observer, horizontal=observer, vertical=observer)
+    assert fly(Case("noise", "1 mm and 1 mrad", gains, noise=1e-3)).survival == survivors
