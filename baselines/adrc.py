@@ -26,7 +26,6 @@ from baselines.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
 from baselines.policy import started_rows, to_action
 from quadpend_gym import Simulation, read_observation
 from quadpend_gym.arrays import Floats, Floats32
-from quadpend_gym.observation import OBSERVATION_SIZE
 
 # The observers in the bank: Luenberger stages of x and y, DESOs of x and y, height, yaw.
 _LUENBERGER, _HORIZONTAL, _HEIGHT, _YAW = slice(0, 2), slice(2, 4), 4, 5
@@ -138,7 +137,7 @@ class ADRC:
     ) -> tuple[Floats32, AdrcMemory]:
         """Action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
-        measured = _measure_observation(np.reshape(np.asarray(observation, np.float32), (-1, OBSERVATION_SIZE)))
+        measured = _measure_observation(np.atleast_2d(np.asarray(observation, np.float32)))
         outputs = self.outputs(measured)
         estimate = self.first_estimate(measured, outputs)
         started = started_rows(episode_start, state is None, measured.yaw.size)

@@ -11,7 +11,16 @@ from quadpend_gym.references import Reference
 from quadpend_gym.state import State
 from quadpend_gym.tasks import Limits, ReferenceSettings, RewardWeights, StartSettings, Task
 from quadpend_gym.vector_env import QuadPendulumVectorEnv
-from quadpend_gym.wind import Constant, OrnsteinUhlenbeck, PaperGusts, Sinusoid
+from quadpend_gym.wind import (
+    Constant,
+    Drawn,
+    Dryden,
+    Gusts,
+    OrnsteinUhlenbeck,
+    PaperGusts,
+    Sinusoid,
+    VonKarman,
+)
 
 __version__ = "0.1.0"
 __all__ = [
@@ -19,6 +28,9 @@ __all__ = [
     "PAPER",
     "Actuators",
     "Constant",
+    "Drawn",
+    "Dryden",
+    "Gusts",
     "Limits",
     "OrnsteinUhlenbeck",
     "PaperGusts",
@@ -33,6 +45,7 @@ __all__ = [
     "StartSettings",
     "State",
     "Task",
+    "VonKarman",
     "read_observation",
 ]
 

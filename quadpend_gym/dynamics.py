@@ -31,13 +31,13 @@ import numpy as np
 from quadpend_gym.arrays import Floats
 from quadpend_gym.elementary import sincos
 from quadpend_gym.jit import compiled, inlined
-from quadpend_gym.params import Parameters
+from quadpend_gym.params import PHYSICS_SIZE, Parameters
 from quadpend_gym.state import DIRECTION, DIRECTION_RATE, EULER, State
 from quadpend_gym.vectors import Vec3, axpy, dot, load, scale
 
 
 class Physics(NamedTuple):
-    """The parameters of one sub-environment inside a kernel; `params.Parameters` has their units."""
+    """The parameters that the equations have, inside a kernel; `params.Parameters` has their units."""
 
     quadrotor_mass: float
     bob_mass: float
@@ -50,7 +50,7 @@ class Physics(NamedTuple):
 
 @inlined
 def load_physics(lanes: Any, lane: int) -> Physics:
-    """The parameters in column `lane` of a (7, n) buffer."""
+    """The parameters in column `lane` of a (9, n) buffer."""
     return Physics(
         lanes[0, lane], lanes[1, lane], lanes[2, lane], lanes[3, lane], lanes[4, lane], lanes[5, lane], lanes[6, lane]
     )
@@ -148,7 +148,7 @@ def accelerations(state: Floats, command: Floats, disturbance: Floats, parameter
         return np.ascontiguousarray(full.reshape(-1, array.shape[-1]).T, dtype=np.float64)
 
     out = np.empty((9, int(np.prod(shape))))
-    physics = np.broadcast_to(parameters.as_array(), (*shape, 7))
+    physics = np.broadcast_to(parameters.as_array(), (*shape, PHYSICS_SIZE))
     _accelerations(columns(state), columns(command), columns(disturbance), columns(physics), out)
     rows = np.ascontiguousarray(out.T).reshape(*shape, 9)
     return Accelerations(rows[..., 0:3], rows[..., 3:6], rows[..., 6:9])

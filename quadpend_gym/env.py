@@ -13,7 +13,7 @@ from quadpend_gym.params import Simulation
 from quadpend_gym.records import build, numbers
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
-from quadpend_gym.world import World, check_fixed, named_info
+from quadpend_gym.world import Acted, World, calm, check_fixed, named_info
 
 _ROW = np.zeros(1, np.int64)
 _FLOAT32 = np.dtype(np.float32)
@@ -104,7 +104,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     ## Arguments
     - `task`: `"track"` or `"hover"`, a `Task`, or a mapping of its fields.
     - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, actuators, control period, substeps.
-    - `wind`: a model of `quadpend_gym.wind`, a sum of them, or a mapping with its kind. Calm without.
+    - `wind`: a model of `quadpend_gym.wind`, a sum of them, a preset (``"windy"``), or a mapping with its kind. Calm
+      without. Sensors, actuators and uncertain parameters come as wrappers, see `quadpend_gym.wrappers`.
     - `render_mode`: None; there is no picture yet.
 
     ## Version History
@@ -157,7 +158,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             self._seeded = True
         self.world.begin(_ROW, fixed)
         observation, measured = self.world.look(_ROW)
-        return observation[0], named_info(measured[0].tolist(), measured[0, 4:7], np.zeros(9))
+        return observation[0], named_info(measured[0].tolist(), measured[0, 4:7], calm(self.world.parameters[0]))
 
     def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
         """Hold `action` for one control period.
@@ -171,8 +172,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             ValueError: it has the wrong shape, or is out of range or not finite.
         """
         action = check_action(action, (4,)).reshape(1, 4)
-        observation, measured, disturbance = self.world.step(action)
+        observation, measured, acted = self.world.step(action)
         row = measured[0]
         columns = row.tolist()
-        info = named_info(columns, row[4:7], disturbance[0])
+        info = named_info(columns, row[4:7], Acted(acted[0][0], acted[1][0], acted[2][0]))
         return observation[0], columns[kernel.REWARD], columns[kernel.TERMINATED] != 0.0, False, info

@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 from numba import njit
 
 _SOURCE_STAMP = tuple(
-    (file.name, file.stat().st_mtime_ns, file.stat().st_size) for file in sorted(Path(__file__).parent.glob("*.py"))
+    (file.name, file.stat().st_mtime_ns, file.stat().st_size) for file in sorted(Path(__file__).parent.rglob("*.py"))
 )
 Function = TypeVar("Function", bound=Callable[..., object])
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.arrays import Floats, Floats32, Integers
+from quadpend_gym.drag import add_drag
 from quadpend_gym.dynamics import (
     centre_acceleration,
     centre_offset,
@@ -32,20 +33,30 @@ from quadpend_gym.dynamics import (
 from quadpend_gym.elementary import arcsin
 from quadpend_gym.initial_states import StartRanges, draw_start
 from quadpend_gym.jit import compiled, inlined
-from quadpend_gym.observation import OBSERVATION_SIZE, Tracking, observe, track
+from quadpend_gym.observation import (
+    OBSERVATION_SIZE,
+    STATE_PART,
+    Target,
+    Tracking,
+    observe_reference,
+    observe_state,
+    track,
+)
+from quadpend_gym.params import PHYSICS_SIZE, ROD_LENGTH
 from quadpend_gym.references import REFERENCE_SIZE, ReferenceRanges, draw_reference, reference_point
 from quadpend_gym.reward import reward_terms
 from quadpend_gym.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, STATE_SIZE, VELOCITY
 from quadpend_gym.streams import REFERENCE_STREAM, START_STREAM, Keys, derive
 from quadpend_gym.vectors import Vec3, add, axpy, dot, load, norm, scale, store
 
-ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PHYSICS_SIZE = 4, 4, 9, 7
+ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE = 4, 4, 9
 # A row's memory: state, parameters and reference, from edge to edge.
 MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE)))
-ROD_LENGTH = 2  # column of the parameters
 # Columns of what is measured after a step: the four reward terms, then these.
 TRACKING_ERROR, TILT, REWARD, TERMINATED = 4, 7, 8, 9
 MEASURED_SIZE = 10
+_TARGET_SIZE = 7  # position, velocity and yaw of a reference
+SENSED_SIZE = STATE_SIZE + _TARGET_SIZE + 1
 
 _BLOCK = 64
 _AXIS = STATE_SIZE  # fields of the state lanes that hold the thrust axis
@@ -142,7 +153,7 @@ def advance(
         state: shape (n, 18), laid out as in `quadpend_gym.state`.
         command: thrust (N) and torques τφ, τθ, τψ (N·m), held over the period, shape (n, 4).
         disturbance: d_Q (N), d_B (N), d_τ (N·m), world frame, held over the period, shape (n, 9).
-        parameters: rows of `Parameters.as_array`, shape (n, 7).
+        parameters: rows of `Parameters.as_array`, shape (n, 9).
         period: s.
         substeps: number of Runge–Kutta steps the period is divided into.
     """
@@ -211,46 +222,76 @@ def _measure(
 
 
 @compiled
+def first_bad_action(action: Floats32) -> int:
+    """The first row of actions, shape (n, 4), that is out of range or not finite; −1 if none is."""
+    for row in range(action.shape[0]):
+        for component in range(ACTION_SIZE):
+            if not (abs(action[row, component]) <= 1.0):
+                return row
+    return -1
+
+
+@inlined
+def _first_bad_wind(wind: Any) -> int:
+    """The first column of a wind, shape (12, n), that is not finite; −1 if all are."""
+    bad = 0
+    for component in range(wind.shape[0]):
+        for row in range(wind.shape[1]):
+            bad |= not np.isfinite(wind[component, row])
+    if bad:
+        for row in range(wind.shape[1]):
+            for component in range(wind.shape[0]):
+                if not np.isfinite(wind[component, row]):
+                    return row
+    return -1
+
+
+@compiled
 def step(
     memory: Floats,
     clock: Integers,
-    disturbance: Floats,
+    wind: Floats,
     action: Floats32,
     settings: Floats,
     observation: Floats32,
     measured: Floats,
+    disturbance: Floats,
+    sensed: Floats,
 ) -> int:
     """One control period of n sub-environments, or with 0 substeps a look at them where they stand.
 
     A state that diverges is not kept: the row stays where it was and terminates.
 
     Args:
-        memory: each row's state, parameters and reference side by side, shape (n, 45); see `MEMORY_EDGES`. The state
+        memory: each row's state, parameters and reference side by side, shape (n, 47); see `MEMORY_EDGES`. The state
             is changed in place.
         clock: control steps since each episode began, shape (n,), changed in place.
-        disturbance: shape (n, 9), as in `advance`.
+        wind: as `quadpend_gym.wind` has it, shape (12, n).
         action: shape (n, 4), each component in [−1, 1].
-        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), and the number of
-            Runge–Kutta steps in the period, or 0 to leave state and clock alone.
+        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), 1 if there is air
+            for drag to arise in or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock
+            alone.
         observation: written, shape (n, 36).
         measured: written, shape (n, 10), columns as above.
+        disturbance: written, what the wind does, drag included, laid out as in `advance`, shape (9, n).
+        sensed: what sensors get to see, written unless it has no columns, shape (26, n): the state, and position,
+            velocity and yaw of the reference and the rod's length, which a tracking error is made of.
 
     Returns:
         −1; or, with nothing done, the first row whose action is out of range or not finite, or −2 minus the first row
-        whose disturbance is not finite.
+        whose wind is not finite.
     """
-    for row in range(action.shape[0]):
-        for component in range(ACTION_SIZE):
-            if not (abs(action[row, component]) <= 1.0):
-                return row
-        for component in range(DISTURBANCE_SIZE):
-            if not np.isfinite(disturbance[row, component]):
-                return -2 - row
+    bad = first_bad_action(action)
+    if bad >= 0:
+        return bad
+    bad = _first_bad_wind(wind)
+    if bad >= 0:
+        return -2 - bad
     state = memory[:, MEMORY_EDGES[0] : MEMORY_EDGES[1]]
     parameters = memory[:, MEMORY_EDGES[1] : MEMORY_EDGES[2]]
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
     period, command_scale, limits, weights = settings[0], settings[1:5], settings[5:9], settings[9:13]
-    substeps = int(settings[13])
+    air, substeps = settings[13] > 0.0, int(settings[14])
     buffer = np.empty((_EDGES[8], _BLOCK))
     state_lanes = buffer[_EDGES[0] : _EDGES[1]]
     action_lanes = buffer[_EDGES[1] : _EDGES[2]]
@@ -261,15 +302,21 @@ def step(
     measured_lanes = buffer[_EDGES[6] : _EDGES[7]]
     time = buffer[_EDGES[7]]
     observation_lanes = np.empty((OBSERVATION_SIZE, _BLOCK), np.float32)
+    target_lanes = np.empty((_TARGET_SIZE, _BLOCK))
     diverged = np.empty(_BLOCK, np.bool_)
     for first in range(0, state.shape[0], _BLOCK):
         lanes = min(_BLOCK, state.shape[0] - first)
         _gather(state, first, lanes, state_lanes)
         _gather(action, first, lanes, action_lanes)
-        _gather(disturbance, first, lanes, disturbance_lanes)
         _gather(parameters, first, lanes, physics_lanes)
         _gather(reference, first, lanes, reference_lanes)
         _command(action_lanes, command_scale, lanes, command_lanes)
+        disturbance_lanes[:, :lanes] = wind[:DISTURBANCE_SIZE, first : first + lanes]
+        if air:
+            wind_lanes = wind[:, first : first + lanes]
+            for lane in range(lanes):
+                add_drag(wind_lanes, state_lanes, physics_lanes, lane, disturbance_lanes)
+        disturbance[:, first : first + lanes] = disturbance_lanes[:, :lanes]
         _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)
@@ -282,16 +329,46 @@ def step(
                 store(state_lanes, _AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
         for lane in range(lanes):
             point = reference_point(reference_lanes, lane, time[lane])
-            tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], point)
-            observe(state_lanes, lane, tracking, point, observation_lanes)
+            target = Target(point.d0, point.d1, point.yaw)
+            tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
+            observe_state(state_lanes, lane, tracking, observation_lanes, lane)
+            observe_reference(point, lane, observation_lanes)
             _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, measured_lanes)
+            store(target_lanes, 0, lane, point.d0)
+            store(target_lanes, 3, lane, point.d1)
+            target_lanes[6, lane] = point.yaw
         _scatter(state_lanes, first, lanes, state)
         _scatter(observation_lanes, first, lanes, observation)
         _scatter(measured_lanes, first, lanes, measured)
+        if sensed.shape[1] > 0:
+            sensed[:STATE_SIZE, first : first + lanes] = state_lanes[:STATE_SIZE, :lanes]
+            sensed[STATE_SIZE:-1, first : first + lanes] = target_lanes[:, :lanes]
+            sensed[-1, first : first + lanes] = physics_lanes[ROD_LENGTH, :lanes]
         for lane in range(lanes):
             if diverged[lane]:
                 measured[first + lane, TERMINATED] = 1.0
     return -1
+
+
+@compiled
+def observe_sensed(sensed: Floats, observation: Floats32) -> None:
+    """Write into observations what they have of the state, from a sensed state instead of the true one.
+
+    Args:
+        sensed: as `step` writes it, then changed by sensors, shape (26, n).
+        observation: changed, shape (n, 36).
+    """
+    state, target = sensed[:STATE_SIZE], sensed[STATE_SIZE:]
+    lanes = np.empty((STATE_PART, _BLOCK), np.float32)
+    for first in range(0, sensed.shape[1], _BLOCK):
+        size = min(_BLOCK, sensed.shape[1] - first)
+        for lane in range(size):
+            column = first + lane
+            point = Target(load(target, 0, column), load(target, 3, column), target[6, column])
+            observe_state(state, column, track(state, column, target[7, column], point), lanes, lane)
+        for lane in range(size):
+            for field in range(STATE_PART):
+                observation[first + lane, field] = lanes[field, lane]
 
 
 @compiled
@@ -331,7 +408,7 @@ def draw_starts(
         seeds: root of each row's random streams, shape (n,).
         episodes: number of each row's episode, shape (n,).
         ranges: `tasks.flatten` of the task's start.
-        parameters: shape (n, 7).
+        parameters: shape (n, 9).
         reference: shape (n, 20).
         state: written, shape (n, 18).
     """

@@ -44,6 +44,16 @@ _SCALES: dict[str, tuple[float, float, float]] = {
 OBSERVATION_FIELDS = {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(_SCALES)}
 OBSERVATION_SCALE: Floats = np.array(list(_SCALES.values())).ravel()
 OBSERVATION_SIZE = OBSERVATION_SCALE.size
+# Of an output-feedback observation: all but the rates, which nobody measures there.
+OUTPUT_FIELDS = {
+    name: slice(3 * i, 3 * i + 3)
+    for i, name in enumerate(
+        name for name in _SCALES if name not in ("tracking_error_rate", "direction_rate", "euler_rate")
+    )
+}
+OUTPUT_COLUMNS = np.concatenate([np.r_[OBSERVATION_FIELDS[name]] for name in OUTPUT_FIELDS])
+_LAYOUTS = {OBSERVATION_SIZE: OBSERVATION_FIELDS, OUTPUT_COLUMNS.size: OUTPUT_FIELDS}
+STATE_PART = OBSERVATION_FIELDS["reference_2"].start  # what comes of the state stands before it
 
 _TRACKING_ERROR = OBSERVATION_FIELDS["tracking_error"].start
 _TRACKING_ERROR_RATE = OBSERVATION_FIELDS["tracking_error_rate"].start
@@ -59,11 +69,26 @@ def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
     """One field of an observation in physical units, shape (..., 3), float64.
 
     Args:
-        observation: shape (..., 36).
+        observation: shape (..., 36), or (..., 27) as `OutputFeedbackWrapper` leaves it.
         name: a key of `OBSERVATION_FIELDS`.
+
+    Raises:
+        ValueError: the observation has another size, or no such field.
     """
-    part = OBSERVATION_FIELDS[name]
-    return np.asarray(observation[..., part] * OBSERVATION_SCALE[part])
+    fields = _LAYOUTS.get(observation.shape[-1])
+    if fields is None:
+        raise ValueError(f"an observation has {' or '.join(map(str, _LAYOUTS))} numbers, not {observation.shape[-1]}")
+    if name not in fields:
+        raise ValueError(f"this observation has no {name!r}; it has {', '.join(fields)}")
+    return np.asarray(observation[..., fields[name]] * OBSERVATION_SCALE[OBSERVATION_FIELDS[name]])
+
+
+class Target(NamedTuple):
+    """Where the flat outputs (m), their rates (m/s) and the yaw (rad) should be."""
+
+    position: Vec3
+    velocity: Vec3
+    yaw: float
 
 
 class Tracking(NamedTuple):
@@ -75,15 +100,14 @@ class Tracking(NamedTuple):
 
 
 @inlined
-def track(state: Any, lane: int, rod_length: float, reference: ReferencePoint) -> Tracking:
+def track(state: Any, lane: int, rod_length: float, target: Target) -> Tracking:
     """Tracking errors of the state in column `lane` of an (18, n) buffer."""
     bob = axpy(rod_length, load(state, DIRECTION, lane), load(state, POSITION, lane))
     bob_rate = axpy(rod_length, load(state, DIRECTION_RATE, lane), load(state, VELOCITY, lane))
-    error = Vec3(bob.x - reference.d0.x, bob.y - reference.d0.y, state[POSITION + 2, lane] - reference.d0.z)
-    error_rate = Vec3(
-        bob_rate.x - reference.d1.x, bob_rate.y - reference.d1.y, state[VELOCITY + 2, lane] - reference.d1.z
-    )
-    return Tracking(error, error_rate, state[EULER + 2, lane] - reference.yaw)
+    should, rate = target.position, target.velocity
+    error = Vec3(bob.x - should.x, bob.y - should.y, state[POSITION + 2, lane] - should.z)
+    error_rate = Vec3(bob_rate.x - rate.x, bob_rate.y - rate.y, state[VELOCITY + 2, lane] - rate.z)
+    return Tracking(error, error_rate, state[EULER + 2, lane] - target.yaw)
 
 
 _RECIPROCAL = (1.0 / OBSERVATION_SCALE).astype(np.float32)
@@ -96,19 +120,23 @@ def _store_scaled(out: Any, first: int, lane: int, a: Vec3) -> None:
 
 
 @inlined
-def observe(state: Any, lane: int, tracking: Tracking, reference: ReferencePoint, out: Any) -> None:
-    """Write the observation into column `lane` of a (36, n) float32 buffer."""
-    yaw = Vec3(reference.yaw, reference.yaw_rate, reference.yaw_acceleration)
+def observe_state(state: Any, lane: int, tracking: Tracking, out: Any, place: int) -> None:
+    """Write what the observation has of the state in column `lane`, true or sensed, into column `place` of `out`."""
     attitude = Vec3(state[EULER, lane], state[EULER + 1, lane], tracking.yaw_error)
-    _store_scaled(out, _TRACKING_ERROR, lane, tracking.error)
-    _store_scaled(out, _TRACKING_ERROR_RATE, lane, tracking.error_rate)
-    _store_scaled(out, _DIRECTION, lane, load(state, DIRECTION, lane))
-    _store_scaled(out, _DIRECTION_RATE, lane, load(state, DIRECTION_RATE, lane))
-    _store_scaled(out, _ATTITUDE, lane, attitude)
-    _store_scaled(out, _EULER_RATE, lane, load(state, EULER_RATE, lane))
+    _store_scaled(out, _TRACKING_ERROR, place, tracking.error)
+    _store_scaled(out, _TRACKING_ERROR_RATE, place, tracking.error_rate)
+    _store_scaled(out, _DIRECTION, place, load(state, DIRECTION, lane))
+    _store_scaled(out, _DIRECTION_RATE, place, load(state, DIRECTION_RATE, lane))
+    _store_scaled(out, _ATTITUDE, place, attitude)
+    _store_scaled(out, _EULER_RATE, place, load(state, EULER_RATE, lane))
+
+
+@inlined
+def observe_reference(reference: ReferencePoint, lane: int, out: Any) -> None:
+    """Write what the observation has of the reference into column `lane` of a (36, n) float32 buffer."""
     _store_scaled(out, _REFERENCE, lane, reference.d2)
     _store_scaled(out, _REFERENCE + 3, lane, reference.d3)
     _store_scaled(out, _REFERENCE + 6, lane, reference.d4)
     _store_scaled(out, _REFERENCE + 9, lane, reference.d5)
     _store_scaled(out, _REFERENCE + 12, lane, reference.d6)
-    _store_scaled(out, _YAW_REFERENCE, lane, yaw)
+    _store_scaled(out, _YAW_REFERENCE, lane, Vec3(reference.yaw, reference.yaw_rate, reference.yaw_acceleration))

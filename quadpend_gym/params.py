@@ -1,11 +1,11 @@
-"""Physical parameters (the paper's Table 1) and the limits of the actuators."""
+"""Physical parameters (the paper's Table 1 and drag areas) and the limits of the actuators."""
 
 from dataclasses import astuple, dataclass, field, fields
 
 import numpy as np
 
 from quadpend_gym.arrays import Floats
-from quadpend_gym.records import build, positive
+from quadpend_gym.records import build, number, positive
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,15 @@ class Parameters:
     inertia_roll: float = 0.1  # I_φ, kg·m², Table 1
     inertia_pitch: float = 0.1  # I_θ, kg·m², Table 1
     inertia_yaw: float = 0.1  # I_ψ, kg·m², Table 1
+    quadrotor_drag_area: float = 0.01  # A_Q, m², see `drag`
+    bob_drag_area: float = 0.0005  # A_B, m², see `drag`
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            positive(getattr(self, item.name), item.name)
+            if item.name.endswith("drag_area"):
+                number(getattr(self, item.name), item.name, 0.0)
+            else:
+                positive(getattr(self, item.name), item.name)
 
     @property
     def total_mass(self) -> float:
@@ -45,11 +50,14 @@ class Parameters:
         return self.hover_thrust / (self.quadrotor_mass * self.rod_length)
 
     def as_array(self) -> Floats:
-        """The fields in order, shape (7,), SI units: the kernel's view."""
+        """The fields in order, shape (9,), SI units: the kernel's view."""
         return np.array(astuple(self))
 
 
 PAPER = Parameters()
+PARAMETER_NAMES = tuple(item.name for item in fields(Parameters))
+PHYSICS_SIZE = len(PARAMETER_NAMES)
+ROD_LENGTH, QUADROTOR_DRAG_AREA, BOB_DRAG_AREA = 2, 7, 8  # columns that kernels read
 
 
 @dataclass(frozen=True)

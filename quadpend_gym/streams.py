@@ -19,7 +19,7 @@ from quadpend_gym.jit import compiled, inlined
 Keys = NDArray[np.uint64]
 
 # One stream for each purpose, so that adding wind leaves starts and references unchanged.
-START_STREAM, REFERENCE_STREAM, WIND_STREAM = 1, 2, 3
+START_STREAM, REFERENCE_STREAM, WIND_STREAM, SENSOR_STREAM, ACTUATOR_STREAM, PARAMETER_STREAM = 1, 2, 3, 4, 5, 6
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _TWO_PI = 2.0 * np.pi
@@ -66,6 +66,12 @@ def _derive_all(keys: Keys, numbers: NDArray[np.int64], out: Keys) -> None:
 
 
 @compiled
+def _derive_same(keys: Keys, number: int, out: Keys) -> None:
+    for row in range(keys.shape[0]):
+        out[row] = derive(keys[row], number)
+
+
+@compiled
 def _fill_uniform(keys: Keys, index: NDArray[np.int64], out: NDArray[np.float64]) -> None:
     columns, rows = out.shape
     for column in range(columns):
@@ -102,10 +108,11 @@ class Streams:
 
     def derive(self, numbers: int | NDArray[np.int64]) -> "Streams":
         """The streams numbered `numbers`, an integer or one for each row, below these."""
-        if isinstance(numbers, int):
-            numbers = np.full(self.keys.shape, numbers)
         out = np.empty_like(self.keys)
-        _derive_all(self.keys, numbers, out)
+        if isinstance(numbers, int):
+            _derive_same(self.keys, numbers, out)
+        else:
+            _derive_all(self.keys, numbers, out)
         return Streams(out)
 
     def __getitem__(self, rows: Any) -> "Streams":

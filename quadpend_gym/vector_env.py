@@ -15,7 +15,7 @@ from quadpend_gym.params import Simulation
 from quadpend_gym.records import build
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
-from quadpend_gym.world import World, check_fixed, named_info
+from quadpend_gym.world import Acted, World, calm, check_fixed, named_info
 
 
 class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
@@ -99,7 +99,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.world.begin(rows, fixed)
         self._ended &= ~mask
         observation, measured = self.world.look(np.arange(self.num_envs))
-        return observation, self._info(measured, np.zeros((self.num_envs, 9)), mask)
+        return observation, self._info(measured, calm(self.world.parameters), mask)
 
     def step(self, actions: Any) -> tuple[Floats32, Floats, Booleans, Booleans, dict[str, Any]]:
         """Hold each row's action for one control period.
@@ -119,12 +119,12 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             )
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
             actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)  # they only begin an episode
-        observation, measured, disturbance = self.world.step(actions)
+        observation, measured, acted = self.world.step(actions)
         reward = measured[:, kernel.REWARD].copy()
         terminated = measured[:, kernel.TERMINATED] != 0.0
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
             reward[self._ended], terminated[self._ended] = 0.0, False
-            disturbance = self._restart(self._ended, observation, measured, disturbance)
+            self._restart(self._ended, observation, measured, acted)
         truncated = self._truncated()
         ended = terminated | truncated
         self._ended = ended.copy()
@@ -133,11 +133,11 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             final_obs = np.full(self.num_envs, None, object)
             for row, last in zip(np.flatnonzero(ended), observation[ended], strict=True):
                 final_obs[row] = last
-            final_info = self._info(measured, disturbance, ended)
+            last_acted = Acted(*(_only(array, ended) for array in acted))
+            final_info = self._info(_only(measured, ended), last_acted, ended)
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
-            measured = measured.copy()
-            disturbance = self._restart(ended, observation, measured, disturbance)
-        info = self._info(measured, disturbance, np.ones(self.num_envs, np.bool_))
+            self._restart(ended, observation, measured, acted)
+        info = self._info(measured, acted, np.ones(self.num_envs, np.bool_))
         return observation, reward, terminated, truncated, {**info, **final}
 
     def _truncated(self) -> Booleans:
@@ -145,14 +145,13 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             return np.zeros(self.num_envs, np.bool_)
         return np.asarray(self.world.clock >= self.max_episode_steps)
 
-    def _restart(self, mask: Booleans, observation: Floats32, measured: Floats, disturbance: Floats) -> Floats:
-        """Begin the next episode of some rows and write what they look like; a copy of `disturbance` without them."""
+    def _restart(self, mask: Booleans, observation: Floats32, measured: Floats, acted: Acted) -> None:
+        """Begin the next episode of some rows, write what they look like, and let nothing have acted on them."""
         rows = np.flatnonzero(mask)
         self.world.begin(rows)
         observation[rows], measured[rows] = self.world.look(rows)
-        remaining = disturbance.copy()
-        remaining[rows] = 0.0
-        return remaining
+        acted.disturbance[rows], acted.air_velocity[rows] = 0.0, 0.0
+        acted.parameters[rows] = self.world.parameters[rows]
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
         seeds = self._check_seeds(seed)
@@ -187,12 +186,19 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             raise ValueError("options['reset_mask'] must have a True in it")
         return mask.copy()
 
-    def _info(self, measured: Floats, disturbance: Floats, mask: Booleans) -> dict[str, Any]:
+    def _info(self, measured: Floats, acted: Acted, mask: Booleans) -> dict[str, Any]:
         """`named_info` with Gymnasium's ``_key`` masks of the rows it is about."""
-        info = named_info(measured.T, measured[:, 4:7], disturbance)
+        info = named_info(measured.T, measured[:, 4:7], acted)
         terms = info["reward_terms"]
         info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
         return {**info, **{f"_{name}": mask for name in info}}
+
+
+def _only(array: Floats, mask: Booleans) -> Floats:
+    """A copy of some rows of an array, zero elsewhere."""
+    rows, out = np.flatnonzero(mask), np.zeros(array.shape)
+    out[rows] = array[rows]
+    return out
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

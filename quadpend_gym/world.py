@@ -10,43 +10,71 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from quadpend_gym import kernel
+from quadpend_gym.actuators import check_chain
 from quadpend_gym.arrays import Floats, Floats32, Integers
+from quadpend_gym.kernel import DISTURBANCE_SIZE
+from quadpend_gym.models import Process
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
+from quadpend_gym.randomization import ParameterRanges
 from quadpend_gym.records import build, numbers
 from quadpend_gym.references import Reference
-from quadpend_gym.state import STATE_FIELDS, State
-from quadpend_gym.streams import WIND_STREAM, Streams
+from quadpend_gym.state import STATE_FIELDS, STATE_SIZE, State
+from quadpend_gym.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.tasks import Task, flatten
-from quadpend_gym.wind import DISTURBANCE_SIZE, Sum, WindProcess, as_wind
+from quadpend_gym.wind import WIND_SIZE, as_wind
 
 _MEASURED = kernel.MEASURED_SIZE
 
 
-def named_info(columns: Any, tracking_error: Floats, disturbance: Floats) -> dict[str, Any]:
+class Acted(NamedTuple):
+    """What acted during a step, for one row or for many.
+
+    Attributes:
+        disturbance: force on the quadrotor, on the bob (N, world) and torque (N·m), shape (..., 9).
+        air_velocity: of the wind, m/s, world, shape (..., 3).
+        parameters: the true ones, shape (..., 9).
+    """
+
+    disturbance: Floats
+    air_velocity: Floats
+    parameters: Floats
+
+
+def calm(parameters: Floats) -> Acted:
+    """No wind, with the given parameters, shape (9,) or (n, 9)."""
+    return Acted(
+        np.zeros((*parameters.shape[:-1], DISTURBANCE_SIZE)), np.zeros((*parameters.shape[:-1], 3)), parameters
+    )
+
+
+def named_info(columns: Any, tracking_error: Floats, acted: Acted) -> dict[str, Any]:
     """The `info` of one row or of many.
 
-    Keys: ``tracking_error`` (m, flat outputs, world), ``tilt`` (rad, the pendulum's α), ``disturbance`` (force on
-    the quadrotor, on the bob (N, world) and torque (N·m) during the step), ``reward_terms``.
+    Keys: ``tracking_error`` (m, flat outputs, world), ``tilt`` (rad, the pendulum's α), ``disturbance``,
+    ``air_velocity`` and ``parameters`` as in `Acted`, ``reward_terms``. All of them are true, whatever the sensors say.
 
     Args:
         columns: what is measured, column by column: a list of floats for one row, an array (10, n) for many.
         tracking_error: shape (..., 3).
-        disturbance: shape (..., 9).
+        acted: during the step; after a reset, no wind.
     """
     return {
         "tracking_error": tracking_error,
         "tilt": columns[kernel.TILT],
-        "disturbance": disturbance,
+        "disturbance": acted.disturbance,
+        "air_velocity": acted.air_velocity,
+        "parameters": acted.parameters,
         "reward_terms": {"tracking": columns[0], "upright": columns[1], "yaw": columns[2], "effort": columns[3]},
     }
 
 
-def kernel_settings(task: Task, simulation: Simulation, substeps: int) -> Floats:
-    """What `kernel.step` reads: period, command scale (4), limits (4, angles as cosines), weights (4), substeps."""
+def kernel_settings(task: Task, simulation: Simulation, air: bool, substeps: int) -> Floats:
+    """What `kernel.step` reads as its settings; of the limits, the angles as cosines."""
     limits, weights = flatten(task.limits), flatten(task.reward)
     limits[:2] = np.cos(limits[:2])
-    return np.concatenate([[simulation.period], simulation.command_scale, limits, weights / weights.sum(), [substeps]])
+    parts = [simulation.period], simulation.command_scale, limits, weights / weights.sum(), [air, substeps]
+    return np.concatenate(parts)
 
 
 class Fixed(NamedTuple):
@@ -83,10 +111,10 @@ class World:
     """A batch of n sub-environments.
 
     Episode k of a row depends on the row's seed and on k alone: not on the other rows, the actions of earlier
-    episodes, or (start and reference) the wind.
+    episodes, or (start and reference) the wind, the sensors and the actuators.
 
     Attributes:
-        disturbance: what will act over the coming control period, shape (n, 9), see `quadpend_gym.wind`.
+        wind: what will blow over the coming control period, shape (n, 12), see `quadpend_gym.wind`.
         clock: control steps since each episode began, shape (n,).
         episode: number of each row's episode since it was seeded, shape (n,); −1 before the first.
     """
@@ -96,15 +124,17 @@ class World:
         self.task = task
         self.simulation = simulation
         self._memory = np.zeros((rows, kernel.MEMORY_EDGES[3]))
-        self.parameters[:] = simulation.parameters.as_array()
+        self._nominal = simulation.parameters.as_array()
+        self.parameters[:] = self._nominal
+        self._sensed = np.zeros((kernel.SENSED_SIZE, 0))
         self.clock = np.zeros(rows, np.int64)
         self.episode = np.full(rows, -1, np.int64)
         self._seeds = np.zeros(rows, np.uint64)
-        self._wind: WindProcess | None = None
-        self._settings = kernel_settings(task, simulation, simulation.substeps)
-        self._looking = kernel_settings(task, simulation, 0)
+        self._looking = kernel_settings(task, simulation, False, 0)
         self._reference_ranges = flatten(task.references)
         self._start_ranges = flatten(task.start)
+        self._ranges: ParameterRanges | None = None
+        self._wind, self._sensors, self._actuators = (Process((), rows) for _ in range(3))
         self.add_wind(as_wind(wind))
 
     @property
@@ -114,7 +144,7 @@ class World:
 
     @property
     def parameters(self) -> Floats:
-        """The physical parameters, shape (n, 7), see `Parameters.as_array`; a view."""
+        """The true parameters of each row's episode, shape (n, 9), see `Parameters.as_array`; a view."""
         return self._memory[:, kernel.MEMORY_EDGES[1] : kernel.MEMORY_EDGES[2]]
 
     @property
@@ -127,13 +157,47 @@ class World:
         """Number of sub-environments."""
         return self.clock.size
 
-    def add_wind(self, wind: Sum) -> None:
-        """Let `wind` blow besides what blows already; every row must then begin a new episode."""
-        models = self._wind.models if self._wind else ()
-        self._wind = WindProcess((*models, *wind.models), self.rows) if (*models, *wind.models) else None
-        self.disturbance = np.zeros((self.rows, DISTURBANCE_SIZE))
+    def _wait(self) -> None:
+        """Every row must begin a new episode."""
         self._waiting = np.ones(self.rows, np.bool_)
         self._ready = False
+
+    def add_wind(self, models: tuple[Any, ...]) -> None:
+        """Let these blow besides what blows already; every row must then begin a new episode."""
+        self._wind = Process((*self._wind.models, *models), self.rows)
+        moving: tuple[Any, ...] = self._wind.models
+        air = any(model.moves_air for model in moving)
+        self._settings = kernel_settings(self.task, self.simulation, air, self.simulation.substeps)
+        self.wind = np.zeros((WIND_SIZE, self.rows)).T
+        self._wait()
+
+    def add_sensors(self, models: tuple[Any, ...]) -> None:
+        """Put these sensors behind those there are; every row must then begin a new episode."""
+        self._sensors = Process((*self._sensors.models, *models), self.rows)
+        self._sensed = np.zeros((kernel.SENSED_SIZE, self.rows))
+        self._wait()
+
+    def add_actuators(self, models: tuple[Any, ...]) -> None:
+        """Put these actuators before those there are; every row must then begin a new episode.
+
+        Raises:
+            ValueError: they do not make sense there.
+        """
+        models = (*models, *self._actuators.models)
+        check_chain(models, self.simulation)
+        self._actuators = Process(models, self.rows)
+        self._wait()
+
+    def draw_parameters(self, ranges: ParameterRanges) -> None:
+        """Draw the parameters of every episode; every row must then begin a new one.
+
+        Raises:
+            ValueError: they are drawn already.
+        """
+        if self._ranges is not None:
+            raise ValueError("the parameters are drawn already: give all ranges at once")
+        self._ranges = ranges
+        self._wait()
 
     def seed(self, rows: Integers, seeds: Sequence[int]) -> None:
         """Give `rows` new seeds, non-negative integers; their next episode is number 0."""
@@ -145,8 +209,24 @@ class World:
 
         A fixed direction is normalised, and the direction rate loses its component along it.
         """
-        fields = fixed.state
         self.episode[rows] += 1
+        self.clock[rows] = 0
+        streams = Streams(self._seeds[rows]).derive(self.episode[rows])
+        if self._ranges is not None:
+            self.parameters[rows] = self._ranges.draw(self._nominal, streams.derive(PARAMETER_STREAM))
+        self._place(rows, fixed)
+        self._begin_wind(rows, streams.derive(WIND_STREAM))
+        if self._actuators.models:
+            self._actuators.begin(rows, streams.derive(ACTUATOR_STREAM), lambda *_: None)
+        if self._sensors.models:
+            self._begin_sensors(rows, streams.derive(SENSOR_STREAM))
+        if not self._ready:
+            self._waiting[rows] = False
+            self._ready = not self._waiting.any()
+
+    def _place(self, rows: Integers, fixed: Fixed) -> None:
+        """Reference and state of new episodes."""
+        fields = fixed.state
         if fixed.reference is None:
             kernel.draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
         else:
@@ -162,23 +242,57 @@ class World:
             along = np.sum(view.direction * view.direction_rate, axis=-1, keepdims=True)
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
-        self.clock[rows] = 0
-        if self._wind:
-            episodes = Streams(self._seeds[rows]).derive(self.episode[rows])
-            self.disturbance[rows] = self._wind.begin(rows, episodes.derive(WIND_STREAM), self.simulation.period)
-        if not self._ready:
-            self._waiting[rows] = False
-            self._ready = not self._waiting.any()
+
+    def _begin_wind(self, rows: Integers, streams: Streams) -> None:
+        if not self._wind.models:
+            return
+        period, step, blown = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
+        self._wind.begin(rows, streams, lambda model, memory, random: model.blow(blown, memory, step, period, random))
+        self.wind[rows] = blown
+
+    def _blow(self) -> None:
+        """What blows over the coming control period."""
+        period, blown = self.simulation.period, np.zeros((WIND_SIZE, self.rows)).T
+        self._wind.work(lambda model, memory, random: model.blow(blown, memory, self.clock, period, random))
+        self.wind = blown
+
+    @property
+    def measured(self) -> Floats:
+        """The states as the sensors last saw them, shape (n, 18); the true ones without sensors."""
+        return self._sensed[:STATE_SIZE].T if self._sensors.models else self.state
+
+    def _begin_sensors(self, rows: Integers, streams: Streams) -> None:
+        period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
+        self._sensors.begin(
+            rows, streams, lambda model, memory, random: model.sense(measured, memory, step, period, random)
+        )
+        self.measured[rows] = measured
+
+    def _sense(self) -> None:
+        """Let the sensors change what `kernel.step` has let them see."""
+        period, measured = self.simulation.period, self.measured
+        self._sensors.work(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
+
+    def _act(self, action: Floats32) -> Floats32:
+        """What the actuators make of an action."""
+        out = np.asfortranarray(action, np.float64)
+        self._actuators.work(lambda model, memory, random: model.act(out, memory, self.clock, self.simulation, random))
+        return out.astype(np.float32, order="C")
 
     def look(self, rows: Integers) -> tuple[Floats32, Floats]:
         """Observation and measurements of the given rows where they stand, as if hovering in calm air; see `step`."""
         observation, measured = np.empty((rows.size, OBSERVATION_SIZE), np.float32), np.empty((rows.size, _MEASURED))
         action = np.zeros((rows.size, kernel.ACTION_SIZE), np.float32)
-        clock, calm = self.clock[rows], np.zeros((rows.size, DISTURBANCE_SIZE))
-        kernel.step(self._memory[rows], clock, calm, action, self._looking, observation, measured)
+        memory, clock, still = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
+        sensed = np.empty((kernel.SENSED_SIZE, rows.size if self._sensors.models else 0))
+        nothing = np.empty((DISTURBANCE_SIZE, rows.size))
+        kernel.step(memory, clock, still, action, self._looking, observation, measured, nothing, sensed)
+        if self._sensors.models:
+            sensed[:STATE_SIZE] = self._sensed[:STATE_SIZE, rows]
+            kernel.observe_sensed(sensed, observation)
         return observation, measured
 
-    def step(self, action: Floats32) -> tuple[Floats32, Floats, Floats]:
+    def step(self, action: Floats32) -> tuple[Floats32, Floats, Acted]:
         """Advance every row by one control period.
 
         Args:
@@ -186,29 +300,43 @@ class World:
 
         Returns:
             The observation, shape (n, 36); what was measured, shape (n, 10), with the columns that `kernel` names:
-            reward terms, tracking error, tilt, reward, termination; and what disturbed, shape (n, 9).
+            reward terms, tracking error, tilt, reward, termination; and what disturbed.
 
         Raises:
             ResetNeeded: a row has not begun an episode.
-            ValueError: an action is out of range or not finite, or the wind is. Nothing has changed then.
+            ValueError: an action is out of range or not finite, or the wind is. Nothing has moved then.
         """
         if not self._ready:
             raise ResetNeeded(f"row {self._waiting.argmax()} has no episode: call reset before step")
         rows = self.clock.size
         observation, measured = np.empty((rows, OBSERVATION_SIZE), np.float32), np.empty((rows, _MEASURED))
-        disturbance = self.disturbance
-        bad = kernel.step(self._memory, self.clock, disturbance, action, self._settings, observation, measured)
-        if bad >= 0:
-            raise ValueError(
-                f"action of row {bad} must be four numbers in [-1, 1], not {action[bad].tolist()};"
-                " gymnasium.wrappers.ClipAction clips"
-            )
+        disturbance, wind, sensed = np.empty((DISTURBANCE_SIZE, rows)), self.wind.T, self._sensed
+        if self._actuators.models:
+            _refuse_action(action, kernel.first_bad_action(action))
+            action = self._act(action)
+        bad = kernel.step(
+            self._memory, self.clock, wind, action, self._settings, observation, measured, disturbance, sensed
+        )
+        _refuse_action(action, bad)
         if bad < -1:
-            raise ValueError(f"wind must blow finite numbers, not {disturbance[-2 - bad].tolist()} in row {-2 - bad}")
-        if self._wind is None:
-            return observation, measured, np.zeros((rows, DISTURBANCE_SIZE))
-        self.disturbance = self._wind.blow(self.clock, self.simulation.period)
-        return observation, measured, disturbance
+            raise ValueError(f"wind must blow finite numbers, not {wind[:, -2 - bad].tolist()} in row {-2 - bad}")
+        if self._sensors.models:
+            self._sense()
+            kernel.observe_sensed(sensed, observation)
+        if self._wind.models:
+            self._blow()
+            air_velocity = wind[DISTURBANCE_SIZE:].T
+        else:  # the calm goes on: nothing of it is given away
+            air_velocity = np.zeros((rows, 3))
+        return observation, measured, Acted(disturbance.T, air_velocity, self.parameters.copy())
+
+
+def _refuse_action(action: Floats32, row: int) -> None:
+    if row >= 0:
+        raise ValueError(
+            f"action of row {row} must be four numbers in [-1, 1], not {action[row].tolist()};"
+            " gymnasium.wrappers.ClipAction clips"
+        )
 
 
 def _check_state(state: Any, rows: int) -> dict[str, Floats]:

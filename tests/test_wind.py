@@ -12,8 +12,9 @@ from quadpend_gym import PAPER, Constant, OrnsteinUhlenbeck, PaperGusts, Sinusoi
 from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.dynamics import momentum
 from quadpend_gym.kernel import advance
+from quadpend_gym.models import Process
 from quadpend_gym.streams import Streams
-from quadpend_gym.wind import Sum, Wind, WindProcess, as_wind
+from quadpend_gym.wind import Sum, Wind, as_wind
 from quadpend_gym.wrappers import VectorWindWrapper, WindWrapper
 from tests.env_helpers import ENDLESS, WINDY, assert_same, draw_actions, fly, make, make_bare, make_rows
 
@@ -22,10 +23,14 @@ PERIOD = 0.01
 
 def blown(wind: Any, steps: int, rows: int, period: float = PERIOD) -> Floats:
     """What acts in each step of an episode, shape (steps, rows, 9)."""
-    process = WindProcess(as_wind(wind).models, rows)
-    out = [process.begin(np.arange(rows), Streams.from_seeds(list(range(rows))), period)]
-    out += [process.blow(np.full(rows, step), period) for step in range(1, steps)]
-    return np.array(out)
+    process = Process(as_wind(wind), rows)
+    out = np.zeros((steps, 12, rows)).swapaxes(1, 2)
+    step = np.zeros(rows, np.int64)
+    streams = Streams.from_seeds(list(range(rows)))
+    process.begin(np.arange(rows), streams, lambda model, *rest: model.blow(out[0], rest[0], step, period, rest[1]))
+    for k in range(1, steps):
+        process.work(lambda model, *rest, k=k: model.blow(out[k], rest[0], step + k, period, rest[1]))
+    return out
 
 
 def test_a_constant_wind_is_constant() -> None:

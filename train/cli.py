@@ -1,4 +1,4 @@
-"""The command `quadpend`: `train`, `evaluate`, `paper`, `bench`; `python -m train` is the same.
+"""The command `quadpend`: `train`, `evaluate`, `wind`, `paper`, `bench`; `python -m train` is the same.
 
 Each command is a function whose parameters are its options. Heavy imports wait until a command needs them.
 """
@@ -52,7 +52,7 @@ def evaluate(
     Args:
         policies: adrc-paper, adrc-matched, run folders or model files; NAME=POLICY gives one a name, and
             NAME=POLICY,POLICY,… puts the training seeds of one learner under it.
-        scenarios: Names of scenarios, see train/scenarios.py.
+        scenarios: Scenarios by name, TOML or JSON file, or as JSON, see train/scenarios.py.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode; the published results use 1000000, so tune with another.
         out: Folder for comparison.json, comparison.md and comparison.png.
@@ -82,6 +82,33 @@ def _named(policy: str) -> tuple[str, str]:
     """Name and policy of NAME=POLICY; a name has no slash, a path may have an equals sign."""
     name, sign, rest = policy.partition("=")
     return (name, rest) if sign and "/" not in name else (policy, policy)
+
+
+def wind(
+    models: tuple[str, ...] = ("breeze", "windy", "storm", "paper"),
+    out: Path = Path("results/wind"),
+    seconds: float = 10.0,
+    seed: int = 0,
+) -> None:
+    """Draw what one trains in: series, histogram and spectrum of winds, beside theory.
+
+    Args:
+        models: Presets or kinds of wind, kinds of sensors or actuators, or JSON with a kind and its settings.
+        out: Folder for the pictures, one PNG for each model.
+        seconds: How much of the series to show.
+        seed: Of the episode shown.
+    """
+    from train import model_plots
+
+    if not (0.0 < seconds <= 3600.0):
+        raise ValueError(f"seconds must be above 0 and at most 3600, not {seconds:g}")
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, not {seed}")
+    out.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate(models):
+        path = out / (f"{name}.png" if name.isidentifier() else f"model_{number}.png")
+        model_plots.draw(name, seconds, seed, path)
+        print(f"Written: {path}")
 
 
 def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bool = False) -> None:
@@ -149,7 +176,7 @@ def _run(arguments: list[str]) -> None:
     chosen = read_settings(first.parse_known_args(arguments)[0].settings)
 
     tyro.extras.subcommand_cli_from_dict(
-        {"train": partial(train, run=chosen), "evaluate": evaluate, "paper": paper, "bench": bench},
+        {"train": partial(train, run=chosen), "evaluate": evaluate, "wind": wind, "paper": paper, "bench": bench},
         prog="quadpend",
         description="A spherical inverted pendulum on a quadrotor: train policies and compare them.",
         args=arguments,

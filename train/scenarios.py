@@ -1,46 +1,119 @@
-"""Scenarios: which environment, in which wind. Frozen data, so that a name means the same flight everywhere."""
+"""Scenarios: which environment, in which wind, seen through which sensors, moved by which actuators.
 
-from dataclasses import dataclass
+Frozen data, so that a name means the same flight everywhere. A scenario of one's own is a TOML or JSON file with the
+fields of `Scenario`, or such JSON on the command line:
+
+    quadpend train --scenario '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from quadpend_gym import Constant, OrnsteinUhlenbeck, PaperGusts
+from quadpend_gym.actuators import as_actuators
+from quadpend_gym.randomization import ParameterRanges
+from quadpend_gym.records import build
+from quadpend_gym.sensors import as_sensors
+from quadpend_gym.wind import Constant, Sum, as_wind
+from quadpend_gym.wrappers import (
+    VectorActuatorWrapper,
+    VectorHistoryWrapper,
+    VectorOutputFeedbackWrapper,
+    VectorParameterWrapper,
+    VectorSensorWrapper,
+)
+from train.files import parse_mapping, read_mapping
+
+ENVIRONMENTS = ("QuadPendulum-v0", "QuadPendulumHover-v0")
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """An environment and the wind in it."""
+    """An environment and the world around it.
 
-    description: str
-    env_id: str = "QuadPendulum-v0"
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is unknown or out of range.
+    """
+
+    description: str = ""
     wind: Any = None  # as the keyword of `gymnasium.make`
+    env_id: str = "QuadPendulum-v0"
+    sensors: Any = ()  # as `SensorWrapper` takes them
+    actuators: Any = ()  # as `ActuatorWrapper` takes them
+    parameters: Any = None  # as `ParameterWrapper` takes them
+    output_feedback: bool = False  # no velocities, see `OutputFeedbackWrapper`
+    history: int = 1  # observations side by side, see `HistoryWrapper`
+
+    def __post_init__(self) -> None:
+        if self.env_id not in ENVIRONMENTS:
+            raise ValueError(f"env_id must be one of {', '.join(ENVIRONMENTS)}, not {self.env_id!r}")
+        if not isinstance(self.history, int) or isinstance(self.history, bool) or self.history < 1:
+            raise ValueError(f"history must be a whole number of at least 1, not {self.history!r}")
+        if not isinstance(self.output_feedback, bool):
+            raise TypeError(f"output_feedback must be true or false, not {self.output_feedback!r}")
+        object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
+        object.__setattr__(self, "sensors", as_sensors(self.sensors))
+        object.__setattr__(self, "actuators", as_actuators(self.actuators))
+        if self.parameters is not None:
+            object.__setattr__(self, "parameters", build(ParameterRanges, self.parameters, "parameters"))
 
     def make_vec(self, num_envs: int, autoreset_mode: AutoresetMode) -> VectorEnv[Any, Any, Any]:
         """The scenario as a vector environment."""
-        return gym.make_vec(
+        env: VectorEnv[Any, Any, Any] = gym.make_vec(
             f"quadpend_gym:{self.env_id}", num_envs=num_envs, wind=self.wind, autoreset_mode=autoreset_mode
         )
+        if self.parameters is not None:
+            env = VectorParameterWrapper(env, self.parameters)
+        if self.actuators:
+            env = VectorActuatorWrapper(env, self.actuators)
+        if self.sensors:
+            env = VectorSensorWrapper(env, self.sensors)
+        if self.output_feedback:
+            env = VectorOutputFeedbackWrapper(env)
+        return VectorHistoryWrapper(env, self.history) if self.history > 1 else env
 
 
+HOVER = "QuadPendulumHover-v0"
 SCENARIOS = {
     "calm": Scenario("no wind"),
-    "breeze": Scenario("fluctuating force, 0.15 N on each axis of the quadrotor", wind=OrnsteinUhlenbeck(0.15)),
-    "windy": Scenario("fluctuating force, 0.3 N on each axis of the quadrotor", wind=OrnsteinUhlenbeck(0.3)),
-    "steady": Scenario("0.3 N along x on the quadrotor", wind=Constant((0.3, 0.0, 0.0))),
-    "gusts": Scenario("the paper's random gusts, setting in after 2 s", wind=PaperGusts(onset=2.0)),
-    "hover": Scenario("hover in calm air", env_id="QuadPendulumHover-v0"),
-    "hover_windy": Scenario("hover in a fluctuating 0.3 N", "QuadPendulumHover-v0", OrnsteinUhlenbeck(0.3)),
+    "breeze": Scenario("fluctuating force, 0.15 N on each axis of the quadrotor", "breeze"),
+    "windy": Scenario("fluctuating force, 0.3 N on each axis of the quadrotor", "windy"),
+    "storm": Scenario("moderate Dryden turbulence from any side, and gusts of 6 m/s on top", "storm"),
+    "steady": Scenario("0.3 N along x on the quadrotor", Constant((0.3, 0.0, 0.0))),
+    "gusts": Scenario("the paper's random gusts, setting in after 2 s", "paper"),
+    "hover": Scenario("hover in calm air", env_id=HOVER),
+    "hover_windy": Scenario("hover in a fluctuating 0.3 N", "windy", HOVER),
 }
 
 
 def find_scenario(name: str) -> Scenario:
-    """The scenario of that name.
+    """The scenario that `name` stands for.
+
+    Args:
+        name: of one of `SCENARIOS`, the path of a TOML or JSON file, or JSON that begins with a brace.
 
     Raises:
-        ValueError: there is none.
+        TypeError: a field is of the wrong type.
+        ValueError: it is none of these, or a field is unknown or out of range.
     """
-    if name not in SCENARIOS:
-        raise ValueError(f"there is no scenario {name!r}; the scenarios are {', '.join(SCENARIOS)}")
-    return SCENARIOS[name]
+    if name in SCENARIOS:
+        return SCENARIOS[name]
+    if name.lstrip().startswith("{"):
+        return build(Scenario, parse_mapping(name, "the scenario"), "scenario")
+    path = Path(name)
+    if path.suffix not in (".toml", ".json") or not path.is_file():
+        raise ValueError(
+            f"there is no scenario {name!r}; the scenarios are {', '.join(SCENARIOS)}; or give the path of a TOML or"
+            " JSON file with one, or JSON"
+        )
+    return build(Scenario, read_mapping(path), str(path))
+
+
+def resolve(name: str) -> str:
+    """`name` if it is one of `SCENARIOS`, else the scenario itself as JSON, which needs no file."""
+    return name if name in SCENARIOS else json.dumps(asdict(find_scenario(name)))

@@ -1,5 +1,43 @@
-"""Wrappers that bring the wind, for a single environment and for a vector of them."""
+"""Wrappers that bring the real world: each for a single environment and, as ``Vector…``, for a vector of them.
 
-from quadpend_gym.wrappers.wind import VectorWindWrapper, WindWrapper
+| wrapper                 | what it brings                                    | models                        |
+|-------------------------|---------------------------------------------------|-------------------------------|
+| `WindWrapper`           | forces, torques, moving air                       | `quadpend_gym.wind`           |
+| `SensorWrapper`         | noise, delay, dropout                             | `quadpend_gym.sensors`        |
+| `ActuatorWrapper`       | rotors, lag, delay, rate limits, faults           | `quadpend_gym.actuators`      |
+| `ParameterWrapper`      | other physical parameters in each episode         | `quadpend_gym.randomization`  |
+| `OutputFeedbackWrapper` | no velocities                                     |                               |
+| `HistoryWrapper`        | the latest observations and actions side by side  |                               |
+"""
 
-__all__ = ["VectorWindWrapper", "WindWrapper"]
+from quadpend_gym.wrappers.observation import (
+    HistoryWrapper,
+    OutputFeedbackWrapper,
+    VectorHistoryWrapper,
+    VectorOutputFeedbackWrapper,
+)
+from quadpend_gym.wrappers.world import (
+    ActuatorWrapper,
+    ParameterWrapper,
+    SensorWrapper,
+    VectorActuatorWrapper,
+    VectorParameterWrapper,
+    VectorSensorWrapper,
+    VectorWindWrapper,
+    WindWrapper,
+)
+
+__all__ = [
+    "ActuatorWrapper",
+    "HistoryWrapper",
+    "OutputFeedbackWrapper",
+    "ParameterWrapper",
+    "SensorWrapper",
+    "VectorActuatorWrapper",
+    "VectorHistoryWrapper",
+    "VectorOutputFeedbackWrapper",
+    "VectorParameterWrapper",
+    "VectorSensorWrapper",
+    "VectorWindWrapper",
+    "WindWrapper",
+]

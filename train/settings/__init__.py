@@ -1,18 +1,13 @@
 """Training settings: one dataclass with every default, and files with what a run does differently."""
 
 import json
-import sys
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
 from quadpend_gym.records import number, positive
-from train.scenarios import find_scenario
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from train.files import read_mapping
+from train.scenarios import resolve
 
 FOLDER = Path(__file__).parent
 ACTIVATIONS = ("relu", "tanh", "elu")
@@ -27,7 +22,7 @@ class TrainSettings:
     """
 
     scenario: str = "windy"
-    """Name of the scenario to train in, see `train.scenarios`."""
+    """Name of the scenario to train in, or a TOML or JSON file with one, or its JSON, see `train.scenarios`."""
     total_steps: int = 7_000_000
     """Environment steps to train for."""
     max_seconds: float = 0.0
@@ -68,7 +63,7 @@ class TrainSettings:
     """Of torch. Two are faster on two idle cores, and many times slower on busy ones."""
 
     def __post_init__(self) -> None:
-        find_scenario(self.scenario)
+        object.__setattr__(self, "scenario", resolve(self.scenario))
         object.__setattr__(self, "hidden", tuple(self.hidden))
         for name in ("total_steps", "num_envs", "rollout_steps", "batch_size", "epochs", "checkpoint_steps", "threads"):
             _whole(getattr(self, name), name, 1)
@@ -112,8 +107,7 @@ def read_settings(name: str) -> TrainSettings:
     if not path.is_file():
         known = ", ".join(sorted(item.stem for item in FOLDER.glob("*.toml")))
         raise ValueError(f"there are no settings {name!r}; there are {known}, or give the path of a file")
-    text = path.read_text(encoding="utf-8")
-    return from_mapping(json.loads(text) if path.suffix == ".json" else tomllib.loads(text), str(path))
+    return from_mapping(read_mapping(path), str(path))
 
 
 def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
@@ -125,6 +119,8 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
     known = [item.name for item in fields(TrainSettings)]
     if unknown := [key for key in values if key not in known]:
         raise ValueError(f"{source} sets {unknown[0]!r}, which is no setting; the settings are {', '.join(known)}")
+    if isinstance(scenario := values.get("scenario"), dict):
+        values = {**values, "scenario": json.dumps(scenario)}
     return TrainSettings(**values)
 
 

@@ -1,0 +1,36 @@
+"""A wind over time, without an environment: for plots and tests of what one trains in."""
+
+from typing import Any
+
+import numpy as np
+
+from quadpend_gym.arrays import Floats
+from quadpend_gym.models import Process
+from quadpend_gym.streams import WIND_STREAM, Streams
+from quadpend_gym.wind.model import WIND_SIZE
+
+
+def series(models: tuple[Any, ...], steps: int, rows: int = 1, seed: int = 0, period: float = 0.01) -> Floats:
+    """What blows in each step of the first episodes of the seeds `seed`, `seed` + 1, …, shape (steps, rows, 12).
+
+    The numbers are those of an environment with these seeds and this wind.
+
+    Args:
+        models: as `as_wind` gives them.
+        steps: number of control periods.
+        rows: number of episodes.
+        seed: of the first episode.
+        period: of a control step, s.
+    """
+    process, out = Process(models, rows), np.zeros((steps, WIND_SIZE, rows)).swapaxes(1, 2)
+    clock = np.zeros(rows, np.int64)
+    streams = Streams.from_seeds([seed + row for row in range(rows)]).derive(0).derive(WIND_STREAM)
+    process.begin(np.arange(rows), streams, lambda model, *own: model.blow(out[0], own[0], clock, period, own[1]))
+    for blown in out[1:]:
+        clock += 1
+        _blow(process, blown, clock, period)
+    return out
+
+
+def _blow(process: Process, out: Floats, clock: Any, period: float) -> None:
+    process.work(lambda model, memory, streams: model.blow(out, memory, clock, period, streams))

@@ -1,0 +1,115 @@
+"""Winds that one could write down: constant, sinusoidal, and any model with strength and heading drawn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from quadpend_gym.arrays import Floats, Integers
+from quadpend_gym.models import Forgetful
+from quadpend_gym.records import interval, positive
+from quadpend_gym.streams import Streams
+from quadpend_gym.wind.model import WIND_SIZE, Loads, Sum, add_turned
+
+
+@dataclass(frozen=True)
+class Constant(Forgetful, Loads):
+    """A steady disturbance."""
+
+    kind: str = field(default="constant", init=False)
+
+    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """The loads, always."""
+        for axis in self.axes:
+            out[:, axis] += self.load[axis]
+
+
+@dataclass(frozen=True)
+class Sinusoid(Loads):
+    """load · sin(frequency · t + phase), with the phase of each axis drawn for each episode; add several with ``+``."""
+
+    frequency: float = 1.0  # rad/s
+    kind: str = field(default="sinusoid", init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self.frequency, "frequency")
+
+    @property
+    def memory_size(self) -> int:
+        """A phase for each loaded axis."""
+        return len(self.axes)
+
+    def start(self, streams: Streams) -> Floats:
+        """Phases, uniform in (0, 2π)."""
+        return 2.0 * np.pi * streams.uniform(np.zeros(streams.keys.size, np.int64), len(self.axes))
+
+    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """The sinusoid in the middle of the period, over which it is held."""
+        angle = self.frequency * period * (step + 0.5)
+        for column, axis in enumerate(self.axes):
+            out[:, axis] += self.load[axis] * np.sin(angle + memory[:, column])
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Another wind, stronger or weaker and turned about the vertical, by a factor and an angle drawn for each episode.
+
+    Raises:
+        TypeError: `wind` is no wind, or a range no pair of numbers.
+        ValueError: a range is not finite or out of order.
+    """
+
+    wind: Any  # a model, a sum of them, the name of a preset or a mapping with its kind
+    strength: tuple[float, float] = (1.0, 1.0)  # factor, uniform between the two
+    heading: tuple[float, float] = (-np.pi, np.pi)  # rad, from x towards y, uniform between the two
+    kind: str = field(default="drawn", init=False)
+
+    def __post_init__(self) -> None:
+        from quadpend_gym.wind import as_wind
+
+        object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
+        for name in ("strength", "heading"):
+            object.__setattr__(self, name, interval(getattr(self, name), name))
+
+    def __add__(self, other: Any) -> Sum:
+        return Sum((self, other))
+
+    @property
+    def moves_air(self) -> bool:
+        """As the wind."""
+        return any(model.moves_air for model in self.wind.models)
+
+    @property
+    def memory_size(self) -> int:
+        """Strength, cosine and sine of the heading, and what the wind remembers."""
+        return 3 + sum(self._sizes)
+
+    @cached_property
+    def _sizes(self) -> Sequence[int]:
+        return [model.memory_size for model in self.wind.models]
+
+    def start(self, streams: Streams) -> Floats:
+        """Strength and heading, uniform in their ranges, and what the wind starts with."""
+        drawn = streams.uniform(np.zeros(streams.keys.size, np.int64), 2)
+        low, high = self.strength
+        strength = low + (high - low) * drawn[:, 0]
+        low, high = self.heading
+        heading = low + (high - low) * drawn[:, 1]
+        below = [model.start(streams.derive(i)) for i, model in enumerate(self.wind.models)]
+        return np.column_stack([strength, np.cos(heading), np.sin(heading), *below])
+
+    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """The wind, turned and scaled."""
+        air = np.zeros((WIND_SIZE, step.size)).T
+        first = 3
+        for i, (model, size) in enumerate(zip(self.wind.models, self._sizes, strict=True)):
+            model.blow(air, memory[:, first : first + size], step, period, streams.derive(i))
+            first += size
+        strength, cosine, sine = memory[:, :3].T
+        for axis in (0, 3, 9):
+            add_turned(out, axis, air[:, axis : axis + 3].T, strength, cosine, sine)
+        for axis in (6, 7, 8):  # torques are about the body's axes, which a heading does not turn
+            out[:, axis] += strength * air[:, axis]

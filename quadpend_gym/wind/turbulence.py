@@ -1,0 +1,239 @@
+"""Random winds that never stop: Ornstein–Uhlenbeck, Dryden and von Kármán turbulence.
+
+Dryden and von Kármán turbulence at low altitude after MIL-F-8785C: the mean wind V at the altitude h carries a frozen
+field of gusts u (along it), v (across) and w (up). With h in feet, W₂₀ the wind at 20 feet, and z₀ = 0.15 feet:
+
+    (1)  V    = W₂₀ ln(h/z₀) / ln(20/z₀)
+    (2)  σ_w  = 0.1 W₂₀,     σ_u = σ_v = σ_w / (0.177 + 0.000823 h)^0.4
+    (3)  L_w  = h,           L_u = L_v = h / (0.177 + 0.000823 h)^1.2            10 ≤ h ≤ 1000
+
+Dryden's spectra, one-sided in ω (rad/s), variance ∫₀^∞ Φ dω, with T = L/V; v as w with L_v:
+
+    (4)  Φ_u = (2 σ_u² T_u/π) / (1 + (T_u ω)²)
+    (5)  Φ_w = (σ_w² T_w/π) (1 + 3 (T_w ω)²) / (1 + (T_w ω)²)²
+
+von Kármán's, with a = 1.339:
+
+    (6)  Φ_u = (2 σ_u² T_u/π) / (1 + (a T_u ω)²)^(5/6)
+    (7)  Φ_w = (σ_w² T_w/π) (1 + 8/3 (a T_w ω)²) / (1 + (a T_w ω)²)^(11/6)
+
+MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and writes 2 L where (5) and (7) have L: at low
+altitude the same process under other names. Whoever takes lengths from one and spectra from the other is off by 2.
+
+(4) and (5) are rational; their filters are exact. For (6) and (7) the usual filters of second and third order stand in,
+which follow them within 1 dB up to ω = 100/T or so.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+
+from quadpend_gym.arrays import Floats, Integers
+from quadpend_gym.records import number, positive
+from quadpend_gym.streams import Streams
+from quadpend_gym.wind.filters import Filter, Sampled, run, sample, side_by_side, start, transfer
+from quadpend_gym.wind.model import WIND_FIELDS, Load, Loads, Sum
+
+FOOT, KNOT = 0.3048, 0.514444  # m, m/s
+INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # W₂₀, m/s, MIL-F-8785C
+STANDARDS = {"MIL-F-8785C": 1.0, "MIL-HDBK-1797": 0.5}  # factor on the lengths L_v and L_w
+_ROUGHNESS = 0.15  # feet, z₀
+_VELOCITY = np.arange(WIND_FIELDS["velocity"].start, WIND_FIELDS["velocity"].stop)
+
+
+@dataclass(frozen=True)
+class OrnsteinUhlenbeck(Loads):
+    """Coloured noise: Gaussian, stationary, with exponentially decaying correlation, independent in each axis.
+
+    The loads are standard deviations σ. Exact discretisation: d_{k+1} = a d_k + σ √(1 − a²) n_k with
+    a = exp(−period / time_constant).
+    """
+
+    force: Load = 0.3  # N, on the quadrotor
+    time_constant: float = 1.0  # s
+    kind: str = field(default="ornstein_uhlenbeck", init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self.time_constant, "time_constant")
+
+    @property
+    def memory_size(self) -> int:
+        """One number for each loaded axis."""
+        return len(self.axes)
+
+    def start(self, streams: Streams) -> Floats:
+        """The stationary distribution."""
+        return self.load[self.axes] * streams.normal(np.zeros(streams.keys.size, np.int64), len(self.axes))
+
+    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """The remembered disturbance; then it decays and is stirred."""
+        if self.axes:
+            sampled, output, axes = _sampled_noise(self, period)
+            run(sampled, output, axes, step, streams, memory, out)
+
+    def density(self, frequency: Floats) -> Floats:
+        """One-sided spectral density of each column at `frequency` (rad/s), shape (12, ...), variance per rad/s."""
+        shape = 2.0 * self.time_constant / np.pi / (1.0 + (self.time_constant * frequency) ** 2)
+        return np.asarray(np.multiply.outer(self.load**2, shape))
+
+
+@lru_cache(maxsize=64)
+def _sampled_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[Sampled, Floats, Integers]:
+    decay = np.exp(-period / noise.time_constant)
+    eye = np.eye(len(noise.axes))
+    deviation = noise.load[noise.axes]
+    sampled = Sampled(decay * eye, np.sqrt(1.0 - decay**2) * deviation * eye, deviation * eye)
+    return sampled, eye, np.array(noise.axes)
+
+
+@dataclass(frozen=True)
+class _Turbulence:
+    """What Dryden's and von Kármán's turbulence have in common: equations (1)–(3).
+
+    Raises:
+        TypeError: a value is of the wrong type.
+        ValueError: a value is unknown or out of range.
+    """
+
+    intensity: str | float = "light"  # light, moderate, severe, or W₂₀ in m/s
+    altitude: float = 20.0 * FOOT  # m, 10 to 1000 feet
+    mean_wind: float | None = None  # m/s, V; None: as (1) has it
+    heading: float = 0.0  # rad from x towards y: where the mean wind blows to
+    standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.intensity, str) and self.intensity not in INTENSITIES:
+            raise ValueError(f"intensity must be {', '.join(INTENSITIES)} or a number, not {self.intensity!r}")
+        positive(self.wind_20_feet, "intensity")
+        number(self.altitude, "altitude", 10.0 * FOOT, 1000.0 * FOOT)
+        positive(self.mean_speed, "mean_wind")
+        number(self.heading, "heading")
+        if self.standard not in STANDARDS:
+            raise ValueError(f"standard must be one of {', '.join(STANDARDS)}, not {self.standard!r}")
+
+    def __add__(self, other: Any) -> Sum:
+        return Sum((self, other))
+
+    @property
+    def moves_air(self) -> bool:
+        """It is a velocity."""
+        return True
+
+    @property
+    def wind_20_feet(self) -> float:
+        """W₂₀, m/s."""
+        return INTENSITIES[self.intensity] if isinstance(self.intensity, str) else self.intensity
+
+    @property
+    def mean_speed(self) -> float:
+        """V, m/s, equation (1)."""
+        if self.mean_wind is not None:
+            return self.mean_wind
+        return float(self.wind_20_feet * np.log(self.altitude / FOOT / _ROUGHNESS) / np.log(20.0 / _ROUGHNESS))
+
+    @property
+    def deviations(self) -> Floats:
+        """σ_u, σ_v, σ_w, m/s, equation (2)."""
+        horizontal = (0.177 + 0.000823 * self.altitude / FOOT) ** -0.4
+        return 0.1 * self.wind_20_feet * np.array([horizontal, horizontal, 1.0])
+
+    @property
+    def lengths(self) -> Floats:
+        """L_u, L_v, L_w, m, equation (3) with the standard's factor."""
+        horizontal = self.altitude / (0.177 + 0.000823 * self.altitude / FOOT) ** 1.2
+        factor = STANDARDS[self.standard]
+        return np.array([horizontal, factor * horizontal, factor * self.altitude])
+
+    @property
+    def times(self) -> Floats:
+        """T_u, T_v, T_w, s, as equations (4)–(7) have them: L/V of MIL-F-8785C, twice that of 1797 across and up."""
+        factor = STANDARDS[self.standard]
+        return self.lengths / [1.0, factor, factor] / self.mean_speed
+
+    @property
+    def filter(self) -> Filter:
+        """u, v, w in m/s from white noise."""
+        raise NotImplementedError
+
+    @property
+    def memory_size(self) -> int:
+        """The filters' states."""
+        return int(_sampled_turbulence(self, 1.0)[0].start.shape[0])
+
+    def start(self, streams: Streams) -> Floats:
+        """The stationary distribution."""
+        return start(_sampled_turbulence(self, 1.0)[0], streams)
+
+    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Mean wind and turbulence at the beginning of the period, over which they are held."""
+        sampled, output, mean = _sampled_turbulence(self, period)
+        run(sampled, output, _VELOCITY, step, streams, memory, out)
+        for axis, value in zip(_VELOCITY[:2], mean, strict=True):
+            out[:, axis] += value
+
+
+@lru_cache(maxsize=64)
+def _sampled_turbulence(turbulence: _Turbulence, period: float) -> tuple[Sampled, Floats, Floats]:
+    """The sampled filter, its output turned to the heading, and the mean wind along x and y."""
+    system = turbulence.filter
+    cosine, sine = np.cos(turbulence.heading), np.sin(turbulence.heading)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return sample(system, period), turn @ system.c, turbulence.mean_speed * turn[:2, 0]
+
+
+@dataclass(frozen=True)
+class Dryden(_Turbulence):
+    """Dryden turbulence at low altitude, equations (1)–(5): the mean wind with it."""
+
+    kind: str = field(default="dryden", init=False)
+
+    @property
+    def filter(self) -> Filter:
+        """Exact: H_u = σ √(2T/π) / (1 + Ts),  H_v, H_w = σ √(T/π) (1 + √3 Ts) / (1 + Ts)²."""
+        along, across, up = zip(self.deviations, self.times, strict=True)
+        filters = [transfer([1.0], [1.0, 1.0], along[0] * np.sqrt(2.0 * along[1] / np.pi), along[1])]
+        for deviation, time in (across, up):
+            gain = deviation * np.sqrt(time / np.pi)
+            filters.append(transfer([1.0, np.sqrt(3.0)], [1.0, 2.0, 1.0], gain, time))
+        return side_by_side(filters)
+
+    def density(self, frequency: Floats) -> Floats:
+        """One-sided spectral densities (4) and (5) of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s."""
+        squares = [(time * frequency) ** 2 for time in self.times]
+        shapes = [2.0 / (1.0 + squares[0]), *((1.0 + 3.0 * x) / (1.0 + x) ** 2 for x in squares[1:])]
+        scales = self.deviations**2 * self.times / np.pi
+        return np.stack([scale * shape for scale, shape in zip(scales, shapes, strict=True)])
+
+
+@dataclass(frozen=True)
+class VonKarman(_Turbulence):
+    """von Kármán turbulence at low altitude by rational filters, equations (1)–(3), (6) and (7): the mean wind with it.
+
+    The filters are those in use (Ly & Chan, AIAA Paper 80-1615).
+    """
+
+    kind: str = field(default="von_karman", init=False)
+
+    @property
+    def filter(self) -> Filter:
+        """Rational filters of second order along the mean wind, of third order across and up."""
+        along, across, up = zip(self.deviations, self.times, strict=True)
+        gain = along[0] * np.sqrt(2.0 * along[1] / np.pi)
+        filters = [transfer([1.0, 0.25], [1.0, 1.357, 0.1987], gain, along[1])]
+        for deviation, time in (across, up):
+            numerator, denominator = [1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539]
+            filters.append(transfer(numerator, denominator, deviation * np.sqrt(time / np.pi), time))
+        return side_by_side(filters)
+
+    def density(self, frequency: Floats) -> Floats:
+        """One-sided spectral densities (6) and (7) of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s."""
+        squares = [(1.339 * time * frequency) ** 2 for time in self.times]
+        shapes = [
+            2.0 / (1.0 + squares[0]) ** (5.0 / 6.0),
+            *((1.0 + 8.0 / 3.0 * x) / (1.0 + x) ** (11.0 / 6.0) for x in squares[1:]),
+        ]
+        scales = self.deviations**2 * self.times / np.pi
+        return np.stack([scale * shape for scale, shape in zip(scales, shapes, strict=True)])
