@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # of the first test episode; nothing is tuned on these
 
-.PHONY: demo evidence test check format bench clean
+.PHONY: demo evidence pictures test check format bench clean
 
 demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO
 	rm -rf runs/demo
@@ -19,6 +19,9 @@ evidence: .venv/.installed  ## the results table of the README: five training se
 	$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings demo --seed $(seed) --out runs/demo-$(seed) &&) true
 	$(BIN)/quadpend evaluate --policies adrc-paper adrc-matched ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
+
+pictures: .venv/.installed  ## the pictures of docs/models.md
+	$(BIN)/quadpend wind --out docs/models
 
 test: .venv/.installed  ## the tests
 	$(BIN)/python -m pytest

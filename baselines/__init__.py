@@ -3,5 +3,6 @@
 from baselines.adrc import ADRC
 from baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from baselines.policy import Policy
+from baselines.rotors import ThroughRotors
 
-__all__ = ["ADRC", "ADRC_GAINS", "AdrcGains", "ObserverGains", "Policy"]
+__all__ = ["ADRC", "ADRC_GAINS", "AdrcGains", "ObserverGains", "Policy", "ThroughRotors"]

@@ -217,9 +217,9 @@ BAD_ARGUMENTS: Table = {
     "simulation of the wrong type": ({"simulation": "fast"}, TypeError, "simulation must be a Simulation"),
     "simulation with an unknown field": ({"simulation": {"dt": 0.1}}, ValueError, "simulation has no field 'dt'"),
     "parameters of the wrong type": ({"simulation": {"parameters": 1}}, TypeError, "parameters must be a Parameters"),
-    "wind of the wrong type": ({"wind": 3.0}, TypeError, "wind must be a wind model .* not 3.0"),
-    "wind by name": ({"wind": "constant"}, TypeError, "wind must be a wind model"),
-    "a class of wind": ({"wind": Constant}, TypeError, "wind must be a wind model"),
+    "wind of the wrong type": ({"wind": 3.0}, TypeError, "wind must be a name, a wind model .* not 3.0"),
+    "wind of an unknown name": ({"wind": "gale"}, ValueError, "no wind 'gale'; there are calm, breeze, windy, storm"),
+    "a class of wind": ({"wind": Constant}, TypeError, "wind must be a name, a wind model .* not .*Constant"),
     "wind without a kind": ({"wind": {"force": 1.0}}, ValueError, "no kind None; the kinds are constant"),
     "wind of an unknown kind": ({"wind": {"kind": "storm"}}, ValueError, "no kind 'storm'"),
     "wind with an unknown field": ({"wind": {"kind": "constant", "gust": 1}}, ValueError, "wind has no field 'gust'"),
@@ -247,7 +247,8 @@ def test_a_bad_argument_of_a_vector_env_is_refused(value: Any, kind: Any, names:
 
 
 IMPOSSIBLE: list[tuple[Callable[..., Any], dict[str, Any]]] = [
-    *((Parameters, {name: value}) for name in Parameters.__dataclass_fields__ for value in (-1.0, 0.0, NAN, INF, "1")),
+    *((Parameters, {name: value}) for name in Parameters.__dataclass_fields__ for value in (-1.0, NAN, INF, "1")),
+    *((Parameters, {name: 0.0}) for name in Parameters.__dataclass_fields__ if not name.endswith("drag_area")),
     *((Actuators, {name: value}) for name in Actuators.__dataclass_fields__ for value in (-1.0, NAN, True)),
     *((Simulation, {"period": value}) for value in (0.0, -0.01, NAN, None)),
     *((Simulation, {"substeps": value}) for value in (0, -1, 1.5, "2")),
@@ -295,8 +296,8 @@ def test_weights_must_not_all_be_zero(kind: Any, weights: dict[str, float]) -> N
 
 
 def test_members_of_a_sum_must_be_models() -> None:
-    refused(lambda: Sum((Constant(), 3.0)), "wind must be a wind model", TypeError)
-    refused(lambda: Constant() + "gust", "wind must be a wind model", TypeError)
+    refused(lambda: Sum((Constant(), 3.0)), "wind must be a name, a wind model .* not 3.0", TypeError)
+    refused(lambda: Constant() + "gust", "no wind 'gust'; there are calm", ValueError)
 
 
 def test_a_step_before_the_first_reset_is_refused() -> None:
@@ -317,7 +318,7 @@ def test_wind_blows_in_these_environments_only() -> None:
 
 
 def test_bad_wind_in_a_wrapper_leaves_the_environment_as_it_was(single: Any, rows: Any) -> None:
-    refused_without_a_trace(single, lambda: WindWrapper(single, "gale"), "wind must be a wind model")
+    refused_without_a_trace(single, lambda: WindWrapper(single, "gale"), "no wind 'gale'")
     refused_without_a_trace(rows, lambda: VectorWindWrapper(rows, {"kind": "gale"}), "no kind 'gale'")
 
 

@@ -4,11 +4,19 @@ import re
 from pathlib import Path
 
 import pytest
+from gymnasium.vector import AutoresetMode
 
 from baselines.paper.drawing import draw
+from quadpend_gym import actuators, sensors, wind
+from train import model_plots
+from train.cli import main
+from train.model_plots import GALLERY
+from train.scenarios import find_scenario
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "docs/paper.md", ROOT / "docs/derivation.md"]
+PAPER_PAGES = [ROOT / "docs/paper.md", ROOT / "docs/derivation.md"]
+MODELS = (ROOT / "docs/models.md").read_text(encoding="utf-8")
+PAGES = [*PAPER_PAGES, ROOT / "docs/models.md"]
 MAP = (ROOT / "docs/paper.md").read_text(encoding="utf-8")
 
 
@@ -26,7 +34,7 @@ def test_every_link_has_a_target(page: Path) -> None:
     assert set(re.findall(r"\[(`[^\]]+`)\](?![:(])", text)) <= set(defined)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAPER_PAGES, ids=lambda page: page.name)
 def test_every_test_named_exists(page: Path) -> None:
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").glob("test_*.py"))
     named = set(re.findall(r"`(test_\w+)`", page.read_text(encoding="utf-8")))
@@ -47,3 +55,54 @@ def test_every_function_of_the_map_is_in_the_file_beside_it() -> None:
 def test_the_drawing_is_made_by_code(tmp_path: Path) -> None:
     draw(tmp_path / "frames.svg")
     assert (tmp_path / "frames.svg").read_text(encoding="utf-8").count("<path") > 50
+
+
+@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", MODELS, re.DOTALL))
+def test_python_on_the_page_of_models_runs(block: str) -> None:
+    exec(compile(block, "docs/models.md", "exec"), {})
+
+
+def test_the_scenario_on_the_page_of_models_makes_an_environment(tmp_path: Path) -> None:
+    (block,) = re.findall(r"```toml\n(.*?)```", MODELS, re.DOTALL)
+    (tmp_path / "mine.toml").write_text(block, encoding="utf-8")
+    env = find_scenario(str(tmp_path / "mine.toml")).make_vec(3, AutoresetMode.SAME_STEP)
+    assert env.reset(seed=0)[0].shape == (3, 4 * 27)
+
+
+def test_every_kind_of_model_has_its_picture_on_the_page() -> None:
+    kinds = {*wind.KINDS, *sensors.KINDS, *actuators.KINDS} - {"sum", "drawn", "rotor_fault"}
+    assert kinds <= set(GALLERY)
+    assert {path.stem for path in (ROOT / "docs/models").glob("*.png")} == set(GALLERY)
+    assert set(re.findall(r"models/(\w+)\.png", MODELS)) == set(GALLERY)
+
+
+def test_models_are_drawn_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_plots, "_LONG", 45.0)
+    chosen = [f"{name}={GALLERY[name]}" for name in ("dryden", "gusts", "noise", "rotors")]
+    main(["wind", "--models", *chosen, "windy", '{"kind": "delay"}', "--out", str(tmp_path)])
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "dryden.png",
+        "gusts.png",
+        "noise.png",
+        "rotors.png",
+        "windy.png",
+        "model_5.png",
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--models", "hurricane"], "there is no model 'hurricane'; there are calm, breeze"),
+        (["--models", "constant"], "this wind blows nothing"),
+        (["--models", '{"kind": "dryden"'], "the model is not valid JSON"),
+        (["--seconds", "0"], "seconds must be above 0"),
+        (["--seed", "-1"], "seed must be at least 0"),
+    ],
+)
+def test_a_senseless_picture_is_refused(
+    options: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["wind", "--out", str(tmp_path), *options])
+    assert sentence in capsys.readouterr().err

@@ -93,7 +93,8 @@ class Sample:
     def arguments(self, q_ddot: Floats | None = None) -> tuple[Floats, ...]:
         """What the derived functions take."""
         q_ddot = np.zeros(8) if q_ddot is None else q_ddot
-        return self.q, self.q_dot, q_ddot, self.command, self.disturbance, self.parameters.as_array()
+        parameters = self.parameters.as_array()[:7]  # drag is no part of the Lagrangian
+        return self.q, self.q_dot, q_ddot, self.command, self.disturbance, parameters
 
 
 def sample(seed: int) -> Sample:

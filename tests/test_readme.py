@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,11 @@ def test_python_in_the_readme_runs(block: str, tmp_path: Path, monkeypatch: pyte
 
 def test_the_commands_in_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (block,) = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
-    brief = {"train": ["--total-steps", "1024", "--num-envs", "16"], "evaluate": ["--episodes", "2"]}
-    for line in block.splitlines():
-        command, *options = line.removeprefix("quadpend ").split()
+    blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    train = ["--total-steps", "1024", "--num-envs", "16"]
+    brief = {"train": train, "evaluate": ["--episodes", "2"], "wind": ["--seconds", "1"]}
+    for line in "".join(blocks).splitlines():
+        command, *options = shlex.split(line.removeprefix("quadpend "))
         main([command, *options, *brief[command]])
     assert (tmp_path / "results/comparison.md").exists()
 

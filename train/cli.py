@@ -85,15 +85,16 @@ def _named(policy: str) -> tuple[str, str]:
 
 
 def wind(
-    models: tuple[str, ...] = ("breeze", "windy", "storm", "paper"),
+    models: tuple[str, ...] = (),
     out: Path = Path("results/wind"),
     seconds: float = 10.0,
-    seed: int = 0,
+    seed: int = 1,
 ) -> None:
-    """Draw what one trains in: series, histogram and spectrum of winds, beside theory.
+    """Draw what one trains in: a wind's series, histogram and spectrum beside theory; what sensors and actuators do.
 
     Args:
-        models: Presets or kinds of wind, kinds of sensors or actuators, or JSON with a kind and its settings.
+        models: Presets or kinds of wind, kinds of sensors or actuators, or JSON with a kind and its settings;
+            NAME=MODEL gives one a name. Without, one of each kind, as in docs/models.md.
         out: Folder for the pictures, one PNG for each model.
         seconds: How much of the series to show.
         seed: Of the episode shown.
@@ -105,9 +106,10 @@ def wind(
     if seed < 0:
         raise ValueError(f"seed must be at least 0, not {seed}")
     out.mkdir(parents=True, exist_ok=True)
-    for number, name in enumerate(models):
+    named = [_named(model) for model in models] or list(model_plots.GALLERY.items())
+    for number, (name, model) in enumerate(named):
         path = out / (f"{name}.png" if name.isidentifier() else f"model_{number}.png")
-        model_plots.draw(name, seconds, seed, path)
+        model_plots.draw(model, seconds, seed, path)
         print(f"Written: {path}")
 
 

@@ -26,9 +26,27 @@ from train.files import parse_mapping
 # The palette of Okabe and Ito, which the colour-blind can tell apart
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _PERIOD = 0.01  # s
-_COMPONENTS = ("0: thrust", "1: roll", "2: pitch", "3: yaw")  # of an action; or four rotors
 _EPISODES, _LONG = 64, 120.0  # episodes and seconds behind histogram and spectrum
 _UNITS = {"force": "N", "bob_force": "N", "torque": "N·m", "velocity": "m/s"}
+
+# One of each kind, for docs/models.md: picture and model.
+GALLERY = {
+    "constant": '{"kind": "drawn", "wind": {"kind": "constant", "force": [0.3, 0, 0]}, "strength": [0.5, 1.5]}',
+    "sinusoid": '{"kind": "sinusoid", "force": [0.3, 0.2, 0], "frequency": 2.0}',
+    "gusts": '{"kind": "gusts", "velocity": [6, 0, 0]}',
+    "ornstein_uhlenbeck": '{"kind": "ornstein_uhlenbeck", "force": 0.3}',
+    "dryden": "dryden",
+    "von_karman": "von_karman",
+    "paper_gusts": "paper",
+    "storm": "storm",
+    "noise": '{"kind": "noise", "position": {"white": 0.001, "bias": 0.003}, "direction": {"quantum": 0.01}}',
+    "delay": '{"kind": "delay", "steps": 10}',
+    "dropout": '{"kind": "dropout", "probability": 0.7}',
+    "action_delay": '{"kind": "action_delay", "steps": 5}',
+    "motor_lag": "motor_lag",
+    "rate_limit": '{"kind": "rate_limit", "rate": 10.0}',
+    "rotors": "rotors",
+}
 
 
 def draw(name: str, seconds: float, seed: int, path: Path) -> None:
@@ -51,7 +69,7 @@ def draw(name: str, seconds: float, seed: int, path: Path) -> None:
     FigureCanvasAgg(figure)
     figure.suptitle(_title(name), fontsize=11)
     _DRAWN[family](figure, models, seconds, seed)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=80)
 
 
 def _title(name: str) -> str:
@@ -107,12 +125,15 @@ def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) 
     words = field.replace("_", " ")
     above.set(xlabel="time (s)", ylabel=f"{words} ({unit})", xlim=(0.0, seconds))
     if above.lines:
+        above.margins(y=0.2)
         above.legend(frameon=False, ncols=3, loc="upper right")
     if field == "velocity":
         _force_axis(above)
     histogram.set(xlabel=f"{words} ({unit})", ylabel="density")
     spectrum.set(xlabel="frequency (rad/s)", ylabel=f"({unit})² per rad/s", xlim=(omega[0], 100.0))
     spectrum.set_ylim(bottom=max(spectrum.get_ylim()[0], 1e-9 * spectrum.get_ylim()[1]))
+    if density[1:].max() < 1e-12:
+        spectrum.set(title="nothing fluctuates", ylim=(1e-6, 1.0))
     if theory is not None:
         histogram.set_title("dashed: theory, around the mean", fontsize=9)
         spectrum.set_title("dashed: theory, with the 95 % band of this estimate", fontsize=9)
@@ -177,8 +198,9 @@ def _draw_sensors(figure: Any, models: tuple[Any, ...], seconds: float, seed: in
         axes.step(time, measured[:, column], where="post", color=_COLOURS[1], linewidth=0.8, label="measured")
         axes.plot(time, true[:, column], color=_COLOURS[0], linewidth=1.5, label="true")
         axes.set(xlabel="time (s)", ylabel=label, xlim=(0.0, seconds))
+        axes.margins(y=0.2)
         axes.grid(alpha=0.3)
-        axes.legend(frameon=False)
+        axes.legend(frameon=False, ncols=2, loc="upper right")
 
 
 def _draw_actuators(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
@@ -193,13 +215,16 @@ def _draw_actuators(figure: Any, models: tuple[Any, ...], seconds: float, seed: 
 
     acted = _through(models, action, seed, act)
     for axes, values, title in zip(
-        figure.subplots(1, 2, sharey=True), (action, acted), ("action", "what acts"), strict=True
+        figure.subplots(1, 2, sharey=True),
+        (action, acted),
+        ("action", "what acts: thrust, roll, pitch, yaw"),
+        strict=True,
     ):
         for i in range(4):
-            axes.step(time, values[:, i], where="post", color=_COLOURS[i], linewidth=1.2, label=_COMPONENTS[i])
-        axes.set(xlabel="time (s)", title=title)
+            axes.step(time, values[:, i], where="post", color=_COLOURS[i], linewidth=1.2, label=f"a{'₀₁₂₃'[i]}")
+        axes.set(xlabel="time (s)", title=title, ylim=(-0.1, 0.7))
         axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
+        axes.legend(frameon=False, ncols=4, loc="upper center", fontsize=8)
 
 
 _FAMILIES: dict[str, tuple[Any, Callable[[Any], tuple[Any, ...]]]] = {

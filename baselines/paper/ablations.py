@@ -9,14 +9,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
 from tqdm.auto import tqdm
 
 from baselines.adrc import ADRC, Measurement
 from baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from baselines.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_gym import (
-    OBSERVATION_FIELDS,
     Actuators,
     Constant,
     OrnsteinUhlenbeck,
@@ -25,7 +24,8 @@ from quadpend_gym import (
     Sinusoid,
 )
 from quadpend_gym.arrays import Floats
-from quadpend_gym.observation import OBSERVATION_SCALE
+from quadpend_gym.sensors import Noise
+from quadpend_gym.wrappers import VectorSensorWrapper
 
 EPISODES, SEED, STEPS, SETTLED = 50, 0, 1000, 500
 STEADY = 0.1  # N
@@ -144,19 +144,16 @@ def fly(case: Case) -> Result:
     """Hover 50 episodes."""
     simulation = Simulation(actuators=Actuators(roll_pitch_torque=case.torque))
     policy = case.controller(case.gains, simulation)
-    env = QuadPendulumVectorEnv(
+    env: VectorEnv[Any, Any, Any] = QuadPendulumVectorEnv(
         EPISODES, "hover", simulation, case.wind, autoreset_mode=AutoresetMode.SAME_STEP, max_episode_steps=STEPS
     )
+    if case.noise:
+        env = VectorSensorWrapper(env, Noise(position=case.noise, euler=case.noise, direction=case.noise))
     options = {"state": {"position": (case.offset, 0.0, 2.0)}} if case.offset else None
     observation, _ = env.reset(seed=SEED, options=options)
-    random = np.random.default_rng(SEED)
     flying, seconds, memory, started = np.ones(EPISODES, np.bool_), np.zeros(EPISODES), None, None
     errors, torques = np.full((STEPS, EPISODES, 3), np.nan), []
     for step in range(STEPS):
-        if case.noise:
-            for name in ("tracking_error", "direction", "attitude"):
-                part = OBSERVATION_FIELDS[name]
-                observation[:, part] += case.noise * random.normal(size=(EPISODES, 3)) / OBSERVATION_SCALE[part]
         action, memory = policy.predict(observation, memory, started)
         observation, _, terminated, truncated, info = env.step(action)
         started = terminated | truncated
