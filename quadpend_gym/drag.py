@@ -22,7 +22,6 @@ from quadpend_gym.state import DIRECTION_RATE, VELOCITY
 from quadpend_gym.vectors import Vec3, add, axpy, load, norm, scale, store
 
 AIR_DENSITY = 1.225  # kg/m³
-_AIR_VELOCITY = 9  # first field of the wind's velocity, see `wind.model`
 
 
 @inlined
@@ -32,17 +31,17 @@ def drag_force(area: float, relative: Vec3) -> Vec3:
 
 
 @inlined
-def add_drag(wind: Any, state: Any, physics: Any, lane: int, out: Any) -> None:
+def add_drag(wind: Vec3, state: Any, physics: Any, lane: int, out: Any) -> None:
     """Add the drag (1) and (2) to the forces in column `lane` of a disturbance.
 
     Args:
-        wind: shape (12, n).
+        wind: velocity of the air, m/s.
         state: shape (18, n).
         physics: shape (9, n).
         lane: column.
         out: shape (9, n).
     """
-    on_quadrotor = axpy(-1.0, load(state, VELOCITY, lane), load(wind, _AIR_VELOCITY, lane))
+    on_quadrotor = axpy(-1.0, load(state, VELOCITY, lane), wind)
     on_bob = axpy(-physics[ROD_LENGTH, lane], load(state, DIRECTION_RATE, lane), on_quadrotor)
     quadrotor_force = drag_force(physics[QUADROTOR_DRAG_AREA, lane], on_quadrotor)
     store(out, 0, lane, add(load(out, 0, lane), quadrotor_force))

@@ -13,10 +13,11 @@ from quadpend_gym.params import Simulation
 from quadpend_gym.records import build, numbers
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
-from quadpend_gym.world import Acted, World, calm, check_fixed, named_info
+from quadpend_gym.world import World, check_fixed
 
 _ROW = np.zeros(1, np.int64)
 _FLOAT32 = np.dtype(np.float32)
+_REWARD, _TERMINATED, _NUMBERS = kernel.REWARD, kernel.TERMINATED, kernel.DISTURBANCE
 
 
 def observation_space() -> spaces.Box:
@@ -53,11 +54,11 @@ def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
         TypeError: it is not made of numbers.
         ValueError: it has another shape.
     """
+    if isinstance(action, np.ndarray) and action.dtype is _FLOAT32 and action.shape == shape:
+        return action if action.flags.c_contiguous else np.ascontiguousarray(action)
     array = numbers(action, "action")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, not {array.shape}")
-    if array.dtype is _FLOAT32 and array.flags.c_contiguous:
-        return array
     with np.errstate(over="ignore"):  # what overflows is refused as out of range
         return array.astype(np.float32, order="C")
 
@@ -157,8 +158,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             self.world.seed(_ROW, [self.np_random_seed])
             self._seeded = True
         self.world.begin(_ROW, fixed)
-        observation, measured = self.world.look(_ROW)
-        return observation[0], named_info(measured[0].tolist(), measured[0, 4:7], calm(self.world.parameters[0]))
+        observation, outcome = self.world.look(_ROW)
+        return observation[0], self.world.info(outcome[:, 0], outcome[:, 0].tolist())
 
     def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
         """Hold `action` for one control period.
@@ -172,8 +173,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             ValueError: it has the wrong shape, or is out of range or not finite.
         """
         action = check_action(action, (4,)).reshape(1, 4)
-        observation, measured, acted = self.world.step(action)
-        row = measured[0]
-        columns = row.tolist()
-        info = named_info(columns, row[4:7], Acted(acted[0][0], acted[1][0], acted[2][0]))
-        return observation[0], columns[kernel.REWARD], columns[kernel.TERMINATED] != 0.0, False, info
+        observation, outcome = self.world.step(action)
+        row = outcome[:, 0]
+        numbers = row[:_NUMBERS].tolist()
+        terminated = numbers[_TERMINATED] != 0.0
+        return observation[0], numbers[_REWARD], terminated, False, self.world.info(row, numbers)

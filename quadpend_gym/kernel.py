@@ -36,10 +36,13 @@ from quadpend_gym.jit import compiled, inlined
 from quadpend_gym.observation import (
     OBSERVATION_SIZE,
     STATE_PART,
+    TARGET_SIZE,
     Target,
     Tracking,
+    load_target,
     observe_reference,
     observe_state,
+    store_target,
     track,
 )
 from quadpend_gym.params import PHYSICS_SIZE, ROD_LENGTH
@@ -52,17 +55,27 @@ from quadpend_gym.vectors import Vec3, add, axpy, dot, load, norm, scale, store
 ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE = 4, 4, 9
 # A row's memory: state, parameters and reference, from edge to edge.
 MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE)))
-# Columns of what is measured after a step: the four reward terms, then these.
-TRACKING_ERROR, TILT, REWARD, TERMINATED = 4, 7, 8, 9
-MEASURED_SIZE = 10
-_TARGET_SIZE = 7  # position, velocity and yaw of a reference
-SENSED_SIZE = STATE_SIZE + _TARGET_SIZE + 1
+# Rows of the outcome of a step: the four reward terms, then these. Disturbance, the air's velocity and the parameters
+# are what acted during the step.
+TRACKING_ERROR, TILT, REWARD, TERMINATED, DISTURBANCE, AIR_VELOCITY, PARAMETERS = 4, 7, 8, 9, 10, 19, 22
+OUTCOME_SIZE = PARAMETERS + PHYSICS_SIZE
+SENSED_SIZE = STATE_SIZE + TARGET_SIZE + 1
 
 _BLOCK = 64
 _AXIS = STATE_SIZE  # fields of the state lanes that hold the thrust axis
 # Edges of the parts of one buffer of lanes: state and axis, action, command, disturbance, physics, reference,
-# measured, time.
-_SIZES = (STATE_SIZE + 3, ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE, MEASURED_SIZE, 1)
+# target, measures, time.
+_SIZES = (
+    STATE_SIZE + 3,
+    ACTION_SIZE,
+    COMMAND_SIZE,
+    DISTURBANCE_SIZE,
+    PHYSICS_SIZE,
+    REFERENCE_SIZE,
+    TARGET_SIZE,
+    DISTURBANCE,
+    1,
+)
 _EDGES = (0, *accumulate(_SIZES))
 DIVERGED = 1e6  # a state this large is no longer a state
 
@@ -130,6 +143,19 @@ def _scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
     for lane in range(lanes):
         for field in range(out.shape[1]):
             out[first + lane, field] = lanes_in[field, lane]
+
+
+@inlined
+def _put(lanes_in: Any, fields: int, lanes: int, out: Any, field: int, column: int) -> None:
+    """Copy lanes into `out`, shape (k, n), from a field and a column on."""
+    if lanes < 8:  # where many short loops would take longer than one
+        for lane in range(lanes):
+            for i in range(fields):
+                out[field + i, column + lane] = lanes_in[i, lane]
+        return
+    for i in range(fields):
+        for lane in range(lanes):
+            out[field + i, column + lane] = lanes_in[i, lane]
 
 
 @inlined
@@ -234,10 +260,9 @@ def first_bad_action(action: Floats32) -> int:
 @inlined
 def _first_bad_wind(wind: Any) -> int:
     """The first column of a wind, shape (12, n), that is not finite; −1 if all are."""
-    bad = 0
-    for component in range(wind.shape[0]):
-        for row in range(wind.shape[1]):
-            bad |= not np.isfinite(wind[component, row])
+    bad = False
+    for number in wind.reshape(-1):
+        bad |= not np.isfinite(number)
     if bad:
         for row in range(wind.shape[1]):
             for component in range(wind.shape[0]):
@@ -254,9 +279,7 @@ def step(
     action: Floats32,
     settings: Floats,
     observation: Floats32,
-    measured: Floats,
-    disturbance: Floats,
-    sensed: Floats,
+    outcome: Floats,
 ) -> int:
     """One control period of n sub-environments, or with 0 substeps a look at them where they stand.
 
@@ -272,10 +295,9 @@ def step(
             for drag to arise in or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock
             alone.
         observation: written, shape (n, 36).
-        measured: written, shape (n, 10), columns as above.
-        disturbance: written, what the wind does, drag included, laid out as in `advance`, shape (9, n).
-        sensed: what sensors get to see, written unless it has no columns, shape (26, n): the state, and position,
-            velocity and yaw of the reference and the rod's length, which a tracking error is made of.
+        outcome: written, shape (31, n), rows as above; the disturbance, drag included, is laid out as in `advance`. If
+            it has 26 rows more, these get what sensors see: the state, and position, velocity and yaw of the reference
+            and the rod's length, which a tracking error is made of. Then the observation gets the reference only.
 
     Returns:
         −1; or, with nothing done, the first row whose action is out of range or not finite, or −2 minus the first row
@@ -292,17 +314,17 @@ def step(
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
     period, command_scale, limits, weights = settings[0], settings[1:5], settings[5:9], settings[9:13]
     air, substeps = settings[13] > 0.0, int(settings[14])
-    buffer = np.empty((_EDGES[8], _BLOCK))
+    buffer = np.empty((_EDGES[9], _BLOCK))
     state_lanes = buffer[_EDGES[0] : _EDGES[1]]
     action_lanes = buffer[_EDGES[1] : _EDGES[2]]
     command_lanes = buffer[_EDGES[2] : _EDGES[3]]
     disturbance_lanes = buffer[_EDGES[3] : _EDGES[4]]
     physics_lanes = buffer[_EDGES[4] : _EDGES[5]]
     reference_lanes = buffer[_EDGES[5] : _EDGES[6]]
-    measured_lanes = buffer[_EDGES[6] : _EDGES[7]]
-    time = buffer[_EDGES[7]]
+    target_lanes = buffer[_EDGES[6] : _EDGES[7]]
+    measures = buffer[_EDGES[7] : _EDGES[8]]
+    time = buffer[_EDGES[8]]
     observation_lanes = np.empty((OBSERVATION_SIZE, _BLOCK), np.float32)
-    target_lanes = np.empty((_TARGET_SIZE, _BLOCK))
     diverged = np.empty(_BLOCK, np.bool_)
     for first in range(0, state.shape[0], _BLOCK):
         lanes = min(_BLOCK, state.shape[0] - first)
@@ -311,12 +333,14 @@ def step(
         _gather(parameters, first, lanes, physics_lanes)
         _gather(reference, first, lanes, reference_lanes)
         _command(action_lanes, command_scale, lanes, command_lanes)
-        disturbance_lanes[:, :lanes] = wind[:DISTURBANCE_SIZE, first : first + lanes]
+        _put(wind[:, first:], DISTURBANCE_SIZE, lanes, disturbance_lanes, 0, 0)
         if air:
-            wind_lanes = wind[:, first : first + lanes]
             for lane in range(lanes):
-                add_drag(wind_lanes, state_lanes, physics_lanes, lane, disturbance_lanes)
-        disturbance[:, first : first + lanes] = disturbance_lanes[:, :lanes]
+                velocity = load(wind, DISTURBANCE_SIZE, first + lane)
+                add_drag(velocity, state_lanes, physics_lanes, lane, disturbance_lanes)
+        _put(disturbance_lanes, DISTURBANCE_SIZE, lanes, outcome, DISTURBANCE, first)
+        _put(wind[DISTURBANCE_SIZE:, first:], 3, lanes, outcome, AIR_VELOCITY, first)
+        _put(physics_lanes, PHYSICS_SIZE, lanes, outcome, PARAMETERS, first)
         _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)
@@ -329,24 +353,27 @@ def step(
                 store(state_lanes, _AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
         for lane in range(lanes):
             point = reference_point(reference_lanes, lane, time[lane])
-            target = Target(point.d0, point.d1, point.yaw)
-            tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
-            observe_state(state_lanes, lane, tracking, observation_lanes, lane)
             observe_reference(point, lane, observation_lanes)
-            _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, measured_lanes)
-            store(target_lanes, 0, lane, point.d0)
-            store(target_lanes, 3, lane, point.d1)
-            target_lanes[6, lane] = point.yaw
+            target = Target(point.d0, point.d1, point.yaw)
+            store_target(target, target_lanes, lane)
+            tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
+            _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, measures)
         _scatter(state_lanes, first, lanes, state)
-        _scatter(observation_lanes, first, lanes, observation)
-        _scatter(measured_lanes, first, lanes, measured)
-        if sensed.shape[1] > 0:
-            sensed[:STATE_SIZE, first : first + lanes] = state_lanes[:STATE_SIZE, :lanes]
-            sensed[STATE_SIZE:-1, first : first + lanes] = target_lanes[:, :lanes]
-            sensed[-1, first : first + lanes] = physics_lanes[ROD_LENGTH, :lanes]
+        _put(measures, DISTURBANCE, lanes, outcome, 0, first)
+        if outcome.shape[0] == OUTCOME_SIZE:
+            for lane in range(lanes):
+                target = load_target(target_lanes, lane)
+                tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
+                observe_state(state_lanes, lane, tracking, observation_lanes, lane)
+            _scatter(observation_lanes, first, lanes, observation)
+        else:
+            _scatter(observation_lanes[STATE_PART:], first, lanes, observation[:, STATE_PART:])
+            _put(state_lanes, STATE_SIZE, lanes, outcome, OUTCOME_SIZE, first)
+            _put(target_lanes, TARGET_SIZE, lanes, outcome, OUTCOME_SIZE + STATE_SIZE, first)
+            _put(physics_lanes[ROD_LENGTH:], 1, lanes, outcome, OUTCOME_SIZE + STATE_SIZE + TARGET_SIZE, first)
         for lane in range(lanes):
             if diverged[lane]:
-                measured[first + lane, TERMINATED] = 1.0
+                outcome[TERMINATED, first + lane] = 1.0
     return -1
 
 
@@ -364,8 +391,8 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
         size = min(_BLOCK, sensed.shape[1] - first)
         for lane in range(size):
             column = first + lane
-            point = Target(load(target, 0, column), load(target, 3, column), target[6, column])
-            observe_state(state, column, track(state, column, target[7, column], point), lanes, lane)
+            tracking = track(state, column, target[TARGET_SIZE, column], load_target(target, column))
+            observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
             for field in range(STATE_PART):
                 observation[first + lane, field] = lanes[field, lane]

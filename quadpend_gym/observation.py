@@ -24,7 +24,7 @@ from quadpend_gym.arrays import Floats, Floats32
 from quadpend_gym.jit import inlined
 from quadpend_gym.references import ReferencePoint
 from quadpend_gym.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
-from quadpend_gym.vectors import Vec3, axpy, load
+from quadpend_gym.vectors import Vec3, axpy, load, store
 
 # name: scale of each component, in the order of the layout
 _SCALES: dict[str, tuple[float, float, float]] = {
@@ -89,6 +89,23 @@ class Target(NamedTuple):
     position: Vec3
     velocity: Vec3
     yaw: float
+
+
+TARGET_SIZE = 7
+
+
+@inlined
+def load_target(lanes: Any, lane: int) -> Target:
+    """The target in column `lane` of a (7, n) buffer."""
+    return Target(load(lanes, 0, lane), load(lanes, 3, lane), lanes[6, lane])
+
+
+@inlined
+def store_target(target: Target, lanes: Any, lane: int) -> None:
+    """Write a target into column `lane` of a (7, n) buffer."""
+    store(lanes, 0, lane, target.position)
+    store(lanes, 3, lane, target.velocity)
+    lanes[6, lane] = target.yaw
 
 
 class Tracking(NamedTuple):

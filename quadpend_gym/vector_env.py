@@ -9,13 +9,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym import kernel
-from quadpend_gym.arrays import Booleans, Floats, Floats32
+from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.env import action_space, check_action, check_options, observation_space
 from quadpend_gym.params import Simulation
 from quadpend_gym.records import build
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
-from quadpend_gym.world import Acted, World, calm, check_fixed, named_info
+from quadpend_gym.world import World, check_fixed
 
 
 class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
@@ -98,8 +98,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self._seed(seed, mask)
         self.world.begin(rows, fixed)
         self._ended &= ~mask
-        observation, measured = self.world.look(np.arange(self.num_envs))
-        return observation, self._info(measured, calm(self.world.parameters), mask)
+        observation, outcome = self.world.look(np.arange(self.num_envs))
+        return observation, self._info(outcome, mask)
 
     def step(self, actions: Any) -> tuple[Floats32, Floats, Booleans, Booleans, dict[str, Any]]:
         """Hold each row's action for one control period.
@@ -119,25 +119,25 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             )
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
             actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)  # they only begin an episode
-        observation, measured, acted = self.world.step(actions)
-        reward = measured[:, kernel.REWARD].copy()
-        terminated = measured[:, kernel.TERMINATED] != 0.0
+        observation, outcome = self.world.step(actions)
+        reward = outcome[kernel.REWARD].copy()
+        terminated = outcome[kernel.TERMINATED] != 0.0
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
             reward[self._ended], terminated[self._ended] = 0.0, False
-            self._restart(self._ended, observation, measured, acted)
+            self._restart(np.flatnonzero(self._ended), observation, outcome)
         truncated = self._truncated()
         ended = terminated | truncated
         self._ended = ended.copy()
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
+            rows = np.flatnonzero(ended)
             final_obs = np.full(self.num_envs, None, object)
-            for row, last in zip(np.flatnonzero(ended), observation[ended], strict=True):
+            for row, last in zip(rows, observation[rows], strict=True):
                 final_obs[row] = last
-            last_acted = Acted(*(_only(array, ended) for array in acted))
-            final_info = self._info(_only(measured, ended), last_acted, ended)
+            final_info = self._info(_only(outcome, rows), ended)
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
-            self._restart(ended, observation, measured, acted)
-        info = self._info(measured, acted, np.ones(self.num_envs, np.bool_))
+            self._restart(rows, observation, outcome)
+        info = self._info(outcome, np.ones(self.num_envs, np.bool_))
         return observation, reward, terminated, truncated, {**info, **final}
 
     def _truncated(self) -> Booleans:
@@ -145,13 +145,10 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             return np.zeros(self.num_envs, np.bool_)
         return np.asarray(self.world.clock >= self.max_episode_steps)
 
-    def _restart(self, mask: Booleans, observation: Floats32, measured: Floats, acted: Acted) -> None:
-        """Begin the next episode of some rows, write what they look like, and let nothing have acted on them."""
-        rows = np.flatnonzero(mask)
+    def _restart(self, rows: Integers, observation: Floats32, outcome: Floats) -> None:
+        """Begin the next episode of some rows, and write what they look like."""
         self.world.begin(rows)
-        observation[rows], measured[rows] = self.world.look(rows)
-        acted.disturbance[rows], acted.air_velocity[rows] = 0.0, 0.0
-        acted.parameters[rows] = self.world.parameters[rows]
+        observation[rows], outcome[:, rows] = self.world.look(rows)
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
         seeds = self._check_seeds(seed)
@@ -186,18 +183,19 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             raise ValueError("options['reset_mask'] must have a True in it")
         return mask.copy()
 
-    def _info(self, measured: Floats, acted: Acted, mask: Booleans) -> dict[str, Any]:
-        """`named_info` with Gymnasium's ``_key`` masks of the rows it is about."""
-        info = named_info(measured.T, measured[:, 4:7], acted)
+    def _info(self, outcome: Floats, mask: Booleans) -> dict[str, Any]:
+        """`World.info` with Gymnasium's ``_key`` masks of the rows it is about."""
+        info = self.world.info(outcome, outcome)
         terms = info["reward_terms"]
         info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
-        return {**info, **{f"_{name}": mask for name in info}}
+        arrays = {name: value if name == "reward_terms" else value.T for name, value in info.items()}
+        return {**arrays, **{f"_{name}": mask for name in arrays}}
 
 
-def _only(array: Floats, mask: Booleans) -> Floats:
-    """A copy of some rows of an array, zero elsewhere."""
-    rows, out = np.flatnonzero(mask), np.zeros(array.shape)
-    out[rows] = array[rows]
+def _only(array: Floats, rows: Integers) -> Floats:
+    """A copy of some columns of an array, zero elsewhere."""
+    out = np.zeros(array.shape)
+    out[:, rows] = array[:, rows]
     return out
 
 

@@ -12,7 +12,6 @@ from gymnasium.error import ResetNeeded
 from quadpend_gym import kernel
 from quadpend_gym.actuators import check_chain
 from quadpend_gym.arrays import Floats, Floats32, Integers
-from quadpend_gym.kernel import DISTURBANCE_SIZE
 from quadpend_gym.models import Process
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
@@ -24,49 +23,12 @@ from quadpend_gym.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREA
 from quadpend_gym.tasks import Task, flatten
 from quadpend_gym.wind import WIND_SIZE, as_wind
 
-_MEASURED = kernel.MEASURED_SIZE
-
-
-class Acted(NamedTuple):
-    """What acted during a step, for one row or for many.
-
-    Attributes:
-        disturbance: force on the quadrotor, on the bob (N, world) and torque (N·m), shape (..., 9).
-        air_velocity: of the wind, m/s, world, shape (..., 3).
-        parameters: the true ones, shape (..., 9).
-    """
-
-    disturbance: Floats
-    air_velocity: Floats
-    parameters: Floats
-
-
-def calm(parameters: Floats) -> Acted:
-    """No wind, with the given parameters, shape (9,) or (n, 9)."""
-    return Acted(
-        np.zeros((*parameters.shape[:-1], DISTURBANCE_SIZE)), np.zeros((*parameters.shape[:-1], 3)), parameters
-    )
-
-
-def named_info(columns: Any, tracking_error: Floats, acted: Acted) -> dict[str, Any]:
-    """The `info` of one row or of many.
-
-    Keys: ``tracking_error`` (m, flat outputs, world), ``tilt`` (rad, the pendulum's α), ``disturbance``,
-    ``air_velocity`` and ``parameters`` as in `Acted`, ``reward_terms``. All of them are true, whatever the sensors say.
-
-    Args:
-        columns: what is measured, column by column: a list of floats for one row, an array (10, n) for many.
-        tracking_error: shape (..., 3).
-        acted: during the step; after a reset, no wind.
-    """
-    return {
-        "tracking_error": tracking_error,
-        "tilt": columns[kernel.TILT],
-        "disturbance": acted.disturbance,
-        "air_velocity": acted.air_velocity,
-        "parameters": acted.parameters,
-        "reward_terms": {"tracking": columns[0], "upright": columns[1], "yaw": columns[2], "effort": columns[3]},
-    }
+# Parts of the outcome of a step
+_TRACKING_ERROR = slice(kernel.TRACKING_ERROR, kernel.TILT)
+_DISTURBANCE = slice(kernel.DISTURBANCE, kernel.AIR_VELOCITY)
+_AIR_VELOCITY = slice(kernel.AIR_VELOCITY, kernel.PARAMETERS)
+_PARAMETERS = slice(kernel.PARAMETERS, kernel.OUTCOME_SIZE)
+_TILT = kernel.TILT
 
 
 def kernel_settings(task: Task, simulation: Simulation, air: bool, substeps: int) -> Floats:
@@ -114,7 +76,6 @@ class World:
     episodes, or (start and reference) the wind, the sensors and the actuators.
 
     Attributes:
-        wind: what will blow over the coming control period, shape (n, 12), see `quadpend_gym.wind`.
         clock: control steps since each episode began, shape (n,).
         episode: number of each row's episode since it was seeded, shape (n,); −1 before the first.
     """
@@ -126,7 +87,9 @@ class World:
         self._memory = np.zeros((rows, kernel.MEMORY_EDGES[3]))
         self._nominal = simulation.parameters.as_array()
         self.parameters[:] = self._nominal
-        self._sensed = np.zeros((kernel.SENSED_SIZE, 0))
+        self._outcome_shape = kernel.OUTCOME_SIZE, rows
+        self._observation_like = (rows, OBSERVATION_SIZE), np.dtype(np.float32)
+        self._sensed = np.zeros((0, rows))
         self.clock = np.zeros(rows, np.int64)
         self.episode = np.full(rows, -1, np.int64)
         self._seeds = np.zeros(rows, np.uint64)
@@ -153,9 +116,37 @@ class World:
         return self._memory[:, kernel.MEMORY_EDGES[2] : kernel.MEMORY_EDGES[3]]
 
     @property
+    def wind(self) -> Floats:
+        """What will blow over the coming control period, shape (n, 12), see `quadpend_gym.wind`; a view."""
+        return self._blown.T
+
+    @property
     def rows(self) -> int:
         """Number of sub-environments."""
         return self.clock.size
+
+    def info(self, outcome: Floats, numbers: Any) -> dict[str, Any]:
+        """The `info` of one row or of many: all of it true, whatever the sensors say.
+
+        Keys: ``tracking_error`` (m, flat outputs, world), ``tilt`` (rad, the pendulum's α), ``disturbance`` (force on
+        the quadrotor, on the bob (N, world) and torque (N·m) during the step), ``reward_terms``; where a wind moves the
+        air ``air_velocity`` (m/s, world), and where they are drawn ``parameters``, in the order of `Parameters`.
+
+        Args:
+            outcome: of a step, as `kernel` lays it out, shape (31,) or (31, n); so are the parts of it in the info.
+            numbers: its first rows again, from which the scalars are taken.
+        """
+        info = {
+            "tracking_error": outcome[_TRACKING_ERROR],
+            "tilt": numbers[_TILT],
+            "disturbance": outcome[_DISTURBANCE],
+            "reward_terms": {"tracking": numbers[0], "upright": numbers[1], "yaw": numbers[2], "effort": numbers[3]},
+        }
+        if self._moves_air:
+            info["air_velocity"] = outcome[_AIR_VELOCITY]
+        if self._ranges is not None:
+            info["parameters"] = outcome[_PARAMETERS]
+        return info
 
     def _wait(self) -> None:
         """Every row must begin a new episode."""
@@ -166,15 +157,17 @@ class World:
         """Let these blow besides what blows already; every row must then begin a new episode."""
         self._wind = Process((*self._wind.models, *models), self.rows)
         moving: tuple[Any, ...] = self._wind.models
-        air = any(model.moves_air for model in moving)
-        self._settings = kernel_settings(self.task, self.simulation, air, self.simulation.substeps)
-        self.wind = np.zeros((WIND_SIZE, self.rows)).T
+        self._moves_air = any(model.moves_air for model in moving)
+        self._settings = kernel_settings(self.task, self.simulation, self._moves_air, self.simulation.substeps)
+        self._blown = np.zeros((WIND_SIZE, self.rows))
         self._wait()
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
         """Put these sensors behind those there are; every row must then begin a new episode."""
         self._sensors = Process((*self._sensors.models, *models), self.rows)
-        self._sensed = np.zeros((kernel.SENSED_SIZE, self.rows))
+        if models:
+            self._outcome_shape = kernel.OUTCOME_SIZE + kernel.SENSED_SIZE, self.rows
+            self._sensed = np.zeros((kernel.SENSED_SIZE, self.rows))
         self._wait()
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
@@ -252,9 +245,9 @@ class World:
 
     def _blow(self) -> None:
         """What blows over the coming control period."""
-        period, blown = self.simulation.period, np.zeros((WIND_SIZE, self.rows)).T
+        period, blown = self.simulation.period, self.wind
+        blown[:] = 0.0
         self._wind.work(lambda model, memory, random: model.blow(blown, memory, self.clock, period, random))
-        self.wind = blown
 
     @property
     def measured(self) -> Floats:
@@ -280,27 +273,26 @@ class World:
         return out.astype(np.float32, order="C")
 
     def look(self, rows: Integers) -> tuple[Floats32, Floats]:
-        """Observation and measurements of the given rows where they stand, as if hovering in calm air; see `step`."""
-        observation, measured = np.empty((rows.size, OBSERVATION_SIZE), np.float32), np.empty((rows.size, _MEASURED))
+        """Observation and outcome of the given rows where they stand, as if hovering in calm air; see `step`."""
+        observation = np.empty((rows.size, OBSERVATION_SIZE), np.float32)
+        outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, kernel.ACTION_SIZE), np.float32)
         memory, clock, still = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
-        sensed = np.empty((kernel.SENSED_SIZE, rows.size if self._sensors.models else 0))
-        nothing = np.empty((DISTURBANCE_SIZE, rows.size))
-        kernel.step(memory, clock, still, action, self._looking, observation, measured, nothing, sensed)
+        kernel.step(memory, clock, still, action, self._looking, observation, outcome)
         if self._sensors.models:
+            sensed = outcome[kernel.OUTCOME_SIZE :]
             sensed[:STATE_SIZE] = self._sensed[:STATE_SIZE, rows]
             kernel.observe_sensed(sensed, observation)
-        return observation, measured
+        return observation, outcome[: kernel.OUTCOME_SIZE]
 
-    def step(self, action: Floats32) -> tuple[Floats32, Floats, Acted]:
+    def step(self, action: Floats32) -> tuple[Floats32, Floats]:
         """Advance every row by one control period.
 
         Args:
             action: shape (n, 4), float32, components in [−1, 1].
 
         Returns:
-            The observation, shape (n, 36); what was measured, shape (n, 10), with the columns that `kernel` names:
-            reward terms, tracking error, tilt, reward, termination; and what disturbed.
+            The observation, shape (n, 36), and the outcome, shape (31, n), with the rows that `kernel` names.
 
         Raises:
             ResetNeeded: a row has not begun an episode.
@@ -308,27 +300,21 @@ class World:
         """
         if not self._ready:
             raise ResetNeeded(f"row {self._waiting.argmax()} has no episode: call reset before step")
-        rows = self.clock.size
-        observation, measured = np.empty((rows, OBSERVATION_SIZE), np.float32), np.empty((rows, _MEASURED))
-        disturbance, wind, sensed = np.empty((DISTURBANCE_SIZE, rows)), self.wind.T, self._sensed
+        observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
         if self._actuators.models:
             _refuse_action(action, kernel.first_bad_action(action))
             action = self._act(action)
-        bad = kernel.step(
-            self._memory, self.clock, wind, action, self._settings, observation, measured, disturbance, sensed
-        )
-        _refuse_action(action, bad)
-        if bad < -1:
-            raise ValueError(f"wind must blow finite numbers, not {wind[:, -2 - bad].tolist()} in row {-2 - bad}")
+        bad = kernel.step(self._memory, self.clock, self._blown, action, self._settings, observation, outcome)
+        if bad != -1:
+            _refuse_action(action, bad)
+            raise ValueError(f"wind must blow finite numbers, not {self.wind[-2 - bad].tolist()} in row {-2 - bad}")
         if self._sensors.models:
+            outcome, self._sensed = outcome[: kernel.OUTCOME_SIZE], outcome[kernel.OUTCOME_SIZE :]
             self._sense()
-            kernel.observe_sensed(sensed, observation)
+            kernel.observe_sensed(self._sensed, observation)
         if self._wind.models:
             self._blow()
-            air_velocity = wind[DISTURBANCE_SIZE:].T
-        else:  # the calm goes on: nothing of it is given away
-            air_velocity = np.zeros((rows, 3))
-        return observation, measured, Acted(disturbance.T, air_velocity, self.parameters.copy())
+        return observation, outcome
 
 
 def _refuse_action(action: Floats32, row: int) -> None:

@@ -156,6 +156,14 @@ def test_a_walk_gains_its_variance_per_second_whatever_the_control_period(period
     assert largest_correlation(error[2] - error[1], error[3] - error[2]) < 5.0
 
 
+def test_white_noise_bias_and_walk_are_independent_and_add_up_in_variance() -> None:
+    rows, white, bias, walk = 2000, 0.03, 0.04, 0.3
+    error = errors(Noise(euler={"white": white, "bias": bias, "walk": walk}), rows, 40)[:, :, STATE_FIELDS["euler"]]
+    seen = [error[0], error[40], error[40] - error[39]]
+    expected = [white**2 + bias**2, white**2 + bias**2 + 40 * PERIOD * walk**2, 2 * white**2 + PERIOD * walk**2]
+    assert_allclose([np.var(part) for part in seen], expected, rtol=5.0 * np.sqrt(2 / (3 * rows)))
+
+
 def test_what_is_measured_is_rounded_after_the_noise() -> None:
     quantum = 2.0**-7
     coarse = {"white": 0.01, "bias": 0.1, "quantum": quantum}
