@@ -21,10 +21,15 @@ from gymnasium.vector.utils import batch_space
 from rich.console import Console
 from rich.table import Table
 
-from quadpend_gym import OrnsteinUhlenbeck
+from quadpend_gym import Dryden, OrnsteinUhlenbeck
+from quadpend_gym.randomization import ParameterRanges
+from quadpend_gym.sensors import Noise
 from quadpend_gym.vector_env import QuadPendulumVectorEnv
+from quadpend_gym.wrappers import VectorParameterWrapper, VectorSensorWrapper
 
 ROWS = (1, 64, 1024, 4096, 16384)
+FULL_ROWS = 4096
+FULL = f"QuadPendulum-v0, {FULL_ROWS} rows, Dryden wind, noisy sensors, random parameters"
 _SECONDS = 0.25
 _REPETITIONS = 5
 
@@ -79,6 +84,12 @@ def measure_environments() -> dict[str, float]:
             rates[f"QuadPendulum-v0, {rows} rows{name}"] = vector_rate(env, actions)
         cartpole = gym.make_vec("CartPole-v1", rows, vectorization_mode="vector_entry_point")
         rates[f"CartPole-v1, {rows} rows"] = vector_rate(cartpole, np.ones(rows, np.int64))
+    full: VectorEnv[Any, Any, Any] = QuadPendulumVectorEnv(
+        FULL_ROWS, wind=Dryden(), autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    full = VectorSensorWrapper(full, Noise(position=0.002, euler=0.002, direction=0.002))
+    full = VectorParameterWrapper(full, ParameterRanges.around(0.3))
+    rates[FULL] = vector_rate(full, np.full((FULL_ROWS, 4), 0.01, np.float32))
     return rates
 
 
@@ -161,6 +172,8 @@ def _ratios(rates: dict[str, float]) -> dict[str, float]:
         "single / InvertedDoublePendulum-v5": rates["QuadPendulum-v0, single"]
         / rates["InvertedDoublePendulum-v5, single"],
     }
+    if (calm := f"QuadPendulum-v0, {FULL_ROWS} rows") in rates:
+        ratios["Dryden wind, noisy sensors, random parameters / calm"] = rates[FULL] / rates[calm]
     for rows in ROWS:
         ratios[f"{rows} rows / CartPole-v1's"] = (
             rates[f"QuadPendulum-v0, {rows} rows"] / rates[f"CartPole-v1, {rows} rows"]
