@@ -10,6 +10,7 @@ from quadpend_gym import PAPER, Constant, Parameters, Simulation
 from quadpend_gym.arrays import Floats
 from quadpend_gym.dynamics import energy
 from tests.env_helpers import AT_REST, ENDLESS, WINDY, draw_actions, make_bare, make_rows
+from tests.wind_helpers import EXAMPLES, every_kind
 
 # Half the density of air times the drag area, kg/m: what a force is made of with the square of a speed.
 ON_QUADROTOR, ON_BOB = 0.5 * 1.225 * 0.01, 0.5 * 1.225 * 0.0005
@@ -22,8 +23,9 @@ def pushed(wind: Any, simulation: Any = None, **state: tuple[float, float, float
     env = make_bare(wind=wind, task=ENDLESS, simulation=simulation)
     env.reset(seed=0, options={"state": {**AT_REST, **state}})
     info = env.step(np.zeros(4))[4]
-    force, bob_force, torque = np.split(info["disturbance"], 3)
-    return {"force": force, "bob_force": bob_force, "torque": torque, "air": info["air_velocity"]}
+    names = ("force", "bob_force", "torque")
+    acted = dict(zip(names, np.split(info["disturbance"], 3), strict=True))
+    return {**acted, "air": info["air_velocity"]} if "air_velocity" in info else acted
 
 
 def test_a_wind_pushes_bodies_at_rest_with_the_square_of_its_speed_along_itself() -> None:
@@ -86,8 +88,26 @@ def test_forces_are_proportional_to_the_drag_area_of_their_body_alone(name: str,
 @pytest.mark.parametrize("wind", [None, Constant(force=0.2), WINDY], ids=["calm", "force", "forces"])
 def test_without_moving_air_there_is_no_drag_however_fast_one_flies(wind: Any) -> None:
     at_rest, flying = pushed(wind), pushed(wind, velocity=(30.0, 0.0, 0.0), direction_rate=(9.0, 0.0, 0.0))
+    assert at_rest.keys() == {"force", "bob_force", "torque"}
     for name, value in at_rest.items():
         assert_array_equal(flying[name], value)
+
+
+@every_kind
+def test_every_wind_that_moves_the_air_pushes_so_besides_its_own_forces(wind: Any) -> None:
+    env = make_bare(wind=wind, task=ENDLESS)
+    env.reset(seed=0)
+    moves_air = wind is not EXAMPLES["paper_gusts"]
+    velocities = []
+    for action in 0.1 * draw_actions(0, 20):
+        blew, velocity = env.world.wind[0].copy(), env.state.velocity.copy()
+        disturbance = env.step(action)[4]["disturbance"]
+        velocities.append(blew[9:])
+        relative = (blew[9:] - velocity) * moves_air  # in pauses between gusts the air is still, but there
+        drag = ON_QUADROTOR * np.linalg.norm(relative) * relative
+        assert_allclose(disturbance[0:3] - blew[0:3], drag, rtol=1e-9, atol=1e-12)
+        assert_array_equal(disturbance[6:9], blew[6:9])
+    assert np.any(velocities) == moves_air
 
 
 def test_winds_that_cancel_leave_still_air_in_which_one_is_slowed() -> None:

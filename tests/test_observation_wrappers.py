@@ -177,6 +177,18 @@ def test_a_reset_of_some_rows_leaves_the_histories_of_the_others() -> None:
     assert_array_equal(env.step(actions[0])[0][~mask], untouched.step(actions[0])[0][~mask])
 
 
+def test_of_rows_that_have_ended_those_that_were_reset_go_on_and_the_others_begin() -> None:
+    """As their episodes do, with next-step autoreset."""
+    env = make_wrapped_rows(3, [("HistoryWrapper", 2)], max_episode_steps=2)
+    env.reset(seed=0)
+    fly(env, np.zeros((2, 3, 4)))
+    mask, halves = np.array([True, False, True]), (3, 2, 36)
+    first = env.reset(options={"reset_mask": mask})[0].reshape(halves)[:, 1]
+    before, present = env.step(np.zeros((3, 4)))[0].reshape(halves).swapaxes(0, 1)
+    assert_array_equal(before[mask], first[mask])
+    assert_array_equal(before[1], present[1])
+
+
 @pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
 def test_a_history_once_given_does_not_change(rows: tuple[int, ...]) -> None:
     env: Any = make_wrapped_rows(3, [HISTORY]) if rows else make_wrapped([HISTORY])

@@ -144,7 +144,15 @@ def test_a_flight_is_that_of_an_environment_with_these_parameters() -> None:
     certain = make_bare(wind=wind, simulation={"parameters": true_parameters(info)})
     certain.reset(seed=2)
     actions = draw_actions(2, 20)
-    assert_same(fly(uncertain, actions), fly(certain, actions))
+    flight, expected = fly(uncertain, actions), fly(certain, actions)
+    assert {info.pop("parameters").tobytes() for *_, info in flight} == {certain.world.parameters.tobytes()}
+    assert_same(flight, expected)
+
+
+def test_parameters_that_are_not_drawn_are_not_told() -> None:
+    env = make_bare()
+    assert "parameters" not in env.reset(seed=0)[1]
+    assert "parameters" not in env.step(np.zeros(4))[4]
 
 
 def test_the_physics_obeys_the_drawn_parameters_and_an_action_means_what_it_did() -> None:
