@@ -21,7 +21,7 @@ class Policy(Protocol):
         """Action for an observation or for a batch of them.
 
         Args:
-            observation: shape (36,) or (n, 36), laid out as in `quadpend_gym.observation`.
+            observation: shape (36,) or (n, 36), laid out as in `quadpend_gym.observation`, or without velocities (27,).
             state: what the previous call returned; None at first.
             episode_start: rows whose episode has just begun, shape (n,); None: none but at first.
             deterministic: learned policies may draw their action when False.

@@ -169,7 +169,7 @@ class Rotors(Forgetful):
             limit = simulation.command_scale[row]
             raise ValueError(
                 f"the rotors' {name} of up to {limit * strongest[row]:g} {unit} passes the simulation's limit of"
-                f" {limit:g} {unit}: shorten the arms or raise the limit"
+                f" {limit:g} {unit}: give them less arm or drag_ratio, or raise the limit"
             )
         return np.asarray(mixing)
 
@@ -195,7 +195,7 @@ class RotorFault(Forgetful):
     kind: str = field(default="rotor_fault", init=False)
 
     def __post_init__(self) -> None:
-        if self.rotor not in (1, 2, 3, 4) or isinstance(self.rotor, bool):
+        if not isinstance(self.rotor, int) or isinstance(self.rotor, bool) or not 1 <= self.rotor <= 4:
             raise ValueError(f"rotor must be 1, 2, 3 or 4, not {self.rotor!r}")
         number(self.effectiveness, "effectiveness", 0.0, 1.0)
         number(self.onset, "onset", 0.0)
@@ -214,7 +214,7 @@ KINDS: dict[str, type[Any]] = {
     "rotors": Rotors,
     "rotor_fault": RotorFault,
 }
-_FAMILY = Family("actuator", Actuator, KINDS, {})
+_FAMILY = Family("actuator", "an actuator model", Actuator, KINDS)
 
 
 def as_actuators(value: Any) -> tuple[Any, ...]:

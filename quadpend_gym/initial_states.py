@@ -12,12 +12,13 @@ To this a deviation is added, uniform in each component.
 
 from typing import Any, NamedTuple
 
-from quadpend_gym.dynamics import Physics
+from quadpend_gym.arrays import Floats, Integers
+from quadpend_gym.dynamics import Physics, load_physics
 from quadpend_gym.elementary import sincos
-from quadpend_gym.jit import inlined
-from quadpend_gym.references import ReferencePoint
+from quadpend_gym.jit import compiled, inlined
+from quadpend_gym.references import ReferencePoint, reference_point
 from quadpend_gym.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
-from quadpend_gym.streams import uniform_between
+from quadpend_gym.streams import START_STREAM, Keys, derive, uniform_between
 from quadpend_gym.vectors import Vec3, add, axpy, dot, norm, scale, store
 
 
@@ -88,3 +89,31 @@ def draw_start(
     )
     store(lanes, DIRECTION, lane, r)
     store(lanes, DIRECTION_RATE, lane, r_dot)
+
+
+@compiled
+def draw_starts(
+    rows: Integers,
+    seeds: Keys,
+    episodes: Integers,
+    ranges: Floats,
+    parameters: Floats,
+    reference: Floats,
+    state: Floats,
+) -> None:
+    """Draw a random start near the reference of each of the given rows.
+
+    Args:
+        rows: indices into the arrays below, shape (m,).
+        seeds: root of each row's random streams, shape (n,).
+        episodes: number of each row's episode, shape (n,).
+        ranges: `tasks.flatten` of the task's start.
+        parameters: shape (n, 9).
+        reference: shape (n, 20).
+        state: written, shape (n, 18).
+    """
+    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
+    for row in rows:
+        key = derive(derive(seeds[row], episodes[row]), START_STREAM)
+        point = reference_point(reference.T, row, 0.0)
+        draw_start(key, bounds, point, load_physics(parameters.T, row), state.T, row)

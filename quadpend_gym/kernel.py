@@ -31,7 +31,6 @@ from quadpend_gym.dynamics import (
     thrust_axis,
 )
 from quadpend_gym.elementary import arcsin
-from quadpend_gym.initial_states import StartRanges, draw_start
 from quadpend_gym.jit import compiled, inlined
 from quadpend_gym.observation import (
     OBSERVATION_SIZE,
@@ -46,10 +45,9 @@ from quadpend_gym.observation import (
     track,
 )
 from quadpend_gym.params import PHYSICS_SIZE, ROD_LENGTH
-from quadpend_gym.references import REFERENCE_SIZE, ReferenceRanges, draw_reference, reference_point
+from quadpend_gym.references import REFERENCE_SIZE, reference_point
 from quadpend_gym.reward import reward_terms
 from quadpend_gym.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, STATE_SIZE, VELOCITY
-from quadpend_gym.streams import REFERENCE_STREAM, START_STREAM, Keys, derive
 from quadpend_gym.vectors import Vec3, add, axpy, dot, load, norm, scale, store
 
 ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE = 4, 4, 9
@@ -247,19 +245,12 @@ def _measure(
     out[TERMINATED, lane] = 1.0 if over else 0.0
 
 
-@compiled
-def first_bad_action(action: Floats32) -> int:
-    """The first row of actions, shape (n, 4), that is out of range or not finite; −1 if none is."""
+@inlined
+def _first_bad(action: Any, wind: Any) -> int:
     for row in range(action.shape[0]):
         for component in range(ACTION_SIZE):
             if not (abs(action[row, component]) <= 1.0):
                 return row
-    return -1
-
-
-@inlined
-def _first_bad_wind(wind: Any) -> int:
-    """The first column of a wind, shape (12, n), that is not finite; −1 if all are."""
     bad = False
     for number in wind.reshape(-1):
         bad |= not np.isfinite(number)
@@ -267,8 +258,17 @@ def _first_bad_wind(wind: Any) -> int:
         for row in range(wind.shape[1]):
             for component in range(wind.shape[0]):
                 if not np.isfinite(wind[component, row]):
-                    return row
+                    return -2 - row
     return -1
+
+
+@compiled
+def first_bad(action: Floats32, wind: Floats) -> int:
+    """The first row of actions, shape (n, 4), that is out of range or not finite.
+
+    If there is none, −2 minus the first column of a wind, shape (12, n), that is not finite; if there is none, −1.
+    """
+    return _first_bad(action, wind)
 
 
 @compiled
@@ -300,15 +300,11 @@ def step(
             and the rod's length, which a tracking error is made of. Then the observation gets the reference only.
 
     Returns:
-        −1; or, with nothing done, the first row whose action is out of range or not finite, or −2 minus the first row
-        whose wind is not finite.
+        −1; or, with nothing done, what `first_bad` finds.
     """
-    bad = first_bad_action(action)
-    if bad >= 0:
+    bad = _first_bad(action, wind)
+    if bad != -1:
         return bad
-    bad = _first_bad_wind(wind)
-    if bad >= 0:
-        return -2 - bad
     state = memory[:, MEMORY_EDGES[0] : MEMORY_EDGES[1]]
     parameters = memory[:, MEMORY_EDGES[1] : MEMORY_EDGES[2]]
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
@@ -396,51 +392,3 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
         for lane in range(size):
             for field in range(STATE_PART):
                 observation[first + lane, field] = lanes[field, lane]
-
-
-@compiled
-def draw_references(rows: Integers, seeds: Keys, episodes: Integers, ranges: Floats, reference: Floats) -> None:
-    """Draw a random reference for each of the given rows.
-
-    Args:
-        rows: indices into `reference`, shape (m,).
-        seeds: root of each row's random streams, shape (n,).
-        episodes: number of each row's episode, shape (n,).
-        ranges: `tasks.flatten` of the task's references.
-        reference: written, shape (n, 20).
-    """
-    r = ranges
-    bounds = ReferenceRanges(
-        r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14]
-    )
-    for row in rows:
-        key = derive(derive(seeds[row], episodes[row]), REFERENCE_STREAM)
-        draw_reference(key, bounds, reference.T, row)
-
-
-@compiled
-def draw_starts(
-    rows: Integers,
-    seeds: Keys,
-    episodes: Integers,
-    ranges: Floats,
-    parameters: Floats,
-    reference: Floats,
-    state: Floats,
-) -> None:
-    """Draw a random start near the reference of each of the given rows.
-
-    Args:
-        rows: indices into the arrays below, shape (m,).
-        seeds: root of each row's random streams, shape (n,).
-        episodes: number of each row's episode, shape (n,).
-        ranges: `tasks.flatten` of the task's start.
-        parameters: shape (n, 9).
-        reference: shape (n, 20).
-        state: written, shape (n, 18).
-    """
-    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
-    for row in rows:
-        key = derive(derive(seeds[row], episodes[row]), START_STREAM)
-        point = reference_point(reference.T, row, 0.0)
-        draw_start(key, bounds, point, load_physics(parameters.T, row), state.T, row)

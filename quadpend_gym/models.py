@@ -6,7 +6,7 @@ a mapping with its ``kind``, which is how it travels in an environment's JSON sp
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,15 +46,17 @@ class Family:
 
     Attributes:
         name: what the sort is called in error messages.
+        noun: what one of them is called.
         protocol: what its models can do; runtime checkable.
         kinds: its models by the names they have as data.
         presets: ready models by name.
     """
 
     name: str
+    noun: str
     protocol: Any
     kinds: Mapping[str, type[Any]]
-    presets: Mapping[str, Any]
+    presets: Mapping[str, Any] = field(default_factory=dict)
 
     def members(self, value: Any) -> tuple[Any, ...]:
         """The models that `value` is or describes, in order.
@@ -68,25 +70,24 @@ class Family:
         """
         if value is None:
             return ()
-        if isinstance(value, str):
+        if isinstance(value, str) and self.presets:
             if value not in self.presets:
-                raise ValueError(f"there is no {self.name} {value!r}; there are {', '.join(self.presets) or 'none'}")
+                raise ValueError(f"there is no {self.name} {value!r}; there are {', '.join(self.presets)}")
             return self.members(self.presets[value])
         if isinstance(value, Mapping):
             data = dict(value)
             kind = data.pop("kind", None)
-            if kind not in self.kinds:
+            if not isinstance(kind, str) or kind not in self.kinds:
                 raise ValueError(f"{self.name} has no kind {kind!r}; the kinds are {', '.join(self.kinds)}")
             value = build(self.kinds[kind], data, self.name)
         if isinstance(value, list | tuple):
             return tuple(member for item in value for member in self.members(item))
         if not isinstance(value, type):
-            if isinstance(models := getattr(value, "models", None), tuple):
-                return models
+            if isinstance(models := getattr(value, "models", None), tuple):  # a sum, or whatever looks like one
+                return self.members(models)
             if isinstance(value, self.protocol):
                 return (value,)
-        names = "a name, " if self.presets else ""
-        raise TypeError(f"{self.name} must be {names}a {self.name} model or a mapping with its kind, not {value!r}")
+        raise TypeError(f"{self.name} must be {self.noun} or a mapping with its kind, not {value!r}")
 
 
 class Process:

@@ -52,7 +52,8 @@ class ParameterRanges:
             TypeError: `share` is not a number.
             ValueError: it is outside [0, 1), or there is no such parameter.
         """
-        number(share, "share", 0.0, float(np.nextafter(1.0, 0.0)))
+        if number(share, "share", 0.0) >= 1.0:
+            raise ValueError(f"share must be below 1, not {share!r}")
         for name in names:
             if name not in PARAMETER_NAMES:
                 raise ValueError(f"there is no parameter {name!r}; there are {', '.join(PARAMETER_NAMES)}")

@@ -31,7 +31,7 @@ def build(kind: type[Record], value: Any, name: str) -> Record:
     if not isinstance(value, Mapping):
         raise TypeError(f"{name} must be a {kind.__name__} or a mapping of its fields, not {value!r}")
     known = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
-    if unknown := sorted(set(value) - set(known)):
+    if unknown := sorted(set(value) - set(known), key=str):
         raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(known)}")
     for field in known.values():
         if field.name not in value and field.default is MISSING and field.default_factory is MISSING:
@@ -109,8 +109,10 @@ def vector(value: Any, size: int, name: str) -> tuple[float, ...]:
         TypeError: it is neither a number nor a sequence of `size` numbers.
         ValueError: a number is not finite.
     """
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, int | float | np.number):
         value = [value] * size
-    if not isinstance(value, tuple | list | np.ndarray) or len(value) != size:
+    if not isinstance(value, tuple | list) or len(value) != size:
         raise TypeError(f"{name} must be a number or {size} numbers, not {value!r}")
     return tuple(number(item, name) for item in value)

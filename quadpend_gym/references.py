@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_gym.arrays import Floats
+from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.elementary import sincos
 from quadpend_gym.jit import compiled, inlined
 from quadpend_gym.records import number, vector
-from quadpend_gym.streams import uniform, uniform_between
+from quadpend_gym.streams import REFERENCE_STREAM, Keys, derive, uniform, uniform_between
 from quadpend_gym.vectors import Vec3
 
 CHANNELS = 4
@@ -223,3 +223,23 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
     lanes[16, lane] = phase if eight else phase + 0.5 * np.pi
     lanes[17, lane] = divisor * phase
     lanes[19, lane] = uniform_between(key, 10, 0.0, 2.0 * np.pi)
+
+
+@compiled
+def draw_references(rows: Integers, seeds: Keys, episodes: Integers, ranges: Floats, reference: Floats) -> None:
+    """Draw a random reference for each of the given rows.
+
+    Args:
+        rows: indices into `reference`, shape (m,).
+        seeds: root of each row's random streams, shape (n,).
+        episodes: number of each row's episode, shape (n,).
+        ranges: `tasks.flatten` of the task's references.
+        reference: written, shape (n, 20).
+    """
+    r = ranges
+    bounds = ReferenceRanges(
+        r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14]
+    )
+    for row in rows:
+        key = derive(derive(seeds[row], episodes[row]), REFERENCE_STREAM)
+        draw_reference(key, bounds, reference.T, row)

@@ -260,7 +260,7 @@ class Dropout:
 
 
 KINDS: dict[str, type[Any]] = {"noise": Noise, "delay": Delay, "dropout": Dropout}
-_FAMILY = Family("sensor", Sensor, KINDS, {})
+_FAMILY = Family("sensor", "a sensor model", Sensor, KINDS)
 
 
 def as_sensors(value: Any) -> tuple[Any, ...]:

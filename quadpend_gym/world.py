@@ -12,16 +12,17 @@ from gymnasium.error import ResetNeeded
 from quadpend_gym import kernel
 from quadpend_gym.actuators import check_chain
 from quadpend_gym.arrays import Floats, Floats32, Integers
+from quadpend_gym.initial_states import draw_starts
 from quadpend_gym.models import Process
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
 from quadpend_gym.randomization import ParameterRanges
 from quadpend_gym.records import build, numbers
-from quadpend_gym.references import Reference
+from quadpend_gym.references import Reference, draw_references
 from quadpend_gym.state import STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.tasks import Task, flatten
-from quadpend_gym.wind import WIND_SIZE, as_wind
+from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
 
 # Parts of the outcome of a step
 _TRACKING_ERROR = slice(kernel.TRACKING_ERROR, kernel.TILT)
@@ -168,6 +169,7 @@ class World:
         if models:
             self._outcome_shape = kernel.OUTCOME_SIZE + kernel.SENSED_SIZE, self.rows
             self._sensed = np.zeros((kernel.SENSED_SIZE, self.rows))
+            self.measured[:] = self.state
         self._wait()
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
@@ -221,12 +223,10 @@ class World:
         """Reference and state of new episodes."""
         fields = fixed.state
         if fixed.reference is None:
-            kernel.draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
+            draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
         else:
             self.reference[rows] = fixed.reference
-        kernel.draw_starts(
-            rows, self._seeds, self.episode, self._start_ranges, self.parameters, self.reference, self.state
-        )
+        draw_starts(rows, self._seeds, self.episode, self._start_ranges, self.parameters, self.reference, self.state)
         for name, value in fields.items():
             self.state[rows, STATE_FIELDS[name]] = value
         if "direction" in fields or "direction_rate" in fields:
@@ -241,6 +241,8 @@ class World:
             return
         period, step, blown = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
         self._wind.begin(rows, streams, lambda model, memory, random: model.blow(blown, memory, step, period, random))
+        if not self._moves_air and blown[:, WIND_FIELDS["velocity"]].any():
+            raise ValueError("a wind with velocities must say so: its moves_air is False")
         self.wind[rows] = blown
 
     def _blow(self) -> None:
@@ -301,13 +303,13 @@ class World:
         if not self._ready:
             raise ResetNeeded(f"row {self._waiting.argmax()} has no episode: call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
+        name = "action"
         if self._actuators.models:
-            _refuse_action(action, kernel.first_bad_action(action))
-            action = self._act(action)
+            self._refuse(kernel.first_bad(action, self._blown), action, name)
+            action, name = self._act(action), "what the actuators make of the action"
         bad = kernel.step(self._memory, self.clock, self._blown, action, self._settings, observation, outcome)
         if bad != -1:
-            _refuse_action(action, bad)
-            raise ValueError(f"wind must blow finite numbers, not {self.wind[-2 - bad].tolist()} in row {-2 - bad}")
+            self._refuse(bad, action, name)
         if self._sensors.models:
             outcome, self._sensed = outcome[: kernel.OUTCOME_SIZE], outcome[kernel.OUTCOME_SIZE :]
             self._sense()
@@ -316,13 +318,16 @@ class World:
             self._blow()
         return observation, outcome
 
-
-def _refuse_action(action: Floats32, row: int) -> None:
-    if row >= 0:
-        raise ValueError(
-            f"action of row {row} must be four numbers in [-1, 1], not {action[row].tolist()};"
-            " gymnasium.wrappers.ClipAction clips"
-        )
+    def _refuse(self, bad: int, action: Floats32, name: str) -> None:
+        """Raise what `kernel.first_bad` has found; `name` is what the action is called."""
+        if bad >= 0:
+            raise ValueError(
+                f"{name} of row {bad} must be four numbers in [-1, 1], not {action[bad].tolist()};"
+                " gymnasium.wrappers.ClipAction clips"
+            )
+        if bad < -1:
+            row = -2 - bad
+            raise ValueError(f"wind must blow finite numbers, not {self.wind[row].tolist()} in row {row}")
 
 
 def _check_state(state: Any, rows: int) -> dict[str, Floats]:

@@ -264,7 +264,7 @@ BAD_MODELS = {
     "too early": (lambda: RotorFault(1, onset=-1.0), "onset .* not -1.0"),
     "unknown kind": (lambda: as_actuators({"kind": "propeller"}), "no kind 'propeller'; the kinds are action_delay"),
     "unknown field": (lambda: as_actuators({"kind": "rotors", "legs": 1}), "actuator has no field 'legs'"),
-    "a name": (lambda: as_actuators("rotors"), "no actuator 'rotors'"),
+    "a name": (lambda: as_actuators("rotors"), "actuator must be .* not 'rotors'"),
     "a class": (lambda: as_actuators(Rotors), "actuator must be an? actuator model"),
     "a sensor": (lambda: as_actuators(Noise(0.1)), "actuator must be an? actuator model"),
     "a sum of winds": (lambda: as_actuators(Constant() + Constant()), "actuator must be an? actuator model"),

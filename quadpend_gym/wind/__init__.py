@@ -49,7 +49,7 @@ KINDS: dict[str, type[Any]] = {
     "sum": Sum,
 }
 PRESETS: dict[str, Any] = {}
-_FAMILY = Family("wind", Wind, KINDS, PRESETS)
+_FAMILY = Family("wind", "a wind model, the name of a wind", Wind, KINDS, PRESETS)
 
 
 def as_wind(value: Any) -> tuple[Any, ...]:

@@ -56,7 +56,7 @@ def transfer(numerator: list[float], denominator: list[float], gain: float, time
     a[-1] = -np.array(denominator[:-1]) / denominator[-1]
     c = np.zeros((1, order))
     c[0, : len(numerator)] = gain * np.array(numerator) / denominator[-1]
-    # In the time s/`time` the noise is stronger by √(1/time); the states keep order one that way.
+    # In units of `time` the poles are those of D; the noise is scaled so that C has the gain as it is given.
     return Filter(a / time, np.sqrt(np.pi) / time * np.eye(order)[:, -1:], c)
 
 
@@ -77,16 +77,27 @@ class Sampled:
 def sample(system: Filter, period: float) -> Sampled:
     """The filter sampled every `period` seconds, by Van Loan's method."""
     size = system.a.shape[0]
+    # Its exponential of −A grows without bounds: a period that is long against the system is reached by doubling.
+    doublings = max(0, int(np.ceil(np.log2(period * np.abs(system.a).sum(axis=1).max()))))
     both = np.block([[-system.a, system.b @ system.b.T], [np.zeros((size, size)), system.a.T]])
-    exponential = expm(both * period)
+    exponential = expm(both * period / 2**doublings)
     transition = exponential[size:, size:].T
-    return Sampled(transition, square_root(transition @ exponential[:size, size:]), square_root(system.stationary))
+    covariance = transition @ exponential[:size, size:]
+    for _ in range(doublings):
+        covariance = covariance + transition @ covariance @ transition.T
+        transition = transition @ transition
+    return Sampled(transition, square_root(covariance), square_root(system.stationary))
 
 
 def square_root(covariance: Floats) -> Floats:
-    """A square root of a covariance that may be singular but for rounding."""
+    """The symmetric square root of a covariance that may be singular but for rounding.
+
+    It is the one that does not depend on the eigenvectors' signs and order, which are a matter of rounding, and so of the
+    machine.
+    """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    return np.asarray(np.where(covariance == 0.0, 0.0, root))  # what is independent stays so to the bit
 
 
 @inlined

@@ -136,7 +136,7 @@ class Sum:
     def __post_init__(self) -> None:
         from quadpend_gym.wind import as_wind  # which has the kinds, this one among them
 
-        object.__setattr__(self, "models", as_wind(list(self.models)))
+        object.__setattr__(self, "models", as_wind(self.models))
 
     def __add__(self, other: Any) -> "Sum":
         return Sum((*self.models, other))

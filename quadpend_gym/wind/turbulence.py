@@ -21,7 +21,8 @@ MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and wri
 altitude the same process under other names. Whoever takes lengths from one and spectra from the other is off by 2.
 
 (4) and (5) are rational; their filters are exact. For (6) and (7) the usual filters of second and third order stand in,
-which follow them within 1 dB up to ω = 100/T or so.
+which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T along the wind, 48/T across and up. Beyond they
+are too low (by 2.6 and 2.0 dB at 100/T), which takes 1.6 % and 1.9 % off the deviations.
 """
 
 from dataclasses import dataclass, field
@@ -111,7 +112,7 @@ class _Turbulence:
         number(self.altitude, "altitude", 10.0 * FOOT, 1000.0 * FOOT)
         positive(self.mean_speed, "mean_wind")
         number(self.heading, "heading")
-        if self.standard not in STANDARDS:
+        if not isinstance(self.standard, str) or self.standard not in STANDARDS:
             raise ValueError(f"standard must be one of {', '.join(STANDARDS)}, not {self.standard!r}")
 
     def __add__(self, other: Any) -> Sum:
@@ -161,7 +162,7 @@ class _Turbulence:
     @property
     def memory_size(self) -> int:
         """The filters' states."""
-        return int(_sampled_turbulence(self, 1.0)[0].start.shape[0])
+        return int(self.filter.a.shape[0])
 
     def start(self, streams: Streams) -> Floats:
         """The stationary distribution."""

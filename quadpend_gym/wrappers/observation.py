@@ -18,17 +18,17 @@ def _box(size: int) -> spaces.Box:
     return spaces.Box(-largest, largest, (size,), np.float32)
 
 
-def _size(space: Any) -> int:
+def _size(space: Any, name: str) -> int:
     if not isinstance(space, spaces.Box) or len(space.shape) != 1:
-        raise TypeError(f"the observation must be a vector of numbers, not {space}")
+        raise TypeError(f"the {name} must be a vector of numbers, not {space}")
     return int(space.shape[0])
 
 
 def _check_layout(space: Any) -> None:
-    if _size(space) != OBSERVATION_SIZE:
+    if (size := _size(space, "observation")) != OBSERVATION_SIZE:
         raise ValueError(
             f"velocities can only be hidden from the whole observation of {OBSERVATION_SIZE} numbers, not from"
-            f" {_size(space)}: put OutputFeedbackWrapper once, and inside HistoryWrapper"
+            f" {size}: put OutputFeedbackWrapper once, and inside HistoryWrapper"
         )
 
 
@@ -136,7 +136,7 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         gym.Wrapper.__init__(self, env)
-        sizes = _size(env.observation_space), _size(env.action_space)
+        sizes = _size(env.observation_space, "observation"), _size(env.action_space, "action")
         self._histories = _Histories(1, observations, actions, sizes)
         self.observation_space = _box(self._histories.size)
 
@@ -162,7 +162,7 @@ class VectorHistoryWrapper(VectorWrapper, RecordConstructorArgs):
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         VectorWrapper.__init__(self, env)
-        sizes = _size(env.single_observation_space), _size(env.single_action_space)
+        sizes = _size(env.single_observation_space, "observation"), _size(env.single_action_space, "action")
         self._histories = _Histories(self.num_envs, observations, actions, sizes)
         self._ended = np.zeros(self.num_envs, np.bool_)
         self.single_observation_space = _box(self._histories.size)
@@ -170,8 +170,8 @@ class VectorHistoryWrapper(VectorWrapper, RecordConstructorArgs):
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """Begin an episode, and a history, in every row that is reset."""
+        mask = (options or {}).get("reset_mask")  # which other vector environments take out of the options
         observation, info = self.env.reset(seed=seed, options=options)
-        mask = (options or {}).get("reset_mask")
         begun = np.ones(self.num_envs, np.bool_) if mask is None else mask
         self._histories.begin(begun, observation)
         self._ended = self._ended & ~begun
