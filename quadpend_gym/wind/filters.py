@@ -92,8 +92,8 @@ def sample(system: Filter, period: float) -> Sampled:
 def square_root(covariance: Floats) -> Floats:
     """The symmetric square root of a covariance that may be singular but for rounding.
 
-    It is the one that does not depend on the eigenvectors' signs and order, which are a matter of rounding, and so of the
-    machine.
+    It is the one that does not depend on the eigenvectors' signs and order, which are a matter of rounding, and so of
+    the machine.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T

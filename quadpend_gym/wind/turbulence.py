@@ -21,8 +21,8 @@ MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and wri
 altitude the same process under other names. Whoever takes lengths from one and spectra from the other is off by 2.
 
 (4) and (5) are rational; their filters are exact. For (6) and (7) the usual filters of second and third order stand in,
-which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T along the wind, 48/T across and up. Beyond they
-are too low (by 2.6 and 2.0 dB at 100/T), which takes 1.6 % and 1.9 % off the deviations.
+which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T along the wind, 48/T across and up. Beyond
+they are too low (by 2.6 and 2.0 dB at 100/T), which takes 1.6 % and 1.9 % off the deviations.
 """
 
 from dataclasses import dataclass, field
