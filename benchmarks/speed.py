@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from quadpend_gym import Dryden, OrnsteinUhlenbeck
-from quadpend_gym.randomization import ParameterRanges
+from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Noise
 from quadpend_gym.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.wrappers import VectorParameterWrapper, VectorSensorWrapper
@@ -88,7 +88,7 @@ def measure_environments() -> dict[str, float]:
         FULL_ROWS, wind=Dryden(), autoreset_mode=AutoresetMode.SAME_STEP
     )
     full = VectorSensorWrapper(full, Noise(position=0.002, euler=0.002, direction=0.002))
-    full = VectorParameterWrapper(full, ParameterRanges.around(0.3))
+    full = VectorParameterWrapper(full, Around(0.3))
     rates[FULL] = vector_rate(full, np.full((FULL_ROWS, 4), 0.01, np.float32))
     return rates
 

@@ -19,6 +19,7 @@ from quadpend_gym.wind import (
     OrnsteinUhlenbeck,
     PaperGusts,
     Sinusoid,
+    StillAir,
     VonKarman,
 )
 
@@ -44,6 +45,7 @@ __all__ = [
     "Sinusoid",
     "StartSettings",
     "State",
+    "StillAir",
     "Task",
     "VonKarman",
     "read_observation",

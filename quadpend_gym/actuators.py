@@ -7,6 +7,7 @@ are thrust and torques, as in `QuadPendulumEnv`; the reward's effort is theirs.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -15,7 +16,7 @@ from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.delays import check_steps, delay
 from quadpend_gym.models import Family, Forgetful
 from quadpend_gym.params import Simulation
-from quadpend_gym.records import number, positive
+from quadpend_gym.records import number, positive, tidy
 from quadpend_gym.streams import Streams
 
 ACTION_SIZE = 4
@@ -70,6 +71,7 @@ class ActionDelay(_FromHover):
     kind: str = field(default="action_delay", init=False)
 
     def __post_init__(self) -> None:
+        tidy(self)
         check_steps(self.steps)
 
     @property
@@ -97,6 +99,7 @@ class MotorLag(_FromHover):
     kind: str = field(default="motor_lag", init=False)
 
     def __post_init__(self) -> None:
+        tidy(self)
         positive(self.time_constant, "time_constant")
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
@@ -120,6 +123,7 @@ class RateLimit(_FromHover):
     kind: str = field(default="rate_limit", init=False)
 
     def __post_init__(self) -> None:
+        tidy(self)
         positive(self.rate, "rate")
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
@@ -136,8 +140,8 @@ class Rotors(Forgetful):
     The paper's mixing (its Section 2): u = f₁ + f₂ + f₃ + f₄,  τφ = (f₂ − f₄) d,  τθ = (f₃ − f₁) d, and the rotors'
     drag turns the body, τψ = κ (f₁ − f₂ + f₃ − f₄). The paper gives neither d nor κ.
 
-    With Table 1's inertia, some thirty times a real one, such rotors turn the body slowly: 7 rad/s² at most. Give the
-    simulation a smaller inertia to fly aggressively.
+    With Table 1's inertia, some thirty times a real one, such rotors turn the body with 7 rad/s² at most, too slowly to
+    balance: the paper's controller falls from every start. Give the simulation a real inertia.
 
     Raises:
         TypeError: a value is not a number.
@@ -149,6 +153,7 @@ class Rotors(Forgetful):
     kind: str = field(default="rotors", init=False)
 
     def __post_init__(self) -> None:
+        tidy(self)
         positive(self.arm, "arm")
         positive(self.drag_ratio, "drag_ratio")
 
@@ -176,8 +181,13 @@ class Rotors(Forgetful):
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Thrust and torques of the four rotors."""
         f1, f2, f3, f4 = action.T.copy()
-        for column, (m1, m2, m3, m4) in enumerate(self.mixing(simulation)):
+        for column, (m1, m2, m3, m4) in enumerate(_mixing(self, simulation)):
             action[:, column] = np.clip(m1 * f1 + m2 * f2 + m3 * f3 + m4 * f4, -1.0, 1.0)  # but for rounding, inside
+
+
+@lru_cache(maxsize=64)
+def _mixing(rotors: Rotors, simulation: Simulation) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in rotors.mixing(simulation).tolist())
 
 
 @dataclass(frozen=True)
@@ -195,6 +205,7 @@ class RotorFault(Forgetful):
     kind: str = field(default="rotor_fault", init=False)
 
     def __post_init__(self) -> None:
+        tidy(self)
         if not isinstance(self.rotor, int) or isinstance(self.rotor, bool) or not 1 <= self.rotor <= 4:
             raise ValueError(f"rotor must be 1, 2, 3 or 4, not {self.rotor!r}")
         number(self.effectiveness, "effectiveness", 0.0, 1.0)

@@ -125,7 +125,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             ValueError: an argument names or holds something unknown or out of range.
         """
         if render_mode is not None:
-            raise ValueError(f"render_mode must be None, not {render_mode!r}")
+            raise TypeError(f"render_mode must be None, not {render_mode!r}")
         simulation = build(Simulation, {} if simulation is None else simulation, "simulation")
         self.render_mode = render_mode
         self.world = World(1, as_task(task), simulation, wind)

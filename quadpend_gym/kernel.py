@@ -53,10 +53,10 @@ from quadpend_gym.vectors import Vec3, add, axpy, dot, load, norm, scale, store
 ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE = 4, 4, 9
 # A row's memory: state, parameters and reference, from edge to edge.
 MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE)))
-# Rows of the outcome of a step: the four reward terms, then these. Disturbance, the air's velocity and the parameters
-# are what acted during the step.
+# Rows of the outcome of a step: the four reward terms, then these. From the disturbance on it is what acted.
 TRACKING_ERROR, TILT, REWARD, TERMINATED, DISTURBANCE, AIR_VELOCITY, PARAMETERS = 4, 7, 8, 9, 10, 19, 22
-OUTCOME_SIZE = PARAMETERS + PHYSICS_SIZE
+COMMAND = PARAMETERS + PHYSICS_SIZE
+OUTCOME_SIZE = COMMAND + COMMAND_SIZE
 SENSED_SIZE = STATE_SIZE + TARGET_SIZE + 1
 
 _BLOCK = 64
@@ -295,7 +295,7 @@ def step(
             for drag to arise in or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock
             alone.
         observation: written, shape (n, 36).
-        outcome: written, shape (31, n), rows as above; the disturbance, drag included, is laid out as in `advance`. If
+        outcome: written, shape (35, n), rows as above; the disturbance, drag included, is laid out as in `advance`. If
             it has 26 rows more, these get what sensors see: the state, and position, velocity and yaw of the reference
             and the rod's length, which a tracking error is made of. Then the observation gets the reference only.
 
@@ -337,6 +337,7 @@ def step(
         _put(disturbance_lanes, DISTURBANCE_SIZE, lanes, outcome, DISTURBANCE, first)
         _put(wind[DISTURBANCE_SIZE:, first:], 3, lanes, outcome, AIR_VELOCITY, first)
         _put(physics_lanes, PHYSICS_SIZE, lanes, outcome, PARAMETERS, first)
+        _put(command_lanes, COMMAND_SIZE, lanes, outcome, COMMAND, first)
         _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)

@@ -5,7 +5,7 @@ a new episode remembers, and one that is its family's own does its work at every
 a mapping with its ``kind``, which is how it travels in an environment's JSON specification.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -62,7 +62,7 @@ class Family:
         """The models that `value` is or describes, in order.
 
         Args:
-            value: a model, a mapping with its kind, the name of a preset, a sequence or a sum of these, or None.
+            value: a model, a mapping with its kind, the name of a preset or kind, a sequence or sum of these, or None.
 
         Raises:
             TypeError: it is none of these.
@@ -70,10 +70,13 @@ class Family:
         """
         if value is None:
             return ()
-        if isinstance(value, str) and self.presets:
-            if value not in self.presets:
-                raise ValueError(f"there is no {self.name} {value!r}; there are {', '.join(self.presets)}")
-            return self.members(self.presets[value])
+        if isinstance(value, str):
+            if value in self.presets:
+                return self.members(self.presets[value])
+            if value not in self.kinds:
+                known = ", ".join([*self.presets, *self.kinds])
+                raise ValueError(f"there is no {self.name} {value!r}; there are {known}")
+            value = {"kind": value}
         if isinstance(value, Mapping):
             data = dict(value)
             kind = data.pop("kind", None)
@@ -94,14 +97,15 @@ class Process:
     """Models of one family at work on a batch of rows: their memories and random streams.
 
     Args:
-        models: in the order in which they work. Each has a random stream of its own, by its place: adding one behind
-            leaves the others' numbers alone.
+        models: in the order in which they work.
         rows: number of rows.
+        places: the number of each model's random stream; without, its place among the models.
     """
 
-    def __init__(self, models: tuple[Model, ...], rows: int) -> None:
+    def __init__(self, models: tuple[Model, ...], rows: int, places: Sequence[int] | None = None) -> None:
         """Allocate the memories; every row must `begin` before the models `work`."""
         self.models = models
+        self._places = range(len(models)) if places is None else places
         self._memories = [np.zeros((model.memory_size, rows)).T for model in models]
         self._streams = [Streams(np.zeros(rows, np.uint64)) for _ in models]
 
@@ -114,7 +118,7 @@ class Process:
             first: called with each model, its memory of these rows and their streams.
         """
         for i, model in enumerate(self.models):
-            random = streams.derive(i)
+            random = streams.derive(self._places[i])
             memory = np.asfortranarray(model.start(random))
             first(model, memory, random)
             self._memories[i][rows] = memory

@@ -1,12 +1,14 @@
 """Parameter uncertainty: physical parameters drawn for each episode."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from quadpend_gym.arrays import Floats
-from quadpend_gym.params import PAPER, PARAMETER_NAMES, Parameters
-from quadpend_gym.records import interval, number
+from quadpend_gym.params import PARAMETER_NAMES, Parameters
+from quadpend_gym.records import build, interval, number, tidy
 from quadpend_gym.streams import Streams
 
 Range = tuple[float, float] | None  # (lowest, highest), uniform between; None: the nominal value
@@ -34,32 +36,14 @@ class ParameterRanges:
     bob_drag_area: Range = None  # m²
 
     def __post_init__(self) -> None:
+        tidy(self)
         for item in fields(self):
             if (value := getattr(self, item.name)) is not None:
-                pair = interval(value, item.name)
-                object.__setattr__(self, item.name, pair)
-                Parameters(**{item.name: pair[0]})
+                Parameters(**{item.name: interval(value, item.name)[0]})
         if all(value is None for value in asdict(self).values()):
             raise ValueError(
                 f"at least one parameter must have a range; the parameters are {', '.join(PARAMETER_NAMES)}"
             )
-
-    @classmethod
-    def around(cls, share: float, *names: str, parameters: Parameters = PAPER) -> "ParameterRanges":
-        """Ranges of ± `share` around the values of some parameters, or of all but gravity.
-
-        Raises:
-            TypeError: `share` is not a number.
-            ValueError: it is outside [0, 1), or there is no such parameter.
-        """
-        if number(share, "share", 0.0) >= 1.0:
-            raise ValueError(f"share must be below 1, not {share!r}")
-        for name in names:
-            if name not in PARAMETER_NAMES:
-                raise ValueError(f"there is no parameter {name!r}; there are {', '.join(PARAMETER_NAMES)}")
-        chosen = names or tuple(name for name in PARAMETER_NAMES if name != "gravity")
-        values = {name: getattr(parameters, name) for name in chosen}
-        return cls(**{name: ((1.0 - share) * value, (1.0 + share) * value) for name, value in values.items()})
 
     def draw(self, nominal: Floats, streams: Streams) -> Floats:
         """Parameters of new episodes, shape (n, 9).
@@ -74,3 +58,45 @@ class ParameterRanges:
         lowest, highest = np.array(ranges).T
         drawn = streams.uniform(np.zeros(streams.keys.size, np.int64), len(PARAMETER_NAMES))
         return np.asarray(lowest + (highest - lowest) * drawn)
+
+
+@dataclass(frozen=True)
+class Around:
+    """Ranges of ± `share` around an environment's own parameters.
+
+    Raises:
+        TypeError: `share` is not a number.
+        ValueError: it is outside [0, 1), or there is no such parameter.
+    """
+
+    share: float  # of the value
+    names: tuple[str, ...] = ()  # of the uncertain parameters; without, all but gravity
+
+    def __post_init__(self) -> None:
+        tidy(self)
+        if number(self.share, "share", 0.0) >= 1.0:
+            raise ValueError(f"share must be below 1, not {self.share!r}")
+        if not isinstance(self.names, tuple):
+            raise TypeError(f"names must be a sequence of names of parameters, not {self.names!r}")
+        for name in self.names:
+            if name not in PARAMETER_NAMES:
+                raise ValueError(f"there is no parameter {name!r}; there are {', '.join(PARAMETER_NAMES)}")
+
+    def ranges(self, parameters: Parameters) -> ParameterRanges:
+        """The ranges around these parameters."""
+        chosen = self.names or tuple(name for name in PARAMETER_NAMES if name != "gravity")
+        values = {name: getattr(parameters, name) for name in chosen}
+        pairs = {name: ((1.0 - self.share) * value, (1.0 + self.share) * value) for name, value in values.items()}
+        return ParameterRanges(**pairs)
+
+
+def as_ranges(value: Any) -> ParameterRanges | Around:
+    """The ranges that `value` is or describes: a mapping with a share, or from names of parameters to pairs.
+
+    Raises:
+        TypeError: it is neither.
+        ValueError: something in it is unknown or out of range.
+    """
+    if isinstance(value, Around) or (isinstance(value, Mapping) and "share" in value):
+        return build(Around, value, "ranges")
+    return build(ParameterRanges, value, "ranges")

@@ -46,6 +46,21 @@ def _restore(hint: Any, item: Any, name: str) -> Any:
     return tuple(item) if isinstance(item, list) else item
 
 
+def tidy(instance: Any) -> None:
+    """Make plain data of a frozen dataclass's fields: numpy's numbers Python's, lists and arrays tuples.
+
+    So that a model is equal to its like, can be hashed, and goes to JSON, whatever it was made from.
+    """
+    for field in fields(instance):
+        object.__setattr__(instance, field.name, _tidied(getattr(instance, field.name)))
+
+
+def _tidied(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    return tuple(_tidied(item) for item in value) if isinstance(value, list | tuple) else value
+
+
 def number(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> float:
     """Check that `value` is a finite number in [low, high].
 

@@ -17,7 +17,7 @@ from quadpend_gym.arrays import Booleans, Floats, Integers
 from quadpend_gym.delays import check_steps, delay
 from quadpend_gym.jit import compiled, inlined
 from quadpend_gym.models import Family
-from quadpend_gym.records import build, number
+from quadpend_gym.records import build, number, tidy
 from quadpend_gym.state import DIRECTION, STATE_FIELDS, STATE_SIZE
 from quadpend_gym.streams import Keys, Streams, normal_pair
 
@@ -60,12 +60,15 @@ class Channel:
     quantum: float = 0.0  # what is measured is rounded to whole multiples of it
 
     def __post_init__(self) -> None:
+        tidy(self)
         for item in fields(self):
-            number(getattr(self, item.name), item.name, 0.0)
+            number(getattr(self, item.name), item.name, 0.0, 1e6)
 
 
 def _as_channel(value: Any, name: str) -> Channel:
-    return build(Channel, value, name) if isinstance(value, Channel | Mapping) else Channel(number(value, name, 0.0))
+    return (
+        build(Channel, value, name) if isinstance(value, Channel | Mapping) else Channel(number(value, name, 0.0, 1e6))
+    )
 
 
 @dataclass(frozen=True)
@@ -204,6 +207,7 @@ class Delay:
     kind: str = field(default="delay", init=False)
 
     def __post_init__(self) -> None:
+        tidy(self)
         check_steps(self.steps)
 
     @property
@@ -240,6 +244,7 @@ class Dropout:
     kind: str = field(default="dropout", init=False)
 
     def __post_init__(self) -> None:
+        tidy(self)
         number(self.probability, "probability", 0.0, 1.0)
 
     @property

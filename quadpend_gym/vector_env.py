@@ -57,7 +57,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         if max_episode_steps is not None and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
             raise ValueError(f"max_episode_steps must be a whole number of at least 1, not {max_episode_steps!r}")
         if render_mode is not None:
-            raise ValueError(f"render_mode must be None, not {render_mode!r}")
+            raise TypeError(f"render_mode must be None, not {render_mode!r}")
         simulation = build(Simulation, {} if simulation is None else simulation, "simulation")
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps

@@ -16,7 +16,7 @@ from quadpend_gym.initial_states import draw_starts
 from quadpend_gym.models import Process
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
-from quadpend_gym.randomization import ParameterRanges
+from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.records import build, numbers
 from quadpend_gym.references import Reference, draw_references
 from quadpend_gym.state import STATE_FIELDS, STATE_SIZE, State
@@ -28,7 +28,8 @@ from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
 _TRACKING_ERROR = slice(kernel.TRACKING_ERROR, kernel.TILT)
 _DISTURBANCE = slice(kernel.DISTURBANCE, kernel.AIR_VELOCITY)
 _AIR_VELOCITY = slice(kernel.AIR_VELOCITY, kernel.PARAMETERS)
-_PARAMETERS = slice(kernel.PARAMETERS, kernel.OUTCOME_SIZE)
+_PARAMETERS = slice(kernel.PARAMETERS, kernel.COMMAND)
+_COMMAND = slice(kernel.COMMAND, kernel.OUTCOME_SIZE)
 _TILT = kernel.TILT
 
 
@@ -131,10 +132,11 @@ class World:
 
         Keys: ``tracking_error`` (m, flat outputs, world), ``tilt`` (rad, the pendulum's α), ``disturbance`` (force on
         the quadrotor, on the bob (N, world) and torque (N·m) during the step), ``reward_terms``; where a wind moves the
-        air ``air_velocity`` (m/s, world), and where they are drawn ``parameters``, in the order of `Parameters`.
+        air ``air_velocity`` (m/s, world); behind actuators ``command``, thrust (N) and torques (N·m); where they are
+        drawn ``parameters``, in the order of `PARAMETER_NAMES`.
 
         Args:
-            outcome: of a step, as `kernel` lays it out, shape (31,) or (31, n); so are the parts of it in the info.
+            outcome: of a step, as `kernel` lays it out, shape (35,) or (35, n); so are the parts of it in the info.
             numbers: its first rows again, from which the scalars are taken.
         """
         info = {
@@ -145,6 +147,8 @@ class World:
         }
         if self._moves_air:
             info["air_velocity"] = outcome[_AIR_VELOCITY]
+        if self._actuators.models:
+            info["command"] = outcome[_COMMAND]
         if self._ranges is not None:
             info["parameters"] = outcome[_PARAMETERS]
         return info
@@ -180,10 +184,11 @@ class World:
         """
         models = (*models, *self._actuators.models)
         check_chain(models, self.simulation)
-        self._actuators = Process(models, self.rows)
+        # Numbered from the last, so that one put before it leaves a model's random numbers alone.
+        self._actuators = Process(models, self.rows, range(len(models))[::-1])
         self._wait()
 
-    def draw_parameters(self, ranges: ParameterRanges) -> None:
+    def draw_parameters(self, ranges: ParameterRanges | Around) -> None:
         """Draw the parameters of every episode; every row must then begin a new one.
 
         Raises:
@@ -191,7 +196,7 @@ class World:
         """
         if self._ranges is not None:
             raise ValueError("the parameters are drawn already: give all ranges at once")
-        self._ranges = ranges
+        self._ranges = ranges.ranges(self.simulation.parameters) if isinstance(ranges, Around) else ranges
         self._wait()
 
     def seed(self, rows: Integers, seeds: Sequence[int]) -> None:
@@ -294,7 +299,7 @@ class World:
             action: shape (n, 4), float32, components in [−1, 1].
 
         Returns:
-            The observation, shape (n, 36), and the outcome, shape (31, n), with the rows that `kernel` names.
+            The observation, shape (n, 36), and the outcome, shape (35, n), with the rows that `kernel` names.
 
         Raises:
             ResetNeeded: a row has not begun an episode.

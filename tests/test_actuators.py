@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
-from quadpend_gym import Actuators, Constant, Parameters, Simulation
+from quadpend_gym import PAPER, Actuators, Constant, Parameters, Simulation
 from quadpend_gym.actuators import KINDS, ActionDelay, MotorLag, RateLimit, RotorFault, Rotors, as_actuators
 from quadpend_gym.arrays import Floats
 from quadpend_gym.dynamics import momentum
@@ -50,13 +50,32 @@ def held(value: float, steps: int) -> Floats:
     return np.full((steps, 1, 4), value)
 
 
+def uncommanded(returned: list[Any]) -> list[Any]:
+    """What an environment has returned, without the commands that only actuators put into its info."""
+    for *_, info in returned:
+        del info["command"]
+        info.pop("_command", None)
+    return returned
+
+
 @chains
 def test_a_flight_is_that_of_the_actions_that_come_out(actuators: Any) -> None:
     """Physics, observation and reward, the effort too, to the last bit."""
     env, plain = VectorActuatorWrapper(make_rows(3, task=ENDLESS), actuators), make_rows(3, task=ENDLESS)
-    assert_same(env.reset(seed=0), plain.reset(seed=0))
+    assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
     actions = draw_actions(0, 40, 3)
-    assert_same(fly(env, actions), fly(plain, passed(actuators, actions).astype(np.float32)))
+    assert_same(uncommanded(fly(env, actions)), fly(plain, passed(actuators, actions).astype(np.float32)))
+
+
+def test_the_info_tells_thrust_and_torques() -> None:
+    env = ActuatorWrapper(make_bare(), ActionDelay(1))
+    _, info = env.reset(seed=0)
+    hover = [PAPER.hover_thrust, 0.0, 0.0, 0.0]
+    assert_allclose(info["command"], hover)
+    action = np.array([0.5, 0.1, -0.2, 0.3], np.float32)
+    first, second = (env.step(action)[4]["command"] for _ in range(2))
+    assert_allclose(first, hover)
+    assert_allclose(second, [1.5 * PAPER.hover_thrust, 0.5, -1.0, 0.3], rtol=1e-6)
 
 
 @pytest.mark.parametrize("steps", [1, 2, 7])
@@ -64,8 +83,8 @@ def test_a_delayed_flight_is_the_flight_of_shifted_actions_with_hover_before(ste
     env, plain = ActuatorWrapper(make_bare(wind=WINDY), ActionDelay(steps)), make_bare(wind=WINDY)
     actions = draw_actions(0, 30)
     for seed in (0, None):  # nothing is left of the first episode in the second
-        assert_same(env.reset(seed=seed), plain.reset(seed=seed))
-        assert_same(fly(env, actions), fly(plain, [np.zeros(4)] * steps + list(actions[:-steps])))
+        assert_same(uncommanded([env.reset(seed=seed)]), [plain.reset(seed=seed)])
+        assert_same(uncommanded(fly(env, actions)), fly(plain, [np.zeros(4)] * steps + list(actions[:-steps])))
 
 
 @pytest.mark.parametrize("period", [0.005, 0.02])
@@ -222,9 +241,9 @@ class Backwards:
 
 def test_an_actuator_needs_no_base_class() -> None:
     env, plain = ActuatorWrapper(make_bare(), Backwards()), make_bare()
-    assert_same(env.reset(seed=0), plain.reset(seed=0))
+    assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
     actions = draw_actions(0, 10)
-    assert_same(fly(env, actions), fly(plain, actions * np.tile([[1.0], [-1.0]], (5, 1))))
+    assert_same(uncommanded(fly(env, actions)), fly(plain, actions * np.tile([[1.0], [-1.0]], (5, 1))))
 
 
 @cases(BAD_ACTIONS)
@@ -264,7 +283,7 @@ BAD_MODELS = {
     "too early": (lambda: RotorFault(1, onset=-1.0), "onset .* not -1.0"),
     "unknown kind": (lambda: as_actuators({"kind": "propeller"}), "no kind 'propeller'; the kinds are action_delay"),
     "unknown field": (lambda: as_actuators({"kind": "rotors", "legs": 1}), "actuator has no field 'legs'"),
-    "a name": (lambda: as_actuators("rotors"), "actuator must be .* not 'rotors'"),
+    "a name": (lambda: as_actuators("rotor"), "no actuator 'rotor'"),
     "a class": (lambda: as_actuators(Rotors), "actuator must be an? actuator model"),
     "a sensor": (lambda: as_actuators(Noise(0.1)), "actuator must be an? actuator model"),
     "a sum of winds": (lambda: as_actuators(Constant() + Constant()), "actuator must be an? actuator model"),
@@ -308,3 +327,34 @@ def test_arms_may_be_as_long_as_the_torques_allow() -> None:
     refused(lambda: ActuatorWrapper(make_bare(), Rotors(arm=1.01 * limit)), "passes the simulation's limit", ValueError)
     raised = Simulation(actuators=Actuators(roll_pitch_torque=6.0))
     ActuatorWrapper(make_bare(simulation=raised), Rotors(arm=1.01 * limit))
+
+
+@dataclass(frozen=True)
+class Shaky:
+    """Adds what it draws in every step."""
+
+    memory_size: int = 0
+
+    def start(self, streams: Streams) -> Floats:
+        return np.empty((streams.keys.size, 0))
+
+    def act(self, action: Floats, memory: Floats, step: Any, simulation: Simulation, streams: Streams) -> None:
+        action[:] = 0.1 * streams.uniform(step + 1, 4)
+
+
+def test_an_actuator_put_before_leaves_the_random_numbers_of_the_others_alone() -> None:
+    alone = ActuatorWrapper(make_bare(), Shaky())
+    behind = ActuatorWrapper(ActuatorWrapper(make_bare(), Shaky()), MotorLag())
+    for env in (alone, behind):
+        env.reset(seed=0)
+    assert_same(fly(behind, draw_actions(0, 5)), fly(alone, draw_actions(0, 5)))
+
+
+def test_models_of_numpy_numbers_are_plain_data() -> None:
+    for model, like in (
+        (MotorLag(np.float32(0.5)), MotorLag(0.5)),
+        (ActionDelay(np.int64(2)), ActionDelay(2)),
+        (RotorFault(np.int64(2), np.float64(0.5)), RotorFault(2, 0.5)),
+    ):
+        assert model == like
+        assert json.dumps(asdict(model)) == json.dumps(asdict(like))

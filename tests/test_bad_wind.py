@@ -39,8 +39,8 @@ for model, names in ((Gusts, ("pause", "length", "heading")), (Drawn, ("strength
         BAD += [(model, name, (2.0, 1.0), f"{name} must be in order, not .2.0, 1.0")]
 BAD += [
     (Gusts, "pause", (-0.1, 1.0), r"pause must be a finite number in \[0, inf\], not -0.1"),
-    (Gusts, "length", (0.0, 1.0), "length must be above zero, not 0.0"),
-    (Gusts, "length", (-1.0, 1.0), r"length must be a finite number in \[0, inf\], not -1.0"),
+    (Gusts, "length", (0.0, 1.0), r"length must be a finite number in \[0.01, inf\], not 0.0"),
+    (Gusts, "length", (-1.0, 1.0), r"length must be a finite number in \[0.01, inf\], not -1.0"),
     (Gusts, "torque", 0.1, "no torque"),
     (Drawn, "wind", 3.0, "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0"),
     (
@@ -94,7 +94,7 @@ def test_no_field_is_forgotten_above() -> None:
         assert {(model, name) for name in fields} <= tried
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "still_air"])  # which has no settings
 def test_a_bad_setting_in_a_mapping_is_refused_when_an_environment_is_made(kind: str) -> None:
     """For every kind, its first bad setting from the table above, and one that is not there."""
     model, name, value, message = next(case for case in BAD if case[0] is KINDS[kind])

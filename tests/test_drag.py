@@ -177,3 +177,13 @@ def test_who_drifts_is_carried_to_the_speed_of_the_wind() -> None:
     lag = 1.0 / (1.0 / wind + 0.5 * 1.225 * area / 0.5 * 3.0)
     assert_allclose(env.state.velocity, (wind - lag, 0.0, 0.0), rtol=2e-3, atol=1e-9)
     assert_allclose(env.state.direction, (0.0, 0.0, -1.0), atol=1e-9)
+
+
+def test_still_air_brakes_what_moves_and_blows_nothing() -> None:
+    env = make_bare(wind="still_air")
+    for velocity in (0.0, 2.0):
+        env.reset(seed=0, options={"state": {**AT_REST, "velocity": (velocity, 0.0, 0.0)}})
+        info = env.step(np.zeros(4))[4]
+        assert_array_equal(info["air_velocity"], 0.0)
+        assert_allclose(info["disturbance"][0], -0.5 * 1.225 * 0.01 * velocity**2, rtol=1e-12)
+        assert_allclose(info["disturbance"][3], -0.5 * 1.225 * 0.0005 * velocity**2, rtol=1e-12)

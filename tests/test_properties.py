@@ -27,8 +27,8 @@ winds = st.one_of(
     st.none(),
     loads.map(lambda load: Constant(**load)),
     loads.map(lambda load: Sinusoid(**load, frequency=20.0)),
-    loads.map(lambda load: OrnsteinUhlenbeck(**load, time_constant=0.1)),
-    strengths.map(lambda force: PaperGusts(force=force, yaw_torque=force, onset=0.0, hold=0.1)),
+    loads.map(lambda load: OrnsteinUhlenbeck(**{key: abs(value) for key, value in load.items()}, time_constant=0.1)),
+    strengths.map(lambda force: PaperGusts(force=abs(force), yaw_torque=abs(force), onset=0.0, hold=0.1)),
 )
 
 

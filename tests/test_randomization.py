@@ -13,7 +13,7 @@ from quadpend_gym import PAPER, OrnsteinUhlenbeck, Parameters, Simulation, State
 from quadpend_gym.arrays import Floats
 from quadpend_gym.dynamics import accelerations
 from quadpend_gym.params import PARAMETER_NAMES
-from quadpend_gym.randomization import ParameterRanges
+from quadpend_gym.randomization import Around, ParameterRanges, as_ranges
 from quadpend_gym.wrappers import ParameterWrapper, VectorParameterWrapper
 from tests.env_helpers import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, fly, make_bare, make_rows, pick
 from tests.physics_helpers import UNEQUAL
@@ -192,27 +192,34 @@ def test_single_and_vector_environments_draw_the_same() -> None:
 
 
 def test_ranges_around_the_nominal_values() -> None:
-    around = ParameterRanges.around(0.2)
+    around = Around(0.2).ranges(PAPER)
     assert around.gravity is None
     for name in PARAMETER_NAMES:
         if name != "gravity":
             value = getattr(PAPER, name)
             assert_allclose(getattr(around, name), (0.8 * value, 1.2 * value), rtol=1e-15)
-    some = ParameterRanges.around(0.5, "gravity", "rod_length", parameters=UNEQUAL)
+    some = Around(0.5, ("gravity", "rod_length")).ranges(UNEQUAL)
     assert_allclose(some.gravity, (4.905, 14.715))  # type: ignore[arg-type]
     assert_allclose(some.rod_length, (0.2, 0.6))  # type: ignore[arg-type]
     assert {name for name, value in asdict(some).items() if value} == {"gravity", "rod_length"}
 
 
 def test_no_range_around_draws_the_nominal_values() -> None:
-    assert_array_equal(told(ParameterRanges.around(0.0), 3), np.tile(PAPER.as_array(), (3, 1)))
+    assert_array_equal(told(Around(0.0), 3), np.tile(PAPER.as_array(), (3, 1)))
 
 
 def test_ranges_are_plain_data() -> None:
-    for ranges in (RANGES, ParameterRanges(**MASS), ParameterRanges.around(0.1)):
+    for ranges in (RANGES, ParameterRanges(**MASS), Around(0.1)):
         data = json.loads(json.dumps(asdict(ranges)))
         assert_array_equal(told(data, 3), told(ranges, 3))
-        assert ParameterRanges(**data) == ranges
+        assert as_ranges(data) == ranges
+
+
+def test_a_share_is_of_the_environments_own_parameters() -> None:
+    simulation = Simulation(Parameters(inertia_roll=0.004))
+    env = ParameterWrapper(make_bare(simulation=simulation), Around(0.2))
+    drawn = [env.reset(seed=seed)[1]["parameters"][PARAMETER_NAMES.index("inertia_roll")] for seed in range(20)]
+    assert 0.0032 <= min(drawn) < max(drawn) <= 0.0048
 
 
 BAD = {
@@ -224,10 +231,10 @@ BAD = {
     "no mass": (lambda: ParameterRanges(bob_mass=(0.0, 0.2)), "bob_mass must be above zero, not 0.0"),
     "negative area": (lambda: ParameterRanges(bob_drag_area=(-0.1, 0.2)), "bob_drag_area .* not -0.1"),
     "infinite": (lambda: ParameterRanges(rod_length=(0.1, np.inf)), "rod_length .* finite .* not inf"),
-    "everything around": (lambda: ParameterRanges.around(1.0), "share .* not 1.0"),
-    "less than nothing around": (lambda: ParameterRanges.around(-0.1), "share .* not -0.1"),
-    "words around": (lambda: ParameterRanges.around("much"), "share must be a number, not 'much'"),  # type: ignore[arg-type]
-    "around nothing": (lambda: ParameterRanges.around(0.1, "mass"), "no parameter 'mass'; there are quadrotor_mass"),
+    "everything around": (lambda: Around(1.0), "share .* not 1.0"),
+    "less than nothing around": (lambda: Around(-0.1), "share .* not -0.1"),
+    "words around": (lambda: Around("much"), "share must be a number, not 'much'"),  # type: ignore[arg-type]
+    "around nothing": (lambda: Around(0.1, ("mass",)), "no parameter 'mass'; there are quadrotor_mass"),
 }
 
 

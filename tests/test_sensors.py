@@ -310,7 +310,7 @@ BAD = {
     "impossible probability": (lambda: Dropout(1.1), r"probability .* \[0, 1\], not 1.1"),
     "probability in words": (lambda: Dropout("often"), "probability must be a number, not 'often'"),
     "unknown kind": (lambda: as_sensors({"kind": "camera"}), "no kind 'camera'; the kinds are noise, delay, dropout"),
-    "a name": (lambda: as_sensors("camera"), "sensor must be .* not 'camera'"),
+    "a name": (lambda: as_sensors("camera"), "no sensor 'camera'; there are noise, delay, dropout"),
     "a number": (lambda: as_sensors([Delay(), 0.1]), "sensor must be .* not 0.1"),
     "a class": (lambda: as_sensors(Delay), "sensor must be a sensor model"),
     "a wind": (lambda: as_sensors(Constant()), "sensor must be a sensor model"),

@@ -13,7 +13,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, Task
+from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, PaperGusts, Sinusoid, StillAir, Task
 from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.dynamics import momentum
 from quadpend_gym.kernel import advance
@@ -31,9 +31,31 @@ every_wind = pytest.mark.parametrize("wind", EVERYTHING.values(), ids=EVERYTHING
 
 
 def test_every_kind_has_an_example_that_blows_at_once() -> None:
-    assert {name: type(model) for name, model in EXAMPLES.items()} == KINDS
+    assert {**{name: type(model) for name, model in EXAMPLES.items()}, "still_air": StillAir} == KINDS
     for model in EXAMPLES.values():
         assert (blown(model, 10, 3) != 0.0).any(axis=(0, 2)).all()
+
+
+def test_winds_are_added_from_either_side_and_by_sum() -> None:
+    one, other = OrnsteinUhlenbeck(force=0.5), Sinusoid(force=1.0)
+    assert "breeze" + one == Sum(("breeze", one))
+    assert sum([one, other, other]) == one + other + other
+    assert {"kind": "constant", "force": 0.1} + one == Sum((Constant(force=0.1), one))
+
+
+@pytest.mark.parametrize(
+    ("model", "like"),
+    [
+        (Constant(force=np.array([0.1, 0.2, 0.3])), Constant(force=(0.1, 0.2, 0.3))),
+        (Constant(force=np.float64(0.1)), Constant(force=0.1)),
+        (Sinusoid(force=[1, 0, 0], frequency=np.int64(2)), Sinusoid(force=(1, 0, 0), frequency=2)),
+        (PaperGusts(force=np.ones(3)), PaperGusts(force=(1.0, 1.0, 1.0))),
+    ],
+)
+def test_a_model_is_plain_data_whatever_it_was_made_from(model: Any, like: Any) -> None:
+    assert model == like
+    assert hash(model) == hash(like)
+    assert json.dumps(asdict(model)) == json.dumps(asdict(like))
 
 
 def test_a_sum_is_the_sum_of_its_members() -> None:

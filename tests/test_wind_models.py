@@ -210,7 +210,7 @@ def test_the_peak_of_a_gust_is_its_load_and_it_is_calm_in_between() -> None:
 
 def test_gusts_shorter_than_a_step_are_not_lost_count_of() -> None:
     """Dozens of them in a step; the wind is that of the one that blows in the middle of the step, if any."""
-    pause, length, period = 0.7e-3, 1.3e-3, 0.0773
+    pause, length, period = 0.7e-2, 1.3e-2, 0.773
     wind = Gusts(force=(1.0, 0.0, 0.0), pause=(pause, pause), length=(length, length), heading=(0.0, 0.0))
     force = blown(wind, 20, 1, period)[:, 0, 0]
     since_onset = period * (np.arange(20) + 0.5) % (pause + length) - pause

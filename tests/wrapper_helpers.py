@@ -8,7 +8,7 @@ from gymnasium.vector import SyncVectorEnv, VectorEnv
 from quadpend_gym import Dryden, Limits, Task, wrappers
 from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, RotorFault, Rotors
 from quadpend_gym.arrays import Floats32
-from quadpend_gym.randomization import ParameterRanges
+from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Delay, Dropout, Noise
 from tests.env_helpers import AUTORESET_MODES, draw_actions, make, make_rows
 
@@ -22,7 +22,7 @@ NOISE = Noise(
     direction={"white": 0.005, "walk": 0.01},
     direction_rate=0.02,
 )
-RANGES = ParameterRanges.around(0.2)
+RANGES = Around(0.2)
 WIND = ("WindWrapper", "storm")
 TURBULENCE = ("WindWrapper", Dryden("moderate"))
 SENSORS = ("SensorWrapper", [NOISE, Dropout(0.2), Delay(2)])

@@ -52,7 +52,8 @@ def evaluate(
     Args:
         policies: adrc-paper, adrc-matched, run folders or model files; NAME=POLICY gives one a name, and
             NAME=POLICY,POLICY,… puts the training seeds of one learner under it.
-        scenarios: Scenarios by name, TOML or JSON file, or as JSON, see train/scenarios.py.
+        scenarios: Scenarios by name, TOML or JSON file, or as JSON, see train/scenarios.py; NAME=SCENARIO gives one a
+            name.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode; the published results use 1000000, so tune with another.
         out: Folder for comparison.json, comparison.md and comparison.png.
@@ -67,7 +68,10 @@ def evaluate(
     if len(named) < len(policies):
         raise ValueError("two policies have the same name: give each its own, as NAME=POLICY")
     loaded = {name: load_policies(policy) for name, policy in named.items()}
-    comparison = compare(loaded, scenarios, episodes, seed)
+    flown = dict(map(_labelled, scenarios))
+    if len(flown) < len(scenarios):
+        raise ValueError("two scenarios have the same name: give each its own, as NAME=SCENARIO")
+    comparison = compare(loaded, flown, episodes, seed)
     comparison.save(out)
     (out / "comparison.md").write_text(report.markdown(comparison), encoding="utf-8")
     report.plot(comparison, out / "comparison.png")
@@ -84,6 +88,12 @@ def _named(policy: str) -> tuple[str, str]:
     return (name, rest) if sign and "/" not in name else (policy, policy)
 
 
+def _labelled(scenario: str) -> tuple[str, str]:
+    """Name and scenario of NAME=SCENARIO; a file is called by its stem."""
+    name, rest = _named(scenario)
+    return (Path(rest).stem if name == rest and not rest.lstrip().startswith("{") else name), rest
+
+
 def wind(
     models: tuple[str, ...] = (),
     out: Path = Path("results/wind"),
@@ -93,24 +103,26 @@ def wind(
     """Draw what one trains in: a wind's series, histogram and spectrum beside theory; what sensors and actuators do.
 
     Args:
-        models: Presets or kinds of wind, kinds of sensors or actuators, or JSON with a kind and its settings;
-            NAME=MODEL gives one a name. Without, one of each kind, as in docs/models.md.
+        models: Presets or kinds of wind, kinds of sensors or actuators, JSON with a kind and its settings, or the file
+            of a scenario, for its wind; NAME=MODEL gives one a name. Without, one of each kind, as in docs/models.md.
         out: Folder for the pictures, one PNG for each model.
         seconds: How much of the series to show.
         seed: Of the episode shown.
     """
     from train import model_plots
 
-    if not (0.0 < seconds <= 3600.0):
-        raise ValueError(f"seconds must be above 0 and at most 3600, not {seconds:g}")
+    if not (1.0 <= seconds <= 3600.0):
+        raise ValueError(f"seconds must be from 1 to 3600, not {seconds:g}")
     if seed < 0:
         raise ValueError(f"seed must be at least 0, not {seed}")
+    named = [_labelled(model) for model in models] or list(model_plots.GALLERY.items())
+    names = [name if name.isidentifier() else f"model_{number}" for number, (name, _) in enumerate(named)]
+    if len(set(names)) < len(names):
+        raise ValueError("two models have the same name: give each its own, as NAME=MODEL")
     out.mkdir(parents=True, exist_ok=True)
-    named = [_named(model) for model in models] or list(model_plots.GALLERY.items())
-    for number, (name, model) in enumerate(named):
-        path = out / (f"{name}.png" if name.isidentifier() else f"model_{number}.png")
-        model_plots.draw(model, seconds, seed, path)
-        print(f"Written: {path}")
+    for name, (_, model) in zip(names, named, strict=True):
+        model_plots.draw(name, model, seconds, seed, out / f"{name}.png")
+        print(f"Written: {out / name}.png")
 
 
 def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bool = False) -> None:

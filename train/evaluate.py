@@ -17,7 +17,8 @@ from tqdm.auto import tqdm
 from baselines import Policy
 from quadpend_gym.arrays import Booleans, Floats
 from train.origin import origin
-from train.scenarios import find_scenario
+from train.policies import seated
+from train.scenarios import Scenario, find_scenario
 from train.statistics import Interval, mean, paired_proportion, proportion
 
 # Episodes that no training run sees, whose seeds are above 2³² (`train.train.first_episode`).
@@ -48,19 +49,21 @@ class Flights(NamedTuple):
     error: Floats
 
 
-def fly(policies: Sequence[Policy], scenario: str, episodes: int = 100, seed: int = TEST_SEED) -> Flights:
+def fly(policies: Sequence[Policy], scenario: str | Scenario, episodes: int = 100, seed: int = TEST_SEED) -> Flights:
     """Fly each policy through the first episode of each of `episodes` seeds, counting up from `seed`.
 
     Args:
         policies: anything that obeys the `predict` protocol: one, or one for each training seed.
-        scenario: a name in `train.scenarios.SCENARIOS`.
+        scenario: a scenario, or what `find_scenario` takes for one.
         episodes: how many.
         seed: of the first.
 
     Raises:
         ValueError: there is no such scenario.
     """
-    flown = [_fly_one(policy, scenario, episodes, seed) for policy in policies]
+    if isinstance(scenario, str):
+        scenario = find_scenario(scenario)
+    flown = [_fly_one(seated(policy, scenario), scenario, episodes, seed) for policy in policies]
     length = max(flights.error.shape[-1] for flights in flown)
     padded = [
         flights._replace(
@@ -71,9 +74,9 @@ def fly(policies: Sequence[Policy], scenario: str, episodes: int = 100, seed: in
     return Flights(*(np.stack(parts) for parts in zip(*padded, strict=True)))
 
 
-def _fly_one(policy: Policy, scenario: str, episodes: int, seed: int) -> Flights:
+def _fly_one(policy: Policy, scenario: Scenario, episodes: int, seed: int) -> Flights:
     """As `fly`, for one policy and without the axis of the seeds."""
-    env = find_scenario(scenario).make_vec(episodes, AutoresetMode.SAME_STEP)
+    env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
     observation, _ = env.reset(seed=seed)
     memory: Any = None
     started = np.ones(episodes, np.bool_)
@@ -159,14 +162,14 @@ class Comparison:
 
     Attributes:
         policies: their names.
-        scenarios: their names.
+        scenarios: by their names.
         episodes: flown in each cell.
         seed: of the first episode.
         flights: by scenario and policy.
     """
 
     policies: tuple[str, ...]
-    scenarios: tuple[str, ...]
+    scenarios: dict[str, Scenario]
     episodes: int
     seed: int
     flights: dict[tuple[str, str], Flights]
@@ -188,7 +191,7 @@ class Comparison:
             "episodes": self.episodes,
             "seed": self.seed,
             "units": {name: unit for name, (unit, _) in MEASURES.items()},
-            "scenarios": {name: asdict(find_scenario(name)) for name in self.scenarios},
+            "scenarios": {name: asdict(scenario) for name, scenario in self.scenarios.items()},
             "results": results,
         }
 
@@ -208,28 +211,47 @@ def _plain(intervals: dict[str, Interval]) -> dict[str, dict[str, float | None]]
 
 
 def compare(
-    policies: Mapping[str, Sequence[Policy]], scenarios: Sequence[str], episodes: int = 100, seed: int = TEST_SEED
+    policies: Mapping[str, Sequence[Policy]],
+    scenarios: Sequence[str] | Mapping[str, str],
+    episodes: int = 100,
+    seed: int = TEST_SEED,
 ) -> Comparison:
     """Fly every policy through the same episodes of every scenario.
 
     Args:
         policies: by the names they shall have; under one name, a controller or the training seeds of one learner.
-        scenarios: names in `train.scenarios.SCENARIOS`.
+        scenarios: what `find_scenario` takes for scenarios; by the names they shall have, or under that.
         episodes: in each scenario.
         seed: of the first.
 
     Raises:
-        ValueError: there is no policy or no scenario, one is unknown, or `episodes` is below 1.
+        ValueError: there is no policy or no scenario, one is unknown, a policy cannot fly in a scenario, or `episodes`
+            is below 1.
     """
     if not policies or not scenarios:
         raise ValueError("there must be at least one policy and one scenario to compare")
     if episodes < 1:
         raise ValueError(f"episodes must be at least 1, not {episodes}")
-    for name in scenarios:
-        find_scenario(name)
-    cells = [(scenario, policy) for scenario in scenarios for policy in policies]
+    named = scenarios if isinstance(scenarios, Mapping) else {name: name for name in scenarios}
+    found = {name: find_scenario(scenario) for name, scenario in named.items()}
+    cells = [(scenario, policy) for scenario in found for policy in policies]
+    for scenario, policy in cells:
+        _check_flight(policy, policies[policy], scenario, found[scenario])
     flights = {}
     for scenario, policy in (bar := tqdm(cells, unit="cell", leave=False)):
         bar.set_description(f"{policy} in {scenario}")
-        flights[scenario, policy] = fly(policies[policy], scenario, episodes, seed)
-    return Comparison(tuple(policies), tuple(scenarios), episodes, seed, flights)
+        flights[scenario, policy] = fly(policies[policy], found[scenario], episodes, seed)
+    return Comparison(tuple(policies), found, episodes, seed, flights)
+
+
+def _check_flight(name: str, policies: Sequence[Policy], scenario: str, found: Scenario) -> None:
+    """Try a policy on one observation of a scenario, before hours are flown in vain."""
+    env = found.make_vec(1, AutoresetMode.SAME_STEP)
+    observation, _ = env.reset(seed=0)
+    try:
+        for policy in policies:
+            action, _ = seated(policy, found).predict(observation, None, np.ones(1, np.bool_), deterministic=True)
+            env.step(action)
+            observation, _ = env.reset(seed=0)
+    except ValueError as error:
+        raise ValueError(f"{name} cannot fly in {scenario}: {error}") from error

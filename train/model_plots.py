@@ -22,11 +22,12 @@ from quadpend_gym.sensors import as_sensors
 from quadpend_gym.streams import Streams
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, series
 from train.files import parse_mapping
+from train.scenarios import find_scenario
 
 # The palette of Okabe and Ito, which the colour-blind can tell apart
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _PERIOD = 0.01  # s
-_EPISODES, _LONG = 64, 120.0  # episodes and seconds behind histogram and spectrum
+_EPISODES, _LONG, _SEGMENT = 24, 62.0, 2048  # episodes, seconds and samples behind histogram and spectrum
 _UNITS = {"force": "N", "bob_force": "N", "torque": "N·m", "velocity": "m/s"}
 
 # One of each kind, for docs/models.md: picture and model.
@@ -49,11 +50,13 @@ GALLERY = {
 }
 
 
-def draw(name: str, seconds: float, seed: int, path: Path) -> None:
+def draw(title: str, name: str, seconds: float, seed: int, path: Path) -> None:
     """Draw the model that `name` stands for into a PNG file.
 
     Args:
-        name: a preset or kind of wind, a kind of sensor or actuator with its defaults, or JSON with a kind.
+        title: of the picture.
+        name: a preset or kind of wind, a kind of sensor or actuator with its defaults, JSON with a kind, or the file of
+            a scenario, for its wind.
         seconds: how much of the series to show.
         seed: of the episode shown.
         path: of the picture.
@@ -67,13 +70,9 @@ def draw(name: str, seconds: float, seed: int, path: Path) -> None:
     family, models = _find(name)
     figure = Figure(figsize=(9.0, 5.2 if family == "wind" else 3.4), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(_title(name), fontsize=11)
+    figure.suptitle(title.replace("_", " "), fontsize=11)
     _DRAWN[family](figure, models, seconds, seed)
     figure.savefig(path, dpi=80)
-
-
-def _title(name: str) -> str:
-    return name if len(name) < 90 else f"{name[:87]}…"
 
 
 def _find(name: str) -> tuple[str, tuple[Any, ...]]:
@@ -82,6 +81,8 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
         data = parse_mapping(name, "the model")
     elif name in PRESETS:
         return "wind", as_wind(name)
+    elif Path(name).suffix in (".toml", ".json"):
+        return "wind", find_scenario(name).wind.models
     else:
         data = {"kind": name}
     for family, (kinds, as_models) in _FAMILIES.items():
@@ -103,15 +104,15 @@ def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) 
     grid = figure.add_gridspec(2, 2)
     time = _PERIOD * np.arange(round(seconds / _PERIOD))
     above, histogram, spectrum = (figure.add_subplot(place) for place in (grid[0, :], grid[1, 0], grid[1, 1]))
-    frequency, density = signal.welch(blown[..., columns], 1.0 / _PERIOD, nperseg=4096, axis=0)
+    frequency, density = signal.welch(blown[..., columns], 1.0 / _PERIOD, nperseg=_SEGMENT, noverlap=0, axis=0)
     omega = 2.0 * np.pi * frequency[1:]
-    averages = _EPISODES * (2 * blown.shape[0] // 4096 - 1)
+    averages = _EPISODES * (blown.shape[0] // _SEGMENT)
     for i, axis in enumerate("xyz"):
         values, colour = blown[..., columns][..., i], _COLOURS[i]
         if not values.any():
             continue
         above.plot(time, values[: time.size, 0], color=colour, linewidth=1.0, label=axis)
-        histogram.hist(values.ravel(), 80, density=True, histtype="step", color=colour)
+        histogram.hist(values.ravel(), 40, density=True, histtype="step", color=colour)
         spectrum.loglog(omega, density[1:, :, i].mean(axis=1) / (2.0 * np.pi), color=colour, linewidth=1.0)
         if theory is not None:
             expected = theory(omega)[i]

@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from baselines import ADRC, Policy
+from baselines import ADRC, Policy, ThroughRotors
+from quadpend_gym.actuators import Rotors
+from train.scenarios import Scenario
 
 
 def load_policies(names: str) -> list[Policy]:
@@ -30,3 +32,17 @@ def load_policy(name: str) -> Policy:
     from stable_baselines3 import PPO
 
     return PPO.load(path, device="cpu")
+
+
+def seated(policy: Policy, scenario: Scenario) -> Policy:
+    """The policy as it flies in a scenario.
+
+    A classical controller is told the nominal simulation, and flies rotors, where there are any, through their mixing.
+    """
+    if not isinstance(policy, ADRC):
+        return policy
+    told = type(policy)(policy.gains, scenario.simulation)
+    for model in scenario.actuators:
+        if isinstance(model, Rotors):
+            return ThroughRotors(told, model, scenario.simulation)
+    return told

@@ -7,15 +7,16 @@ fields of `Scenario`, or such JSON on the command line:
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from quadpend_gym.actuators import as_actuators
-from quadpend_gym.randomization import ParameterRanges
+from quadpend_gym import Simulation
+from quadpend_gym.actuators import as_actuators, check_chain
+from quadpend_gym.randomization import as_ranges
 from quadpend_gym.records import build
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import Constant, Sum, as_wind
@@ -46,26 +47,38 @@ class Scenario:
     sensors: Any = ()  # as `SensorWrapper` takes them
     actuators: Any = ()  # as `ActuatorWrapper` takes them
     parameters: Any = None  # as `ParameterWrapper` takes them
+    simulation: Any = field(default_factory=Simulation)  # the nominal one, as the keyword of `gymnasium.make`
     output_feedback: bool = False  # no velocities, see `OutputFeedbackWrapper`
     history: int = 1  # observations side by side, see `HistoryWrapper`
+    history_actions: int = 0  # actions beside them
 
     def __post_init__(self) -> None:
         if self.env_id not in ENVIRONMENTS:
             raise ValueError(f"env_id must be one of {', '.join(ENVIRONMENTS)}, not {self.env_id!r}")
-        if not isinstance(self.history, int) or isinstance(self.history, bool) or self.history < 1:
-            raise ValueError(f"history must be a whole number of at least 1, not {self.history!r}")
+        if not isinstance(self.description, str):
+            raise TypeError(f"description must be a text, not {self.description!r}")
+        for name, least in (("history", 1), ("history_actions", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
         if not isinstance(self.output_feedback, bool):
             raise TypeError(f"output_feedback must be true or false, not {self.output_feedback!r}")
         object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
         object.__setattr__(self, "sensors", as_sensors(self.sensors))
         object.__setattr__(self, "actuators", as_actuators(self.actuators))
         if self.parameters is not None:
-            object.__setattr__(self, "parameters", build(ParameterRanges, self.parameters, "parameters"))
+            object.__setattr__(self, "parameters", as_ranges(self.parameters))
+        object.__setattr__(self, "simulation", build(Simulation, self.simulation, "simulation"))
+        check_chain(self.actuators, self.simulation)
 
     def make_vec(self, num_envs: int, autoreset_mode: AutoresetMode) -> VectorEnv[Any, Any, Any]:
         """The scenario as a vector environment."""
         env: VectorEnv[Any, Any, Any] = gym.make_vec(
-            f"quadpend_gym:{self.env_id}", num_envs=num_envs, wind=self.wind, autoreset_mode=autoreset_mode
+            f"quadpend_gym:{self.env_id}",
+            num_envs=num_envs,
+            simulation=self.simulation,
+            wind=self.wind,
+            autoreset_mode=autoreset_mode,
         )
         if self.parameters is not None:
             env = VectorParameterWrapper(env, self.parameters)
@@ -75,7 +88,9 @@ class Scenario:
             env = VectorSensorWrapper(env, self.sensors)
         if self.output_feedback:
             env = VectorOutputFeedbackWrapper(env)
-        return VectorHistoryWrapper(env, self.history) if self.history > 1 else env
+        if self.history > 1 or self.history_actions:
+            env = VectorHistoryWrapper(env, self.history, self.history_actions)
+        return env
 
 
 HOVER = "QuadPendulumHover-v0"

@@ -2,7 +2,7 @@
 
 | model | where |
 |---|---|
-| `Constant`, `Sinusoid`, `Drawn` | `steady` |
+| `Constant`, `Sinusoid`, `StillAir`, `Drawn` | `steady` |
 | `Gusts`, `PaperGusts` | `gusts` |
 | `OrnsteinUhlenbeck`, `Dryden`, `VonKarman` | `turbulence` |
 
@@ -15,7 +15,7 @@ from quadpend_gym.models import Family
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
 from quadpend_gym.wind.model import WIND_FIELDS, WIND_SIZE, Sum, Wind
 from quadpend_gym.wind.series import series
-from quadpend_gym.wind.steady import Constant, Drawn, Sinusoid
+from quadpend_gym.wind.steady import Constant, Drawn, Sinusoid, StillAir
 from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck, VonKarman
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "OrnsteinUhlenbeck",
     "PaperGusts",
     "Sinusoid",
+    "StillAir",
     "Sum",
     "VonKarman",
     "Wind",
@@ -40,6 +41,7 @@ __all__ = [
 KINDS: dict[str, type[Any]] = {
     "constant": Constant,
     "sinusoid": Sinusoid,
+    "still_air": StillAir,
     "drawn": Drawn,
     "gusts": Gusts,
     "paper_gusts": PaperGusts,

@@ -8,9 +8,9 @@ import numpy as np
 
 from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.models import Forgetful
-from quadpend_gym.records import interval, number, positive, vector
+from quadpend_gym.records import interval, number, positive, tidy, vector
 from quadpend_gym.streams import Streams
-from quadpend_gym.wind.model import Load, Loads, Sum, add_turned
+from quadpend_gym.wind.model import TURNED, WIND_FIELDS, Addable, Load, Loads, add_turned
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,15 @@ class Gusts(Loads):
     """
 
     pause: tuple[float, float] = (0.5, 3.0)  # s before a gust, uniform between the two
-    length: tuple[float, float] = (0.5, 2.0)  # s, uniform between the two
+    length: tuple[float, float] = (0.5, 2.0)  # s, uniform between the two, at least 0.01
     heading: tuple[float, float] = (-np.pi, np.pi)  # rad from x towards y, uniform between the two
     kind: str = field(default="gusts", init=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, low in (("pause", 0.0), ("length", 0.0), ("heading", -np.inf)):
-            object.__setattr__(self, name, interval(getattr(self, name), name, low))
-        positive(self.length[0], "length")
-        if any(self.load[6:9]):
+        for name, low in (("pause", 0.0), ("length", 0.01), ("heading", -np.inf)):
+            interval(getattr(self, name), name, low)
+        if self.load[WIND_FIELDS["torque"]].any():
             raise ValueError("a gust has no torque: headings turn winds, not the axes of the body")
 
     @property
@@ -65,13 +64,13 @@ class Gusts(Loads):
         onset, length, cosine, sine = memory[:, :4].T
         phase = np.maximum(time - onset, 0.0) / length
         swell = 0.5 - 0.5 * np.cos(2.0 * np.pi * phase)
-        for axis in (0, 3, 9):
+        for axis in TURNED:
             if self.load[axis : axis + 3].any():
                 add_turned(out, axis, self.load[axis : axis + 3], swell, cosine, sine)
 
 
 @dataclass(frozen=True)
-class PaperGusts(Forgetful):
+class PaperGusts(Forgetful, Addable):
     """The paper's random gusts in x, y, z and yaw, calm until the onset (its Section 5).
 
     With the paper's onset of 10 s they never blow in an episode of 10 s: lower the onset, or raise the environment's
@@ -91,7 +90,9 @@ class PaperGusts(Forgetful):
     kind: str = field(default="paper_gusts", init=False)
 
     def __post_init__(self) -> None:
-        _ = self.amplitude
+        tidy(self)
+        if (self.amplitude < 0.0).any():
+            raise ValueError(f"amplitudes must be at least 0, not {self.amplitude.tolist()}")
         number(self.onset, "onset", 0.0)
         positive(self.hold, "hold")
 
@@ -99,9 +100,6 @@ class PaperGusts(Forgetful):
     def amplitude(self) -> Floats:
         """Largest force in x, y, z (N) and yaw torque (N·m), shape (4,)."""
         return np.array([*vector(self.force, 3, "force"), number(self.yaw_torque, "yaw_torque")])
-
-    def __add__(self, other: Any) -> Sum:
-        return Sum((self, other))
 
     @property
     def moves_air(self) -> bool:
@@ -118,5 +116,6 @@ class PaperGusts(Forgetful):
         gust = np.floor(phase).astype(np.int64)
         blend = 0.5 - 0.5 * np.cos(np.pi * (phase - gust))[:, np.newaxis]
         strength = (1.0 - blend) * self._target(gust, streams) + blend * self._target(gust + 1, streams)
-        for column, axis in enumerate((0, 1, 2, 8)):
+        yaw = WIND_FIELDS["torque"].stop - 1
+        for column, axis in enumerate((0, 1, 2, yaw)):
             out[:, axis] += strength[:, column]

@@ -20,7 +20,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from quadpend_gym.arrays import Floats, Integers
-from quadpend_gym.records import vector
+from quadpend_gym.records import tidy, vector
 from quadpend_gym.streams import Streams
 
 WIND_SIZE = 12
@@ -30,6 +30,7 @@ WIND_FIELDS = {
     "torque": slice(6, 9),
     "velocity": slice(9, 12),
 }
+TURNED = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))  # what a heading turns
 Load = float | tuple[float, ...]  # one number for all three axes, or three
 
 
@@ -39,7 +40,7 @@ class Wind(Protocol):
 
     @property
     def moves_air(self) -> bool:
-        """Whether it has velocities. Without such a model there is no air, and so no drag: the paper's calm."""
+        """Whether it ever has velocities. Without such a model there is no air, and so no drag: the paper's calm."""
 
     @property
     def memory_size(self) -> int:
@@ -60,8 +61,18 @@ class Wind(Protocol):
         """
 
 
+class Addable:
+    """The part of a model that lets it be added to others with ``+`` and `sum`."""
+
+    def __add__(self, other: Any) -> "Sum":
+        return Sum((self, other))
+
+    def __radd__(self, other: Any) -> "Sum":
+        return Sum((self,) if isinstance(other, int) and other == 0 else (other, self))
+
+
 @dataclass(frozen=True)
-class Loads:
+class Loads(Addable):
     """A load for each of the twelve columns; the fields that most models begin with.
 
     Raises:
@@ -75,9 +86,7 @@ class Loads:
     velocity: Load = 0.0  # m/s, of the air
 
     def __post_init__(self) -> None:
-        for name in WIND_FIELDS:
-            value = getattr(self, name)
-            object.__setattr__(self, name, value if np.isscalar(value) else vector(value, 3, name))
+        tidy(self)
         _ = self.load
 
     @cached_property
@@ -94,9 +103,6 @@ class Loads:
     def moves_air(self) -> bool:
         """Whether there is a velocity among the loads."""
         return bool(self.load[WIND_FIELDS["velocity"]].any())
-
-    def __add__(self, other: Any) -> "Sum":
-        return Sum((self, other))
 
 
 def add_turned(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floats, sine: Floats) -> None:
@@ -117,7 +123,7 @@ def add_turned(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floa
 
 
 @dataclass(frozen=True)
-class Sum:
+class Sum(Addable):
     """Several models at once.
 
     Each has a random stream of its own, by its place in the sum: adding one behind leaves the others' numbers alone.
@@ -137,6 +143,3 @@ class Sum:
         from quadpend_gym.wind import as_wind  # which has the kinds, this one among them
 
         object.__setattr__(self, "models", as_wind(self.models))
-
-    def __add__(self, other: Any) -> "Sum":
-        return Sum((*self.models, other))

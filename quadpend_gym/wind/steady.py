@@ -9,9 +9,9 @@ import numpy as np
 
 from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.models import Forgetful
-from quadpend_gym.records import interval, positive
+from quadpend_gym.records import interval, positive, tidy
 from quadpend_gym.streams import Streams
-from quadpend_gym.wind.model import WIND_SIZE, Loads, Sum, add_turned
+from quadpend_gym.wind.model import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,22 @@ class Sinusoid(Loads):
 
 
 @dataclass(frozen=True)
-class Drawn:
+class StillAir(Forgetful, Addable):
+    """Air that does not move, but brakes what moves. Without it, or a wind with a velocity, there is no drag."""
+
+    kind: str = field(default="still_air", init=False)
+
+    @property
+    def moves_air(self) -> bool:
+        """There is air."""
+        return True
+
+    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Nothing."""
+
+
+@dataclass(frozen=True)
+class Drawn(Addable):
     """Another wind, stronger or weaker and turned about the vertical, by a factor and an angle drawn for each episode.
 
     Raises:
@@ -70,12 +85,10 @@ class Drawn:
     def __post_init__(self) -> None:
         from quadpend_gym.wind import as_wind
 
+        tidy(self)
         object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
         for name in ("strength", "heading"):
-            object.__setattr__(self, name, interval(getattr(self, name), name))
-
-    def __add__(self, other: Any) -> Sum:
-        return Sum((self, other))
+            interval(getattr(self, name), name)
 
     @property
     def moves_air(self) -> bool:
@@ -109,7 +122,7 @@ class Drawn:
             model.blow(air, memory[:, first : first + size], step, period, streams.derive(i))
             first += size
         strength, cosine, sine = memory[:, :3].T
-        for axis in (0, 3, 9):
+        for axis in TURNED:
             add_turned(out, axis, air[:, axis : axis + 3].T, strength, cosine, sine)
-        for axis in (6, 7, 8):  # torques are about the body's axes, which a heading does not turn
-            out[:, axis] += strength * air[:, axis]
+        torque = WIND_FIELDS["torque"]  # about the body's axes, which a heading does not turn
+        out[:, torque] += strength[:, np.newaxis] * air[:, torque]

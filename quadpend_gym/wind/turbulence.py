@@ -1,7 +1,8 @@
 """Random winds that never stop: Ornstein–Uhlenbeck, Dryden and von Kármán turbulence.
 
 Dryden and von Kármán turbulence at low altitude after MIL-F-8785C: the mean wind V at the altitude h carries a frozen
-field of gusts u (along it), v (across) and w (up). With h in feet, W₂₀ the wind at 20 feet, and z₀ = 0.15 feet:
+field of gusts u (along it), v (across) and w (up). With h in feet, W₂₀ the wind at 20 feet, and z₀ = 0.15 feet, the
+roughness that the specification has for terminal flight phases (category C; 2 feet for the others):
 
     (1)  V    = W₂₀ ln(h/z₀) / ln(20/z₀)
     (2)  σ_w  = 0.1 W₂₀,     σ_u = σ_v = σ_w / (0.177 + 0.000823 h)^0.4
@@ -20,6 +21,9 @@ von Kármán's, with a = 1.339:
 MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and writes 2 L where (5) and (7) have L: at low
 altitude the same process under other names. Whoever takes lengths from one and spectra from the other is off by 2.
 
+The field is carried by the mean wind alone and belongs to one altitude: where, and how fast, the quadrotor flies in it
+does not enter.
+
 (4) and (5) are rational; their filters are exact. For (6) and (7) the usual filters of second and third order stand in,
 which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T along the wind, 48/T across and up. Beyond
 they are too low (by 2.6 and 2.0 dB at 100/T), which takes 1.6 % and 1.9 % off the deviations.
@@ -27,15 +31,15 @@ they are too low (by 2.6 and 2.0 dB at 100/T), which takes 1.6 % and 1.9 % off t
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from quadpend_gym.arrays import Floats, Integers
-from quadpend_gym.records import number, positive
+from quadpend_gym.records import number, positive, tidy
 from quadpend_gym.streams import Streams
 from quadpend_gym.wind.filters import Filter, Sampled, run, sample, side_by_side, start, transfer
-from quadpend_gym.wind.model import WIND_FIELDS, Load, Loads, Sum
+from quadpend_gym.wind.model import WIND_FIELDS, Addable, Load, Loads
 
 FOOT, KNOT = 0.3048, 0.514444  # m, m/s
 INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # W₂₀, m/s, MIL-F-8785C
@@ -58,6 +62,8 @@ class OrnsteinUhlenbeck(Loads):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if (self.load < 0.0).any():
+            raise ValueError(f"standard deviations must be at least 0, not {self.load.tolist()}")
         positive(self.time_constant, "time_constant")
 
     @property
@@ -91,7 +97,7 @@ def _sampled_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[Sampled, Fl
 
 
 @dataclass(frozen=True)
-class _Turbulence:
+class _Turbulence(Addable):
     """What Dryden's and von Kármán's turbulence have in common: equations (1)–(3).
 
     Raises:
@@ -106,6 +112,7 @@ class _Turbulence:
     standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
 
     def __post_init__(self) -> None:
+        tidy(self)
         if isinstance(self.intensity, str) and self.intensity not in INTENSITIES:
             raise ValueError(f"intensity must be {', '.join(INTENSITIES)} or a number, not {self.intensity!r}")
         positive(self.wind_20_feet, "intensity")
@@ -114,9 +121,6 @@ class _Turbulence:
         number(self.heading, "heading")
         if not isinstance(self.standard, str) or self.standard not in STANDARDS:
             raise ValueError(f"standard must be one of {', '.join(STANDARDS)}, not {self.standard!r}")
-
-    def __add__(self, other: Any) -> Sum:
-        return Sum((self, other))
 
     @property
     def moves_air(self) -> bool:

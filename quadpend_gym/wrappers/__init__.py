@@ -8,6 +8,9 @@
 | `ParameterWrapper`      | other physical parameters in each episode         | `quadpend_gym.randomization`  |
 | `OutputFeedbackWrapper` | no velocities                                     |                               |
 | `HistoryWrapper`        | the latest observations and actions side by side  |                               |
+
+The specification of a single environment holds its wrappers, and goes to JSON with them. That of a vector environment
+holds no wrappers (Gymnasium's neither), only the wind that it was made with.
 """
 
 from quadpend_gym.wrappers.observation import (

@@ -58,12 +58,11 @@ class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstru
         return np.asarray(observation[OUTPUT_COLUMNS])
 
 
-class VectorOutputFeedbackWrapper(VectorWrapper, RecordConstructorArgs):
+class VectorOutputFeedbackWrapper(VectorWrapper):
     """`OutputFeedbackWrapper` for a vector environment, in every autoreset mode."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self)
         VectorWrapper.__init__(self, env)
         _check_layout(env.single_observation_space)
         self.single_observation_space = _box(OUTPUT_COLUMNS.size)
@@ -155,12 +154,11 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._histories.flat()[0], reward, terminated, truncated, info
 
 
-class VectorHistoryWrapper(VectorWrapper, RecordConstructorArgs):
+class VectorHistoryWrapper(VectorWrapper):
     """`HistoryWrapper` for a vector environment, in every autoreset mode."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], observations: int = 4, actions: int = 0) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         VectorWrapper.__init__(self, env)
         sizes = _size(env.single_observation_space, "observation"), _size(env.single_action_space, "action")
         self._histories = _Histories(self.num_envs, observations, actions, sizes)

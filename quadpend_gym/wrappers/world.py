@@ -5,7 +5,6 @@ wrappers in between see the changed observations and act through the changed act
 numbers for the same seed.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -13,8 +12,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import VectorEnv, VectorWrapper
 
 from quadpend_gym.actuators import as_actuators
-from quadpend_gym.randomization import ParameterRanges
-from quadpend_gym.records import build
+from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import as_wind
 from quadpend_gym.world import World
@@ -42,7 +40,7 @@ def _add_actuators(env: AnyEnv, actuators: Any) -> None:
 
 
 def _draw_parameters(env: AnyEnv, ranges: Any) -> None:
-    _world(env).draw_parameters(build(ParameterRanges, ranges, "ranges"))
+    _world(env).draw_parameters(as_ranges(ranges))
 
 
 class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -64,12 +62,11 @@ class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         _add_wind(env, wind)
 
 
-class VectorWindWrapper(VectorWrapper, RecordConstructorArgs):
+class VectorWindWrapper(VectorWrapper):
     """`WindWrapper` for a vector environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], wind: Any) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, wind=wind)
         VectorWrapper.__init__(self, env)
         _add_wind(env, wind)
 
@@ -93,12 +90,11 @@ class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         _add_sensors(env, sensors)
 
 
-class VectorSensorWrapper(VectorWrapper, RecordConstructorArgs):
+class VectorSensorWrapper(VectorWrapper):
     """`SensorWrapper` for a vector environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], sensors: Any) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, sensors=sensors)
         VectorWrapper.__init__(self, env)
         _add_sensors(env, sensors)
 
@@ -122,12 +118,11 @@ class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         _add_actuators(env, actuators)
 
 
-class VectorActuatorWrapper(VectorWrapper, RecordConstructorArgs):
+class VectorActuatorWrapper(VectorWrapper):
     """`ActuatorWrapper` for a vector environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], actuators: Any) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, actuators=actuators)
         VectorWrapper.__init__(self, env)
         _add_actuators(env, actuators)
 
@@ -137,25 +132,25 @@ class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Args:
         env: a QuadPendulum environment, wrapped or not.
-        ranges: `ParameterRanges` or a mapping from names of parameters to pairs (lowest, highest).
+        ranges: `ParameterRanges`, or `Around` for a share of the parameters of `env`, or a mapping of the fields of
+            either.
 
     Raises:
         TypeError: `env` is another environment, or `ranges` are none.
         ValueError: a parameter is unknown, a range is out of order, or the parameters of `env` are drawn already.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], ranges: ParameterRanges | Mapping[str, Any]) -> None:
+    def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, ranges=ranges)
         gym.Wrapper.__init__(self, env)
         _draw_parameters(env, ranges)
 
 
-class VectorParameterWrapper(VectorWrapper, RecordConstructorArgs):
+class VectorParameterWrapper(VectorWrapper):
     """`ParameterWrapper` for a vector environment."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], ranges: ParameterRanges | Mapping[str, Any]) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], ranges: Any) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, ranges=ranges)
         VectorWrapper.__init__(self, env)
         _draw_parameters(env, ranges)

@@ -120,7 +120,7 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
     if unknown := [key for key in values if key not in known]:
         raise ValueError(f"{source} sets {unknown[0]!r}, which is no setting; the settings are {', '.join(known)}")
     if isinstance(scenario := values.get("scenario"), dict):
-        values = {**values, "scenario": json.dumps(scenario)}
+        values = {**values, "scenario": json.dumps(scenario, default=str)}
     return TrainSettings(**values)
 
 

@@ -1,0 +1,123 @@
+"""Scenarios: everything around an environment as data, from a name, a file or JSON."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from baselines import ADRC
+from quadpend_gym import Parameters, Simulation
+from quadpend_gym.wind import as_wind
+from train.cli import main
+from train.evaluate import compare, fly
+from train.scenarios import SCENARIOS, Scenario, find_scenario, resolve
+from train.settings import TrainSettings, read_settings
+from train.train import make_env
+
+EVERYTHING = {
+    "description": "everything at once",
+    "wind": [{"kind": "dryden", "intensity": "light"}, "breeze"],
+    "env_id": "QuadPendulumHover-v0",
+    "sensors": {"kind": "noise", "position": 0.001},
+    "actuators": [{"kind": "motor_lag"}, "rotors"],
+    "parameters": {"share": 0.1, "names": ["bob_mass"]},
+    "simulation": {"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004}},
+    "output_feedback": True,
+    "history": 3,
+    "history_actions": 2,
+}
+REAL = {"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004, "inertia_yaw": 0.008}}
+
+
+def test_everything_is_reachable_from_a_file_and_from_json(tmp_path: Path) -> None:
+    (tmp_path / "mine.json").write_text(json.dumps(EVERYTHING), encoding="utf-8")
+    scenario = find_scenario(str(tmp_path / "mine.json"))
+    assert scenario == find_scenario(json.dumps(EVERYTHING)) == Scenario(**EVERYTHING)  # type: ignore[arg-type]
+    env = scenario.make_vec(4, AutoresetMode.SAME_STEP)
+    observation, info = env.reset(seed=0)
+    assert observation.shape == (4, 3 * 27 + 2 * 4)
+    assert {"air_velocity", "command", "parameters"} <= info.keys()
+    env.step(np.zeros((4, 4), np.float32))
+
+
+@pytest.mark.parametrize("scenario", [*SCENARIOS.values(), Scenario(**EVERYTHING)], ids=lambda item: item.description)  # type: ignore[arg-type]
+def test_a_scenario_survives_json(scenario: Scenario) -> None:
+    assert find_scenario(json.dumps(asdict(scenario))) == scenario
+
+
+def test_the_presets_of_the_wind_are_scenarios_too() -> None:
+    for name in ("calm", "breeze", "windy", "storm"):
+        assert SCENARIOS[name].wind.models == as_wind(name)
+
+
+def test_a_settings_file_holds_a_scenario_and_a_run_remembers_it(tmp_path: Path) -> None:
+    text = 'num_envs = 16\n[scenario]\nwind = "storm"\noutput_feedback = true\n'
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    settings = read_settings(str(tmp_path / "mine.toml"))
+    assert find_scenario(settings.scenario) == Scenario(wind="storm", output_feedback=True)
+    assert make_env(settings).observation_space.shape == (27,)
+
+
+def test_settings_keep_the_scenario_itself_and_not_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('wind = "windy"\n', encoding="utf-8")
+    settings = TrainSettings(scenario=str(path))
+    path.unlink()
+    assert find_scenario(settings.scenario) == Scenario(wind="windy")
+    assert resolve("windy") == "windy"
+
+
+def test_the_classical_pilot_flies_rotors_and_knows_the_nominal_simulation() -> None:
+    rotors = Scenario(actuators="rotors", simulation=REAL)
+    assert fly([ADRC("paper")], rotors, 20).survived.mean() > 0.5
+    assert not fly([ADRC("paper")], Scenario(actuators="rotors"), 5).survived.any()  # Table 1's inertia is too much
+    heavy = Simulation(Parameters(bob_mass=0.4))
+    assert fly([ADRC("paper")], Scenario(simulation=heavy), 20).survived.mean() > 0.9
+
+
+def test_scenarios_have_names_of_their_own(tmp_path: Path) -> None:
+    (tmp_path / "gale.toml").write_text('wind = "storm"\n', encoding="utf-8")
+    options = ["--episodes", "2", "--policies", "adrc-paper", "--out", str(tmp_path)]
+    main(["evaluate", *options, "--scenarios", 'light={"wind": "dryden"}', str(tmp_path / "gale.toml")])
+    results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
+    assert list(results["scenarios"]) == ["light", "gale"]
+    assert results["scenarios"]["light"]["wind"]["models"][0]["kind"] == "dryden"
+
+
+def test_a_policy_that_cannot_fly_a_scenario_is_named_before_anything_is_flown() -> None:
+    with pytest.raises(ValueError, match="slow cannot fly in past: an observation has 36 or 27 numbers, not 144"):
+        compare({"slow": [ADRC("paper")]}, {"calm": "calm", "past": '{"history": 4}'}, 1)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "sentence"),
+    [
+        ("hurricane", "there is no scenario 'hurricane'; the scenarios are calm"),
+        ("missing.toml", "there is no scenario 'missing.toml'"),
+        ('{"wind": "windy"', "the scenario is not valid JSON"),
+        ('{"winds": "windy"}', "scenario has no field 'winds'"),
+        ('{"wind": "hurricane"}', "there is no wind 'hurricane'; there are calm"),
+        ('{"env_id": "CartPole-v1"}', "env_id must be one of QuadPendulum-v0"),
+        ('{"history": 0}', "history must be a whole number of at least 1, not 0"),
+        ('{"history_actions": true}', "history_actions must be a whole number"),
+        ('{"output_feedback": 1}', "output_feedback must be true or false"),
+        ('{"description": 5}', "description must be a text"),
+        ('{"sensors": "camera"}', "there is no sensor 'camera'; there are noise, delay, dropout"),
+        ('{"actuators": "rotor_fault"}', "a RotorFault needs rotors"),
+        ('{"parameters": {"mass": [1, 2]}}', "parameters has no field 'mass'|ranges has no field 'mass'"),
+        ('{"simulation": {"period": 0}}', "period must be above zero"),
+    ],
+)
+def test_a_mistake_gets_one_sentence(scenario: str, sentence: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=sentence):
+        find_scenario(scenario)
+
+
+def test_a_broken_file_is_named(tmp_path: Path) -> None:
+    for name, text in (("a.toml", "wind = "), ("b.json", "[1]")):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=name):
+            find_scenario(str(tmp_path / name))
