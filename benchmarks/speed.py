@@ -1,7 +1,8 @@
 """How fast the environments are, as ratios against others measured in the same run.
 
-Each figure is the best of several repetitions, one process, one thread unless said otherwise. Environments are stepped
-with a small fixed action and restart by themselves, so that resets are in the figure.
+Each figure is the best of several turns, one process, one thread unless said otherwise. Environments are stepped with a
+small fixed action and restart by themselves, so that resets are in the figure. "Everything" is Dryden wind, noisy
+sensors and random parameters at once.
 """
 
 import json
@@ -28,29 +29,32 @@ from quadpend_gym.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.wrappers import VectorParameterWrapper, VectorSensorWrapper
 
 ROWS = (1, 64, 1024, 4096, 16384)
-FULL_ROWS = 4096
-FULL = f"QuadPendulum-v0, {FULL_ROWS} rows, Dryden wind, noisy sensors, random parameters"
-_SECONDS = 0.25
-_REPETITIONS = 5
+_SECONDS = 0.15
+_TURNS = 15
 
 
-def seconds_per_call(function: Callable[[], Any]) -> float:
-    """The shortest mean time of a call among several repetitions."""
-    function()
-    began = time.perf_counter()
-    function()
-    calls = max(1, int(_SECONDS / max(time.perf_counter() - began, 1e-7)))
-    best = np.inf
-    for _ in range(_REPETITIONS):
+def rates_of(calls: dict[str, tuple[Callable[[], Any], int]]) -> dict[str, float]:
+    """Steps per second of functions that each make a number of steps: the best of several turns.
+
+    All of them in every turn, so that what slows the machine for a while slows them alike.
+    """
+    counts, best = {}, dict.fromkeys(calls, np.inf)
+    for name, (function, _) in calls.items():
+        function()
         began = time.perf_counter()
-        for _ in range(calls):
-            function()
-        best = min(best, (time.perf_counter() - began) / calls)
-    return best
+        function()
+        counts[name] = max(1, int(_SECONDS / max(time.perf_counter() - began, 1e-7)))
+    for _ in range(_TURNS):
+        for name, (function, _) in calls.items():
+            began = time.perf_counter()
+            for _ in range(counts[name]):
+                function()
+            best[name] = min(best[name], (time.perf_counter() - began) / counts[name])
+    return {name: steps / best[name] for name, (_, steps) in calls.items()}
 
 
-def single_rate(env: gym.Env[Any, Any], action: Any) -> float:
-    """Steps per second of an unwrapped single environment, with a reset whenever an episode ends."""
+def single(env: gym.Env[Any, Any], action: Any) -> tuple[Callable[[], Any], int]:
+    """A step of an unwrapped single environment, with a reset whenever an episode ends."""
     env = env.unwrapped
     env.reset(seed=0)
 
@@ -58,39 +62,40 @@ def single_rate(env: gym.Env[Any, Any], action: Any) -> float:
         if env.step(action)[2]:
             env.reset()
 
-    return 1.0 / seconds_per_call(step)
+    return step, 1
 
 
-def vector_rate(env: VectorEnv[Any, Any, Any], actions: Any) -> float:
-    """Environment steps per second of a vector environment, autoresets included."""
+def vector(env: VectorEnv[Any, Any, Any], action: Any) -> tuple[Callable[[], Any], int]:
+    """A step of every row of a vector environment, autoresets included."""
+    actions = np.repeat([action], env.num_envs, axis=0)
     env.reset(seed=0)
-    return env.num_envs / seconds_per_call(lambda: env.step(actions))
+    return lambda: env.step(actions), env.num_envs
+
+
+def everything(rows: int) -> VectorEnv[Any, Any, Any]:
+    """Dryden wind, noise on all that output feedback measures, and ± 30 % of every parameter."""
+    env = QuadPendulumVectorEnv(rows, wind=Dryden(), autoreset_mode=AutoresetMode.SAME_STEP)
+    noisy = VectorSensorWrapper(env, Noise(position=0.002, euler=0.002, direction=0.002))
+    return VectorParameterWrapper(noisy, Around(0.3))
 
 
 def measure_environments() -> dict[str, float]:
     """Environment steps per second of ours and of others."""
-    wind = OrnsteinUhlenbeck()
-    hover = np.full(4, 0.01, np.float32)
-    rates = {
-        "QuadPendulum-v0, single": single_rate(gym.make("quadpend_gym:QuadPendulum-v0"), hover),
-        "QuadPendulum-v0, single, wind": single_rate(gym.make("quadpend_gym:QuadPendulum-v0", wind=wind), hover),
-        "CartPole-v1, single": single_rate(gym.make("CartPole-v1"), 1),
-        "InvertedDoublePendulum-v5, single": single_rate(gym.make("InvertedDoublePendulum-v5"), np.zeros(1)),
+    wind, hover = OrnsteinUhlenbeck(), np.full(4, 0.01, np.float32)
+    calls = {
+        "QuadPendulum-v0, single": single(gym.make("quadpend_gym:QuadPendulum-v0"), hover),
+        "QuadPendulum-v0, single, wind": single(gym.make("quadpend_gym:QuadPendulum-v0", wind=wind), hover),
+        "CartPole-v1, single": single(gym.make("CartPole-v1"), 1),
+        "InvertedDoublePendulum-v5, single": single(gym.make("InvertedDoublePendulum-v5"), np.zeros(1)),
     }
     for rows in ROWS:
-        actions = np.full((rows, 4), 0.01, np.float32)
         for name, blowing in (("", None), (", wind", wind)):
             env = QuadPendulumVectorEnv(rows, wind=blowing, autoreset_mode=AutoresetMode.SAME_STEP)
-            rates[f"QuadPendulum-v0, {rows} rows{name}"] = vector_rate(env, actions)
+            calls[f"QuadPendulum-v0, {rows} rows{name}"] = vector(env, hover)
+        calls[f"QuadPendulum-v0, {rows} rows, everything"] = vector(everything(rows), hover)
         cartpole = gym.make_vec("CartPole-v1", rows, vectorization_mode="vector_entry_point")
-        rates[f"CartPole-v1, {rows} rows"] = vector_rate(cartpole, np.ones(rows, np.int64))
-    full: VectorEnv[Any, Any, Any] = QuadPendulumVectorEnv(
-        FULL_ROWS, wind=Dryden(), autoreset_mode=AutoresetMode.SAME_STEP
-    )
-    full = VectorSensorWrapper(full, Noise(position=0.002, euler=0.002, direction=0.002))
-    full = VectorParameterWrapper(full, Around(0.3))
-    rates[FULL] = vector_rate(full, np.full((FULL_ROWS, 4), 0.01, np.float32))
-    return rates
+        calls[f"CartPole-v1, {rows} rows"] = vector(cartpole, np.int64(1))
+    return rates_of(calls)
 
 
 class FreeVectorEnv(VectorEnv[Any, Any, Any]):
@@ -172,12 +177,10 @@ def _ratios(rates: dict[str, float]) -> dict[str, float]:
         "single / InvertedDoublePendulum-v5": rates["QuadPendulum-v0, single"]
         / rates["InvertedDoublePendulum-v5, single"],
     }
-    if (calm := f"QuadPendulum-v0, {FULL_ROWS} rows") in rates:
-        ratios["Dryden wind, noisy sensors, random parameters / calm"] = rates[FULL] / rates[calm]
     for rows in ROWS:
-        ratios[f"{rows} rows / CartPole-v1's"] = (
-            rates[f"QuadPendulum-v0, {rows} rows"] / rates[f"CartPole-v1, {rows} rows"]
-        )
+        ours = rates[f"QuadPendulum-v0, {rows} rows"]
+        ratios[f"{rows} rows / CartPole-v1's"] = ours / rates[f"CartPole-v1, {rows} rows"]
+        ratios[f"{rows} rows, everything / calm"] = rates[f"QuadPendulum-v0, {rows} rows, everything"] / ours
     return ratios
 
 

@@ -53,28 +53,31 @@ from quadpend_gym.vectors import Vec3, add, axpy, dot, load, norm, scale, store
 ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE = 4, 4, 9
 # A row's memory: state, parameters and reference, from edge to edge.
 MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE)))
-# Rows of the outcome of a step: the four reward terms, then these. From the disturbance on it is what acted.
-TRACKING_ERROR, TILT, REWARD, TERMINATED, DISTURBANCE, AIR_VELOCITY, PARAMETERS = 4, 7, 8, 9, 10, 19, 22
-COMMAND = PARAMETERS + PHYSICS_SIZE
-OUTCOME_SIZE = COMMAND + COMMAND_SIZE
-SENSED_SIZE = STATE_SIZE + TARGET_SIZE + 1
+# Rows of the outcome of a step, of which it has as many as are asked for: the four reward terms, the tracking error and
+# so on; what acted; and what sensors see, the target and the state.
+_ROWS = (4, 3, 1, 1, 1, DISTURBANCE_SIZE, 3, PHYSICS_SIZE, COMMAND_SIZE, TARGET_SIZE, STATE_SIZE)
+(
+    _,
+    TRACKING_ERROR,
+    TILT,
+    REWARD,
+    TERMINATED,
+    DISTURBANCE,
+    AIR_VELOCITY,
+    PARAMETERS,
+    COMMAND,
+    TARGET,
+    SENSED,
+    OUTCOME_END,
+) = (
+    0,
+    *accumulate(_ROWS),
+)
 
 _BLOCK = 64
-_AXIS = STATE_SIZE  # fields of the state lanes that hold the thrust axis
-# Edges of the parts of one buffer of lanes: state and axis, action, command, disturbance, physics, reference,
-# target, measures, time.
-_SIZES = (
-    STATE_SIZE + 3,
-    ACTION_SIZE,
-    COMMAND_SIZE,
-    DISTURBANCE_SIZE,
-    PHYSICS_SIZE,
-    REFERENCE_SIZE,
-    TARGET_SIZE,
-    DISTURBANCE,
-    1,
-)
-_EDGES = (0, *accumulate(_SIZES))
+# Edges of the parts of one buffer of lanes: the outcome with the thrust axis behind its state, action, reference, time.
+_AXIS = STATE_SIZE
+_ACTION, _REFERENCE, _TIME, _END = accumulate((OUTCOME_END + 3, ACTION_SIZE, REFERENCE_SIZE, 1))
 DIVERGED = 1e6  # a state this large is no longer a state
 
 
@@ -144,19 +147,6 @@ def _scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
 
 
 @inlined
-def _put(lanes_in: Any, fields: int, lanes: int, out: Any, field: int, column: int) -> None:
-    """Copy lanes into `out`, shape (k, n), from a field and a column on."""
-    if lanes < 8:  # where many short loops would take longer than one
-        for lane in range(lanes):
-            for i in range(fields):
-                out[field + i, column + lane] = lanes_in[i, lane]
-        return
-    for i in range(fields):
-        for lane in range(lanes):
-            out[field + i, column + lane] = lanes_in[i, lane]
-
-
-@inlined
 def _integrate(
     state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
 ) -> None:
@@ -181,11 +171,9 @@ def advance(
         period: s.
         substeps: number of Runge–Kutta steps the period is divided into.
     """
-    buffer = np.empty((_EDGES[5], _BLOCK))
-    state_lanes = buffer[_EDGES[0] : _EDGES[1]]
-    command_lanes = buffer[_EDGES[2] : _EDGES[3]]
-    disturbance_lanes = buffer[_EDGES[3] : _EDGES[4]]
-    physics_lanes = buffer[_EDGES[4] : _EDGES[5]]
+    buffer = np.empty((_END, _BLOCK))
+    state_lanes, command_lanes = buffer[SENSED:_ACTION], buffer[COMMAND:TARGET]
+    disturbance_lanes, physics_lanes = buffer[DISTURBANCE:AIR_VELOCITY], buffer[PARAMETERS:COMMAND]
     for first in range(0, state.shape[0], _BLOCK):
         lanes = min(_BLOCK, state.shape[0] - first)
         _gather(state, first, lanes, state_lanes)
@@ -295,9 +283,8 @@ def step(
             for drag to arise in or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock
             alone.
         observation: written, shape (n, 36).
-        outcome: written, shape (35, n), rows as above; the disturbance, drag included, is laid out as in `advance`. If
-            it has 26 rows more, these get what sensors see: the state, and position, velocity and yaw of the reference
-            and the rod's length, which a tracking error is made of. Then the observation gets the reference only.
+        outcome: written, the rows above that it has, shape (k, n); the disturbance, drag included, is laid out as in
+            `advance`. With all 60 rows, for sensors to change its state, the observation gets the reference only.
 
     Returns:
         −1; or, with nothing done, what `first_bad` finds.
@@ -310,16 +297,11 @@ def step(
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
     period, command_scale, limits, weights = settings[0], settings[1:5], settings[5:9], settings[9:13]
     air, substeps = settings[13] > 0.0, int(settings[14])
-    buffer = np.empty((_EDGES[9], _BLOCK))
-    state_lanes = buffer[_EDGES[0] : _EDGES[1]]
-    action_lanes = buffer[_EDGES[1] : _EDGES[2]]
-    command_lanes = buffer[_EDGES[2] : _EDGES[3]]
-    disturbance_lanes = buffer[_EDGES[3] : _EDGES[4]]
-    physics_lanes = buffer[_EDGES[4] : _EDGES[5]]
-    reference_lanes = buffer[_EDGES[5] : _EDGES[6]]
-    target_lanes = buffer[_EDGES[6] : _EDGES[7]]
-    measures = buffer[_EDGES[7] : _EDGES[8]]
-    time = buffer[_EDGES[8]]
+    buffer = np.empty((_END, _BLOCK))
+    disturbance_lanes, velocity_lanes = buffer[DISTURBANCE:AIR_VELOCITY], buffer[AIR_VELOCITY:PARAMETERS]
+    physics_lanes, command_lanes = buffer[PARAMETERS:COMMAND], buffer[COMMAND:TARGET]
+    target_lanes, state_lanes = buffer[TARGET:SENSED], buffer[SENSED:_ACTION]
+    action_lanes, reference_lanes, time = buffer[_ACTION:_REFERENCE], buffer[_REFERENCE:_TIME], buffer[_TIME]
     observation_lanes = np.empty((OBSERVATION_SIZE, _BLOCK), np.float32)
     diverged = np.empty(_BLOCK, np.bool_)
     for first in range(0, state.shape[0], _BLOCK):
@@ -329,15 +311,12 @@ def step(
         _gather(parameters, first, lanes, physics_lanes)
         _gather(reference, first, lanes, reference_lanes)
         _command(action_lanes, command_scale, lanes, command_lanes)
-        _put(wind[:, first:], DISTURBANCE_SIZE, lanes, disturbance_lanes, 0, 0)
+        for field in range(wind.shape[0]):
+            for lane in range(lanes):
+                buffer[DISTURBANCE + field, lane] = wind[field, first + lane]
         if air:
             for lane in range(lanes):
-                velocity = load(wind, DISTURBANCE_SIZE, first + lane)
-                add_drag(velocity, state_lanes, physics_lanes, lane, disturbance_lanes)
-        _put(disturbance_lanes, DISTURBANCE_SIZE, lanes, outcome, DISTURBANCE, first)
-        _put(wind[DISTURBANCE_SIZE:, first:], 3, lanes, outcome, AIR_VELOCITY, first)
-        _put(physics_lanes, PHYSICS_SIZE, lanes, outcome, PARAMETERS, first)
-        _put(command_lanes, COMMAND_SIZE, lanes, outcome, COMMAND, first)
+                add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
         _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)
@@ -354,41 +333,39 @@ def step(
             target = Target(point.d0, point.d1, point.yaw)
             store_target(target, target_lanes, lane)
             tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
-            _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, measures)
-        _scatter(state_lanes, first, lanes, state)
-        _put(measures, DISTURBANCE, lanes, outcome, 0, first)
-        if outcome.shape[0] == OUTCOME_SIZE:
-            for lane in range(lanes):
-                target = load_target(target_lanes, lane)
-                tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
-                observe_state(state_lanes, lane, tracking, observation_lanes, lane)
-            _scatter(observation_lanes, first, lanes, observation)
-        else:
-            _scatter(observation_lanes[STATE_PART:], first, lanes, observation[:, STATE_PART:])
-            _put(state_lanes, STATE_SIZE, lanes, outcome, OUTCOME_SIZE, first)
-            _put(target_lanes, TARGET_SIZE, lanes, outcome, OUTCOME_SIZE + STATE_SIZE, first)
-            _put(physics_lanes[ROD_LENGTH:], 1, lanes, outcome, OUTCOME_SIZE + STATE_SIZE + TARGET_SIZE, first)
+            _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, buffer)
         for lane in range(lanes):
             if diverged[lane]:
-                outcome[TERMINATED, first + lane] = 1.0
+                buffer[TERMINATED, lane] = 1.0
+        _scatter(state_lanes, first, lanes, state)
+        for field in range(outcome.shape[0]):
+            for lane in range(lanes):
+                outcome[field, first + lane] = buffer[field, lane]
+        if outcome.shape[0] == OUTCOME_END:
+            _scatter(observation_lanes[STATE_PART:], first, lanes, observation[:, STATE_PART:])
+        else:
+            for lane in range(lanes):
+                tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], load_target(target_lanes, lane))
+                observe_state(state_lanes, lane, tracking, observation_lanes, lane)
+            _scatter(observation_lanes, first, lanes, observation)
     return -1
 
 
 @compiled
-def observe_sensed(sensed: Floats, observation: Floats32) -> None:
+def observe_sensed(outcome: Floats, observation: Floats32) -> None:
     """Write into observations what they have of the state, from a sensed state instead of the true one.
 
     Args:
-        sensed: as `step` writes it, then changed by sensors, shape (26, n).
+        outcome: as `step` writes it, its state then changed by sensors, shape (60, n).
         observation: changed, shape (n, 36).
     """
-    state, target = sensed[:STATE_SIZE], sensed[STATE_SIZE:]
+    target, state = outcome[TARGET:SENSED], outcome[SENSED:]
     lanes = np.empty((STATE_PART, _BLOCK), np.float32)
-    for first in range(0, sensed.shape[1], _BLOCK):
-        size = min(_BLOCK, sensed.shape[1] - first)
+    for first in range(0, outcome.shape[1], _BLOCK):
+        size = min(_BLOCK, outcome.shape[1] - first)
         for lane in range(size):
             column = first + lane
-            tracking = track(state, column, target[TARGET_SIZE, column], load_target(target, column))
+            tracking = track(state, column, outcome[PARAMETERS + ROD_LENGTH, column], load_target(target, column))
             observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
             for field in range(STATE_PART):

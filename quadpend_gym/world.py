@@ -29,7 +29,7 @@ _TRACKING_ERROR = slice(kernel.TRACKING_ERROR, kernel.TILT)
 _DISTURBANCE = slice(kernel.DISTURBANCE, kernel.AIR_VELOCITY)
 _AIR_VELOCITY = slice(kernel.AIR_VELOCITY, kernel.PARAMETERS)
 _PARAMETERS = slice(kernel.PARAMETERS, kernel.COMMAND)
-_COMMAND = slice(kernel.COMMAND, kernel.OUTCOME_SIZE)
+_COMMAND = slice(kernel.COMMAND, kernel.TARGET)
 _TILT = kernel.TILT
 
 
@@ -89,9 +89,8 @@ class World:
         self._memory = np.zeros((rows, kernel.MEMORY_EDGES[3]))
         self._nominal = simulation.parameters.as_array()
         self.parameters[:] = self._nominal
-        self._outcome_shape = kernel.OUTCOME_SIZE, rows
         self._observation_like = (rows, OBSERVATION_SIZE), np.dtype(np.float32)
-        self._sensed = np.zeros((0, rows))
+        self._sensed = np.zeros((STATE_SIZE, rows))
         self.clock = np.zeros(rows, np.int64)
         self.episode = np.full(rows, -1, np.int64)
         self._seeds = np.zeros(rows, np.uint64)
@@ -136,7 +135,7 @@ class World:
         drawn ``parameters``, in the order of `PARAMETER_NAMES`.
 
         Args:
-            outcome: of a step, as `kernel` lays it out, shape (35,) or (35, n); so are the parts of it in the info.
+            outcome: of a step, as `kernel` lays it out, shape (k,) or (k, n); so are the parts of it in the info.
             numbers: its first rows again, from which the scalars are taken.
         """
         info = {
@@ -154,7 +153,10 @@ class World:
         return info
 
     def _wait(self) -> None:
-        """Every row must begin a new episode."""
+        """Every row must begin a new episode; what is told of a step may have changed."""
+        told = self._moves_air or self._actuators.models or self._ranges
+        end = kernel.OUTCOME_END if self._sensors.models else kernel.TARGET if told else kernel.AIR_VELOCITY
+        self._outcome_shape = end, self.rows
         self._waiting = np.ones(self.rows, np.bool_)
         self._ready = False
 
@@ -170,10 +172,7 @@ class World:
     def add_sensors(self, models: tuple[Any, ...]) -> None:
         """Put these sensors behind those there are; every row must then begin a new episode."""
         self._sensors = Process((*self._sensors.models, *models), self.rows)
-        if models:
-            self._outcome_shape = kernel.OUTCOME_SIZE + kernel.SENSED_SIZE, self.rows
-            self._sensed = np.zeros((kernel.SENSED_SIZE, self.rows))
-            self.measured[:] = self.state
+        self.measured[:] = self.state
         self._wait()
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
@@ -259,7 +258,7 @@ class World:
     @property
     def measured(self) -> Floats:
         """The states as the sensors last saw them, shape (n, 18); the true ones without sensors."""
-        return self._sensed[:STATE_SIZE].T if self._sensors.models else self.state
+        return self._sensed.T if self._sensors.models else self.state
 
     def _begin_sensors(self, rows: Integers, streams: Streams) -> None:
         period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
@@ -287,10 +286,9 @@ class World:
         memory, clock, still = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
         kernel.step(memory, clock, still, action, self._looking, observation, outcome)
         if self._sensors.models:
-            sensed = outcome[kernel.OUTCOME_SIZE :]
-            sensed[:STATE_SIZE] = self._sensed[:STATE_SIZE, rows]
-            kernel.observe_sensed(sensed, observation)
-        return observation, outcome[: kernel.OUTCOME_SIZE]
+            outcome[kernel.SENSED :] = self._sensed[:, rows]
+            kernel.observe_sensed(outcome, observation)
+        return observation, outcome[: kernel.TARGET]
 
     def step(self, action: Floats32) -> tuple[Floats32, Floats]:
         """Advance every row by one control period.
@@ -299,7 +297,7 @@ class World:
             action: shape (n, 4), float32, components in [−1, 1].
 
         Returns:
-            The observation, shape (n, 36), and the outcome, shape (35, n), with the rows that `kernel` names.
+            The observation, shape (n, 36), and the outcome, shape (k, n), with the rows that `kernel` names.
 
         Raises:
             ResetNeeded: a row has not begun an episode.
@@ -316,9 +314,10 @@ class World:
         if bad != -1:
             self._refuse(bad, action, name)
         if self._sensors.models:
-            outcome, self._sensed = outcome[: kernel.OUTCOME_SIZE], outcome[kernel.OUTCOME_SIZE :]
+            self._sensed = outcome[kernel.SENSED :]
             self._sense()
-            kernel.observe_sensed(self._sensed, observation)
+            kernel.observe_sensed(outcome, observation)
+            outcome = outcome[: kernel.TARGET]
         if self._wind.models:
             self._blow()
         return observation, outcome

@@ -12,7 +12,7 @@ from benchmarks import speed
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed, "ROWS", (1, 4))
     monkeypatch.setattr(speed, "_SECONDS", 1e-4)
-    monkeypatch.setattr(speed, "_REPETITIONS", 1)
+    monkeypatch.setattr(speed, "_TURNS", 1)
 
 
 def test_every_environment_is_measured_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
