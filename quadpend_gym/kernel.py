@@ -54,30 +54,21 @@ ACTION_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE = 4, 4, 9
 # A row's memory: state, parameters and reference, from edge to edge.
 MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE)))
 # Rows of the outcome of a step, of which it has as many as are asked for: the four reward terms, the tracking error and
-# so on; what acted; and what sensors see, the target and the state.
-_ROWS = (4, 3, 1, 1, 1, DISTURBANCE_SIZE, 3, PHYSICS_SIZE, COMMAND_SIZE, TARGET_SIZE, STATE_SIZE)
-(
-    _,
-    TRACKING_ERROR,
-    TILT,
-    REWARD,
-    TERMINATED,
-    DISTURBANCE,
-    AIR_VELOCITY,
-    PARAMETERS,
-    COMMAND,
-    TARGET,
-    SENSED,
-    OUTCOME_END,
-) = (
+# so on, and what acted.
+_ROWS = (4, 3, 1, 1, 1, DISTURBANCE_SIZE, 3, PHYSICS_SIZE, COMMAND_SIZE)
+_, TRACKING_ERROR, TILT, REWARD, TERMINATED, DISTURBANCE, AIR_VELOCITY, PARAMETERS, COMMAND, OUTCOME_SIZE = (
     0,
     *accumulate(_ROWS),
 )
+SENSED_SIZE = TARGET_SIZE + STATE_SIZE
 
 _BLOCK = 64
-# Edges of the parts of one buffer of lanes: the outcome with the thrust axis behind its state, action, reference, time.
 _AXIS = STATE_SIZE
-_ACTION, _REFERENCE, _TIME, _END = accumulate((OUTCOME_END + 3, ACTION_SIZE, REFERENCE_SIZE, 1))
+# Edges of the parts of one buffer of lanes: outcome, target, state with the thrust axis, action, reference, time.
+_TARGET = OUTCOME_SIZE
+_STATE, _ACTION, _REFERENCE, _TIME, _END = (
+    _TARGET + size for size in accumulate((TARGET_SIZE, STATE_SIZE + 3, ACTION_SIZE, REFERENCE_SIZE, 1))
+)
 DIVERGED = 1e6  # a state this large is no longer a state
 
 
@@ -172,7 +163,7 @@ def advance(
         substeps: number of Runge–Kutta steps the period is divided into.
     """
     buffer = np.empty((_END, _BLOCK))
-    state_lanes, command_lanes = buffer[SENSED:_ACTION], buffer[COMMAND:TARGET]
+    state_lanes, command_lanes = buffer[_STATE:_ACTION], buffer[COMMAND:_TARGET]
     disturbance_lanes, physics_lanes = buffer[DISTURBANCE:AIR_VELOCITY], buffer[PARAMETERS:COMMAND]
     for first in range(0, state.shape[0], _BLOCK):
         lanes = min(_BLOCK, state.shape[0] - first)
@@ -259,36 +250,17 @@ def first_bad(action: Floats32, wind: Floats) -> int:
     return _first_bad(action, wind)
 
 
-@compiled
-def step(
-    memory: Floats,
-    clock: Integers,
-    wind: Floats,
-    action: Floats32,
-    settings: Floats,
-    observation: Floats32,
-    outcome: Floats,
+@inlined
+def _step(
+    memory: Any,
+    clock: Any,
+    wind: Any,
+    action: Any,
+    settings: Any,
+    observation: Any,
+    outcome: Any,
+    sensed: Any,
 ) -> int:
-    """One control period of n sub-environments, or with 0 substeps a look at them where they stand.
-
-    A state that diverges is not kept: the row stays where it was and terminates.
-
-    Args:
-        memory: each row's state, parameters and reference side by side, shape (n, 47); see `MEMORY_EDGES`. The state
-            is changed in place.
-        clock: control steps since each episode began, shape (n,), changed in place.
-        wind: as `quadpend_gym.wind` has it, shape (12, n).
-        action: shape (n, 4), each component in [−1, 1].
-        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), 1 if there is air
-            for drag to arise in or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock
-            alone.
-        observation: written, shape (n, 36).
-        outcome: written, the rows above that it has, shape (k, n); the disturbance, drag included, is laid out as in
-            `advance`. With all 60 rows, for sensors to change its state, the observation gets the reference only.
-
-    Returns:
-        −1; or, with nothing done, what `first_bad` finds.
-    """
     bad = _first_bad(action, wind)
     if bad != -1:
         return bad
@@ -299,8 +271,8 @@ def step(
     air, substeps = settings[13] > 0.0, int(settings[14])
     buffer = np.empty((_END, _BLOCK))
     disturbance_lanes, velocity_lanes = buffer[DISTURBANCE:AIR_VELOCITY], buffer[AIR_VELOCITY:PARAMETERS]
-    physics_lanes, command_lanes = buffer[PARAMETERS:COMMAND], buffer[COMMAND:TARGET]
-    target_lanes, state_lanes = buffer[TARGET:SENSED], buffer[SENSED:_ACTION]
+    physics_lanes, command_lanes = buffer[PARAMETERS:COMMAND], buffer[COMMAND:_TARGET]
+    target_lanes, state_lanes = buffer[_TARGET:_STATE], buffer[_STATE:_ACTION]
     action_lanes, reference_lanes, time = buffer[_ACTION:_REFERENCE], buffer[_REFERENCE:_TIME], buffer[_TIME]
     observation_lanes = np.empty((OBSERVATION_SIZE, _BLOCK), np.float32)
     diverged = np.empty(_BLOCK, np.bool_)
@@ -341,7 +313,10 @@ def step(
         for field in range(outcome.shape[0]):
             for lane in range(lanes):
                 outcome[field, first + lane] = buffer[field, lane]
-        if outcome.shape[0] == OUTCOME_END:
+        if sensed.shape[1] > 0:
+            for field in range(SENSED_SIZE):
+                for lane in range(lanes):
+                    sensed[field, first + lane] = buffer[_TARGET + field, lane]
             _scatter(observation_lanes[STATE_PART:], first, lanes, observation[:, STATE_PART:])
         else:
             for lane in range(lanes):
@@ -352,20 +327,73 @@ def step(
 
 
 @compiled
-def observe_sensed(outcome: Floats, observation: Floats32) -> None:
+def step(
+    memory: Floats,
+    clock: Integers,
+    wind: Floats,
+    action: Floats32,
+    settings: Floats,
+    observation: Floats32,
+    outcome: Floats,
+) -> int:
+    """One control period of n sub-environments, or with 0 substeps a look at them where they stand.
+
+    A state that diverges is not kept: the row stays where it was and terminates.
+
+    Args:
+        memory: each row's state, parameters and reference side by side, shape (n, 47); see `MEMORY_EDGES`. The state
+            is changed in place.
+        clock: control steps since each episode began, shape (n,), changed in place.
+        wind: as `quadpend_gym.wind` has it, shape (12, n).
+        action: shape (n, 4), each component in [−1, 1].
+        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), 1 if there is air to
+            drag or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock alone.
+        observation: written, shape (n, 36).
+        outcome: written, the rows above that it has, shape (k, at least n); the disturbance, drag included, is laid out
+            as in `advance`.
+
+    Returns:
+        −1; or, with nothing done, what `first_bad` finds.
+    """
+    return _step(memory, clock, wind, action, settings, observation, outcome, outcome[:, :0])
+
+
+@compiled
+def step_sensed(
+    memory: Floats,
+    clock: Integers,
+    wind: Floats,
+    action: Floats32,
+    settings: Floats,
+    observation: Floats32,
+    outcome: Floats,
+    sensed: Floats,
+) -> int:
+    """As `step`, but it observes the reference only, and writes into `sensed`, shape (25, n), what sensors see.
+
+    That is the target, position, velocity and yaw of the reference, and the state.
+    """
+    return _step(memory, clock, wind, action, settings, observation, outcome, sensed)
+
+
+@compiled
+def observe_sensed(sensed: Floats, memory: Floats, observation: Floats32) -> None:
     """Write into observations what they have of the state, from a sensed state instead of the true one.
 
     Args:
-        outcome: as `step` writes it, its state then changed by sensors, shape (60, n).
+        sensed: as `step_sensed` writes it, its state then changed by sensors, shape (25, n).
+        memory: as in `step`, shape (n, 47).
         observation: changed, shape (n, 36).
     """
-    target, state = outcome[TARGET:SENSED], outcome[SENSED:]
-    lanes = np.empty((STATE_PART, _BLOCK), np.float32)
-    for first in range(0, outcome.shape[1], _BLOCK):
-        size = min(_BLOCK, outcome.shape[1] - first)
+    target, state = sensed[:TARGET_SIZE], sensed[TARGET_SIZE:]
+    lanes, rod_length = np.empty((STATE_PART, _BLOCK), np.float32), np.empty(_BLOCK)
+    for first in range(0, sensed.shape[1], _BLOCK):
+        size = min(_BLOCK, sensed.shape[1] - first)
+        for lane in range(size):
+            rod_length[lane] = memory[first + lane, MEMORY_EDGES[1] + ROD_LENGTH]
         for lane in range(size):
             column = first + lane
-            tracking = track(state, column, outcome[PARAMETERS + ROD_LENGTH, column], load_target(target, column))
+            tracking = track(state, column, rod_length[lane], load_target(target, column))
             observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
             for field in range(STATE_PART):

@@ -14,12 +14,12 @@ from quadpend_gym.actuators import check_chain
 from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.initial_states import draw_starts
 from quadpend_gym.models import Process
-from quadpend_gym.observation import OBSERVATION_SIZE
+from quadpend_gym.observation import OBSERVATION_SIZE, TARGET_SIZE
 from quadpend_gym.params import Simulation
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.records import build, numbers
 from quadpend_gym.references import Reference, draw_references
-from quadpend_gym.state import STATE_FIELDS, STATE_SIZE, State
+from quadpend_gym.state import STATE_FIELDS, State
 from quadpend_gym.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.tasks import Task, flatten
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
@@ -29,7 +29,7 @@ _TRACKING_ERROR = slice(kernel.TRACKING_ERROR, kernel.TILT)
 _DISTURBANCE = slice(kernel.DISTURBANCE, kernel.AIR_VELOCITY)
 _AIR_VELOCITY = slice(kernel.AIR_VELOCITY, kernel.PARAMETERS)
 _PARAMETERS = slice(kernel.PARAMETERS, kernel.COMMAND)
-_COMMAND = slice(kernel.COMMAND, kernel.TARGET)
+_COMMAND = slice(kernel.COMMAND, kernel.OUTCOME_SIZE)
 _TILT = kernel.TILT
 
 
@@ -90,7 +90,7 @@ class World:
         self._nominal = simulation.parameters.as_array()
         self.parameters[:] = self._nominal
         self._observation_like = (rows, OBSERVATION_SIZE), np.dtype(np.float32)
-        self._sensed = np.zeros((STATE_SIZE, rows))
+        self._sensed = np.zeros((kernel.SENSED_SIZE, 0))
         self.clock = np.zeros(rows, np.int64)
         self.episode = np.full(rows, -1, np.int64)
         self._seeds = np.zeros(rows, np.uint64)
@@ -155,8 +155,10 @@ class World:
     def _wait(self) -> None:
         """Every row must begin a new episode; what is told of a step may have changed."""
         told = self._moves_air or self._actuators.models or self._ranges
-        end = kernel.OUTCOME_END if self._sensors.models else kernel.TARGET if told else kernel.AIR_VELOCITY
-        self._outcome_shape = end, self.rows
+        # A little wider than it need be: caches dislike rows that lie a power of two apart.
+        self._padded = self.rows >= 512
+        width = self.rows + 8 if self._padded else self.rows
+        self._outcome_shape = kernel.OUTCOME_SIZE if told else kernel.AIR_VELOCITY, width
         self._waiting = np.ones(self.rows, np.bool_)
         self._ready = False
 
@@ -172,7 +174,9 @@ class World:
     def add_sensors(self, models: tuple[Any, ...]) -> None:
         """Put these sensors behind those there are; every row must then begin a new episode."""
         self._sensors = Process((*self._sensors.models, *models), self.rows)
-        self.measured[:] = self.state
+        if models:
+            self._sensed = np.zeros((kernel.SENSED_SIZE, self.rows))
+            self.measured[:] = self.state
         self._wait()
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
@@ -258,7 +262,7 @@ class World:
     @property
     def measured(self) -> Floats:
         """The states as the sensors last saw them, shape (n, 18); the true ones without sensors."""
-        return self._sensed.T if self._sensors.models else self.state
+        return self._sensed[TARGET_SIZE:].T if self._sensors.models else self.state
 
     def _begin_sensors(self, rows: Integers, streams: Streams) -> None:
         period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
@@ -284,11 +288,15 @@ class World:
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, kernel.ACTION_SIZE), np.float32)
         memory, clock, still = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
-        kernel.step(memory, clock, still, action, self._looking, observation, outcome)
-        if self._sensors.models:
-            outcome[kernel.SENSED :] = self._sensed[:, rows]
-            kernel.observe_sensed(outcome, observation)
-        return observation, outcome[: kernel.TARGET]
+        seen = memory, clock, still, action, self._looking, observation, outcome
+        if not self._sensors.models:
+            kernel.step(*seen)
+        else:
+            sensed = np.empty((kernel.SENSED_SIZE, rows.size))
+            kernel.step_sensed(*seen, sensed)
+            sensed[TARGET_SIZE:] = self._sensed[TARGET_SIZE:, rows]
+            kernel.observe_sensed(sensed, memory, observation)
+        return observation, outcome
 
     def step(self, action: Floats32) -> tuple[Floats32, Floats]:
         """Advance every row by one control period.
@@ -310,17 +318,17 @@ class World:
         if self._actuators.models:
             self._refuse(kernel.first_bad(action, self._blown), action, name)
             action, name = self._act(action), "what the actuators make of the action"
-        bad = kernel.step(self._memory, self.clock, self._blown, action, self._settings, observation, outcome)
+        moved = self._memory, self.clock, self._blown, action, self._settings, observation, outcome
+        sensing = bool(self._sensors.models)
+        bad = kernel.step_sensed(*moved, self._sensed) if sensing else kernel.step(*moved)
         if bad != -1:
             self._refuse(bad, action, name)
-        if self._sensors.models:
-            self._sensed = outcome[kernel.SENSED :]
+        if sensing:
             self._sense()
-            kernel.observe_sensed(outcome, observation)
-            outcome = outcome[: kernel.TARGET]
+            kernel.observe_sensed(self._sensed, self._memory, observation)
         if self._wind.models:
             self._blow()
-        return observation, outcome
+        return observation, outcome[:, : self.rows] if self._padded else outcome
 
     def _refuse(self, bad: int, action: Floats32, name: str) -> None:
         """Raise what `kernel.first_bad` has found; `name` is what the action is called."""
