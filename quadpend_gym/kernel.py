@@ -60,14 +60,17 @@ _, TRACKING_ERROR, TILT, REWARD, TERMINATED, DISTURBANCE, AIR_VELOCITY, PARAMETE
     0,
     *accumulate(_ROWS),
 )
-SENSED_SIZE = TARGET_SIZE + STATE_SIZE
+# What sensors see: the target and the rod's length, which a tracking error is made of, and from here on the state.
+SEEN_STATE = TARGET_SIZE + 1
+SENSED_SIZE = SEEN_STATE + STATE_SIZE
 
 _BLOCK = 64
 _AXIS = STATE_SIZE
-# Edges of the parts of one buffer of lanes: outcome, target, state with the thrust axis, action, reference, time.
+# Edges of the parts of one buffer of lanes: outcome, target and rod's length, state with the thrust axis, action,
+# reference, time.
 _TARGET = OUTCOME_SIZE
 _STATE, _ACTION, _REFERENCE, _TIME, _END = (
-    _TARGET + size for size in accumulate((TARGET_SIZE, STATE_SIZE + 3, ACTION_SIZE, REFERENCE_SIZE, 1))
+    _TARGET + size for size in accumulate((SEEN_STATE, STATE_SIZE + 3, ACTION_SIZE, REFERENCE_SIZE, 1))
 )
 DIVERGED = 1e6  # a state this large is no longer a state
 
@@ -304,6 +307,7 @@ def _step(
             observe_reference(point, lane, observation_lanes)
             target = Target(point.d0, point.d1, point.yaw)
             store_target(target, target_lanes, lane)
+            target_lanes[TARGET_SIZE, lane] = physics_lanes[ROD_LENGTH, lane]
             tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
             _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, buffer)
         for lane in range(lanes):
@@ -346,8 +350,8 @@ def step(
         clock: control steps since each episode began, shape (n,), changed in place.
         wind: as `quadpend_gym.wind` has it, shape (12, n).
         action: shape (n, 4), each component in [−1, 1].
-        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), 1 if there is air to
-            drag or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock alone.
+        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), 1 if there is air
+            or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock alone.
         observation: written, shape (n, 36).
         outcome: written, the rows above that it has, shape (k, at least n); the disturbance, drag included, is laid out
             as in `advance`.
@@ -369,31 +373,24 @@ def step_sensed(
     outcome: Floats,
     sensed: Floats,
 ) -> int:
-    """As `step`, but it observes the reference only, and writes into `sensed`, shape (25, n), what sensors see.
-
-    That is the target, position, velocity and yaw of the reference, and the state.
-    """
+    """As `step`, but it observes the reference only, and writes into `sensed`, shape (26, n), what sensors see."""
     return _step(memory, clock, wind, action, settings, observation, outcome, sensed)
 
 
 @compiled
-def observe_sensed(sensed: Floats, memory: Floats, observation: Floats32) -> None:
+def observe_sensed(sensed: Floats, observation: Floats32) -> None:
     """Write into observations what they have of the state, from a sensed state instead of the true one.
 
     Args:
-        sensed: as `step_sensed` writes it, its state then changed by sensors, shape (25, n).
-        memory: as in `step`, shape (n, 47).
+        sensed: as `step_sensed` writes it, its state then changed by sensors, shape (26, n).
         observation: changed, shape (n, 36).
     """
-    target, state = sensed[:TARGET_SIZE], sensed[TARGET_SIZE:]
-    lanes, rod_length = np.empty((STATE_PART, _BLOCK), np.float32), np.empty(_BLOCK)
+    state, lanes = sensed[SEEN_STATE:], np.empty((STATE_PART, _BLOCK), np.float32)
     for first in range(0, sensed.shape[1], _BLOCK):
         size = min(_BLOCK, sensed.shape[1] - first)
         for lane in range(size):
-            rod_length[lane] = memory[first + lane, MEMORY_EDGES[1] + ROD_LENGTH]
-        for lane in range(size):
             column = first + lane
-            tracking = track(state, column, rod_length[lane], load_target(target, column))
+            tracking = track(state, column, sensed[TARGET_SIZE, column], load_target(sensed, column))
             observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
             for field in range(STATE_PART):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -45,19 +46,25 @@ class ParameterRanges:
                 f"at least one parameter must have a range; the parameters are {', '.join(PARAMETER_NAMES)}"
             )
 
-    def draw(self, nominal: Floats, streams: Streams) -> Floats:
+    def draw(self, nominal: Parameters, streams: Streams) -> Floats:
         """Parameters of new episodes, shape (n, 9).
 
         Each parameter has a number of the stream of its own: another range leaves the others' values alone.
 
         Args:
-            nominal: `Parameters.as_array` of the values that have no range.
+            nominal: has the values that have no range.
             streams: of the rows.
         """
-        ranges = [getattr(self, name) or (value, value) for name, value in zip(PARAMETER_NAMES, nominal, strict=True)]
-        lowest, highest = np.array(ranges).T
+        lowest, highest = _bounds(self, nominal)
         drawn = streams.uniform(np.zeros(streams.keys.size, np.int64), len(PARAMETER_NAMES))
         return np.asarray(lowest + (highest - lowest) * drawn)
+
+
+@lru_cache(maxsize=64)
+def _bounds(ranges: ParameterRanges, nominal: Parameters) -> tuple[Floats, Floats]:
+    pairs = [getattr(ranges, name) or (getattr(nominal, name),) * 2 for name in PARAMETER_NAMES]
+    lowest, highest = np.array(pairs).T
+    return lowest, highest
 
 
 @dataclass(frozen=True)

@@ -131,7 +131,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             rows = np.flatnonzero(ended)
-            final_obs = np.full(self.num_envs, None, object)
+            final_obs = np.empty(self.num_envs, object)  # of None
             for row, last in zip(rows, observation[rows], strict=True):
                 final_obs[row] = last
             final_info = self._info(_only(outcome, rows), ended)

@@ -14,7 +14,7 @@ from quadpend_gym.actuators import check_chain
 from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.initial_states import draw_starts
 from quadpend_gym.models import Process
-from quadpend_gym.observation import OBSERVATION_SIZE, TARGET_SIZE
+from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.records import build, numbers
@@ -87,8 +87,7 @@ class World:
         self.task = task
         self.simulation = simulation
         self._memory = np.zeros((rows, kernel.MEMORY_EDGES[3]))
-        self._nominal = simulation.parameters.as_array()
-        self.parameters[:] = self._nominal
+        self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (rows, OBSERVATION_SIZE), np.dtype(np.float32)
         self._sensed = np.zeros((kernel.SENSED_SIZE, 0))
         self.clock = np.zeros(rows, np.int64)
@@ -216,7 +215,7 @@ class World:
         self.clock[rows] = 0
         streams = Streams(self._seeds[rows]).derive(self.episode[rows])
         if self._ranges is not None:
-            self.parameters[rows] = self._ranges.draw(self._nominal, streams.derive(PARAMETER_STREAM))
+            self.parameters[rows] = self._ranges.draw(self.simulation.parameters, streams.derive(PARAMETER_STREAM))
         self._place(rows, fixed)
         self._begin_wind(rows, streams.derive(WIND_STREAM))
         if self._actuators.models:
@@ -262,7 +261,7 @@ class World:
     @property
     def measured(self) -> Floats:
         """The states as the sensors last saw them, shape (n, 18); the true ones without sensors."""
-        return self._sensed[TARGET_SIZE:].T if self._sensors.models else self.state
+        return self._sensed[kernel.SEEN_STATE :].T if self._sensors.models else self.state
 
     def _begin_sensors(self, rows: Integers, streams: Streams) -> None:
         period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
@@ -294,8 +293,8 @@ class World:
         else:
             sensed = np.empty((kernel.SENSED_SIZE, rows.size))
             kernel.step_sensed(*seen, sensed)
-            sensed[TARGET_SIZE:] = self._sensed[TARGET_SIZE:, rows]
-            kernel.observe_sensed(sensed, memory, observation)
+            sensed[kernel.SEEN_STATE :] = self._sensed[kernel.SEEN_STATE :, rows]
+            kernel.observe_sensed(sensed, observation)
         return observation, outcome
 
     def step(self, action: Floats32) -> tuple[Floats32, Floats]:
@@ -325,7 +324,7 @@ class World:
             self._refuse(bad, action, name)
         if sensing:
             self._sense()
-            kernel.observe_sensed(self._sensed, self._memory, observation)
+            kernel.observe_sensed(self._sensed, observation)
         if self._wind.models:
             self._blow()
         return observation, outcome[:, : self.rows] if self._padded else outcome
