@@ -153,11 +153,17 @@ class World:
 
     def _wait(self) -> None:
         """Every row must begin a new episode; what is told of a step may have changed."""
-        told = self._moves_air or self._actuators.models or self._ranges
+        end = kernel.AIR_VELOCITY
+        for there, told in (
+            (self._moves_air, kernel.PARAMETERS),
+            (self._ranges is not None, kernel.COMMAND),
+            (self._actuators.models, kernel.OUTCOME_SIZE),
+        ):
+            end = told if there else end
         # A little wider than it need be: caches dislike rows that lie a power of two apart.
         self._padded = self.rows >= 512
         width = self.rows + 8 if self._padded else self.rows
-        self._outcome_shape = kernel.OUTCOME_SIZE if told else kernel.AIR_VELOCITY, width
+        self._outcome_shape = end, width
         self._waiting = np.ones(self.rows, np.bool_)
         self._ready = False
 
