@@ -323,12 +323,14 @@ class World:
         if self._actuators.models:
             self._refuse(kernel.first_bad(action, self._blown), action, name)
             action, name = self._act(action), "what the actuators make of the action"
-        moved = self._memory, self.clock, self._blown, action, self._settings, observation, outcome
-        sensing = bool(self._sensors.models)
-        bad = kernel.step_sensed(*moved, self._sensed) if sensing else kernel.step(*moved)
+        memory, clock, wind, settings = self._memory, self.clock, self._blown, self._settings
+        if self._sensors.models:
+            bad = kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
+        else:
+            bad = kernel.step(memory, clock, wind, action, settings, observation, outcome)
         if bad != -1:
             self._refuse(bad, action, name)
-        if sensing:
+        if self._sensors.models:
             self._sense()
             kernel.observe_sensed(self._sensed, observation)
         if self._wind.models:
