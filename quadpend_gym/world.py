@@ -143,12 +143,13 @@ class World:
             "disturbance": outcome[_DISTURBANCE],
             "reward_terms": {"tracking": numbers[0], "upright": numbers[1], "yaw": numbers[2], "effort": numbers[3]},
         }
-        if self._moves_air:
-            info["air_velocity"] = outcome[_AIR_VELOCITY]
-        if self._actuators.models:
-            info["command"] = outcome[_COMMAND]
-        if self._ranges is not None:
-            info["parameters"] = outcome[_PARAMETERS]
+        if self._tells_more:
+            if self._moves_air:
+                info["air_velocity"] = outcome[_AIR_VELOCITY]
+            if self._actuators.models:
+                info["command"] = outcome[_COMMAND]
+            if self._ranges is not None:
+                info["parameters"] = outcome[_PARAMETERS]
         return info
 
     def _wait(self) -> None:
@@ -160,6 +161,7 @@ class World:
             (self._actuators.models, kernel.OUTCOME_SIZE),
         ):
             end = told if there else end
+        self._tells_more = end > kernel.AIR_VELOCITY
         # A little wider than it need be: caches dislike rows that lie a power of two apart.
         self._padded = self.rows >= 512
         width = self.rows + 8 if self._padded else self.rows
