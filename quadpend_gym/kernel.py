@@ -141,6 +141,17 @@ def _scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
 
 
 @inlined
+def _copy(lanes_in: Any, lanes: int, out: Any) -> None:
+    if lanes == 1:  # one loop instead of many short ones
+        for field in range(out.shape[0]):
+            out[field, 0] = lanes_in[field, 0]
+        return
+    for field in range(out.shape[0]):
+        for lane in range(lanes):
+            out[field, lane] = lanes_in[field, lane]
+
+
+@inlined
 def _integrate(
     state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
 ) -> None:
@@ -255,14 +266,7 @@ def first_bad(action: Floats32, wind: Floats) -> int:
 
 @inlined
 def _step(
-    memory: Any,
-    clock: Any,
-    wind: Any,
-    action: Any,
-    settings: Any,
-    observation: Any,
-    outcome: Any,
-    sensed: Any,
+    memory: Any, clock: Any, wind: Any, action: Any, settings: Any, observation: Any, outcome: Any, sensed: Any
 ) -> int:
     bad = _first_bad(action, wind)
     if bad != -1:
@@ -286,9 +290,7 @@ def _step(
         _gather(parameters, first, lanes, physics_lanes)
         _gather(reference, first, lanes, reference_lanes)
         _command(action_lanes, command_scale, lanes, command_lanes)
-        for field in range(wind.shape[0]):
-            for lane in range(lanes):
-                buffer[DISTURBANCE + field, lane] = wind[field, first + lane]
+        _copy(wind[:, first:], lanes, buffer[DISTURBANCE:PARAMETERS])
         if air:
             for lane in range(lanes):
                 add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
@@ -314,13 +316,9 @@ def _step(
             if diverged[lane]:
                 buffer[TERMINATED, lane] = 1.0
         _scatter(state_lanes, first, lanes, state)
-        for field in range(outcome.shape[0]):
-            for lane in range(lanes):
-                outcome[field, first + lane] = buffer[field, lane]
+        _copy(buffer, lanes, outcome[:, first:])
         if sensed.shape[1] > 0:
-            for field in range(SENSED_SIZE):
-                for lane in range(lanes):
-                    sensed[field, first + lane] = buffer[_TARGET + field, lane]
+            _copy(buffer[_TARGET:], lanes, sensed[:, first:])
             _scatter(observation_lanes[STATE_PART:], first, lanes, observation[:, STATE_PART:])
         else:
             for lane in range(lanes):
