@@ -14,24 +14,16 @@ import numpy as np
 
 from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.delays import check_steps, delay
-from quadpend_gym.models import Family, Forgetful
+from quadpend_gym.kernel import ACTION_SIZE
+from quadpend_gym.models import Family, Forgetful, FromZero, Model
 from quadpend_gym.params import Simulation
 from quadpend_gym.records import number, positive, tidy
 from quadpend_gym.streams import Streams
 
-ACTION_SIZE = 4
-
 
 @runtime_checkable
-class Actuator(Protocol):
+class Actuator(Model, Protocol):
     """What an actuator model must be able to do, for a batch of n rows. No base class is needed."""
-
-    @property
-    def memory_size(self) -> int:
-        """How many numbers a row has to remember."""
-
-    def start(self, streams: Streams) -> Floats:
-        """Memory of new episodes, shape (n, memory_size), drawn from block 0 of the rows' streams."""
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Change the action that is held over the coming control period.
@@ -45,22 +37,17 @@ class Actuator(Protocol):
         """
 
 
-@dataclass(frozen=True)
-class _FromHover:
-    """What begins with a memory of hovering, action 0."""
+class _FromHover(FromZero):
+    """What remembers the present value of each component, hover at first."""
 
     @property
     def memory_size(self) -> int:
-        """The present value of each component."""
+        """One number for each component."""
         return ACTION_SIZE
-
-    def start(self, streams: Streams) -> Floats:
-        """Hover."""
-        return np.zeros((streams.keys.size, self.memory_size))
 
 
 @dataclass(frozen=True)
-class ActionDelay(_FromHover):
+class ActionDelay(FromZero):
     """A transport delay of whole control steps; until then, hover.
 
     Raises:

@@ -20,10 +20,10 @@ _FLOAT32 = np.dtype(np.float32)
 _REWARD, _TERMINATED, _NUMBERS = kernel.REWARD, kernel.TERMINATED, kernel.DISTURBANCE
 
 
-def observation_space() -> spaces.Box:
+def observation_space(size: int = OBSERVATION_SIZE) -> spaces.Box:
     """The space of one observation, any finite numbers; see `quadpend_gym.observation` for its layout."""
     largest = float(np.finfo(np.float32).max)
-    return spaces.Box(-largest, largest, (OBSERVATION_SIZE,), np.float32)
+    return spaces.Box(-largest, largest, (size,), np.float32)
 
 
 def action_space() -> spaces.Box:

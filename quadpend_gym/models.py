@@ -27,17 +27,23 @@ class Model(Protocol):
         """Memory of new episodes, shape (n, memory_size), drawn from block 0 of the rows' streams."""
 
 
-class Forgetful:
+class FromZero:
+    """The part of a model whose memory begins with zeros."""
+
+    memory_size: Any
+
+    def start(self, streams: Streams) -> Floats:
+        """Zeros, shape (n, memory_size)."""
+        return np.zeros((streams.keys.size, self.memory_size))
+
+
+class Forgetful(FromZero):
     """The part of a model that has nothing to remember."""
 
     @property
     def memory_size(self) -> int:
         """Nothing to remember."""
         return 0
-
-    def start(self, streams: Streams) -> Floats:
-        """No memory."""
-        return np.empty((streams.keys.size, 0))
 
 
 @dataclass(frozen=True)

@@ -55,9 +55,7 @@ class ParameterRanges:
             nominal: has the values that have no range.
             streams: of the rows.
         """
-        lowest, highest = _bounds(self, nominal)
-        drawn = streams.uniform(np.zeros(streams.keys.size, np.int64), len(PARAMETER_NAMES))
-        return np.asarray(lowest + (highest - lowest) * drawn)
+        return streams.between(0, *_bounds(self, nominal))
 
 
 @lru_cache(maxsize=64)

@@ -90,6 +90,17 @@ def numbers(value: Any, name: str) -> NDArray[Any]:
     return array
 
 
+def whole(value: Any, name: str, least: int) -> int:
+    """Check that `value` is a whole number of at least `least`.
+
+    Raises:
+        ValueError: it is not.
+    """
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
+    return value
+
+
 def positive(value: Any, name: str) -> float:
     """Check that `value` is a finite number above zero.
 

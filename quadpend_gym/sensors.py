@@ -16,22 +16,15 @@ import numpy as np
 from quadpend_gym.arrays import Booleans, Floats, Integers
 from quadpend_gym.delays import check_steps, delay
 from quadpend_gym.jit import compiled, inlined
-from quadpend_gym.models import Family
+from quadpend_gym.models import Family, FromZero, Model
 from quadpend_gym.records import build, number, tidy
 from quadpend_gym.state import DIRECTION, STATE_FIELDS, STATE_SIZE
 from quadpend_gym.streams import Keys, Streams, normal_pair
 
 
 @runtime_checkable
-class Sensor(Protocol):
+class Sensor(Model, Protocol):
     """What a sensor model must be able to do, for a batch of n rows. No base class is needed."""
-
-    @property
-    def memory_size(self) -> int:
-        """How many numbers a row has to remember."""
-
-    def start(self, streams: Streams) -> Floats:
-        """Memory of new episodes, shape (n, memory_size), drawn from block 0 of the rows' streams."""
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Change what is measured at this instant.
@@ -131,7 +124,7 @@ class Noise:
         plan = self._plan
         if not plan.drifts:
             return np.empty((streams.keys.size, 0))
-        return plan.bias * streams.normal(np.zeros(streams.keys.size, np.int64), plan.columns.size)
+        return plan.bias * streams.normal(0, plan.columns.size)
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the errors, then round; block 2 · step + 1 has the white noise, block 2 · step + 2 the walk's step."""
@@ -147,7 +140,7 @@ class Noise:
         if plan.turns:
             _normalise(measured.T)
         for column in plan.rounded:
-            np.multiply(plan.quantum[column], np.rint(measured[:, column] / plan.quantum[column]), measured[:, column])
+            measured[:, column] = plan.quantum[column] * np.rint(measured[:, column] / plan.quantum[column])
 
 
 @dataclass(frozen=True)
@@ -196,7 +189,7 @@ def _normalise(measured: Floats) -> None:
 
 
 @dataclass(frozen=True)
-class Delay:
+class Delay(FromZero):
     """What is measured was so a number of control steps ago; until then, what was measured at the reset.
 
     Raises:
@@ -215,10 +208,6 @@ class Delay:
         """The measurements of the last steps."""
         return self.steps * STATE_SIZE
 
-    def start(self, streams: Streams) -> Floats:
-        """Filled at the first sample."""
-        return np.zeros((streams.keys.size, self.memory_size))
-
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The sample of `steps` steps ago."""
         _fill(measured, memory, step == 0)
@@ -232,7 +221,7 @@ def _fill(measured: Floats, memory: Floats, fresh: Booleans) -> None:
 
 
 @dataclass(frozen=True)
-class Dropout:
+class Dropout(FromZero):
     """Each sample but an episode's first is lost with a probability; then the one before stands.
 
     Raises:
@@ -251,10 +240,6 @@ class Dropout:
     def memory_size(self) -> int:
         """The sample that came through last."""
         return STATE_SIZE
-
-    def start(self, streams: Streams) -> Floats:
-        """Filled at the first sample."""
-        return np.zeros((streams.keys.size, STATE_SIZE))
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The latest sample that came through."""

@@ -119,14 +119,22 @@ class Streams:
         """The streams of some of the rows."""
         return Streams(self.keys[rows])
 
-    def uniform(self, index: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
+    def uniform(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
         """Numbers uniform in (0, 1), shape (n, columns): the `index`-th such block of each row's stream."""
         out = np.empty((columns, self.keys.shape[0]))
-        _fill_uniform(self.keys, index, out)
+        _fill_uniform(self.keys, self._each(index), out)
         return out.T
 
-    def normal(self, index: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
+    def between(self, index: int | NDArray[np.int64], lowest: Any, highest: Any) -> NDArray[np.float64]:
+        """Numbers uniform between bounds, each of shape (columns,), otherwise as `uniform`."""
+        low, high = np.asarray(lowest), np.asarray(highest)
+        return np.asarray(low + (high - low) * self.uniform(index, low.size))
+
+    def normal(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
         """Standard normal numbers, shape (n, columns): the `index`-th such block of each row's stream."""
         out = np.empty((columns + columns % 2, self.keys.shape[0]))
-        _fill_normal(self.keys, index, out)
+        _fill_normal(self.keys, self._each(index), out)
         return out[:columns].T
+
+    def _each(self, index: int | NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.full(self.keys.shape, index) if isinstance(index, int) else index

@@ -22,10 +22,9 @@ from quadpend_gym.sensors import as_sensors
 from quadpend_gym.streams import Streams
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, series
 from train.files import parse_mapping
+from train.report import COLOURS
 from train.scenarios import find_scenario
 
-# The palette of Okabe and Ito, which the colour-blind can tell apart
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 _PERIOD = 0.01  # s
 _EPISODES, _LONG, _SEGMENT = 24, 62.0, 2048  # episodes, seconds and samples behind histogram and spectrum
 _UNITS = {"force": "N", "bob_force": "N", "torque": "N·m", "velocity": "m/s"}
@@ -108,7 +107,7 @@ def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) 
     omega = 2.0 * np.pi * frequency[1:]
     averages = _EPISODES * (blown.shape[0] // _SEGMENT)
     for i, axis in enumerate("xyz"):
-        values, colour = blown[..., columns][..., i], _COLOURS[i]
+        values, colour = blown[..., columns][..., i], COLOURS[i]
         if not values.any():
             continue
         above.plot(time, values[: time.size, 0], color=colour, linewidth=1.0, label=axis)
@@ -196,8 +195,8 @@ def _draw_sensors(figure: Any, models: tuple[Any, ...], seconds: float, seed: in
 
     measured = _through(models, true, seed, sense)
     for axes, column, label in zip(figure.subplots(1, 2), (0, 12), ("position x (m)", "direction r_x"), strict=True):
-        axes.step(time, measured[:, column], where="post", color=_COLOURS[1], linewidth=0.8, label="measured")
-        axes.plot(time, true[:, column], color=_COLOURS[0], linewidth=1.5, label="true")
+        axes.step(time, measured[:, column], where="post", color=COLOURS[1], linewidth=0.8, label="measured")
+        axes.plot(time, true[:, column], color=COLOURS[0], linewidth=1.5, label="true")
         axes.set(xlabel="time (s)", ylabel=label, xlim=(0.0, seconds))
         axes.margins(y=0.2)
         axes.grid(alpha=0.3)
@@ -222,7 +221,7 @@ def _draw_actuators(figure: Any, models: tuple[Any, ...], seconds: float, seed: 
         strict=True,
     ):
         for i in range(4):
-            axes.step(time, values[:, i], where="post", color=_COLOURS[i], linewidth=1.2, label=f"a{'₀₁₂₃'[i]}")
+            axes.step(time, values[:, i], where="post", color=COLOURS[i], linewidth=1.2, label=f"a{'₀₁₂₃'[i]}")
         axes.set(xlabel="time (s)", title=title, ylim=(-0.1, 0.7))
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, ncols=4, loc="upper center", fontsize=8)

@@ -10,7 +10,7 @@ from train.evaluate import MEASURES, Comparison, differences, summarise
 from train.statistics import Interval
 
 # Okabe and Ito's colours, distinguishable by the colour-blind.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _SMALLEST = 0.02  # mm, lower end of the plot
 
 
@@ -100,7 +100,7 @@ def plot(comparison: Comparison, path: Path) -> None:
             flown = ~np.isnan(error).all(axis=0)
             low, middle, high = np.nanquantile(error[:, flown], [0.1, 0.5, 0.9], axis=0)
             time = 0.01 * (1 + np.flatnonzero(flown))
-            colour = _COLOURS[i % len(_COLOURS)]
+            colour = COLOURS[i % len(COLOURS)]
             axis.plot(time, middle, color=colour, linewidth=1.5, label=policy)
             axis.fill_between(time, low, high, color=colour, alpha=0.2, linewidth=0)
         axis.set(title=scenario, yscale="log", ylim=(_SMALLEST, None))

@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import as_actuators, check_chain
 from quadpend_gym.randomization import as_ranges
-from quadpend_gym.records import build
+from quadpend_gym.records import build, whole
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import Constant, Sum, as_wind
 from quadpend_gym.wrappers import (
@@ -57,10 +57,8 @@ class Scenario:
             raise ValueError(f"env_id must be one of {', '.join(ENVIRONMENTS)}, not {self.env_id!r}")
         if not isinstance(self.description, str):
             raise TypeError(f"description must be a text, not {self.description!r}")
-        for name, least in (("history", 1), ("history_actions", 0)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
+        whole(self.history, "history", 1)
+        whole(self.history_actions, "history_actions", 0)
         if not isinstance(self.output_feedback, bool):
             raise TypeError(f"output_feedback must be true or false, not {self.output_feedback!r}")
         object.__setattr__(self, "wind", Sum(as_wind(self.wind)))

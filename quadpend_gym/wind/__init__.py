@@ -9,11 +9,8 @@
 `PRESETS` are winds by name, from the calm to the storm: ``wind="windy"``.
 """
 
-from typing import Any
-
-from quadpend_gym.models import Family
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
-from quadpend_gym.wind.model import WIND_FIELDS, WIND_SIZE, Sum, Wind
+from quadpend_gym.wind.model import KINDS, PRESETS, WIND_FIELDS, WIND_SIZE, Sum, Wind, as_wind
 from quadpend_gym.wind.series import series
 from quadpend_gym.wind.steady import Constant, Drawn, Sinusoid, StillAir
 from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck, VonKarman
@@ -38,7 +35,7 @@ __all__ = [
     "series",
 ]
 
-KINDS: dict[str, type[Any]] = {
+KINDS |= {
     "constant": Constant,
     "sinusoid": Sinusoid,
     "still_air": StillAir,
@@ -50,15 +47,6 @@ KINDS: dict[str, type[Any]] = {
     "von_karman": VonKarman,
     "sum": Sum,
 }
-PRESETS: dict[str, Any] = {}
-_FAMILY = Family("wind", "a wind model, the name of a wind", Wind, KINDS, PRESETS)
-
-
-def as_wind(value: Any) -> tuple[Any, ...]:
-    """The wind models that `value` is or describes; see `models.Family.members`."""
-    return _FAMILY.members(value)
-
-
 PRESETS |= {
     "calm": None,
     "breeze": OrnsteinUhlenbeck(0.15),

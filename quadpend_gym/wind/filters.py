@@ -67,11 +67,10 @@ def side_by_side(filters: list[Filter]) -> Filter:
 
 @dataclass(frozen=True)
 class Sampled:
-    """A filter at its samples (2): Φ, L and S, each of shape (m, m)."""
+    """A filter at its samples (2): Φ and L, each of shape (m, m)."""
 
     transition: Floats
     root: Floats
-    start: Floats
 
 
 def sample(system: Filter, period: float) -> Sampled:
@@ -86,7 +85,7 @@ def sample(system: Filter, period: float) -> Sampled:
     for _ in range(doublings):
         covariance = covariance + transition @ covariance @ transition.T
         transition = transition @ transition
-    return Sampled(transition, square_root(covariance), square_root(system.stationary))
+    return Sampled(transition, square_root(covariance))
 
 
 def square_root(covariance: Floats) -> Floats:
@@ -146,12 +145,12 @@ def _multiply(matrix: Floats, values: Floats, out: Floats) -> None:
         _add_product(matrix, values, i, out[i])
 
 
-def start(sampled: Sampled, streams: Streams) -> Floats:
-    """x_0 of equation (3), shape (n, m), drawn from block 0 of the streams."""
-    normal = streams.normal(np.zeros(streams.keys.size, np.int64), sampled.start.shape[0])
+def start(root: Floats, streams: Streams) -> Floats:
+    """x_0 of equation (3), shape (n, m), drawn from block 0 of the streams; `root` is S, shape (m, m)."""
+    normal = streams.normal(0, root.shape[0])
     # Not numpy's matrix product: its last bits depend on the number of rows.
     out = np.zeros(normal.T.shape)
-    _multiply(sampled.start, normal.T, out)
+    _multiply(root, normal.T, out)
     return out.T
 
 

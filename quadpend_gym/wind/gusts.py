@@ -49,9 +49,8 @@ class Gusts(Loads):
     def _next(self, memory: Floats, ended: Any, streams: Streams) -> None:
         """Follow the gusts of the rows `ended` by their next."""
         memory[ended, 4] += 1.0
-        drawn = streams[ended].uniform(memory[ended, 4].astype(np.int64), 3)
-        ranges = np.array([self.pause, self.length, self.heading])
-        pause, length, heading = (ranges[:, 0] + np.diff(ranges)[:, 0] * drawn).T
+        bounds = zip(self.pause, self.length, self.heading, strict=True)
+        pause, length, heading = streams[ended].between(memory[ended, 4].astype(np.int64), *bounds).T
         memory[ended, 0] += memory[ended, 1] + pause
         memory[ended, 1] = length
         memory[ended, 2], memory[ended, 3] = np.cos(heading), np.sin(heading)

@@ -20,6 +20,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from quadpend_gym.arrays import Floats, Integers
+from quadpend_gym.models import Family, Model
 from quadpend_gym.records import tidy, vector
 from quadpend_gym.streams import Streams
 
@@ -35,19 +36,12 @@ Load = float | tuple[float, ...]  # one number for all three axes, or three
 
 
 @runtime_checkable
-class Wind(Protocol):
+class Wind(Model, Protocol):
     """What a wind model must be able to do, for a batch of n rows. No base class is needed."""
 
     @property
     def moves_air(self) -> bool:
         """Whether it ever has velocities. Without such a model there is no air, and so no drag: the paper's calm."""
-
-    @property
-    def memory_size(self) -> int:
-        """How many numbers a row has to remember."""
-
-    def start(self, streams: Streams) -> Floats:
-        """Memory of new episodes, shape (n, memory_size), drawn from block 0 of the rows' streams."""
 
     def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add what acts over the coming control period to `out`.
@@ -140,6 +134,14 @@ class Sum(Addable):
     kind: str = field(default="sum", init=False)
 
     def __post_init__(self) -> None:
-        from quadpend_gym.wind import as_wind  # which has the kinds, this one among them
-
         object.__setattr__(self, "models", as_wind(self.models))
+
+
+KINDS: dict[str, type[Any]] = {}  # both filled by the package, which knows all models
+PRESETS: dict[str, Any] = {}
+_FAMILY = Family("wind", "a wind model, the name of a wind", Wind, KINDS, PRESETS)
+
+
+def as_wind(value: Any) -> tuple[Any, ...]:
+    """The wind models that `value` is or describes; see `models.Family.members`."""
+    return _FAMILY.members(value)

@@ -11,7 +11,7 @@ from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.models import Forgetful
 from quadpend_gym.records import interval, positive, tidy
 from quadpend_gym.streams import Streams
-from quadpend_gym.wind.model import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned
+from quadpend_gym.wind.model import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned, as_wind
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Sinusoid(Loads):
 
     def start(self, streams: Streams) -> Floats:
         """Phases, uniform in (0, 2π)."""
-        return 2.0 * np.pi * streams.uniform(np.zeros(streams.keys.size, np.int64), len(self.axes))
+        return 2.0 * np.pi * streams.uniform(0, len(self.axes))
 
     def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The sinusoid in the middle of the period, over which it is held."""
@@ -83,8 +83,6 @@ class Drawn(Addable):
     kind: str = field(default="drawn", init=False)
 
     def __post_init__(self) -> None:
-        from quadpend_gym.wind import as_wind
-
         tidy(self)
         object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
         for name in ("strength", "heading"):
@@ -106,11 +104,7 @@ class Drawn(Addable):
 
     def start(self, streams: Streams) -> Floats:
         """Strength and heading, uniform in their ranges, and what the wind starts with."""
-        drawn = streams.uniform(np.zeros(streams.keys.size, np.int64), 2)
-        low, high = self.strength
-        strength = low + (high - low) * drawn[:, 0]
-        low, high = self.heading
-        heading = low + (high - low) * drawn[:, 1]
+        strength, heading = streams.between(0, *zip(self.strength, self.heading, strict=True)).T
         below = [model.start(streams.derive(i)) for i, model in enumerate(self.wind.models)]
         return np.column_stack([strength, np.cos(heading), np.sin(heading), *below])
 

@@ -29,16 +29,17 @@ which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T alon
 they are too low (by 2.6 and 2.0 dB at 100/T), which takes 1.6 % and 1.9 % off the deviations.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.arrays import Floats, Integers
 from quadpend_gym.records import number, positive, tidy
 from quadpend_gym.streams import Streams
-from quadpend_gym.wind.filters import Filter, Sampled, run, sample, side_by_side, start, transfer
+from quadpend_gym.wind.filters import Filter, Sampled, run, sample, side_by_side, square_root, start, transfer
 from quadpend_gym.wind.model import WIND_FIELDS, Addable, Load, Loads
 
 FOOT, KNOT = 0.3048, 0.514444  # m, m/s
@@ -73,7 +74,7 @@ class OrnsteinUhlenbeck(Loads):
 
     def start(self, streams: Streams) -> Floats:
         """The stationary distribution."""
-        return self.load[self.axes] * streams.normal(np.zeros(streams.keys.size, np.int64), len(self.axes))
+        return self.load[self.axes] * streams.normal(0, len(self.axes))
 
     def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The remembered disturbance; then it decays and is stirred."""
@@ -92,8 +93,35 @@ def _sampled_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[Sampled, Fl
     decay = np.exp(-period / noise.time_constant)
     eye = np.eye(len(noise.axes))
     deviation = noise.load[noise.axes]
-    sampled = Sampled(decay * eye, np.sqrt(1.0 - decay**2) * deviation * eye, deviation * eye)
+    sampled = Sampled(decay * eye, np.sqrt(1.0 - decay**2) * deviation * eye)
     return sampled, eye, np.array(noise.axes)
+
+
+class _Shape(NamedTuple):
+    """One axis of a turbulence, free of its deviation and time."""
+
+    weight: float  # 2 along the wind, 1 across and up
+    numerator: list[float]  # of the filter, in powers of T s
+    denominator: list[float]
+    density: Callable[[Floats], Floats]  # as a function of (T ω)²
+
+
+# Along the wind, and across and up: Dryden's exact filters, von Kármán's rational ones (Ly & Chan, AIAA Paper 80-1615).
+_SHAPES = {
+    "dryden": (
+        _Shape(2.0, [1.0], [1.0, 1.0], lambda x: 1.0 / (1.0 + x)),
+        _Shape(1.0, [1.0, 3.0**0.5], [1.0, 2.0, 1.0], lambda x: (1.0 + 3.0 * x) / (1.0 + x) ** 2),
+    ),
+    "von_karman": (
+        _Shape(2.0, [1.0, 0.25], [1.0, 1.357, 0.1987], lambda x: 1.0 / (1.0 + 1.339**2 * x) ** (5.0 / 6.0)),
+        _Shape(
+            1.0,
+            [1.0, 2.7478, 0.3398],
+            [1.0, 2.9958, 1.9754, 0.1539],
+            lambda x: (1.0 + 8.0 / 3.0 * 1.339**2 * x) / (1.0 + 1.339**2 * x) ** (11.0 / 6.0),
+        ),
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -110,6 +138,7 @@ class _Turbulence(Addable):
     mean_wind: float | None = None  # m/s, V; None: as (1) has it
     heading: float = 0.0  # rad from x towards y: where the mean wind blows to
     standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
+    kind: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
         tidy(self)
@@ -160,8 +189,21 @@ class _Turbulence(Addable):
 
     @property
     def filter(self) -> Filter:
-        """u, v, w in m/s from white noise."""
-        raise NotImplementedError
+        """u, v, w in m/s from white noise: H = σ √(weight T/π) N(Ts)/D(Ts) each."""
+        parts = zip(self._shapes, self.deviations, self.times, strict=True)
+        return side_by_side(
+            [transfer(x.numerator, x.denominator, sigma * np.sqrt(x.weight * t / np.pi), t) for x, sigma, t in parts]
+        )
+
+    def density(self, frequency: Floats) -> Floats:
+        """One-sided spectral densities of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s: (4) to (7)."""
+        parts = zip(self._shapes, self.deviations, self.times, strict=True)
+        return np.stack([sigma**2 * t / np.pi * x.weight * x.density((t * frequency) ** 2) for x, sigma, t in parts])
+
+    @property
+    def _shapes(self) -> tuple[_Shape, _Shape, _Shape]:
+        along, across = _SHAPES[self.kind]
+        return along, across, across
 
     @property
     def memory_size(self) -> int:
@@ -170,7 +212,7 @@ class _Turbulence(Addable):
 
     def start(self, streams: Streams) -> Floats:
         """The stationary distribution."""
-        return start(_sampled_turbulence(self, 1.0)[0], streams)
+        return start(_stationary(self), streams)
 
     def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Mean wind and turbulence at the beginning of the period, over which they are held."""
@@ -178,6 +220,12 @@ class _Turbulence(Addable):
         run(sampled, output, _VELOCITY, step, streams, memory, out)
         for axis, value in zip(_VELOCITY[:2], mean, strict=True):
             out[:, axis] += value
+
+
+@lru_cache(maxsize=64)
+def _stationary(turbulence: _Turbulence) -> Floats:
+    """S of equation (3) in `filters`."""
+    return square_root(turbulence.filter.stationary)
 
 
 @lru_cache(maxsize=64)
@@ -195,23 +243,6 @@ class Dryden(_Turbulence):
 
     kind: str = field(default="dryden", init=False)
 
-    @property
-    def filter(self) -> Filter:
-        """Exact: H_u = σ √(2T/π) / (1 + Ts),  H_v, H_w = σ √(T/π) (1 + √3 Ts) / (1 + Ts)²."""
-        along, across, up = zip(self.deviations, self.times, strict=True)
-        filters = [transfer([1.0], [1.0, 1.0], along[0] * np.sqrt(2.0 * along[1] / np.pi), along[1])]
-        for deviation, time in (across, up):
-            gain = deviation * np.sqrt(time / np.pi)
-            filters.append(transfer([1.0, np.sqrt(3.0)], [1.0, 2.0, 1.0], gain, time))
-        return side_by_side(filters)
-
-    def density(self, frequency: Floats) -> Floats:
-        """One-sided spectral densities (4) and (5) of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s."""
-        squares = [(time * frequency) ** 2 for time in self.times]
-        shapes = [2.0 / (1.0 + squares[0]), *((1.0 + 3.0 * x) / (1.0 + x) ** 2 for x in squares[1:])]
-        scales = self.deviations**2 * self.times / np.pi
-        return np.stack([scale * shape for scale, shape in zip(scales, shapes, strict=True)])
-
 
 @dataclass(frozen=True)
 class VonKarman(_Turbulence):
@@ -221,24 +252,3 @@ class VonKarman(_Turbulence):
     """
 
     kind: str = field(default="von_karman", init=False)
-
-    @property
-    def filter(self) -> Filter:
-        """Rational filters of second order along the mean wind, of third order across and up."""
-        along, across, up = zip(self.deviations, self.times, strict=True)
-        gain = along[0] * np.sqrt(2.0 * along[1] / np.pi)
-        filters = [transfer([1.0, 0.25], [1.0, 1.357, 0.1987], gain, along[1])]
-        for deviation, time in (across, up):
-            numerator, denominator = [1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539]
-            filters.append(transfer(numerator, denominator, deviation * np.sqrt(time / np.pi), time))
-        return side_by_side(filters)
-
-    def density(self, frequency: Floats) -> Floats:
-        """One-sided spectral densities (6) and (7) of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s."""
-        squares = [(1.339 * time * frequency) ** 2 for time in self.times]
-        shapes = [
-            2.0 / (1.0 + squares[0]) ** (5.0 / 6.0),
-            *((1.0 + 8.0 / 3.0 * x) / (1.0 + x) ** (11.0 / 6.0) for x in squares[1:]),
-        ]
-        scales = self.deviations**2 * self.times / np.pi
-        return np.stack([scale * shape for scale, shape in zip(scales, shapes, strict=True)])

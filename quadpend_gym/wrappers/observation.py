@@ -10,12 +10,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.arrays import Booleans, Floats32
+from quadpend_gym.env import observation_space
 from quadpend_gym.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
-
-
-def _box(size: int) -> spaces.Box:
-    largest = float(np.finfo(np.float32).max)
-    return spaces.Box(-largest, largest, (size,), np.float32)
+from quadpend_gym.records import whole
 
 
 def _size(space: Any, name: str) -> int:
@@ -51,7 +48,7 @@ class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstru
         RecordConstructorArgs.__init__(self)
         gym.ObservationWrapper.__init__(self, env)
         _check_layout(env.observation_space)
-        self.observation_space = _box(OUTPUT_COLUMNS.size)
+        self.observation_space = observation_space(OUTPUT_COLUMNS.size)
 
     def observation(self, observation: Floats32) -> Floats32:
         """The observation without velocities, shape (27,)."""
@@ -65,7 +62,7 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         _check_layout(env.single_observation_space)
-        self.single_observation_space = _box(OUTPUT_COLUMNS.size)
+        self.single_observation_space = observation_space(OUTPUT_COLUMNS.size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
@@ -85,9 +82,8 @@ class _Histories:
     """The latest observations and actions of n rows, oldest first."""
 
     def __init__(self, rows: int, observations: int, actions: int, sizes: tuple[int, int]) -> None:
-        for value, name, least in ((observations, "observations", 1), (actions, "actions", 0)):
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
+        whole(observations, "observations", 1)
+        whole(actions, "actions", 0)
         if observations == 1 and actions == 0:
             raise ValueError("one observation and no action is no history: ask for more of either")
         self._observations = np.zeros((rows, observations, sizes[0]), np.float32)
@@ -137,7 +133,7 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         gym.Wrapper.__init__(self, env)
         sizes = _size(env.observation_space, "observation"), _size(env.action_space, "action")
         self._histories = _Histories(1, observations, actions, sizes)
-        self.observation_space = _box(self._histories.size)
+        self.observation_space = observation_space(self._histories.size)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -163,7 +159,7 @@ class VectorHistoryWrapper(VectorWrapper):
         sizes = _size(env.single_observation_space, "observation"), _size(env.single_action_space, "action")
         self._histories = _Histories(self.num_envs, observations, actions, sizes)
         self._ended = np.zeros(self.num_envs, np.bool_)
-        self.single_observation_space = _box(self._histories.size)
+        self.single_observation_space = observation_space(self._histories.size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:

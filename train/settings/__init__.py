@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from quadpend_gym.records import number, positive
+from quadpend_gym.records import number, positive, whole
 from train.files import read_mapping
 from train.scenarios import resolve
 
@@ -66,10 +66,10 @@ class TrainSettings:
         object.__setattr__(self, "scenario", resolve(self.scenario))
         object.__setattr__(self, "hidden", tuple(self.hidden))
         for name in ("total_steps", "num_envs", "rollout_steps", "batch_size", "epochs", "checkpoint_steps", "threads"):
-            _whole(getattr(self, name), name, 1)
-        _whole(self.seed, "seed", 0)
+            whole(getattr(self, name), name, 1)
+        whole(self.seed, "seed", 0)
         for i, width in enumerate(self.hidden):
-            _whole(width, f"hidden[{i}]", 1)
+            whole(width, f"hidden[{i}]", 1)
         for name in ("learning_rate", "clip_range", "reward_scale"):
             positive(getattr(self, name), name)
         for name in ("discount", "gae_lambda"):
@@ -84,11 +84,6 @@ class TrainSettings:
                 f"batch_size must divide num_envs * rollout_steps = {self.num_envs * self.rollout_steps},"
                 f" not be {self.batch_size}"
             )
-
-
-def _whole(value: Any, name: str, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
 
 
 def read_settings(name: str) -> TrainSettings:
