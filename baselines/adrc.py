@@ -132,6 +132,10 @@ class ADRC:
         self.horizontal_gains = np.polymul(np.polymul(slow, slow), slow)[:0:-1]
         self._vertical_gains = np.array(fast)[:0:-1]
 
+    def told(self, simulation: Simulation) -> "ADRC":
+        """The same controller, for another nominal simulation."""
+        return type(self)(self.gains, simulation)
+
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, AdrcMemory]:

@@ -7,6 +7,7 @@ mean over a period; the torque limits (`quadpend_gym.params.Actuators`).
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +35,83 @@ class AdrcGains:
     mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾ (and of its rate to F⁽⁵⁾): 0 as in the paper
 
 
+@dataclass(frozen=True)
+class EstimatorGains:
+    """What the Kalman filter of `estimator` believes; only ratios matter."""
+
+    noise: float = 1e-3  # standard deviation of measured positions (m), angles (rad) and r
+    rate_noise: float = 1e-2  # of their rates
+    force_walk: float = 3.0  # of the force on the quadrotor, N/√s
+    bob_force_walk: float = 0.1  # of the force on the bob, N/√s
+    torque_walk: float = 0.1  # N·m/√s
+
+
+@dataclass(frozen=True)
+class FlatnessGains:
+    """The flatness-based controller, see `flatness`."""
+
+    position_bandwidth: float = 2.5  # rad/s, of each pair of poles, all of them damped by `damping`
+    pendulum_bandwidth: float = 7.0
+    attitude_bandwidth: float = 20.0
+    damping: float = 0.9
+    vertical_bandwidth: float = 6.0  # rad/s, height and yaw
+    acceleration: float = 3.0  # m/s², the most that a position error may ask of the bob
+    velocity: float = 1.5  # m/s, the most that it may ask
+    lean: float = 1.1  # rad, of the thrust
+    far_pendulum_bandwidth: float = 4.5
+    far_attitude_bandwidth: float = 8.0
+    near: float = 0.1
+    estimator: EstimatorGains = field(default_factory=EstimatorGains)
+
+
+@dataclass(frozen=True)
+class LqrGains:
+    """Tolerances of the weights of `lqr`: what counts as much as a full action."""
+
+    position: float = 0.3  # m
+    velocity: float = 0.6  # m/s
+    angle: float = 0.5  # rad
+    angle_rate: float = 3.0  # rad/s
+    effort: float = 1.0  # of the action's range
+    integral: float = 0.0  # m·s; 0: no integrators
+    integral_limit: float = 0.5  # m·s
+    estimator: EstimatorGains = field(default_factory=EstimatorGains)
+
+
 _PAPER = AdrcGains()
 
+GAINS: dict[str, Any] = {
+    "adrc-paper": _PAPER,
+    "adrc-matched": replace(_PAPER, mismatch=1.0),
+    "adrc-tuned": AdrcGains(
+        horizontal_bandwidth=4.0,
+        mismatch=1.0,
+        luenberger=ObserverGains(15.0),
+        horizontal=ObserverGains(25.0, switching=1e5),
+        vertical=ObserverGains(25.0),
+    ),
+    "lqr": LqrGains(),
+    "lqi": LqrGains(integral=0.3),
+    "flatness": FlatnessGains(
+        position_bandwidth=3.0,
+        pendulum_bandwidth=6.5,
+        attitude_bandwidth=12.0,
+        damping=0.6,
+        vertical_bandwidth=4.5,
+        acceleration=3.5,
+        velocity=2.0,
+        lean=1.1,
+        far_pendulum_bandwidth=4.0,
+        far_attitude_bandwidth=7.0,
+        near=0.3,
+        estimator=EstimatorGains(rate_noise=8e-3, force_walk=0.5, bob_force_walk=0.3, torque_walk=0.5),
+    ),
+}
+GAINS["adrc-linear"] = replace(
+    GAINS["adrc-tuned"], horizontal=replace(GAINS["adrc-tuned"].horizontal, switching=np.inf)
+)
+
+# By the short names that `ADRC` takes.
 ADRC_GAINS: dict[str, AdrcGains] = {
-    "paper": _PAPER,
-    "matched": replace(_PAPER, mismatch=1.0),
+    name.removeprefix("adrc-"): gains for name, gains in GAINS.items() if name.startswith("adrc-")
 }

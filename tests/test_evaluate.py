@@ -2,42 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from baselines import ADRC
+from tests.policy_helpers import Biased, Falling, planted
 from train.cli import main
-from train.evaluate import Flights, compare, differences, fly, summarise
+from train.evaluate import MEASURES, compare, differences, summarise
+from train.flights import fly
 from train.report import markdown, verdicts
-from train.statistics import mean, paired_proportion, proportion
-
-
-class Biased:
-    """ADRC that holds the bob a known distance (m) beside the reference in x."""
-
-    def __init__(self, distance: float) -> None:
-        self.distance, self.adrc = distance, ADRC("matched")
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        shifted = observation.copy()
-        shifted[:, 0] -= self.distance / 0.5
-        return self.adrc.predict(shifted, state, episode_start)
-
-
-class Falling:
-    """No thrust."""
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        action = np.zeros((len(observation), 4), np.float32)
-        action[:, 0] = -1.0
-        return action, None
 
 
 def test_every_policy_meets_the_same_episodes() -> None:
@@ -54,23 +28,17 @@ def test_a_planted_difference_is_found_inside_its_interval() -> None:
     random = np.random.default_rng(0)
     hits = 0
     for _ in range(40):
-        base = fly_nothing(random.normal(0.1, 0.03, 200))
-        worse = fly_nothing(base.rmse[0] + random.normal(0.01, 0.02, 200))
-        _, low, high = differences(worse, base)["rmse"]
+        base = planted(random.normal(0.1, 0.03, 200))
+        worse = planted(base.rmse[0] + random.normal(0.01, 0.02, 200))
+        _, low, high = differences(worse, base)["penalised_rmse"]
         hits += low <= 10.0 <= high
         assert high - low < 6.5  # pairing removes the episodes' own spread
     assert hits >= 35
 
 
-def fly_nothing(rmse: Any) -> Flights:
-    rmse = np.atleast_2d(rmse)
-    other = np.ones_like(rmse)
-    return Flights(other > 0, rmse, other, other, other, other, other[..., np.newaxis])
-
-
 def test_a_policy_that_holds_a_distance_is_that_much_worse() -> None:
-    planted, honest = fly([Biased(0.03)], "hover", 20), fly([Biased(0.0)], "hover", 20)
-    assert differences(planted, honest)["settled_rmse"].value == pytest.approx(30.0, abs=0.05)
+    aside, honest = fly([Biased(0.03)], "hover", 20), fly([Biased(0.0)], "hover", 20)
+    assert differences(aside, honest)["settled_rmse"].value == pytest.approx(30.0, abs=0.05)
 
 
 def test_equal_policies_have_no_winner() -> None:
@@ -80,29 +48,37 @@ def test_equal_policies_have_no_winner() -> None:
     assert "neither more often nor less often" in verdict
 
 
-def test_falls_show_in_survival_and_stay_in_the_rmse() -> None:
+def test_a_fall_shows_in_survival_and_counts_as_a_metre() -> None:
+    """It never drops out of the penalised RMSE, however little was flown, and never enters that of survivors."""
     flights = fly([Falling()], "calm", 10)
     assert not flights.survived.any()
+    assert (flights.steps < 100).all()
+    np.testing.assert_array_equal(flights.penalised_rmse, 1.0)
     summary = summarise(flights)
     assert summary["survival"].value == 0.0
     assert summary["survival"].high > 0.0
-    assert summary["rmse"].value > 500.0
+    assert summary["penalised_rmse"].value == summary["iqm"].value == 1000.0
+    assert np.isnan(summary["rmse"].value)
     assert np.isnan(summary["settled_rmse"].value)
+    half = planted([0.1, 0.2], [True, False])
+    assert summarise(half)["penalised_rmse"].value == pytest.approx(550.0)
+    assert summarise(half)["rmse"].value == pytest.approx(100.0)
 
 
-def test_intervals_are_those_of_the_books() -> None:
-    successes = np.arange(100)[np.newaxis] < 93
-    expected = stats.binomtest(93, 100).proportion_ci(method="wilson")
-    assert proportion(successes)[1:] == (expected.low, expected.high)
-    values = np.random.default_rng(0).normal(size=(1, 400))
-    _, low, high = mean(values)
-    half = stats.norm.ppf(0.975) * values.std() / 20.0
-    assert (low, high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.01)
+def test_flights_agree_with_their_errors() -> None:
+    flights = fly([ADRC()], "storm", 20)
+    assert 0 < flights.survived.sum() < 20
+    assert flights.error.dtype == np.float32
+    np.testing.assert_array_equal((~np.isnan(flights.error)).sum(axis=-1), flights.steps)
+    np.testing.assert_array_equal(flights.steps == 1000, flights.survived)
+    np.testing.assert_allclose(np.sqrt(np.nanmean(flights.error**2, axis=-1)), flights.rmse, rtol=1e-5)
+    late = np.sqrt(np.mean(flights.error[..., 500:] ** 2, axis=-1))
+    np.testing.assert_allclose(late, flights.settled_rmse, rtol=1e-5)
 
 
 def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--policies", "paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
-    main(["evaluate", *arguments, "--out", str(tmp_path)])
+    main(["evaluate", *arguments, "--out", str(tmp_path), "--store", str(tmp_path / "store")])
     printed = capsys.readouterr().out
     assert "adrc-matched tracks closer by" in printed
     data = json.loads((tmp_path / "comparison.json").read_text())
@@ -110,12 +86,20 @@ def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys:
     assert data["results"]["windy"]["adrc-matched"]["minus_first"]["rmse"]["high"] < 0.0
     assert (tmp_path / "comparison.md").read_text().startswith("| scenario | policy | survival (%)")
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
+    with (tmp_path / "comparison.csv").open(encoding="utf-8") as file:
+        said, *rows = file.read().splitlines()
+    assert json.loads(said.removeprefix("# "))["scenario_hashes"] == data["scenario_hashes"]
+    assert rows[0] == "scenario,policy,measure,value,low,high,unit"
+    assert len(rows) == 1 + 2 * len(MEASURES)
+    assert {"scenario_file", "scenario_hashes", "episodes", "seed", "origin", "code"} <= data.keys()
+    assert data["origin"]["command"][1:]
 
 
 def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run, out = str(tmp_path / "run"), str(tmp_path / "out")
+    run = str(tmp_path / "run")
+    kept = ["--out", str(tmp_path / "out"), "--store", str(tmp_path / "store")]
     main(["train", "--out", run, "--total-steps", "1024", "--num-envs", "16", "--batch-size", "256"])
-    main(["evaluate", "--policies", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", "--out", out])
+    main(["evaluate", "--policies", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *kept])
     assert "ppo tracks" in capsys.readouterr().out
 
 
@@ -124,7 +108,14 @@ def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: p
     [
         (["evaluate", "--policies", "nix"], "there is no policy 'nix'"),
         (["evaluate", "--scenarios", "nix"], "there is no scenario 'nix'"),
-        (["evaluate", "--episodes", "0"], "episodes must be at least 1"),
+        (["evaluate", "--episodes", "0"], "episodes must be a whole number of at least 1, not 0"),
+        (["evaluate", "--jobs", "0"], "jobs must be a whole number of at least 1, not 0"),
+        (["evaluate", "--seed", "-1"], "seed must be a whole number of at least 0, not -1"),
+        (["evaluate", "--scenarios", "calm", "calm=windy"], "two scenarios have the same name"),
+        (["evaluate", "--policies", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),
+        (["compare", "adrc-paper", "adrc-paper"], "two policies have the same name"),
+        (["compare", "adrc-paper", "nix"], "there is no policy 'nix'"),
+        (["train", "--scenario", "test"], "'test' is a set of scenarios: choose one of calm"),
         (["train", "--settings", "nix"], "there are no settings 'nix'"),
         (["train", "--scenario", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "holds no run"),
@@ -139,27 +130,6 @@ def test_mistakes_end_with_one_sentence(arguments: list[str], message: str, caps
     assert message in capsys.readouterr().err
 
 
-def test_paired_survival_is_never_certain() -> None:
-    """Two policies that fall in the same episodes may still differ; Agresti and Min's interval says by how much."""
-    survived = np.arange(200)[np.newaxis] > 3
-    value, low, high = paired_proportion(survived, survived)
-    assert value == 0.0
-    assert (low, high) == pytest.approx((-0.0097, 0.0097), abs=1e-4)
-    better = paired_proportion(survived | True, survived)
-    assert better.value == pytest.approx(4 / 200)
-
-
-def test_intervals_of_a_learner_cover_its_training_seeds() -> None:
-    """Five seeds that differ by 10 mm have a wider interval than one of them, in however many episodes."""
-    random = np.random.default_rng(0)
-    seeds = random.normal(0.1, 0.01, (5, 1)) + random.normal(0.0, 0.01, (5, 1000))
-    one, five = mean(seeds[:1]), mean(seeds)
-    assert one.high - one.low < 0.0015
-    assert five.high - five.low > 0.005
-    learner = fly([ADRC("paper"), ADRC("matched")], "windy", 4)
-    np.testing.assert_array_equal(learner.error[1:], fly([ADRC("matched")], "windy", 4).error)
-
-
 def test_data_are_json_even_when_nobody_settles(tmp_path: Path) -> None:
     comparison = compare({"falling": [Falling()]}, ["calm"], episodes=3)
     comparison.save(tmp_path)
@@ -170,4 +140,4 @@ def test_data_are_json_even_when_nobody_settles(tmp_path: Path) -> None:
 
 def test_markdown_table_has_a_row_for_every_cell() -> None:
     comparison = compare({"a": [ADRC()], "b": [ADRC("matched")]}, ["calm", "windy"], episodes=3)
-    assert markdown(comparison).count("\n| ") == 5
+    assert markdown(comparison).count("\n| ") == 5 + 4  # and the leaderboard

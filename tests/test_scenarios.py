@@ -12,8 +12,9 @@ from baselines import ADRC
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.wind import as_wind
 from train.cli import main
-from train.evaluate import compare, fly
-from train.scenarios import SCENARIOS, Scenario, find_scenario, resolve
+from train.evaluate import compare
+from train.flights import fly
+from train.scenarios import SCENARIOS, SETS, Scenario, expand, find_scenario, resolve, scenario_hash
 from train.settings import TrainSettings, read_settings
 from train.train import make_env
 
@@ -28,6 +29,7 @@ EVERYTHING = {
     "output_feedback": True,
     "history": 3,
     "history_actions": 2,
+    "task": {"start": {"direction": 0.2}, "references": {"height": [1.0, 3.0]}},
 }
 REAL = {"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004, "inertia_yaw": 0.008}}
 
@@ -80,7 +82,7 @@ def test_the_classical_pilot_flies_rotors_and_knows_the_nominal_simulation() -> 
 
 def test_scenarios_have_names_of_their_own(tmp_path: Path) -> None:
     (tmp_path / "gale.toml").write_text('wind = "storm"\n', encoding="utf-8")
-    options = ["--episodes", "2", "--policies", "adrc-paper", "--out", str(tmp_path)]
+    options = ["--episodes", "2", "--policies", "adrc-paper", "--out", str(tmp_path), "--store", str(tmp_path)]
     main(["evaluate", *options, "--scenarios", 'light={"wind": "dryden"}', str(tmp_path / "gale.toml")])
     results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     assert list(results["scenarios"]) == ["light", "gale"]
@@ -96,6 +98,8 @@ def test_a_policy_that_cannot_fly_a_scenario_is_named_before_anything_is_flown()
     ("scenario", "sentence"),
     [
         ("hurricane", "there is no scenario 'hurricane'; the scenarios are calm"),
+        ("training", "'training' is a set of scenarios: choose one of calm, breeze"),
+        ('{"task": "loop"}', "there is no task 'loop'; the tasks are track, hover"),
         ("missing.toml", "there is no scenario 'missing.toml'"),
         ('{"wind": "windy"', "the scenario is not valid JSON"),
         ('{"winds": "windy"}', "scenario has no field 'winds'"),
@@ -121,3 +125,38 @@ def test_a_broken_file_is_named(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=name):
             find_scenario(str(tmp_path / name))
+
+
+def test_a_scenario_may_have_a_task_of_its_own() -> None:
+    assert Scenario(task="track") == Scenario(task={})
+    env = SCENARIOS["upset"].make_vec(400, AutoresetMode.SAME_STEP)
+    assert env.reset(seed=0)[1]["tilt"].max() > 0.3
+    assert SCENARIOS["calm"].make_vec(400, AutoresetMode.SAME_STEP).reset(seed=0)[1]["tilt"].max() < 0.2
+
+
+def test_sets_expand_to_scenarios_and_share_only_the_calm() -> None:
+    assert set(SETS["training"]) & set(SETS["test"]) == {"calm"}
+    for members in SETS.values():
+        assert len(set(members)) == len(members) >= 8
+        assert set(members) <= SCENARIOS.keys()
+    assert not SETS.keys() & SCENARIOS.keys()
+    assert expand(["windy", "test"]) == ["windy", *SETS["test"]]
+    held_out = {scenario_hash(SCENARIOS[name]) for name in SETS["test"]} - {scenario_hash(SCENARIOS["calm"])}
+    assert not held_out & {scenario_hash(SCENARIOS[name]) for name in SETS["training"]}
+
+
+def test_the_hash_is_of_what_is_flown() -> None:
+    hashes = [scenario_hash(scenario) for scenario in SCENARIOS.values()]
+    assert len(set(hashes)) == len(hashes)
+    calm = scenario_hash(Scenario())
+    assert calm == scenario_hash(Scenario(description="nothing blows")) == scenario_hash(find_scenario("{}"))
+    for change in ({"wind": "breeze"}, {"task": "hover"}, {"history": 2}, {"simulation": {"substeps": 3}}):
+        assert scenario_hash(Scenario(**change)) != calm  # type: ignore[arg-type]
+
+
+def test_a_steady_wind_blows_from_any_side() -> None:
+    env = SCENARIOS["steady"].make_vec(50, AutoresetMode.SAME_STEP)
+    env.reset(seed=0)
+    force = env.step(np.zeros((50, 4), np.float32))[4]["disturbance"][:, :3]
+    np.testing.assert_allclose(np.linalg.norm(force, axis=1), 0.5)
+    assert (np.ptp(force[:, :2], axis=0) > 0.9).all()

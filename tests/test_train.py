@@ -10,7 +10,7 @@ import pytest
 from stable_baselines3 import PPO
 
 from train import train as training
-from train.evaluate import TEST_SEED, VALIDATION_SEED
+from train.flights import TEST_SEED, VALIDATION_SEED
 from train.settings import TrainSettings, read_settings
 
 BRIEF = TrainSettings(total_steps=2048, num_envs=16, rollout_steps=32, batch_size=256, epochs=1)

@@ -1,159 +1,85 @@
-"""Flying policies through the same episodes and measuring how well they do.
+"""The comparison of policies in scenarios: who flies how well, by how much better, and how sure that is."""
 
-Episode k of a scenario (start, reference, wind) depends on the seed and on k only, so every policy meets the same
-episodes and differences can be taken episode by episode.
-"""
-
+import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from tqdm.auto import tqdm
 
 from baselines import Policy
-from quadpend_gym.arrays import Booleans, Floats
+from quadpend_gym.records import whole
+from train import store
+from train.flights import VALIDATION_SEED, Flights
+from train.jobs import Job, fly_all
 from train.origin import origin
-from train.policies import seated
-from train.scenarios import Scenario, find_scenario
-from train.statistics import Interval, mean, paired_proportion, proportion
+from train.policies import load_policies, seated
+from train.scenarios import Scenario, file_hash, find_scenario, scenario_hash
+from train.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
 
-# Episodes that no training run sees, whose seeds are above 2³² (`train.train.first_episode`).
-TEST_SEED = 1_000_000  # the published results'
-VALIDATION_SEED = 2_000_000  # for everything that is tuned
-SETTLED = 500  # control steps after which the start should no longer matter
+Cell = tuple[str, str]  # scenario and policy, by name
 
 
-class Flights(NamedTuple):
-    """The same n episodes, flown by s policies that are one learner trained with s seeds, or by one controller.
+class Measure(NamedTuple):
+    """A column of the comparison."""
 
-    Attributes:
-        survived: whether the episode lasted its 1000 steps, shape (s, n).
-        rmse: root mean square of the tracking error's norm over the steps flown, m, shape (s, n).
-        settled_rmse: the same from step 500 on, m; nan where the episode was not survived, shape (s, n).
-        largest_tilt: of the pendulum from upright, rad, shape (s, n).
-        effort: root mean square of the action's norm, shape (s, n).
-        episode_return: sum of rewards, shape (s, n).
-        error: norm of the tracking error at each step, nan after the end, m, shape (s, n, 1000).
-    """
-
-    survived: Booleans
-    rmse: Floats
-    settled_rmse: Floats
-    largest_tilt: Floats
-    effort: Floats
-    episode_return: Floats
-    error: Floats
+    unit: str
+    better: int  # the sign of a difference that means better
+    factor: float = 1.0  # from SI units
 
 
-def fly(policies: Sequence[Policy], scenario: str | Scenario, episodes: int = 100, seed: int = TEST_SEED) -> Flights:
-    """Fly each policy through the first episode of each of `episodes` seeds, counting up from `seed`.
-
-    Args:
-        policies: anything that obeys the `predict` protocol: one, or one for each training seed.
-        scenario: a scenario, or what `find_scenario` takes for one.
-        episodes: how many.
-        seed: of the first.
-
-    Raises:
-        ValueError: there is no such scenario.
-    """
-    if isinstance(scenario, str):
-        scenario = find_scenario(scenario)
-    flown = [_fly_one(seated(policy, scenario), scenario, episodes, seed) for policy in policies]
-    length = max(flights.error.shape[-1] for flights in flown)
-    padded = [
-        flights._replace(
-            error=np.pad(flights.error, ((0, 0), (0, length - flights.error.shape[-1])), constant_values=np.nan)
-        )
-        for flights in flown
-    ]
-    return Flights(*(np.stack(parts) for parts in zip(*padded, strict=True)))
-
-
-def _fly_one(policy: Policy, scenario: Scenario, episodes: int, seed: int) -> Flights:
-    """As `fly`, for one policy and without the axis of the seeds."""
-    env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
-    observation, _ = env.reset(seed=seed)
-    memory: Any = None
-    started = np.ones(episodes, np.bool_)
-    flying = np.ones(episodes, np.bool_)
-    survived = np.zeros(episodes, np.bool_)
-    columns: list[Floats] = []
-    while flying.any():
-        action, memory = policy.predict(observation, memory, started, deterministic=True)
-        observation, reward, terminated, truncated, info = env.step(action)
-        started = terminated | truncated
-        error, tilt = np.linalg.norm(info["tracking_error"], axis=1), info["tilt"].copy()
-        if started.any():  # these rows' info is of their next episode
-            final = info["final_info"]
-            error[started] = np.linalg.norm(final["tracking_error"][started], axis=1)
-            tilt[started] = final["tilt"][started]
-        column = np.stack([error, tilt, np.linalg.norm(action, axis=1), reward])
-        columns.append(np.where(flying, column, np.nan))
-        survived |= flying & truncated & ~terminated
-        flying &= ~started
-    error, tilt, effort, rewards = np.stack(columns, axis=-1)
-    return Flights(
-        survived,
-        np.sqrt(np.nanmean(error**2, axis=1)),
-        _settled(error, survived),
-        np.nanmax(tilt, axis=1),
-        np.sqrt(np.nanmean(effort**2, axis=1)),
-        np.nansum(rewards, axis=1),
-        error,
-    )
-
-
-def _settled(error: Floats, survived: Booleans) -> Floats:
-    settled = np.full(survived.shape, np.nan)
-    if survived.any():
-        settled[survived] = np.sqrt(np.mean(error[survived, SETTLED:] ** 2, axis=1))
-    return settled
-
-
-# column of the table: unit and, for how much a policy is better than another, the sign that means better
 MEASURES = {
-    "survival": ("%", 1),
-    "rmse": ("mm", -1),
-    "settled_rmse": ("mm", -1),
-    "largest_tilt": ("°", -1),
-    "effort": ("", -1),
-    "return": ("", 1),
+    "survival": Measure("%", 1, 100.0),
+    "penalised_rmse": Measure("mm", -1, 1000.0),
+    "iqm": Measure("mm", -1, 1000.0),
+    "rmse": Measure("mm", -1, 1000.0),
+    "settled_rmse": Measure("mm", -1, 1000.0),
+    "largest_tilt": Measure("°", -1, 180.0 / np.pi),
+    "effort": Measure("", -1),
+    "return": Measure("", 1),
 }
-_FACTOR = {"%": 100.0, "mm": 1000.0, "°": 180.0 / np.pi, "": 1.0}
+
+
+def measured(flights: Flights) -> dict[str, Any]:
+    """The values behind every measure, SI units, shape (s, n) each; nan where there is none."""
+    return {
+        "survival": flights.survived,
+        "penalised_rmse": flights.penalised_rmse,
+        "iqm": flights.penalised_rmse,
+        "rmse": np.where(flights.survived, flights.rmse, np.nan),
+        "settled_rmse": flights.settled_rmse,
+        "largest_tilt": flights.largest_tilt,
+        "effort": flights.effort,
+        "return": flights.episode_return,
+    }
 
 
 def summarise(flights: Flights) -> dict[str, Interval]:
-    """The measures of `MEASURES` in their units, each with its 95 % interval over the episodes."""
-    values = {
-        "survival": proportion(flights.survived),
-        "rmse": mean(flights.rmse),
-        "settled_rmse": mean(flights.settled_rmse),
-        "largest_tilt": mean(flights.largest_tilt),
-        "effort": mean(flights.effort),
-        "return": mean(flights.episode_return),
-    }
-    return {name: Interval(*(_FACTOR[MEASURES[name][0]] * x for x in value)) for name, value in values.items()}
+    """The measures of `MEASURES` in their units, each with its 95 % interval over the episodes.
+
+    ``rmse`` and ``settled_rmse`` are of the episodes that were survived, ``penalised_rmse`` and ``iqm``, its
+    interquartile mean, of all.
+    """
+    estimators: dict[str, Callable[[Any], Interval]] = {"survival": proportion, "iqm": interquartile_mean}
+    values = measured(flights).items()
+    return {name: estimators.get(name, mean)(value).scaled(MEASURES[name].factor) for name, value in values}
 
 
 def differences(flights: Flights, other: Flights) -> dict[str, Interval]:
     """How far `flights` lies above `other`, with paired intervals: the same episodes, one minus the other.
 
-    `other` is one policy, or has as many training seeds as `flights`.
+    `other` is one policy, or has as many training seeds as `flights`; ``iqm`` is the interquartile mean of the
+    differences, and ``rmse`` and ``settled_rmse`` are of the episodes that both survived.
     """
-    pairs = {
-        "rmse": flights.rmse - other.rmse,
-        "settled_rmse": flights.settled_rmse - other.settled_rmse,
-        "largest_tilt": flights.largest_tilt - other.largest_tilt,
-        "effort": flights.effort - other.effort,
-        "return": flights.episode_return - other.episode_return,
-    }
-    survival = Interval(*(100.0 * x for x in paired_proportion(flights.survived, other.survived)))
-    return {"survival": survival, **{name: mean(_FACTOR[MEASURES[name][0]] * pair) for name, pair in pairs.items()}}
+    mine, its = measured(flights), measured(other)
+    out = {"survival": paired_proportion(mine.pop("survival"), its.pop("survival"))}
+    for name, value in mine.items():
+        out[name] = (interquartile_mean if name == "iqm" else mean)(value - its[name])
+    return {name: value.scaled(MEASURES[name].factor) for name, value in out.items()}
 
 
 @dataclass(frozen=True)
@@ -172,34 +98,63 @@ class Comparison:
     scenarios: dict[str, Scenario]
     episodes: int
     seed: int
-    flights: dict[tuple[str, str], Flights]
+    flights: dict[Cell, Flights]
+
+    @cached_property
+    def summaries(self) -> dict[Cell, dict[str, Interval]]:
+        """Every cell's measures, see `summarise`."""
+        return {cell: summarise(flights) for cell, flights in self.flights.items()}
+
+    @cached_property
+    def minus_first(self) -> dict[Cell, dict[str, Interval]]:
+        """Every cell's differences from the first policy, see `differences`."""
+        first = self.policies[0]
+        return {
+            (name, policy): differences(flown, self.flights[name, first])
+            for (name, policy), flown in self.flights.items()
+        }
 
     def as_data(self) -> dict[str, Any]:
         """Numbers and intervals for JSON; differences are against the first policy."""
-        results: dict[str, Any] = {}
-        for scenario in self.scenarios:
-            first = self.flights[scenario, self.policies[0]]
-            results[scenario] = {
-                policy: {
-                    "measures": _plain(summarise(self.flights[scenario, policy])),
-                    "minus_first": _plain(differences(self.flights[scenario, policy], first)),
+        return {
+            **self.provenance(),
+            "units": {name: measure.unit for name, measure in MEASURES.items()},
+            "scenarios": {name: asdict(scenario) for name, scenario in self.scenarios.items()},
+            "results": {
+                scenario: {
+                    policy: {
+                        "measures": _plain(self.summaries[scenario, policy]),
+                        "minus_first": _plain(self.minus_first[scenario, policy]),
+                    }
+                    for policy in self.policies
                 }
-                for policy in self.policies
-            }
+                for scenario in self.scenarios
+            },
+        }
+
+    def provenance(self) -> dict[str, Any]:
+        """What it takes to make the same numbers again, which stands in every file of results."""
         return {
             "origin": origin(),
+            "code": store.code_stamp()[:12],
+            "scenario_file": file_hash(),
+            "scenario_hashes": {name: scenario_hash(scenario) for name, scenario in self.scenarios.items()},
             "episodes": self.episodes,
             "seed": self.seed,
-            "units": {name: unit for name, (unit, _) in MEASURES.items()},
-            "scenarios": {name: asdict(scenario) for name, scenario in self.scenarios.items()},
-            "results": results,
         }
 
     def save(self, folder: Path) -> None:
-        """Write `comparison.json` into `folder`."""
+        """Write `comparison.json` and `comparison.csv` into `folder`; the latter's first line says how it was made."""
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.as_data(), indent=1, allow_nan=False)
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
+        with (folder / "comparison.csv").open("w", encoding="utf-8", newline="") as file:
+            file.write(f"# {json.dumps(self.provenance())}\n")
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(["scenario", "policy", "measure", "value", "low", "high", "unit"])
+            for (scenario, policy), summary in self.summaries.items():
+                for name, interval in summary.items():
+                    table.writerow([scenario, policy, name, *interval, MEASURES[name].unit])
 
 
 def _plain(intervals: dict[str, Interval]) -> dict[str, dict[str, float | None]]:
@@ -211,47 +166,65 @@ def _plain(intervals: dict[str, Interval]) -> dict[str, dict[str, float | None]]
 
 
 def compare(
-    policies: Mapping[str, Sequence[Policy]],
+    policies: Mapping[str, str | Sequence[Policy]],
     scenarios: Sequence[str] | Mapping[str, str],
     episodes: int = 100,
-    seed: int = TEST_SEED,
+    seed: int = VALIDATION_SEED,
+    folder: Path | None = None,
+    fresh: bool = False,
+    jobs: int = 1,
 ) -> Comparison:
-    """Fly every policy through the same episodes of every scenario.
+    """Fly every policy through the same episodes of every scenario; the result is the same whatever `jobs` is.
 
     Args:
-        policies: by the names they shall have; under one name, a controller or the training seeds of one learner.
+        policies: by the names they shall have: what `load_policies` takes, or policies themselves, which are flown in
+            this process and not kept; under one name, a controller or the training seeds of one learner.
         scenarios: what `find_scenario` takes for scenarios; by the names they shall have, or under that.
         episodes: in each scenario.
         seed: of the first.
+        folder: where flights are kept, so that only those missing are flown; None: nowhere.
+        fresh: whether to fly all of them again.
+        jobs: processes that fly.
 
     Raises:
-        ValueError: there is no policy or no scenario, one is unknown, a policy cannot fly in a scenario, or `episodes`
-            is below 1.
+        ValueError: there is no policy or no scenario, one is unknown, a policy cannot fly in a scenario, two learners
+            have different numbers of training seeds, or a number is out of range.
     """
     if not policies or not scenarios:
         raise ValueError("there must be at least one policy and one scenario to compare")
-    if episodes < 1:
-        raise ValueError(f"episodes must be at least 1, not {episodes}")
+    for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
+        whole(value, name, least)
+    _check_seeds(policies)
     named = scenarios if isinstance(scenarios, Mapping) else {name: name for name in scenarios}
     found = {name: find_scenario(scenario) for name, scenario in named.items()}
-    cells = [(scenario, policy) for scenario in found for policy in policies]
-    for scenario, policy in cells:
-        _check_flight(policy, policies[policy], scenario, found[scenario])
-    flights = {}
-    for scenario, policy in (bar := tqdm(cells, unit="cell", leave=False)):
-        bar.set_description(f"{policy} in {scenario}")
-        flights[scenario, policy] = fly(policies[policy], found[scenario], episodes, seed)
-    return Comparison(tuple(policies), found, episodes, seed, flights)
+    cells = {(s, p): Job(policies[p], found[s], episodes, seed) for s in found for p in policies}
+    _check_flights({cell: job for cell, job in cells.items() if fresh or not _kept(job, folder)})
+    return Comparison(tuple(policies), found, episodes, seed, fly_all(cells, folder, fresh, jobs))
 
 
-def _check_flight(name: str, policies: Sequence[Policy], scenario: str, found: Scenario) -> None:
-    """Try a policy on one observation of a scenario, before hours are flown in vain."""
-    env = found.make_vec(1, AutoresetMode.SAME_STEP)
-    observation, _ = env.reset(seed=0)
-    try:
-        for policy in policies:
-            action, _ = seated(policy, found).predict(observation, None, np.ones(1, np.bool_), deterministic=True)
-            env.step(action)
-            observation, _ = env.reset(seed=0)
-    except ValueError as error:
-        raise ValueError(f"{name} cannot fly in {scenario}: {error}") from error
+def _kept(job: Job, folder: Path | None) -> bool:
+    key = job.key() if folder else None
+    return folder is not None and key is not None and store.has(folder, key)
+
+
+def _check_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> None:
+    """Differences are taken seed by seed, or from one policy."""
+    sizes = {name: len(policy.split(",") if isinstance(policy, str) else policy) for name, policy in policies.items()}
+    if len(set(sizes.values()) - {1}) > 1:
+        told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        raise ValueError(f"learners must have the same number of training seeds to be compared: {told}")
+
+
+def _check_flights(cells: Mapping[Cell, Job]) -> None:
+    """Try policies on one observation of their scenarios, before hours are flown in vain."""
+    wanted = {name: job.policies for (_, name), job in cells.items()}
+    loaded = {name: load_policies(named) if isinstance(named, str) else named for name, named in wanted.items()}
+    for (scenario, name), job in cells.items():
+        env = job.scenario.make_vec(1, AutoresetMode.SAME_STEP)
+        try:
+            for policy in loaded[name]:
+                observation, _ = env.reset(seed=0)
+                action, _ = seated(policy, job.scenario).predict(observation, None, np.ones(1, np.bool_))
+                env.step(action)
+        except ValueError as error:
+            raise ValueError(f"{name} cannot fly in {scenario}: {error}") from error

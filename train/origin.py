@@ -11,6 +11,11 @@ from typing import Any
 _PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "numba", "stable-baselines3", "torch")
 
 
+def versions() -> dict[str, str]:
+    """Versions of the packages that decide a result."""
+    return {name: version(name) for name in _PACKAGES}
+
+
 def origin() -> dict[str, Any]:
     """What a run or a comparison was made with: package versions, commit, Python and machine."""
     root = Path(__file__).parents[1]
@@ -24,5 +29,5 @@ def origin() -> dict[str, Any]:
         "commit": commit if (root / ".git").exists() else None,
         "python": platform.python_version(),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
-        "packages": {name: version(name) for name in _PACKAGES},
+        "packages": versions(),
     }

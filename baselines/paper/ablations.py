@@ -15,6 +15,7 @@ from tqdm.auto import tqdm
 from baselines.adrc import ADRC, Measurement
 from baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from baselines.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
+from baselines.rollout import rollout
 from quadpend_gym import (
     Actuators,
     Constant,
@@ -150,25 +151,19 @@ def fly(case: Case) -> Result:
     if case.noise:
         env = VectorSensorWrapper(env, Noise(position=case.noise, euler=case.noise, direction=case.noise))
     options = {"state": {"position": (case.offset, 0.0, 2.0)}} if case.offset else None
-    observation, _ = env.reset(seed=SEED, options=options)
-    flying, seconds, memory, started = np.ones(EPISODES, np.bool_), np.zeros(EPISODES), None, None
+    seconds, survived = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
     errors, torques = np.full((STEPS, EPISODES, 3), np.nan), []
-    for step in range(STEPS):
-        action, memory = policy.predict(observation, memory, started)
-        observation, _, terminated, truncated, info = env.step(action)
-        started = terminated | truncated
-        seconds[flying] += simulation.period
-        torques.append(memory.command[flying, 1:3] ** 2)
-        errors[step, flying & ~started] = info["tracking_error"][flying & ~started]
-        flying &= ~terminated
-        if not flying.any():
-            break
-    late = errors[SETTLED:-1, flying]
-    steady = isinstance(case.wind, Constant) and flying.any()
+    for number, step in enumerate(rollout(policy, env, SEED, options)):
+        seconds[step.flying] += simulation.period
+        torques.append(step.memory.command[step.flying, 1:3] ** 2)
+        errors[number, step.going_on] = step.tracking_error[step.going_on]
+        survived |= step.survived
+    late = errors[SETTLED:-1, survived]
+    steady = isinstance(case.wind, Constant) and survived.any()
     return Result(
-        float(flying.mean()),
+        float(survived.mean()),
         float(seconds.mean()),
-        float(np.sqrt(np.mean(np.sum(late**2, axis=-1)))) if flying.any() else np.nan,
+        float(np.sqrt(np.mean(np.sum(late**2, axis=-1)))) if survived.any() else np.nan,
         float(abs(late[..., 0].mean()) / STEADY) if steady else np.nan,
         predicted_offset(case.gains, simulation) if steady else np.nan,
         float(np.sqrt(np.mean(np.concatenate(torques)))),

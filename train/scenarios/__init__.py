@@ -1,12 +1,15 @@
 """Scenarios: which environment, in which wind, seen through which sensors, moved by which actuators.
 
-Frozen data, so that a name means the same flight everywhere. A scenario of one's own is a TOML or JSON file with the
-fields of `Scenario`, or such JSON on the command line:
+Frozen data, in `scenarios.toml`, so that a name means the same flight everywhere. Two sets of them have names too:
+`training`, which learners and tuners may see, and `test`, which is held out. A scenario of one's own is a TOML or JSON
+file with the fields of `Scenario`, or such JSON on the command line:
 
     quadpend train --scenario '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'
 """
 
+import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +22,8 @@ from quadpend_gym.actuators import as_actuators, check_chain
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.records import build, whole
 from quadpend_gym.sensors import as_sensors
-from quadpend_gym.wind import Constant, Sum, as_wind
+from quadpend_gym.tasks import as_task
+from quadpend_gym.wind import Sum, as_wind
 from quadpend_gym.wrappers import (
     VectorActuatorWrapper,
     VectorHistoryWrapper,
@@ -29,7 +33,9 @@ from quadpend_gym.wrappers import (
 )
 from train.files import parse_mapping, read_mapping
 
-ENVIRONMENTS = ("QuadPendulum-v0", "QuadPendulumHover-v0")
+FILE = Path(__file__).with_name("scenarios.toml")
+HOVER = "QuadPendulumHover-v0"
+ENVIRONMENTS = ("QuadPendulum-v0", HOVER)
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,7 @@ class Scenario:
     output_feedback: bool = False  # no velocities, see `OutputFeedbackWrapper`
     history: int = 1  # observations side by side, see `HistoryWrapper`
     history_actions: int = 0  # actions beside them
+    task: Any = None  # as the keyword of `gymnasium.make`; None: that of env_id
 
     def __post_init__(self) -> None:
         if self.env_id not in ENVIRONMENTS:
@@ -67,6 +74,8 @@ class Scenario:
         if self.parameters is not None:
             object.__setattr__(self, "parameters", as_ranges(self.parameters))
         object.__setattr__(self, "simulation", build(Simulation, self.simulation, "simulation"))
+        if self.task is not None:
+            object.__setattr__(self, "task", as_task(self.task))
         check_chain(self.actuators, self.simulation)
 
     def make_vec(self, num_envs: int, autoreset_mode: AutoresetMode) -> VectorEnv[Any, Any, Any]:
@@ -77,6 +86,7 @@ class Scenario:
             simulation=self.simulation,
             wind=self.wind,
             autoreset_mode=autoreset_mode,
+            **({} if self.task is None else {"task": self.task}),
         )
         if self.parameters is not None:
             env = VectorParameterWrapper(env, self.parameters)
@@ -91,17 +101,9 @@ class Scenario:
         return env
 
 
-HOVER = "QuadPendulumHover-v0"
-SCENARIOS = {
-    "calm": Scenario("no wind"),
-    "breeze": Scenario("fluctuating force, 0.15 N on each axis of the quadrotor", "breeze"),
-    "windy": Scenario("fluctuating force, 0.3 N on each axis of the quadrotor", "windy"),
-    "storm": Scenario("moderate Dryden turbulence from any side, and gusts of 6 m/s on top", "storm"),
-    "steady": Scenario("0.3 N along x on the quadrotor", Constant((0.3, 0.0, 0.0))),
-    "gusts": Scenario("the paper's random gusts, setting in after 2 s", "paper"),
-    "hover": Scenario("hover in calm air", env_id=HOVER),
-    "hover_windy": Scenario("hover in a fluctuating 0.3 N", "windy", HOVER),
-}
+_DATA = read_mapping(FILE)
+SCENARIOS = {name: build(Scenario, fields, name) for name, fields in _DATA["scenarios"].items()}
+SETS = {name: tuple(members) for name, members in _DATA["sets"].items()}
 
 
 def find_scenario(name: str) -> Scenario:
@@ -116,6 +118,8 @@ def find_scenario(name: str) -> Scenario:
     """
     if name in SCENARIOS:
         return SCENARIOS[name]
+    if name in SETS:
+        raise ValueError(f"{name!r} is a set of scenarios: choose one of {', '.join(SETS[name])}")
     if name.lstrip().startswith("{"):
         return build(Scenario, parse_mapping(name, "the scenario"), "scenario")
     path = Path(name)
@@ -127,6 +131,22 @@ def find_scenario(name: str) -> Scenario:
     return build(Scenario, read_mapping(path), str(path))
 
 
+def expand(names: Sequence[str]) -> list[str]:
+    """`names` with the scenarios of a set in the place of its name."""
+    return [member for name in names for member in SETS.get(name, (name,))]
+
+
 def resolve(name: str) -> str:
     """`name` if it is one of `SCENARIOS`, else the scenario itself as JSON, which needs no file."""
     return name if name in SCENARIOS else json.dumps(asdict(find_scenario(name)))
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """Twelve hexadecimal digits that change with anything that is flown; the description is not."""
+    data = {name: value for name, value in asdict(scenario).items() if name != "description"}
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def file_hash() -> str:
+    """The same of the file that defines all names, whole."""
+    return hashlib.sha256(FILE.read_bytes()).hexdigest()[:12]

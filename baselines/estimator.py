@@ -1,0 +1,157 @@
+"""An extended state observer that has the whole plant in it: the kernel predicts, a Kalman gain corrects.
+
+    (1)  predict   x̂⁻ = f(x̂, u, d̂),          d̂⁻ = d̂                        f: one period of `kernel.advance`
+    (2)  correct   x̂  = x̂⁻ + L_x (y − C x̂⁻),  d̂ = d̂⁻ + L_d (y − C x̂⁻)
+
+Extended states are the forces on quadrotor and bob and the torque, which walk at random. (1) is nonlinear and exact; L
+comes from the Kalman filter of `linear_model` (1), turned by the yaw angle. Its gain varies over the first steps of an
+episode, when nothing is known of the forces and, in output feedback, of the rates, and is constant after.
+
+Everything is relative to the reference, which accelerates: positions and velocities are those of a frame that moves
+along with it, and the frame's own motion, a polynomial of order 6 over a period, is taken off after (1).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import factorial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baselines.gains import EstimatorGains
+from baselines.linear_model import COLUMNS, EULER, EULER_RATE, FORCES, LEAN, POSITION, SIZE, VELOCITY, linearise, turn
+from quadpend_gym import Simulation, kernel, read_observation
+from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
+from quadpend_gym.observation import OBSERVATION_SIZE
+from quadpend_gym.state import STATE_SIZE, State
+
+_GAINS = 100  # steps after which the gain is constant
+_POSITIONS = np.r_[POSITION, EULER, LEAN]  # what output feedback measures
+
+
+class Reading(NamedTuple):
+    """An observation of n rows, as the estimator takes it."""
+
+    state: Floats  # as `quadpend_gym.state` has it, in the reference's frame; rates are nan where not measured, (n, 18)
+    reference: Floats  # F_d⁽ⁱ⁾ for i = 2 … 6, (n, 5, 3)
+    yaw_reference: Floats  # ψ_d, ψ̇_d, ψ̈_d, (n, 3)
+
+
+class Estimate(NamedTuple):
+    """What the estimator remembers, for n rows."""
+
+    state: Floats  # x̂, as `Reading.state` but known, (n, 18)
+    disturbance: Floats  # d̂, as `kernel.advance` takes it, (n, 9)
+    reference: Floats  # of the latest reading, (n, 5, 3)
+    age: Integers  # readings since the episode began, (n,)
+
+
+def read(observation: Floats32, rod_length: float) -> Reading:
+    """What an observation of n rows, shape (n, 36) or (n, 27), says."""
+    direction = read_observation(observation, "direction")
+    yaw_reference = read_observation(observation, "yaw_reference")
+    state = np.full((observation.shape[0], STATE_SIZE), np.nan)
+    s = State(state)
+    horizontal = rod_length * np.array([1.0, 1.0, 0.0])  # the bob's position counts there
+    s.direction[:] = direction
+    s.position[:] = read_observation(observation, "tracking_error") - horizontal * direction
+    s.euler[:] = read_observation(observation, "attitude")
+    s.euler[:, 2] += yaw_reference[:, 0]
+    if observation.shape[1] == OBSERVATION_SIZE:
+        s.direction_rate[:] = read_observation(observation, "direction_rate")
+        s.velocity[:] = read_observation(observation, "tracking_error_rate") - horizontal * s.direction_rate
+        s.euler_rate[:] = read_observation(observation, "euler_rate")
+    reference = np.stack([read_observation(observation, f"reference_{order}") for order in range(2, 7)], axis=1)
+    return Reading(state, reference, yaw_reference)
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """The observer (1)–(2) for one belief about plant and noise."""
+
+    gains: EstimatorGains
+    simulation: Simulation
+
+    def first(self, reading: Reading) -> Estimate:
+        """Where the observer starts: what is measured; rates that are not as the reference has them; no wind."""
+        state = reading.state.copy()
+        s, gravity = State(state), self.simulation.parameters.gravity
+        rows = len(state)
+        swing = reading.reference[:, 1] / gravity * [1.0, 1.0, 0.0]
+        unknown = np.isnan(s.velocity[:, :1])
+        s.velocity[:] = np.where(unknown, -self.simulation.parameters.rod_length * swing, s.velocity)
+        s.direction_rate[:] = np.where(unknown, swing, s.direction_rate)
+        s.euler_rate[:] = np.where(unknown, 0.0, s.euler_rate)
+        return Estimate(
+            state, np.zeros((rows, kernel.DISTURBANCE_SIZE)), reading.reference, np.zeros(rows, np.int64)
+        )
+
+    def update(self, estimate: Estimate, command: Floats, reading: Reading) -> Estimate:
+        """One period of equations (1)–(2), over which `command`, shape (n, 4), acted."""
+        state, disturbance = self._predict(estimate, command), estimate.disturbance.copy()
+        measured = ~np.isnan(reading.state[0, 3])
+        table = _gain_table(self.gains, self.simulation, bool(measured))
+        gain = table[np.minimum(estimate.age, len(table) - 1)]
+        seen = slice(None) if measured else _POSITIONS
+        innovation = (reading.state - state)[:, COLUMNS]
+        yaw = state[:, 8]
+        correction = np.einsum("nij,nj->ni", gain, turn(innovation, -yaw)[:, seen])
+        state[:, COLUMNS] += turn(correction[:, :SIZE], yaw)
+        disturbance[:, FORCES] += _turn_forces(correction[:, SIZE:], yaw)
+        s = State(state)
+        horizontal = s.direction[:, :2]
+        horizontal /= np.maximum(1.0, np.linalg.norm(horizontal, axis=1, keepdims=True) / 0.95)
+        s.direction[:, 2] = np.sqrt(1.0 - np.sum(horizontal**2, axis=1))
+        s.direction_rate[:, 2] = -np.sum(horizontal * s.direction_rate[:, :2], axis=1) / s.direction[:, 2]
+        return Estimate(state, disturbance, reading.reference, estimate.age + 1)
+
+    def _predict(self, estimate: Estimate, command: Floats) -> Floats:
+        sim = self.simulation
+        state = estimate.state.copy()
+        parameters = np.tile(sim.parameters.as_array(), (len(state), 1))
+        kernel.advance(state, command, estimate.disturbance, parameters, sim.period, sim.substeps)
+        s = State(state)
+        for order, derivative in enumerate(np.moveaxis(estimate.reference, 1, 0), 2):
+            s.position[:] -= sim.period**order / factorial(order) * derivative
+            s.velocity[:] -= sim.period ** (order - 1) / factorial(order - 1) * derivative
+        return state
+
+
+def _turn_forces(forces: Floats, yaw: Floats) -> Floats:
+    """Turn forces, shape (n, 8), about the vertical; the torque stays."""
+    out = forces.copy()
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    for first in (0, 3):
+        a, b = forces[:, first], forces[:, first + 1]
+        out[:, first], out[:, first + 1] = cosine * a - sine * b, sine * a + cosine * b
+    return out
+
+
+@lru_cache(maxsize=32)
+def _gain_table(gains: EstimatorGains, simulation: Simulation, rates: bool) -> Floats:
+    """L of equation (2) at the first and all later corrections, shape (100, 24, 16 or 8)."""
+    model = linearise(simulation)
+    size = SIZE + FORCES.size
+    transition = np.eye(size)
+    transition[:SIZE, :SIZE], transition[:SIZE, SIZE:] = model.transition, model.disturbance
+    walk = np.repeat([gains.force_walk, gains.bob_force_walk, gains.torque_walk], [3, 2, 3])
+    process = np.zeros(size)
+    process[SIZE:] = walk**2 * simulation.period
+    noise = np.empty(SIZE)
+    noise[_POSITIONS] = gains.noise**2
+    is_rate = np.setdiff1d(np.arange(SIZE), _POSITIONS)
+    noise[is_rate] = gains.rate_noise**2
+    rows = np.arange(SIZE) if rates else _POSITIONS
+    measure = np.eye(size)[rows]
+    first = np.concatenate([noise, np.repeat([1.0, 0.1, 0.1], [3, 2, 3]) ** 2])
+    if not rates:
+        first[is_rate] = 0.1**2
+    covariance = np.diag(first)
+    table = []
+    for _ in range(_GAINS):
+        predicted = transition @ covariance @ transition.T + np.diag(process)
+        gain = np.linalg.solve(measure @ predicted @ measure.T + np.diag(noise[rows]), measure @ predicted).T
+        rest = np.eye(size) - gain @ measure
+        covariance = rest @ predicted @ rest.T + gain @ np.diag(noise[rows]) @ gain.T
+        table.append(gain)
+    return np.array(table)

@@ -1,0 +1,104 @@
+"""Flying policies through the same episodes and measuring how well they do.
+
+Episode k of a scenario (start, reference, wind) depends on the seed and on k only, so every policy meets the same
+episodes and differences can be taken episode by episode.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from baselines import Policy
+from baselines.rollout import rollout
+from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
+from train.policies import seated
+from train.scenarios import Scenario, find_scenario
+
+# Episodes that no training run sees, whose seeds are above 2³² (`train.train.first_episode`).
+TEST_SEED = 1_000_000  # the published results'
+VALIDATION_SEED = 2_000_000  # for everything that is tuned
+STEPS = 1000  # control steps of an episode that is survived
+SETTLED = 500  # steps after which the start should no longer matter
+FALL = 1.0  # m, the tracking error that a fall counts as
+
+
+class Flights(NamedTuple):
+    """The same n episodes, flown by s policies that are one learner trained with s seeds, or by one controller.
+
+    Attributes:
+        survived: whether the episode lasted its 1000 steps, shape (s, n).
+        steps: flown, shape (s, n).
+        rmse: root mean square of the tracking error's norm over the steps flown, m, shape (s, n).
+        penalised_rmse: the same, but that a fall counts as 1 m, so that nobody gains by falling early, shape (s, n).
+        settled_rmse: over the steps from 500 on, m; nan where the episode was not survived, shape (s, n).
+        largest_tilt: of the pendulum from upright, rad, shape (s, n).
+        effort: root mean square of the action's norm, shape (s, n).
+        episode_return: sum of rewards, shape (s, n).
+        error: norm of the tracking error after each step, nan where none was flown, m, shape (s, n, 1000).
+    """
+
+    survived: Booleans
+    steps: Integers
+    rmse: Floats
+    penalised_rmse: Floats
+    settled_rmse: Floats
+    largest_tilt: Floats
+    effort: Floats
+    episode_return: Floats
+    error: Floats32
+
+
+def fly(
+    policies: Sequence[Policy],
+    scenario: str | Scenario,
+    episodes: int = 100,
+    seed: int = VALIDATION_SEED,
+    options: dict[str, Any] | None = None,
+) -> Flights:
+    """Fly each policy through the first episode of each of `episodes` seeds, counting up from `seed`.
+
+    Args:
+        policies: anything that obeys the `predict` protocol: one, or one for each training seed.
+        scenario: a scenario, or what `find_scenario` takes for one.
+        episodes: how many.
+        seed: of the first.
+        options: of the environment's reset, such as a start of each episode's own.
+
+    Raises:
+        ValueError: there is no such scenario.
+    """
+    if isinstance(scenario, str):
+        scenario = find_scenario(scenario)
+    flown = [_fly_one(seated(policy, scenario), scenario, episodes, seed, options) for policy in policies]
+    return Flights(*(np.stack(parts) for parts in zip(*flown, strict=True)))
+
+
+def _fly_one(policy: Policy, scenario: Scenario, episodes: int, seed: int, options: dict[str, Any] | None) -> Flights:
+    """As `fly`, for one policy and without the axis of the seeds."""
+    env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
+    survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
+    error = np.full((STEPS, episodes), np.nan)
+    tilt, effort, gained = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
+    for number, step in enumerate(rollout(policy, env, seed, options)):
+        flying = step.flying
+        error[number, flying] = np.linalg.norm(step.tracking_error[flying], axis=1)
+        tilt[flying] = np.fmax(tilt[flying], step.tilt[flying])
+        effort[flying] += np.sum(step.action[flying].astype(np.float64) ** 2, axis=1)
+        gained[flying] += step.reward[flying]
+        steps += flying
+        survived |= step.survived
+    rmse = np.sqrt(np.nansum(error**2, axis=0) / steps)
+    settled = np.sqrt(np.mean(error[SETTLED:] ** 2, axis=0))
+    return Flights(
+        survived,
+        steps,
+        rmse,
+        np.where(survived, rmse, FALL),
+        np.where(survived, settled, np.nan),
+        tilt,
+        np.sqrt(effort / steps),
+        gained,
+        np.ascontiguousarray(error.T, np.float32),
+    )
