@@ -14,14 +14,14 @@ along with it, and the frame's own motion, a polynomial of order 6 over a period
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baselines.gains import EstimatorGains
-from baselines.linear_model import COLUMNS, EULER, EULER_RATE, FORCES, LEAN, POSITION, SIZE, VELOCITY, linearise, turn
+from baselines.linear_model import COLUMNS, EULER, FORCES, LEAN, POSITION, SIZE, linearise, turn
 from quadpend_gym import Simulation, kernel, read_observation
-from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
+from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.state import STATE_SIZE, State
 
@@ -82,9 +82,7 @@ class Estimator:
         s.velocity[:] = np.where(unknown, -self.simulation.parameters.rod_length * swing, s.velocity)
         s.direction_rate[:] = np.where(unknown, swing, s.direction_rate)
         s.euler_rate[:] = np.where(unknown, 0.0, s.euler_rate)
-        return Estimate(
-            state, np.zeros((rows, kernel.DISTURBANCE_SIZE)), reading.reference, np.zeros(rows, np.int64)
-        )
+        return Estimate(state, np.zeros((rows, kernel.DISTURBANCE_SIZE)), reading.reference, np.zeros(rows, np.int64))
 
     def update(self, estimate: Estimate, command: Floats, reading: Reading) -> Estimate:
         """One period of equations (1)–(2), over which `command`, shape (n, 4), acted."""

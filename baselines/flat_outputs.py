@@ -9,9 +9,9 @@ position F, the quadrotor's height z and the vertical thrust u_z = u b_z:
     (4)  u_z = (M + m_c)(g + z̈) + m_c l r̈_z − d_Qz − d_Bz,      r_z = (1 + |s|²)^(−1/2)
     (5)  t  = (tan θ, −tan φ/cos θ), turned by ψ
 
-In tangents what is radial cancels, so (2) holds at any tilt. Read from right to left, (1) gives s of F̈, (2) t of s̈ and
-(5) the attitude of t; six derivatives of F give the torque. All of it is Taylor series (`jets`). Exact, but for the bob's
-own rise l r̈_z in (1), which is left out: of second order in the tilt and constant on circles, it comes of the height
+In tangents what is radial cancels, so (2) holds at any tilt. Read from right to left, (1) gives s of F̈, (2) t of s̈
+and (5) the attitude of t; six derivatives of F give the torque. All of it is Taylor series (`jets`). Exact, but for the
+bob's own rise l r̈_z in (1), which is left out: of second order in the tilt and zero on circles, it comes of the height
 being the quadrotor's, and would need derivatives of F beyond the sixth.
 """
 
@@ -23,7 +23,6 @@ from baselines import jets
 from quadpend_gym import Parameters
 from quadpend_gym.arrays import Floats
 from quadpend_gym.state import STATE_SIZE, State
-
 
 
 class Flight(NamedTuple):

@@ -18,7 +18,7 @@ which between the bounds is e₆ = −Σ k_i e_i. The thrust follows from the he
 in which r̈_z has its own part of u. The poles are slower the farther the pendulum is from where it should be: fast ones
 track in the wind, and slow ones do not run into the torque's limit. The measure is the pendulum's unstable mode
 
-    (7)  η = |e₂ − e₂* + e₃/√κ| / G,     ω = ω_far + (ω_near − ω_far)/(1 + (η/η₀)²)
+    (7)  η = |e₂ + e₃/√κ| / G,     ω = ω_far + (ω_near − ω_far)/(1 + (η/η₀)²)
 """
 
 from dataclasses import dataclass
@@ -33,6 +33,7 @@ from quadpend_gym.arrays import Floats
 from quadpend_gym.state import State
 
 _LEAST_THRUST = 0.2  # of the weight: without thrust there is no torque on the pendulum
+_LEAST_HEIGHT = 0.1  # of b_z, beyond 84° of tilt, where no episode is
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,13 @@ class Flatness:
         p, gains, s = self.simulation.parameters, self.gains, State(estimate.state)
         wanted = flat_outputs.fly(reading.reference, estimate.disturbance, p)
         lean = flat_outputs.lean_of(jets.jet(s.euler, s.euler_rate))
-        thrust = self._thrust(estimate, reading)
+        axis_height = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _LEAST_HEIGHT)
+        thrust = self._thrust(estimate, reading, lean[0], axis_height)
         upright = s.direction[:, 2:]
         pendulum = s.direction[:, :2] / upright
         swing = (s.direction_rate[:, :2] - pendulum * s.direction_rate[:, 2:]) / upright
         on_quadrotor, on_bob = estimate.disturbance[:, 0:3], estimate.disturbance[:, 3:6]
         weight = (p.gravity + reading.reference[:, 0, 2] - on_bob[:, 2] / p.bob_mass)[:, np.newaxis]
-        axis_height = np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1])
         per_rod = 1.0 / (upright * p.quadrotor_mass * p.rod_length)
         steepness = per_rod * (thrust * axis_height)[:, np.newaxis]
         relative = p.quadrotor_mass / p.bob_mass * on_bob - on_quadrotor
@@ -96,20 +97,17 @@ class Flatness:
         error, rate = s.euler[:, 2] - reading.yaw_reference[:, 0], s.euler_rate[:, 2] - reading.yaw_reference[:, 1]
         return np.asarray(reading.yaw_reference[:, 2] - 2.0 * self.gains.damping * w * rate - w * w * error)
 
-    def _thrust(self, estimate: Estimate, reading: Reading) -> Floats:
-        """Equation (6), shape (n,)."""
+    def _thrust(self, estimate: Estimate, reading: Reading, lean: Floats, axis_height: Floats) -> Floats:
+        """Equation (6), shape (n,), with the thrust's tangents and b_z."""
         p, s, w = self.simulation.parameters, State(estimate.state), self.gains.vertical_bandwidth
         on_quadrotor, on_bob = estimate.disturbance[:, 0:3], estimate.disturbance[:, 3:6]
-        roll, pitch, yaw = s.euler.T
         climb = reading.reference[:, 0, 2] - 2.0 * self.gains.damping * w * s.velocity[:, 2] - w * w * s.position[:, 2]
-        lean = flat_outputs.lean_of(s.euler[np.newaxis])[0]
-        height = np.cos(roll) * np.cos(pitch)
-        axis = np.column_stack([lean, np.ones_like(height)]) * height[:, np.newaxis]
+        axis = np.column_stack([lean, np.ones_like(axis_height)]) * axis_height[:, np.newaxis]
         pull = (on_bob / p.bob_mass - on_quadrotor / p.quadrotor_mass) / p.rod_length  # without the thrust's
         r, upright = s.direction, s.direction[:, 2]
         rise = pull[:, 2] - (np.sum(r * pull, axis=1) + np.sum(s.direction_rate**2, axis=1)) * upright
         lift = p.total_mass * (p.gravity + climb) - on_quadrotor[:, 2] - on_bob[:, 2]
-        effect = height + p.bob_mass / p.quadrotor_mass * (height - np.sum(r * axis, axis=1) * upright)
+        effect = axis_height + p.bob_mass / p.quadrotor_mass * (axis_height - np.sum(r * axis, axis=1) * upright)
         thrust = (lift + p.bob_mass * p.rod_length * rise) / np.maximum(effect, 0.1)
         return np.asarray(np.clip(thrust, _LEAST_THRUST * p.hover_thrust, 2.0 * p.hover_thrust))
 

@@ -78,6 +78,20 @@ class LqrGains:
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
+@dataclass(frozen=True)
+class MppiGains:
+    """Model-predictive path-integral control, see `mppi`."""
+
+    feedback: LqrGains = field(default_factory=LqrGains)  # its weights, and the feedback around which is sampled
+    samples: int = 33  # futures of each row, odd
+    horizon: int = 20  # periods
+    pace: int = 2  # control steps in a period
+    knots: int = 5  # of the perturbation
+    spread: float = 0.3  # its standard deviation, of the action's range
+    temperature: float = 0.1  # λ
+    estimator: EstimatorGains = field(default_factory=EstimatorGains)
+
+
 _PAPER = AdrcGains()
 
 GAINS: dict[str, Any] = {
@@ -90,21 +104,35 @@ GAINS: dict[str, Any] = {
         horizontal=ObserverGains(25.0, switching=1e5),
         vertical=ObserverGains(25.0),
     ),
-    "lqr": LqrGains(),
-    "lqi": LqrGains(integral=0.3),
+    "lqr": LqrGains(
+        1.27,
+        1.56,
+        1.33,
+        15.3,
+        estimator=EstimatorGains(rate_noise=2e-3, force_walk=0.8, bob_force_walk=0.01, torque_walk=0.5),
+    ),
+    "lqi": LqrGains(
+        1.27,
+        1.56,
+        1.33,
+        15.3,
+        integral=0.245,
+        integral_limit=0.396,
+        estimator=EstimatorGains(rate_noise=2e-3, force_walk=0.8, bob_force_walk=0.01, torque_walk=0.5),
+    ),
     "flatness": FlatnessGains(
-        position_bandwidth=3.0,
-        pendulum_bandwidth=6.5,
-        attitude_bandwidth=12.0,
-        damping=0.6,
-        vertical_bandwidth=4.5,
-        acceleration=3.5,
-        velocity=2.0,
-        lean=1.1,
-        far_pendulum_bandwidth=4.0,
-        far_attitude_bandwidth=7.0,
-        near=0.3,
-        estimator=EstimatorGains(rate_noise=8e-3, force_walk=0.5, bob_force_walk=0.3, torque_walk=0.5),
+        position_bandwidth=4.26,
+        pendulum_bandwidth=6.12,
+        attitude_bandwidth=13.6,
+        damping=0.638,
+        vertical_bandwidth=4.19,
+        acceleration=3.22,
+        velocity=0.936,
+        lean=1.03,
+        far_pendulum_bandwidth=3.62,
+        far_attitude_bandwidth=8.48,
+        near=0.157,
+        estimator=EstimatorGains(rate_noise=0.00344, force_walk=0.535, bob_force_walk=0.326, torque_walk=1.76),
     ),
 }
 GAINS["adrc-linear"] = replace(

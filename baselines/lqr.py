@@ -65,8 +65,8 @@ def riccati(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     """K and P of equations (1) and (2)."""
     (transition, drive), (state, effort) = model(gains, simulation), weights(gains, simulation)
     cost = solve_discrete_are(transition, drive, state, effort)
-    gain = np.linalg.solve(effort + drive.T @ cost @ drive, drive.T @ cost @ transition)
-    return gain, cost
+    gain = np.linalg.solve(effort + drive.T @ cost @ drive, drive.T @ cost @ transition).astype(np.float64)
+    return gain, cost.astype(np.float64)
 
 
 @dataclass(frozen=True)

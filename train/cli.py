@@ -1,4 +1,4 @@
-"""The command `quadpend`: `train`, `evaluate`, `compare`, `wind`, `paper`, `bench`; `python -m train` is the same.
+"""The command `quadpend`: train, evaluate, compare, tune, wind, paper, bench; `python -m train` is the same.
 
 Each command is a function whose parameters are its options. Heavy imports wait until a command needs them.
 """
@@ -53,6 +53,8 @@ def evaluate(
     jobs: int = 1,
     store: Path = FOLDER,
     fresh: bool = False,
+    robustness: int = 0,
+    document: Path | None = None,
 ) -> None:
     """Fly policies through the same episodes and compare them with the first.
 
@@ -63,19 +65,26 @@ def evaluate(
             name; test and training stand for all of these sets.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode; the published results use 1000000, so tune with another.
-        out: Folder for comparison.json, .csv, .md and .png.
+        out: Folder for report.html, comparison.json, .csv, .md and .png, and the pictures of robustness.
         jobs: Processes that fly; the result is the same.
         store: Folder where flights are kept, so that only those missing are flown.
         fresh: Fly all of them again.
+        robustness: Episodes at each value of the axes of trouble, see train/axes.py; 0: no curves and no maps.
+        document: Markdown file whose generated parts to fill in.
     """
-    from train import report
+    from train import report, results
     from train.duel import leaderboard
     from train.evaluate import compare
+    from train.robustness import measure
 
-    comparison = compare(_policies(policies), _scenarios(scenarios), episodes, seed, store, fresh, jobs)
-    comparison.save(out)
-    (out / "comparison.md").write_text(report.markdown(comparison), encoding="utf-8")
-    report.plot(comparison, out / "comparison.png")
+    named = _policies(policies)
+    comparison = compare(named, _scenarios(scenarios), episodes, seed, store, fresh, jobs)
+    endured = (
+        measure(named, episodes=robustness, seed=seed, folder=store, fresh=fresh, jobs=jobs) if robustness else None
+    )
+    files = results.write(comparison, endured, out)
+    if document:
+        results.document(comparison, endured, document)
     console = _console()
     console.print(report.table(comparison))
     if len(sentences := report.verdicts(comparison)) <= _FEW:
@@ -83,7 +92,7 @@ def evaluate(
             console.print(f"• {sentence}", highlight=False)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         console.print(report.leaderboard_table(leaderboard(comparison)))
-    console.print(f"Written: {out}/comparison.json, .csv, .md, .png", highlight=False)
+    console.print(f"Written: {out}/{', '.join(files)}", highlight=False)
 
 
 def duel(
@@ -118,6 +127,32 @@ def duel(
     console = _console()
     console.print(fought.sentence(), highlight=False)
     console.print(report.duel_table(fought))
+
+
+def tune(
+    controllers: tyro.conf.Positional[tuple[str, ...]],
+    trials: int = 150,
+    episodes: int = 64,
+    seed: int = 0,
+    out: Path = Path("results/tune"),
+) -> None:
+    """Tune classical controllers on the training scenarios: penalised RMSE, so survival first, then accuracy.
+
+    Interrupted, it goes on where it was. What it finds is put into baselines/gains.py by hand.
+
+    Args:
+        controllers: Of those that have something to tune, see train/tune.py.
+        trials: Gains to try for each.
+        episodes: Episodes in each scenario.
+        seed: Of the search.
+        out: Folder for the journal of the search and for what is found, NAME.json.
+    """
+    import json
+
+    from train import tune as tuning
+
+    for name in controllers:
+        print(json.dumps(tuning.tune(name, trials, episodes, seed, out), indent=1))
 
 
 def _console() -> Any:
@@ -255,6 +290,7 @@ def _run(arguments: list[str]) -> None:
             "train": partial(train, run=chosen),
             "evaluate": evaluate,
             "compare": duel,
+            "tune": tune,
             "wind": wind,
             "paper": paper,
             "bench": bench,

@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode
 from baselines import Policy
 from quadpend_gym.records import whole
 from train import store
+from train.files import plain
 from train.flights import VALIDATION_SEED, Flights
 from train.jobs import Job, fly_all
 from train.origin import origin
@@ -123,8 +124,8 @@ class Comparison:
             "results": {
                 scenario: {
                     policy: {
-                        "measures": _plain(self.summaries[scenario, policy]),
-                        "minus_first": _plain(self.minus_first[scenario, policy]),
+                        "measures": plain(self.summaries[scenario, policy]),
+                        "minus_first": plain(self.minus_first[scenario, policy]),
                     }
                     for policy in self.policies
                 }
@@ -155,14 +156,6 @@ class Comparison:
             for (scenario, policy), summary in self.summaries.items():
                 for name, interval in summary.items():
                     table.writerow([scenario, policy, name, *interval, MEASURES[name].unit])
-
-
-def _plain(intervals: dict[str, Interval]) -> dict[str, dict[str, float | None]]:
-    """Intervals as JSON has them, which knows no nan."""
-    return {
-        name: {key: None if np.isnan(x) else x for key, x in interval._asdict().items()}
-        for name, interval in intervals.items()
-    }
 
 
 def compare(

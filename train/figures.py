@@ -5,8 +5,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from train.report import COLOURS
-
+# Okabe and Ito's colours, distinguishable by the colour-blind.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 LINES: Any = ("-", "--", ":", "-.")
 _METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "Type": None}
 _SETTINGS: Any = {"svg.fonttype": "none", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
@@ -87,7 +87,7 @@ def svg(figure: Any, name: str) -> str:
     body = re.sub(r"<(metadata|style).*?</\1>|<defs>\s*</defs>", "", body, flags=re.DOTALL)
     body = re.sub(r'id="contender(\d+)"', r'data-contender="\1"', body)
     used = set(re.findall(r'#([\w-]+)["\)]', body))
-    body = re.sub(r' id="([\w-]+)"', lambda match: match[0] if match[1] in used else "", body)
+    body = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", body)
     body = re.sub(r' d="[^"]*"', _shortened, body)
     body = body.replace("#000000", "currentColor")
     return f'<svg class="figure" role="img" fill="currentColor" {box[0] if box else ""}>{body}'

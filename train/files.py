@@ -1,6 +1,7 @@
-"""Reading settings and scenarios from files."""
+"""Reading settings and scenarios from files, and making JSON of results."""
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -39,3 +40,12 @@ def parse_mapping(text: str, name: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"{name} must hold a mapping, not {value!r}")
     return value
+
+
+def plain(value: Any) -> Any:
+    """Numbers, named tuples and lists of them as JSON has them, which knows no nan."""
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return {key: plain(item) for key, item in value._asdict().items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return None if isinstance(value, float) and math.isnan(value) else value

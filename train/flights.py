@@ -4,14 +4,14 @@ Episode k of a scenario (start, reference, wind) depends on the seed and on k on
 episodes and differences can be taken episode by episode.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from baselines import Policy
-from baselines.rollout import rollout
+from baselines.rollout import Step, rollout
 from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
 from train.policies import seated
 from train.scenarios import Scenario, find_scenario
@@ -71,17 +71,19 @@ def fly(
     """
     if isinstance(scenario, str):
         scenario = find_scenario(scenario)
-    flown = [_fly_one(seated(policy, scenario), scenario, episodes, seed, options) for policy in policies]
+    flown = []
+    for policy in policies:
+        env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
+        flown.append(record(rollout(seated(policy, scenario), env, seed, options), episodes))
     return Flights(*(np.stack(parts) for parts in zip(*flown, strict=True)))
 
 
-def _fly_one(policy: Policy, scenario: Scenario, episodes: int, seed: int, options: dict[str, Any] | None) -> Flights:
-    """As `fly`, for one policy and without the axis of the seeds."""
-    env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
+def record(steps_flown: Iterable[Step], episodes: int) -> Flights:
+    """The measures of a rollout of `episodes` rows, without the axis of the seeds."""
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
     error = np.full((STEPS, episodes), np.nan)
     tilt, effort, gained = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
-    for number, step in enumerate(rollout(policy, env, seed, options)):
+    for number, step in enumerate(steps_flown):
         flying = step.flying
         error[number, flying] = np.linalg.norm(step.tracking_error[flying], axis=1)
         tilt[flying] = np.fmax(tilt[flying], step.tilt[flying])

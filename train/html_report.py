@@ -17,12 +17,12 @@ from markupsafe import Markup
 from train import figures, robustness_plots
 from train.duel import Standing, duel, leaderboard
 from train.evaluate import MEASURES, Comparison
-from train.report import COLUMNS
-from train.robustness import Robustness, endured, plain
+from train.files import plain
+from train.report import COLUMNS, bounds, brief, draw_errors
+from train.robustness import Robustness, endured
 from train.statistics import Interval
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # as `figures.LINES`
-_THINNED = 10  # every so many steps are drawn
 _FINE, _GRAVE = 10.0, 1000.0  # mm of penalised RMSE, where the shading of a cell begins and ends
 
 
@@ -75,10 +75,7 @@ def write(
             comparison=comparison,
             provenance=comparison.provenance(),
             policies=comparison.policies,
-            styles=[
-                (figures.colour(i), _DASHES[figures.LINES.index(figures.line(i))])
-                for i in range(len(comparison.policies))
-            ],
+            styles=[_style(i) for i in range(len(comparison.policies))],
             least={name: _least(comparison, name) for name in comparison.scenarios},
             standings=standings,
             duels=[duel(comparison, other, comparison.policies[0]) for other in comparison.policies[1:]],
@@ -112,20 +109,9 @@ def _environment() -> Environment:
 
 def estimate(interval: Interval) -> Markup:
     """A number with its interval."""
-    value, low, high = interval
-    if np.isnan(value):
+    if np.isnan(interval.value):
         return Markup("–")
-    digits = _digits(value)
-    return Markup(f"{value:.{digits}f} <small>[{low:.{digits}f}, {high:.{digits}f}]</small>")
-
-
-def brief(value: float) -> str:
-    """A number with as many digits as are worth reading."""
-    return f"{value:.{_digits(value)}f}"
-
-
-def _digits(value: float) -> int:
-    return 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
+    return Markup(f"{brief(interval.value)} <small>{bounds(interval)}</small>")
 
 
 def sortable(value: float) -> str:
@@ -185,21 +171,8 @@ def _maps(robustness: Robustness | None) -> list[tuple[str, list[tuple[float, Ma
 
 
 def _error_figure(comparison: Comparison, scenario: str) -> Any:
-    """Tracking error over time: median and 80 % band of the episodes still flying."""
     figure = figures.blank(3.8, 2.5)
-    ((axis,),) = figures.grid(figure, 1, 1)
-    bounds = []
-    for i, policy in enumerate(comparison.policies):
-        error = 1000.0 * comparison.flights[scenario, policy].error[..., _THINNED - 1 :: _THINNED]
-        error = error.reshape(-1, error.shape[-1])
-        flown = ~np.isnan(error).all(axis=0)
-        if flown.any():
-            low, middle, high = np.nanquantile(error[:, flown], [0.1, 0.5, 0.9], axis=0)
-            figures.curve(axis, i, 0.01 * _THINNED * (1 + np.flatnonzero(flown)), low, middle, high)
-            bounds += [low.min(), high.max()]
-    figures.logarithmic(axis, max(min(bounds, default=1.0), 0.05), max(bounds, default=1000.0))
-    axis.set(xlabel="time (s)", ylabel="tracking error (mm)", xlim=(0.0, 10.0))
-    axis.grid(alpha=0.25)
+    draw_errors(figures.grid(figure, 1, 1)[0, 0], comparison, scenario)
     return figure
 
 

@@ -21,8 +21,8 @@ from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.streams import Streams
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, series
+from train.figures import COLOURS
 from train.files import parse_mapping
-from train.report import COLOURS
 from train.scenarios import find_scenario
 
 _PERIOD = 0.01  # s

@@ -1,28 +1,35 @@
 """A comparison for the eye: a table for the terminal, the same in Markdown, and a plot."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from train import figures
 from train.duel import Duel, Standing, leaderboard
 from train.evaluate import MEASURES, Comparison
 from train.statistics import Interval
 
-# Okabe and Ito's colours, distinguishable by the colour-blind.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 COLUMNS = ("survival", "penalised_rmse", "rmse", "settled_rmse", "largest_tilt", "effort")  # of the tables
-_SMALLEST = 0.02  # mm, lower end of the plot
+_THINNED = 10  # every so many steps are drawn
+_SMALLEST = 0.05  # mm, lower end of the plots
 
 
-def _cell(interval: Interval) -> str:
-    value, low, high = interval
-    if np.isnan(value):
-        return "–"
-    digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+def brief(value: float, like: float | None = None) -> str:
+    """A number with as many digits as are worth reading, or as many as of `like`."""
+    size = abs(value if like is None else like)
+    return f"{value:.{0 if size >= 100 else 1 if size >= 10 else 2}f}"
+
+
+def bounds(interval: Interval) -> str:
+    """The ends of an interval in brackets."""
+    return f"[{brief(interval.low, interval.value)}, {brief(interval.high, interval.value)}]"
+
+
+def estimate(interval: Interval) -> str:
+    """A number with its interval; a dash if there is none."""
+    return "–" if np.isnan(interval.value) else f"{brief(interval.value)} {bounds(interval)}"
 
 
 def _heading(name: str) -> str:
@@ -32,7 +39,7 @@ def _heading(name: str) -> str:
 
 def _cells(comparison: Comparison) -> list[list[str]]:
     return [
-        [scenario, policy, *(_cell(comparison.summaries[scenario, policy][name]) for name in COLUMNS)]
+        [scenario, policy, *(estimate(comparison.summaries[scenario, policy][name]) for name in COLUMNS)]
         for scenario in comparison.scenarios
         for policy in comparison.policies
     ]
@@ -62,9 +69,9 @@ def _standings(standings: Sequence[Standing]) -> list[list[str]]:
         [
             str(rank),
             standing.policy,
-            _cell(standing.penalised_rmse),
-            _cell(standing.survival),
-            f"{_cell(standing.worst_survival)} {standing.worst}",
+            estimate(standing.penalised_rmse),
+            estimate(standing.survival),
+            f"{estimate(standing.worst_survival)} {standing.worst}",
             str(standing.wins),
             str(standing.losses),
         ]
@@ -88,9 +95,9 @@ def duel_table(duel: Duel) -> Table:
     out = _table(f"{duel.first} minus {duel.second}, 95 % intervals, p corrected by Holm's method", BOUTS)
     for name, bout in duel.bouts.items():
         winner = {1: duel.first, -1: duel.second, 0: "–"}[bout.result]
-        rmse, survival = _cell(bout.penalised_rmse), _cell(bout.survival)
+        rmse, survival = estimate(bout.penalised_rmse), estimate(bout.survival)
         out.add_row(
-            name, winner, rmse, f"{bout.p_rmse:.2g}", survival, f"{bout.p_survival:.2g}", _cell(bout.improvement)
+            name, winner, rmse, f"{bout.p_rmse:.2g}", survival, f"{bout.p_survival:.2g}", estimate(bout.improvement)
         )
     return out
 
@@ -99,13 +106,23 @@ def _markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> s
     return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
 
 
+def table_markdown(comparison: Comparison) -> str:
+    """The table in Markdown."""
+    return _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _cells(comparison))
+
+
+def leaderboard_markdown(standings: Sequence[Standing]) -> str:
+    """The leaderboard in Markdown."""
+    return _markdown_table(STANDINGS, _standings(standings))
+
+
 def markdown(comparison: Comparison) -> str:
     """The table in Markdown, under it who is better and by how much, and the leaderboard."""
-    text = _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _cells(comparison))
+    text = table_markdown(comparison)
     if sentences := verdicts(comparison):
         text += "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
-        text += "\n\n" + _markdown_table(STANDINGS, _standings(leaderboard(comparison)))
+        text += "\n\n" + leaderboard_markdown(leaderboard(comparison))
     return f"{text}\n"
 
 
@@ -135,32 +152,32 @@ def _judged(difference: Interval, unit: str, sign: int, better: str, worse: str)
     return f"{word} by {abs(value):.1f} {unit} (95 % interval {least:.1f} to {most:.1f})"
 
 
-def plot(comparison: Comparison, path: Path) -> None:
-    """Tracking error over time in every scenario: median and 80 % band of the episodes still flying."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
+    """Tracking error over time: median and 80 % band of the episodes still flying."""
+    extent = []
+    for i, policy in enumerate(comparison.policies):
+        error = 1000.0 * comparison.flights[scenario, policy].error[..., _THINNED - 1 :: _THINNED]
+        error = error.reshape(-1, error.shape[-1])
+        flown = ~np.isnan(error).all(axis=0)
+        if flown.any():
+            low, middle, high = np.nanquantile(error[:, flown], [0.1, 0.5, 0.9], axis=0)
+            figures.curve(axis, i, 0.01 * _THINNED * (1 + np.flatnonzero(flown)), low, middle, high)
+            extent += [low.min(), high.max()]
+    figures.logarithmic(axis, max(min(extent, default=1.0), _SMALLEST), max(extent, default=1000.0))
+    axis.grid(alpha=0.25)
+    axis.set(xlim=(0.0, 10.0), xlabel="time (s)", ylabel="tracking error (mm)")
 
+
+def plot(comparison: Comparison) -> Any:
+    """The figure of the tracking errors in every scenario."""
     columns = min(len(comparison.scenarios), 2 if len(comparison.scenarios) <= 4 else 4)
     rows = -(-len(comparison.scenarios) // columns)
-    figure = Figure(figsize=(0.6 + 4.6 * columns, 0.6 + 2.7 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes: Any = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    figure = figures.blank(0.6 + 4.2 * columns, 0.6 + 2.7 * rows)
+    axes = figures.grid(figure, rows, columns).ravel()
     for axis, scenario in zip(axes, comparison.scenarios, strict=False):
-        for i, policy in enumerate(comparison.policies):
-            error = comparison.flights[scenario, policy].error * 1000.0
-            error = error.reshape(-1, error.shape[-1])
-            flown = ~np.isnan(error).all(axis=0)
-            low, middle, high = np.nanquantile(error[:, flown], [0.1, 0.5, 0.9], axis=0)
-            time = 0.01 * (1 + np.flatnonzero(flown))
-            colour = COLOURS[i % len(COLOURS)]
-            axis.plot(time, middle, color=colour, linewidth=1.5, label=policy)
-            axis.fill_between(time, low, high, color=colour, alpha=0.2, linewidth=0)
-        axis.set(title=scenario, yscale="log", ylim=(_SMALLEST, None))
-        axis.grid(alpha=0.3)
+        draw_errors(axis, comparison, scenario)
+        axis.set_title(scenario)
     for axis in axes[len(comparison.scenarios) :]:
         axis.set_axis_off()
-    figure.supxlabel("time (s)", fontsize=10)
-    figure.supylabel("tracking error (mm)", fontsize=10)
-    axes[0].legend(frameon=False)
-    figure.suptitle(f"Median and 80 % band of the episodes still flying, of {comparison.episodes}", fontsize=10)
-    figure.savefig(path, dpi=150)
+    figures.legend(figure, comparison.policies)
+    return figure

@@ -18,6 +18,7 @@ from baselines import Policy
 from quadpend_gym.records import whole
 from train.attraction import CALM_HOVER, MAPS, Basin, Map, Outcome, judge
 from train.axes import AXES, Axis
+from train.files import plain
 from train.flights import VALIDATION_SEED, Flights
 from train.jobs import Job, fly_all
 from train.origin import origin
@@ -171,15 +172,6 @@ class Robustness:
                 for policy in self.policies
             },
         }
-
-
-def plain(value: Any) -> Any:
-    """Numbers, named tuples and lists of them as JSON has them, which knows no nan."""
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {key: plain(item) for key, item in value._asdict().items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return None if isinstance(value, float) and np.isnan(value) else value
 
 
 def measure(

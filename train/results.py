@@ -1,0 +1,60 @@
+"""Everything that is written of a comparison: data, tables, pictures, the page, and parts of documents."""
+
+from pathlib import Path
+
+from train import documents, figures, html_report, report, robustness, robustness_plots
+from train.duel import duel, leaderboard
+from train.evaluate import Comparison
+from train.robustness import Robustness
+
+DUELS = 3  # that a document tells of: the best against the ones behind it
+
+
+def write(comparison: Comparison, endured: Robustness | None, folder: Path) -> list[str]:
+    """Write all files of a comparison.
+
+    Args:
+        comparison: what it is about.
+        endured: the robustness of the same policies; None: without.
+        folder: for the files.
+
+    Returns:
+        Their names.
+    """
+    comparison.save(folder)
+    (folder / "comparison.md").write_text(report.markdown(comparison), encoding="utf-8")
+    pictures = {"comparison.png": report.plot(comparison)}
+    if endured:
+        endured.save(folder)
+        pictures["curves.png"] = robustness_plots.curves(endured)
+        pictures |= {f"{name}.png": robustness_plots.maps(endured, name) for name in endured.maps}
+    for name, figure in pictures.items():
+        figures.png(figure, folder / name)
+    html_report.write(comparison, endured, folder / "report.html")
+    data = ["comparison.json", "comparison.csv", "comparison.md"] + ["robustness.json"] * bool(endured)
+    return ["report.html", *data, *pictures]
+
+
+def document(comparison: Comparison, endured: Robustness | None, path: Path) -> None:
+    """Fill in the parts of a document, ``provenance``, ``leaderboard``, ``duels``, ``table`` and ``robustness``.
+
+    Raises:
+        ValueError: the document has no place for one of them.
+    """
+    standings = leaderboard(comparison)
+    best, *others = (standing.policy for standing in standings)
+    duels = [f"- {duel(comparison, best, other).sentence()}" for other in others[:DUELS]]
+    origin = comparison.provenance()
+    told = (
+        f"`{' '.join(origin['origin']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"
+        f" {comparison.seed}; scenario file `{origin['scenario_file']}`, code `{origin['code']}`."
+    )
+    parts = {
+        "provenance": told,
+        "leaderboard": report.leaderboard_markdown(standings),
+        "duels": "\n".join(duels),
+        "table": report.table_markdown(comparison),
+    }
+    if endured:
+        parts["robustness"] = robustness.markdown(endured)
+    documents.fill(path, parts)
