@@ -8,6 +8,7 @@ from baselines.adrc import ADRC
 from baselines.flatness import Flatness
 from baselines.gains import GAINS
 from baselines.lqr import Lqr
+from baselines.mppi import Mppi
 from baselines.observed import Observed
 from baselines.policy import Policy
 from quadpend_gym import Simulation
@@ -21,6 +22,7 @@ MAKERS: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "lqr": partial(Observed, Lqr),
     "lqi": partial(Observed, Lqr),
     "flatness": partial(Observed, Flatness),
+    "mppi": partial(Observed, Mppi),
 }
 CONTROLLERS = tuple(MAKERS)
 

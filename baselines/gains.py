@@ -1,13 +1,16 @@
 """Gains of the controllers, as data.
 
-The bandwidths and dampings are those of the paper's Section 5, untuned. This project's own choices, where the paper
-says nothing: the sign terms are saturations (`ObserverGains`), with ρ above the largest |ϑ̈| that the winds here cause,
-so that in flight the observers are linear nearly always; the sampling at 100 Hz (`observers`), with the known inputs'
-mean over a period; the torque limits (`quadpend_gym.params.Actuators`).
+`AdrcGains` are by default those of the paper's Section 5, untuned. This project's own choices, where the paper says
+nothing: the sign terms are saturations (`ObserverGains`), with ρ above the largest |ϑ̈| that the winds here cause, so
+that in flight the observers are linear nearly always; the sampling at 100 Hz (`observers`), with the known inputs' mean
+over a period; the torque limits (`quadpend_gym.params.Actuators`).
+
+The other gains were found by `quadpend tune` on the training scenarios; `TUNED` has the commands and the scores. Of
+each controller's gains it varies those that `train.tune.SPACES` lists.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,9 +61,9 @@ class FlatnessGains:
     acceleration: float = 3.0  # m/s², the most that a position error may ask of the bob
     velocity: float = 1.5  # m/s, the most that it may ask
     lean: float = 1.1  # rad, of the thrust
-    far_pendulum_bandwidth: float = 4.5
+    far_pendulum_bandwidth: float = 4.5  # rad/s, where the pendulum is far from where it should be
     far_attitude_bandwidth: float = 8.0
-    near: float = 0.1
+    near: float = 0.1  # η₀, where the bandwidths are halfway between near and far
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
@@ -92,33 +95,51 @@ class MppiGains:
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
-_PAPER = AdrcGains()
+class Tuning(NamedTuple):
+    """How gains were found.
 
+    Attributes:
+        command: that finds them.
+        score: mean penalised RMSE over the training scenarios in episodes that the search has not seen, mm; a fall
+            counts as 1 m. See `train.tune`.
+    """
+
+    command: str
+    score: float
+
+
+_PAPER = AdrcGains()
+_TUNED_ADRC = AdrcGains(
+    horizontal_bandwidth=4.11,
+    vertical_bandwidth=7.93,
+    damping=0.835,
+    mismatch=0.986,
+    luenberger=ObserverGains(27.8),
+    horizontal=ObserverGains(62.5, switching=361.0),
+    vertical=ObserverGains(28.6),
+)
+
+# By the names of the controllers.
 GAINS: dict[str, Any] = {
     "adrc-paper": _PAPER,
     "adrc-matched": replace(_PAPER, mismatch=1.0),
-    "adrc-tuned": AdrcGains(
-        horizontal_bandwidth=4.0,
-        mismatch=1.0,
-        luenberger=ObserverGains(15.0),
-        horizontal=ObserverGains(25.0, switching=1e5),
-        vertical=ObserverGains(25.0),
-    ),
+    "adrc-tuned": _TUNED_ADRC,
+    "adrc-linear": replace(_TUNED_ADRC, horizontal=replace(_TUNED_ADRC.horizontal, switching=np.inf)),
     "lqr": LqrGains(
-        1.27,
-        1.56,
-        1.33,
-        15.3,
-        estimator=EstimatorGains(rate_noise=2e-3, force_walk=0.8, bob_force_walk=0.01, torque_walk=0.5),
+        position=0.187,
+        velocity=1.55,
+        angle=1.42,
+        angle_rate=3.46,
+        estimator=EstimatorGains(rate_noise=0.00376, force_walk=1.22, bob_force_walk=0.0134, torque_walk=0.672),
     ),
     "lqi": LqrGains(
-        1.27,
-        1.56,
-        1.33,
-        15.3,
-        integral=0.245,
-        integral_limit=0.396,
-        estimator=EstimatorGains(rate_noise=2e-3, force_walk=0.8, bob_force_walk=0.01, torque_walk=0.5),
+        position=0.417,
+        velocity=1.29,
+        angle=1.62,
+        angle_rate=3.48,
+        integral=0.222,
+        integral_limit=0.696,
+        estimator=EstimatorGains(rate_noise=0.00288, force_walk=0.873, bob_force_walk=0.00483, torque_walk=0.15),
     ),
     "flatness": FlatnessGains(
         position_bandwidth=4.26,
@@ -134,10 +155,22 @@ GAINS: dict[str, Any] = {
         near=0.157,
         estimator=EstimatorGains(rate_noise=0.00344, force_walk=0.535, bob_force_walk=0.326, torque_walk=1.76),
     ),
+    "mppi": MppiGains(
+        feedback=LqrGains(position=0.417, velocity=1.29, angle=1.62, angle_rate=3.48),
+        spread=0.05,
+        temperature=0.3,
+        estimator=EstimatorGains(rate_noise=0.00344, force_walk=0.535, bob_force_walk=0.326, torque_walk=1.76),
+    ),
 }
-GAINS["adrc-linear"] = replace(
-    GAINS["adrc-tuned"], horizontal=replace(GAINS["adrc-tuned"].horizontal, switching=np.inf)
-)
+
+# Of the gains above that were searched; the others follow from them or are the paper's.
+TUNED: dict[str, Tuning] = {
+    "adrc-tuned": Tuning("quadpend tune adrc-tuned --trials 600", 272.92),
+    "lqr": Tuning("quadpend tune lqr --trials 200", 122.66),
+    "lqi": Tuning("quadpend tune lqi --trials 200", 97.94),
+    "flatness": Tuning("quadpend tune flatness --trials 250", 26.84),
+    "mppi": Tuning("quadpend tune mppi --trials 60 --episodes 16", 0.0),
+}
 
 # By the short names that `ADRC` takes.
 ADRC_GAINS: dict[str, AdrcGains] = {

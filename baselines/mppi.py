@@ -20,18 +20,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baselines import flat_outputs
+from baselines import flat_outputs, mppi_kernel
 from baselines.estimator import Estimate, Reading
 from baselines.gains import MppiGains
 from baselines.linear_model import COLUMNS, turn
 from baselines.lqr import riccati, weights
 from quadpend_gym import Simulation, kernel
 from quadpend_gym.arrays import Floats, Integers
-from quadpend_gym.state import STATE_SIZE, State
+from quadpend_gym.state import STATE_SIZE
 
 _TABLES = 64  # of perturbations, one after the other
-_BARRIER = 1e4  # cost per squared excess of a cosine or of metres
-_LEAST_UPRIGHT, _LEAST_LEVEL = 0.6, 0.3  # cosines of the pendulum's and the body's angles where the barrier begins
 
 
 class Horizon(NamedTuple):
@@ -117,36 +115,22 @@ class Mppi:
     def _cost(self, estimate: Estimate, horizon: Horizon, plans: Floats) -> Floats:
         """J of equation (2) for each plan, shape (n, samples)."""
         coarse, feedback = self._coarse, self.gains.feedback
-        rows, samples = plans.shape[:2]
         gain, terminal = riccati(feedback, coarse)
         weigh, effort = weights(feedback, coarse)
-        state = np.repeat(estimate.state, samples, axis=0)
-        wind = np.repeat(estimate.disturbance, samples, axis=0)
-        parameters = np.tile(coarse.parameters.as_array(), (rows * samples, 1))
-        scale = coarse.command_scale
-        low, high = scale * [0.0, -1.0, -1.0, -1.0], scale * [2.0, 1.0, 1.0, 1.0]
-        cost = np.zeros((rows, samples))
-        place = np.linspace(0.0, self.gains.knots - 1.0, self.gains.horizon, endpoint=False)
-        for j in range(self.gains.horizon + 1):
-            off = (state.reshape(rows, samples, -1) - horizon.state[j][:, np.newaxis]).reshape(state.shape)
-            error = turn(off[:, COLUMNS], -state[:, 8])
-            if j == self.gains.horizon:
-                break
-            knot = int(place[j])
-            part = place[j] - knot
-            change = (1.0 - part) * plans[:, :, knot] + part * plans[:, :, knot + 1]
-            wanted = np.repeat(horizon.command[j], samples, axis=0)
-            command = np.clip(wanted - error @ gain.T + change.reshape(-1, 4), low, high)
-            used = command - wanted
-            running = np.einsum("ij,ij->i", error @ weigh, error) + np.einsum("ij,ij->i", used @ effort, used)
-            cost += 0.5 * running.reshape(rows, samples)
-            kernel.advance(state, command, wind, parameters, coarse.period, coarse.substeps)
-            s = State(state)
-            s.position[:] -= np.repeat(horizon.fall[j, 0], samples, axis=0)
-            s.velocity[:] -= np.repeat(horizon.fall[j, 1], samples, axis=0)
-            level = np.cos(state[:, 6]) * np.cos(state[:, 7])
-            excess = (
-                np.maximum(_LEAST_UPRIGHT - s.direction[:, 2], 0.0) ** 2 + np.maximum(_LEAST_LEVEL - level, 0.0) ** 2
-            )
-            cost += _BARRIER * excess.reshape(rows, samples)
-        return np.asarray(cost + 0.5 * np.einsum("ij,ij->i", error @ terminal, error).reshape(rows, samples))
+        limits = coarse.command_scale * [[0.0, -1.0, -1.0, -1.0], [2.0, 1.0, 1.0, 1.0]]
+        return mppi_kernel.costs(
+            estimate.state,
+            estimate.disturbance,
+            coarse.parameters.as_array(),
+            np.ascontiguousarray(horizon.state[..., COLUMNS]),
+            horizon.command,
+            horizon.fall,
+            np.ascontiguousarray(np.moveaxis(plans, 1, -1)),
+            gain,
+            weigh,
+            effort,
+            terminal,
+            limits,
+            coarse.period,
+            coarse.substeps,
+        )

@@ -66,11 +66,12 @@ SENSED_SIZE = SEEN_STATE + STATE_SIZE
 
 _BLOCK = 64
 _AXIS = STATE_SIZE
+LANE_STATE = STATE_SIZE + 3
 # Edges of the parts of one buffer of lanes: outcome, target and rod's length, state with the thrust axis, action,
 # reference, time.
 _TARGET = OUTCOME_SIZE
 _STATE, _ACTION, _REFERENCE, _TIME, _END = (
-    _TARGET + size for size in accumulate((SEEN_STATE, STATE_SIZE + 3, ACTION_SIZE, REFERENCE_SIZE, 1))
+    _TARGET + size for size in accumulate((SEEN_STATE, LANE_STATE, ACTION_SIZE, REFERENCE_SIZE, 1))
 )
 DIVERGED = 1e6  # a state this large is no longer a state
 
@@ -152,9 +153,10 @@ def _copy(lanes_in: Any, lanes: int, out: Any) -> None:
 
 
 @inlined
-def _integrate(
+def integrate(
     state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
 ) -> None:
+    """As `advance`, on (field, lane) buffers; three more rows of `state` take the thrust axis, see `LANE_STATE`."""
     for lane in range(lanes):
         store(state, _AXIS, lane, thrust_axis(load(state, EULER, lane)))
     for _ in range(substeps):
@@ -185,7 +187,7 @@ def advance(
         _gather(command, first, lanes, command_lanes)
         _gather(disturbance, first, lanes, disturbance_lanes)
         _gather(parameters, first, lanes, physics_lanes)
-        _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+        integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         _scatter(state_lanes, first, lanes, state)
 
 
@@ -294,7 +296,7 @@ def _step(
         if air:
             for lane in range(lanes):
                 add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
-        _integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+        integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)
         for lane in range(lanes):

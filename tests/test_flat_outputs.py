@@ -17,7 +17,7 @@ from tests.physics_helpers import UNEQUAL, flown
 
 TIME = 0.3
 ON_QUADROTOR = np.array([0.3, -0.2, 0.15, 0.0, 0.0, 0.0, 0.1, -0.05, 0.03])
-ON_BOTH = ON_QUADROTOR + [0.0, 0.0, 0.0, 0.05, -0.04, 0.1, 0.0, 0.0, 0.0]
+ON_BOTH = ON_QUADROTOR + np.array([0.0, 0.0, 0.0, 0.05, -0.04, 0.1, 0.0, 0.0, 0.0])
 # Circling at 1.4 m/s² while the yaw drifts and swings, and climbing.
 CIRCLE = Reference(
     offset=(0.3, 0.1, 2.0, 0.8),
@@ -49,7 +49,9 @@ def open_loop(reference: Reference, disturbance: Floats, p: Parameters, period: 
 @pytest.mark.parametrize("parameters", [PAPER, UNEQUAL], ids=["paper", "unequal"])
 @pytest.mark.parametrize("disturbance", [CALM, ON_QUADROTOR], ids=["calm", "wind"])
 @pytest.mark.parametrize("reference", [HOVER, CIRCLE, BOBBING], ids=["hover", "circle", "bobbing"])
-def test_the_command_alone_flies_the_reference(reference: Reference, disturbance: Floats, parameters: Parameters) -> None:
+def test_the_command_alone_flies_the_reference(
+    reference: Reference, disturbance: Floats, parameters: Parameters
+) -> None:
     """The unstable pole would make 8 of each error in the 0.3 s; what is left is the command's staircase."""
     assert open_loop(reference, disturbance, parameters) < 5e-7
 

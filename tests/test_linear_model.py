@@ -44,7 +44,7 @@ def sampled(rates: sp.Matrix, p: Parameters, period: float) -> Floats:
 def test_it_is_the_lagrangian_linearised_and_held_over_a_period(
     rates: sp.Matrix, parameters: Parameters, period: float
 ) -> None:
-    """To the differences' 1e-8 and what Runge–Kutta lacks of e^(λh): (λh)⁵/120 in each of two substeps, times λ in ṙ."""
+    """To the differences' 1e-8 and what Runge–Kutta lacks of e^(λh): (λh)⁵/120 in each of 2 substeps, times λ in ṙ."""
     model = linearise(Simulation(parameters, period=period))
     actual, wanted = np.hstack(model), sampled(rates, parameters, period)
     pole = np.sqrt(parameters.chain_stiffness)

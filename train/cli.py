@@ -132,7 +132,7 @@ def duel(
 def tune(
     controllers: tyro.conf.Positional[tuple[str, ...]],
     trials: int = 150,
-    episodes: int = 64,
+    episodes: int = 48,
     seed: int = 0,
     out: Path = Path("results/tune"),
 ) -> None:

@@ -74,6 +74,15 @@ SPACES: dict[str, dict[str, Range]] = {
         "near": (0.03, 1.0, 0.3),
         **_ESTIMATOR,
     },
+    "mppi": {
+        "feedback.position": (0.02, 2.0, 0.417),
+        "feedback.velocity": (0.05, 5.0, 1.29),
+        "feedback.angle": (0.1, 10.0, 1.62),
+        "feedback.angle_rate": (0.3, 30.0, 3.48),
+        "spread": (0.005, 0.6, 0.05),
+        "temperature": (0.01, 3.0, 0.3),
+        **_ESTIMATOR,
+    },
 }
 
 
