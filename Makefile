@@ -4,21 +4,26 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # of the first test episode; nothing is tuned on these
 
-.PHONY: demo evidence pictures test check format bench clean
+.PHONY: demo evidence results pictures test check format bench clean
 
-demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO
+demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
 	$(BIN)/quadpend train --settings demo --out runs/demo
-	$(BIN)/quadpend evaluate --policies adrc-paper adrc-matched ppo=runs/demo --scenarios calm windy --episodes 200 --seed $(TEST_SEED) --out results/demo
+	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=runs/demo --scenarios calm windy --episodes 200 --seed $(TEST_SEED) --out results/demo
 
 SEEDS := 0 1 2 3 4
 comma := ,
 space := $(subst ,, )
-evidence: .venv/.installed  ## the results table of the README: five training seeds against ADRC-DESO
+evidence: .venv/.installed  ## the results table of the README: five training seeds against classical controllers
 	rm -rf $(SEEDS:%=runs/demo-%)
 	$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings demo --seed $(seed) --out runs/demo-$(seed) &&) true
-	$(BIN)/quadpend evaluate --policies adrc-paper adrc-matched ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
+	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
+
+CLASSICAL := flatness mppi lqi lqr adrc-tuned adrc-linear adrc-paper
+results: .venv/.installed  ## docs/results.md: all classical controllers in all test scenarios
+	$(BIN)/quadpend evaluate --policies $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
+		--robustness 100 --out docs/results --document docs/results.md
 
 pictures: .venv/.installed  ## the pictures of docs/models.md
 	$(BIN)/quadpend wind --out docs/models

@@ -156,10 +156,10 @@ GAINS: dict[str, Any] = {
         estimator=EstimatorGains(rate_noise=0.00344, force_walk=0.535, bob_force_walk=0.326, torque_walk=1.76),
     ),
     "mppi": MppiGains(
-        feedback=LqrGains(position=0.417, velocity=1.29, angle=1.62, angle_rate=3.48),
-        spread=0.05,
-        temperature=0.3,
-        estimator=EstimatorGains(rate_noise=0.00344, force_walk=0.535, bob_force_walk=0.326, torque_walk=1.76),
+        feedback=LqrGains(position=0.542, velocity=1.29, angle=1.09, angle_rate=6.8),
+        spread=0.0762,
+        temperature=0.337,
+        estimator=EstimatorGains(rate_noise=0.00891, force_walk=0.211, bob_force_walk=0.177, torque_walk=0.334),
     ),
 }
 

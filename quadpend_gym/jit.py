@@ -2,7 +2,7 @@
 
 `inlined` functions vanish into their caller (LLVM ``alwaysinline``), which is what lets a loop over rows become
 vector instructions. `compiled` functions are cached on disk. Numba would only notice when the file of a compiled
-function changes, not the files of what it inlines, so the cache is stamped with all of the package's files and with its own.
+function changes, not the files of what it inlines, so the cache is stamped with all of the package's files and its own.
 
 ``fastmath`` stays off: it makes ``isfinite`` lie and the scalar and vectorised loops differ in their last bits.
 ``error_model="numpy"`` lets a division by zero give inf instead of a branch.

@@ -19,7 +19,7 @@ from train.store import FOLDER
 
 DEFAULT_SETTINGS = "demo"
 DEFAULT_OUT = Path("runs/latest")
-_FEW = 16  # sentences that a terminal takes; the file has them all
+_FEW, _ROWS = 16, 40  # sentences and rows of a table that a terminal takes; the files have them all
 
 
 def train(
@@ -86,7 +86,8 @@ def evaluate(
     if document:
         results.document(comparison, endured, document)
     console = _console()
-    console.print(report.table(comparison))
+    if len(comparison.flights) <= _ROWS:
+        console.print(report.table(comparison))
     if len(sentences := report.verdicts(comparison)) <= _FEW:
         for sentence in sentences:
             console.print(f"• {sentence}", highlight=False)

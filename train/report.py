@@ -111,6 +111,21 @@ def table_markdown(comparison: Comparison) -> str:
     return _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _cells(comparison))
 
 
+def matrix_markdown(comparison: Comparison) -> str:
+    """Penalised RMSE in mm of every cell, each scenario's smallest in bold, and survival where it is not complete."""
+    rows = []
+    for scenario in comparison.scenarios:
+        summaries = [comparison.summaries[scenario, policy] for policy in comparison.policies]
+        least = min(summary["penalised_rmse"].value for summary in summaries)
+        row = []
+        for summary in summaries:
+            rmse, survival = summary["penalised_rmse"].value, summary["survival"].value
+            number = f"**{brief(rmse)}**" if rmse == least else brief(rmse)
+            row.append(number if survival == 100.0 else f"{number} ({survival:.3g} %)")
+        rows.append([scenario, *row])
+    return _markdown_table(["scenario", *comparison.policies], rows)
+
+
 def leaderboard_markdown(standings: Sequence[Standing]) -> str:
     """The leaderboard in Markdown."""
     return _markdown_table(STANDINGS, _standings(standings))

@@ -36,7 +36,7 @@ def write(comparison: Comparison, endured: Robustness | None, folder: Path) -> l
 
 
 def document(comparison: Comparison, endured: Robustness | None, path: Path) -> None:
-    """Fill in the parts of a document, ``provenance``, ``leaderboard``, ``duels``, ``table`` and ``robustness``.
+    """Fill in the parts of a document, ``provenance``, ``leaderboard``, ``duels``, ``matrix`` and ``robustness``.
 
     Raises:
         ValueError: the document has no place for one of them.
@@ -53,7 +53,7 @@ def document(comparison: Comparison, endured: Robustness | None, path: Path) -> 
         "provenance": told,
         "leaderboard": report.leaderboard_markdown(standings),
         "duels": "\n".join(duels),
-        "table": report.table_markdown(comparison),
+        "matrix": report.matrix_markdown(comparison),
     }
     if endured:
         parts["robustness"] = robustness.markdown(endured)

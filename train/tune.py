@@ -7,6 +7,7 @@ rounded to three digits and scored again in episodes that the search has not see
 """
 
 import json
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -148,10 +149,13 @@ def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> op
     folder.mkdir(parents=True, exist_ok=True)
     file = JournalFileBackend(str(folder / f"{name}.log"))
     start = {path: first for path, (_, _, first) in SPACES[name].items()}
+    with warnings.catch_warnings():  # x0 and sigma0 go with Optuna 6, which is why it must be below
+        warnings.simplefilter("ignore", FutureWarning)
+        sampler = optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
     study = optuna.create_study(
         study_name=f"{name}, {episodes} episodes, seed {seed}",
         storage=JournalStorage(file),
-        sampler=optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False),
+        sampler=sampler,
         load_if_exists=True,
     )
     if not study.trials:

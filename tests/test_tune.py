@@ -1,0 +1,86 @@
+"""Tuning searches what it says, resumes, and the scores beside the gains are true."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from baselines import CONTROLLERS, controller
+from baselines.gains import GAINS, TUNED, LqrGains
+from baselines.rollout import rollout
+from train import tune
+from train.cli import main
+from train.flights import VALIDATION_SEED, fly, record
+from train.scenarios import SETS, find_scenario
+
+
+def test_every_controller_has_gains_and_what_was_tuned_has_a_space() -> None:
+    assert set(GAINS) == set(CONTROLLERS)
+    assert set(TUNED) == set(tune.SPACES)
+
+
+@pytest.mark.parametrize("name", tune.SPACES)
+def test_every_searched_gain_exists_and_lies_within_its_bounds(name: str) -> None:
+    for path, (low, high, first) in tune.SPACES[name].items():
+        gains = GAINS[name]
+        for part in path.split("."):
+            gains = getattr(gains, part)
+        assert low <= gains <= high, path
+        assert low <= first <= high, path
+
+
+def test_changed_replaces_nested_fields_and_leaves_the_rest() -> None:
+    gains = tune.changed(LqrGains(), {"position": 0.5, "estimator.noise": 0.01})
+    assert (gains.position, gains.estimator.noise) == (0.5, 0.01)
+    assert (gains.velocity, gains.estimator.force_walk) == (LqrGains().velocity, LqrGains().estimator.force_walk)
+
+
+def test_a_fleet_flies_as_its_environments_do() -> None:
+    names = ("windy", "training_upset")
+    fleet = tune.Fleet([find_scenario(name).make_vec(3, AutoresetMode.SAME_STEP) for name in names])
+    together = record(rollout(controller("adrc-paper"), fleet, VALIDATION_SEED), 6)
+    apart = [fly([controller("adrc-paper")], name, 3) for name in names]
+    np.testing.assert_array_equal(together.steps, np.concatenate([flights.steps[0] for flights in apart]))
+    np.testing.assert_array_equal(together.rmse, np.concatenate([flights.rmse[0] for flights in apart]))
+
+
+def test_an_earlier_fall_is_a_greater_loss_than_a_later_one() -> None:
+    flights = fly([controller("adrc-paper")], "upset", 20)
+    assert not flights.survived.all()
+    later = flights._replace(steps=np.where(flights.survived, flights.steps, flights.steps + 100))
+    assert tune.lost(later) < tune.lost(flights)
+    assert tune.lost(flights) > 1000.0 * float(flights.penalised_rmse.mean())
+
+
+def test_a_search_goes_on_where_it_was_and_is_scored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(SETS, "training", ("calm",))
+    monkeypatch.setattr(tune, "SCORE_EPISODES", 2)
+    options = ["tune", "adrc-tuned", "--episodes", "2", "--out", str(tmp_path)]
+    main([*options, "--trials", "2"])
+    first = tune.search("adrc-tuned", 2, 2, 0, tmp_path).trials
+    main([*options, "--trials", "3"])
+    trials = tune.search("adrc-tuned", 3, 2, 0, tmp_path).trials
+    assert [trial.params for trial in trials[:2]] == [trial.params for trial in first]
+    assert trials[0].params == {path: begin for path, (_, _, begin) in tune.SPACES["adrc-tuned"].items()}
+    assert len({json.dumps(trial.params) for trial in trials}) == 3
+    found = json.loads((tmp_path / "adrc-tuned.json").read_text(encoding="utf-8"))
+    assert found["command"] == "quadpend tune adrc-tuned --trials 3 --episodes 2 --seed 0"
+    assert set(found["gains"]) == set(tune.SPACES["adrc-tuned"])
+    assert '"score"' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("name", "trials", "sentence"), [("pid", 1, "no controller 'pid'"), ("lqr", 0, "trials must")])
+def test_what_cannot_be_tuned_is_refused(tmp_path: Path, name: str, trials: int, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        tune.tune(name, trials, 1, 0, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["adrc-tuned", "flatness"])
+def test_the_score_beside_the_gains_is_theirs(name: str) -> None:
+    """A fifth of the episodes behind it: within 10 %."""
+    scores = [rmse for _, rmse in tune.score(controller(name), 40).values()]
+    assert np.mean(scores) == pytest.approx(TUNED[name].score, rel=0.1)
