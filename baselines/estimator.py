@@ -18,14 +18,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baselines import flat_outputs
 from baselines.gains import EstimatorGains
 from baselines.linear_model import COLUMNS, EULER, FORCES, LEAN, POSITION, SIZE, linearise, turn
+from baselines.policy import bounded, choose
 from quadpend_gym import Simulation, kernel, read_observation
 from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.state import STATE_SIZE, State
 
 _GAINS = 100  # steps after which the gain is constant
+_FLATTEST = 0.95  # |r_xy| of an estimate at most: 72° from upright, where no episode is
+_LARGEST = 300.0  # in SI units; an estimate with a larger number has lost its way and starts again
 _POSITIONS = np.r_[POSITION, EULER, LEAN]  # what output feedback measures
 
 
@@ -73,16 +77,14 @@ class Estimator:
     simulation: Simulation
 
     def first(self, reading: Reading) -> Estimate:
-        """Where the observer starts: what is measured; rates that are not as the reference has them; no wind."""
-        state = reading.state.copy()
-        s, gravity = State(state), self.simulation.parameters.gravity
-        rows = len(state)
-        swing = reading.reference[:, 1] / gravity * [1.0, 1.0, 0.0]
-        unknown = np.isnan(s.velocity[:, :1])
-        s.velocity[:] = np.where(unknown, -self.simulation.parameters.rod_length * swing, s.velocity)
-        s.direction_rate[:] = np.where(unknown, swing, s.direction_rate)
-        s.euler_rate[:] = np.where(unknown, 0.0, s.euler_rate)
-        return Estimate(state, np.zeros((rows, kernel.DISTURBANCE_SIZE)), reading.reference, np.zeros(rows, np.int64))
+        """Where the observer starts: what is measured; rates that are not, as the reference has them; no wind."""
+        rows, p = len(reading.state), self.simulation.parameters
+        calm = np.zeros((rows, kernel.DISTURBANCE_SIZE))
+        flight = flat_outputs.fly(reading.reference, calm, p)
+        wanted, _ = flat_outputs.state_and_command(flight, reading.yaw_reference, calm, p)
+        state = np.where(np.isnan(reading.state), wanted, reading.state)
+        _stand_up(state)
+        return Estimate(state, calm, reading.reference, np.zeros(rows, np.int64))
 
     def update(self, estimate: Estimate, command: Floats, reading: Reading) -> Estimate:
         """One period of equations (1)–(2), over which `command`, shape (n, 4), acted."""
@@ -92,16 +94,15 @@ class Estimator:
         gain = table[np.minimum(estimate.age, len(table) - 1)]
         seen = slice(None) if measured else _POSITIONS
         innovation = (reading.state - state)[:, COLUMNS]
-        yaw = state[:, 8]
+        yaw = state[:, 8].copy()
         correction = np.einsum("nij,nj->ni", gain, turn(innovation, -yaw)[:, seen])
         state[:, COLUMNS] += turn(correction[:, :SIZE], yaw)
         disturbance[:, FORCES] += _turn_forces(correction[:, SIZE:], yaw)
-        s = State(state)
-        horizontal = s.direction[:, :2]
-        horizontal /= np.maximum(1.0, np.linalg.norm(horizontal, axis=1, keepdims=True) / 0.95)
-        s.direction[:, 2] = np.sqrt(1.0 - np.sum(horizontal**2, axis=1))
-        s.direction_rate[:, 2] = -np.sum(horizontal * s.direction_rate[:, :2], axis=1) / s.direction[:, 2]
-        return Estimate(state, disturbance, reading.reference, estimate.age + 1)
+        _stand_up(state)
+        disturbance[:, FORCES] = np.clip(disturbance[:, FORCES], -_LARGEST, _LARGEST)
+        sane = np.abs(state).max(axis=1) < _LARGEST  # false for nan too
+        later = Estimate(state, disturbance, reading.reference, estimate.age + 1)
+        return later if sane.all() else choose(sane, later, self.first(reading))
 
     def _predict(self, estimate: Estimate, command: Floats) -> Floats:
         sim = self.simulation
@@ -113,6 +114,15 @@ class Estimator:
             s.position[:] -= sim.period**order / factorial(order) * derivative
             s.velocity[:] -= sim.period ** (order - 1) / factorial(order - 1) * derivative
         return state
+
+
+def _stand_up(state: Floats) -> None:
+    """Put r on the upper half of the unit sphere, a little above its edge, and ṙ on its tangent plane."""
+    s = State(state)
+    s.direction[:, :2] = bounded(s.direction[:, :2], _FLATTEST)
+    s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
+    along = np.sum(s.direction[:, :2] * s.direction_rate[:, :2], axis=1)
+    s.direction_rate[:, 2] = -along / s.direction[:, 2]
 
 
 def _turn_forces(forces: Floats, yaw: Floats) -> Floats:

@@ -1,17 +1,19 @@
-"""A flatness-based controller: pendulum direction, then thrust direction, then attitude, each exact at any tilt.
+"""A flatness-based controller: pendulum direction, then thrust direction, then attitude, in coordinates for any tilt.
 
 With the symbols of `flat_outputs`, what is measured against what the reference and the estimated wind ask for (d):
 
-    (1)  e = F − F_d, ė,   e₂ = G (s − s_d),   e₃ = G (ṡ − ṡ_d),   e₄ = G (s̈ − s̈_d),   e₅ = G κ (ṡ − ṡ_d − ṫ + ṫ_d)
+    (1)  e = F − F_d, ė,   e₂ = G (s − s_d),   e₃ = G (ṡ − ṡ_d),   e₄ = G (s̈ − s̈_d),
+         e₅ = G (κ' (ṡ − ṡ_d) − κ (ṫ − ṫ_d)),                   κ' = ∂s̈/∂s = κ + (d_Qz − M/m_c d_Bz)/(r_z M l)
 
 are the bob's errors of order 0 … 5, and with k_i the coefficients of three pairs of poles the cascade is
 
-    (2)  e₂* = −sat(k₁/k₂ ė + sat(k₀/k₂ e))            what the position asks of the bob's acceleration
+    (2)  e₂* = −sat(k₁/k₂ (ė + sat(k₀/k₁ e)))           what the position asks of the bob's acceleration
     (3)  e₄* = −(k₃ e₃ + k₂ (e₂ − e₂*))/k₄              and that of the thrust's lean, which is bounded
     (4)  e₆  = −k₅ e₅ − k₄ (e₄ − e₄*)                   and that of the torque
-    (5)  ẗ   = ẗ_d + (s̈ − s̈_d) − e₆/(G κ)
+    (5)  ẗ   = ẗ_d + κ'/κ (s̈ − s̈_d) − e₆/(G κ)
 
-which between the bounds is e₆ = −Σ k_i e_i. The thrust follows from the height's equation, exact as well:
+which between the bounds is e₆ = −Σ k_i e_i, but for the rates of κ and G. The thrust follows from the height's
+equation, exact as well:
 
     (6)  z̈ = z̈_d − 2ζω ė_z − ω² e_z,     u = ((M + m_c)(g + z̈) + m_c l r̈_z − d_Qz − d_Bz)/b_z
 
@@ -28,6 +30,7 @@ import numpy as np
 from baselines import flat_outputs, jets
 from baselines.estimator import Estimate, Reading
 from baselines.gains import FlatnessGains
+from baselines.policy import bounded
 from quadpend_gym import Simulation
 from quadpend_gym.arrays import Floats
 from quadpend_gym.state import State
@@ -71,21 +74,22 @@ class Flatness:
         e2, e3 = weight * (pendulum - s_d[0]), weight * (swing - s_d[1])
         s2 = steepness * (pendulum - lean[0]) + drift
         e4 = weight * (s2 - s_d[2])
-        e5 = weight * steepness * (swing - s_d[1] - lean[1] + t_d[1])
+        stiffness = steepness - per_rod * relative[:, 2:]  # ∂s̈/∂s, with what of δ goes with s
+        e5 = weight * (stiffness * (swing - s_d[1]) - steepness * (lean[1] - t_d[1]))
 
         far = (gains.position_bandwidth, gains.far_pendulum_bandwidth, gains.far_attitude_bandwidth)
         near = (gains.position_bandwidth, gains.pendulum_bandwidth, gains.attitude_bandwidth)
         mode = np.linalg.norm(e2 + e3 / np.sqrt(steepness), axis=1) / weight[:, 0]
         share = 1.0 / (1.0 + (mode / gains.near) ** 2)
         k = _coefficients([a + (b - a) * share for a, b in zip(far, near, strict=True)], gains.damping)
-        pace = _bounded(k[0] / k[1] * e0, gains.velocity)
-        asked = -_bounded(k[1] / k[2] * (e1 + pace), gains.acceleration)
+        pace = bounded(k[0] / k[1] * e0, gains.velocity)
+        asked = -bounded(k[1] / k[2] * (e1 + pace), gains.acceleration)
         e4_asked = -(k[3] * e3 + k[2] * (e2 - asked)) / k[4]
         lean_asked = pendulum - (s_d[2] + e4_asked / weight - drift) / steepness
-        lean_asked = _bounded(lean_asked, np.tan(gains.lean))
+        lean_asked = bounded(lean_asked, np.tan(gains.lean))
         e4_asked = weight * (steepness * (pendulum - lean_asked) + drift - s_d[2])
         e6 = -k[5] * e5 - k[4] * (e4 - e4_asked)
-        t2 = t_d[2] + (s2 - s_d[2]) - e6 / (weight * steepness)
+        t2 = t_d[2] + stiffness / steepness * (s2 - s_d[2]) - e6 / (weight * steepness)
 
         yaw = jets.jet(s.euler[:, 2], s.euler_rate[:, 2], self._yaw_acceleration(s, reading))
         euler = jets.derivatives(flat_outputs.attitude(np.stack([*lean, 0.5 * t2]), yaw))
@@ -122,9 +126,3 @@ def _coefficients(bandwidths: list[Floats], damping: float) -> list[Floats]:
             shifted[i + 2] = shifted[i + 2] + w * w * c
         polynomial = shifted
     return [c[:, np.newaxis] for c in polynomial[:0:-1]]
-
-
-def _bounded(vector: Floats, most: float) -> Floats:
-    """Vectors, shape (n, 2), no longer than `most`."""
-    size = np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.asarray(vector * (most / np.maximum(size, most)))

@@ -63,6 +63,8 @@ def power(a: Floats, exponent: float) -> Floats:
 
 def arctangent(a: Floats) -> Floats:
     """Arctan a."""
+    if len(a) == 1:
+        return np.arctan(a)
     return _integral(np.arctan(a[0]), quotient(derivative(a), _plus_one(product(a, a))))
 
 

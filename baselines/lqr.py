@@ -6,7 +6,8 @@
 x and u are those of `linear_model` in the heading's axes, x_d and u_d the calm flight of `flat_outputs`. Q weighs the
 flat outputs' errors e = (ζ_x + l r_x, ζ_y + l r_y, ζ_z), their rates, the lean of the thrust, ψ and the angular rates;
 each weight is the inverse square of a tolerance (Bryson's rule). LQI appends σ_{k+1} = σ_k + T e_k to x. It integrates
-only while the command is within the actuators' limits, and |σ| is bounded.
+only while the command is within the actuators' limits, and each component of σ is bounded. Positions farther off than
+`reach` count as that far, or linear feedback would lean further than it can come back from.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from baselines import flat_outputs
 from baselines.estimator import Estimate, Reading
 from baselines.gains import LqrGains
 from baselines.linear_model import COLUMNS, EULER_RATE, LEAN, LEAN_RATE, POSITION, SIZE, VELOCITY, linearise, turn
-from baselines.policy import to_action
+from baselines.policy import bounded, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.arrays import Floats
 
@@ -85,9 +86,13 @@ class Lqr:
         p = self.simulation.parameters
         calm = np.zeros_like(estimate.disturbance)
         flight = flat_outputs.fly(reading.reference, calm, p)
-        state, command = flat_outputs.state_and_command(flight, reading.yaw_reference, calm, p)
         yaw = estimate.state[:, 8]
+        # Roll and pitch are wanted for the heading that there is.
+        heading = np.column_stack([yaw, reading.yaw_reference[:, 1:]])
+        state, command = flat_outputs.state_and_command(flight, heading, calm, p)
+        state[:, 8] = reading.yaw_reference[:, 0]
         x = turn((estimate.state - state)[:, COLUMNS], -yaw)
+        x[:, :2] = bounded(x[:, :2], self.gains.reach)
         gain, _ = riccati(self.gains, self.simulation)
         command = command - x @ gain[:, :SIZE].T
         if self.gains.integral <= 0.0:

@@ -27,6 +27,7 @@ from baselines.linear_model import COLUMNS, turn
 from baselines.lqr import riccati, weights
 from quadpend_gym import Simulation, kernel
 from quadpend_gym.arrays import Floats, Integers
+from quadpend_gym.records import whole
 from quadpend_gym.state import STATE_SIZE
 
 _TABLES = 64  # of perturbations, one after the other
@@ -53,6 +54,15 @@ class Mppi:
 
     gains: MppiGains
     simulation: Simulation
+
+    def __post_init__(self) -> None:
+        g = self.gains
+        if not (3 <= g.samples <= mppi_kernel.LARGEST and g.samples % 2):
+            raise ValueError(f"samples must be odd and from 3 to {mppi_kernel.LARGEST - 1}, not {g.samples!r}")
+        for name, least in (("horizon", 1), ("pace", 1), ("knots", 2)):
+            whole(getattr(g, name), name, least)
+        if g.feedback.integral > 0.0:
+            raise ValueError("the feedback of MPPI has no integrators: its integral must be 0")
 
     @cached_property
     def _coarse(self) -> Simulation:

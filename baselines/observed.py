@@ -6,9 +6,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from baselines.estimator import Estimate, Estimator, Reading, read
-from baselines.policy import started_rows, to_action
+from baselines.policy import choose, started_rows, to_action
 from quadpend_gym import Simulation
-from quadpend_gym.arrays import Booleans, Floats, Floats32
+from quadpend_gym.arrays import Floats, Floats32
 
 
 class Law(Protocol):
@@ -57,10 +57,13 @@ class Observed:
         reading = read(np.atleast_2d(np.asarray(observation, np.float32)), rod_length)
         rows = len(reading.state)
         started = started_rows(episode_start, state is None, rows)
-        estimate, memory = self._estimator.first(reading), self._law.first(rows)
+        known: Any = None
         if not started.all():
-            updated = self._estimator.update(state.estimate, state.command, reading)
-            estimate, memory = _choose(started, (estimate, memory), (updated, state.law))
+            known = self._estimator.update(state.estimate, state.command, reading), state.law
+        if started.any():
+            fresh = self._estimator.first(reading), self._law.first(rows)
+            known = fresh if known is None else choose(started, fresh, known)
+        estimate, memory = known
         command, memory = self._law.command(estimate, reading, memory)
         action, command = to_action(command, self.simulation)
         return (action[0] if single else action), ObservedMemory(estimate, command, memory)
@@ -68,13 +71,3 @@ class Observed:
     def estimated_disturbance(self, memory: ObservedMemory) -> Floats:
         """The disturbance as the estimator sees it, laid out as `info["disturbance"]`, shape (n, 9)."""
         return memory.estimate.disturbance
-
-
-def _choose(rows: Booleans, then: Any, otherwise: Any) -> Any:
-    """`then` in some rows and `otherwise` in the others, through tuples of arrays."""
-    if not rows.any():
-        return otherwise
-    if isinstance(then, np.ndarray):
-        return np.where(rows.reshape(-1, *[1] * (then.ndim - 1)), then, otherwise)
-    parts = [_choose(rows, a, b) for a, b in zip(then, otherwise, strict=True)]
-    return type(then)(*parts) if hasattr(then, "_fields") else tuple(parts)

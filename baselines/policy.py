@@ -38,6 +38,20 @@ def started_rows(episode_start: Any, first: bool, rows: int) -> Booleans:
     return np.broadcast_to(np.asarray(episode_start, np.bool_), (rows,))
 
 
+def choose(rows: Booleans, then: Any, otherwise: Any) -> Any:
+    """`then` in some rows and `otherwise` in the others, through tuples of arrays."""
+    if isinstance(then, np.ndarray):
+        return np.where(rows.reshape(-1, *[1] * (then.ndim - 1)), then, otherwise)
+    parts = [choose(rows, a, b) for a, b in zip(then, otherwise, strict=True)]
+    return type(then)(*parts) if hasattr(then, "_fields") else tuple(parts)
+
+
+def bounded(vector: Floats, most: float) -> Floats:
+    """Vectors, shape (n, k), made no longer than `most`."""
+    size = np.linalg.norm(vector, axis=1, keepdims=True)
+    return np.asarray(vector * (most / np.maximum(size, most)))
+
+
 def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
     """The action that comes closest to a command, and the command that it really gives.
 

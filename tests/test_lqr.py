@@ -22,6 +22,7 @@ from tests.controller_helpers import (
     knowing,
     reading_of,
     turned_state,
+    turned_vectors,
 )
 from tests.physics_helpers import UNEQUAL
 
@@ -108,16 +109,37 @@ def test_the_kernels_flight_costs_what_the_matrix_says_up_to_its_nonlinearity() 
     assert large / small == pytest.approx(4.0, rel=0.1)
 
 
-@pytest.mark.parametrize("name", ["lqr", "lqi"])
-def test_it_is_the_feedback_of_its_matrix_beside_hover(name: str) -> None:
-    """In every component, and turned with the world: K is that of the heading's axes."""
-    simulation, gains = Simulation(UNEQUAL), EVERY[name]
+@pytest.mark.parametrize("gains", [PLAIN, INTEGRAL], ids=["plain", "integral"])
+def test_it_is_the_feedback_of_its_matrix_beside_hover(gains: LqrGains) -> None:
+    """In every component, and turned with the world: K is that of the heading's axes, σ stands in the world's."""
+    simulation = Simulation(UNEQUAL)
     law, (K, _) = Lqr(gains, simulation), riccati(gains, simulation)
-    x = 1e-3 * np.eye(SIZE)
+    x, sum_of_errors = 1e-3 * np.eye(SIZE), np.array([0.01, -0.02, 0.03])
+    expected = x @ K[:, :SIZE].T + (K[:, SIZE:] @ sum_of_errors if gains.integral else 0.0)
     for angle in (0.0, 2.0):
         reading = reading_of(turned_state(deviating(x), angle), Reference.hover(yaw=angle))
-        command, _ = law.command(knowing(reading), reading, law.first(SIZE))
-        assert_allclose(command - [UNEQUAL.hover_thrust, 0.0, 0.0, 0.0], -x @ K[:, :SIZE].T, atol=1e-9)
+        memory = np.zeros((SIZE, 3)) + turned_vectors(sum_of_errors, angle)
+        # The heading is the body's own: a yaw error turns it against the sum.
+        rows = np.abs(x[:, 8]) == 0.0
+        command, _ = law.command(knowing(reading), reading, memory)
+        assert_allclose((command - [UNEQUAL.hover_thrust, 0.0, 0.0, 0.0])[rows], -expected[rows], atol=1e-9)
+
+
+def test_each_tolerance_counts_as_much_as_the_others() -> None:
+    """Off by its tolerance in any one thing costs a half a step: in position by the quadrotor's or the bob's way."""
+    gains, length = LqrGains(0.2, 0.7, 0.4, 2.5, effort=0.8, integral=0.3), PAPER.rod_length
+    Q, R = weights(gains, Simulation())
+    tolerances = [(index, gains.position) for index in (0, 1, 2)] + [(index, gains.velocity) for index in (3, 4, 5)]
+    tolerances += [(index, gains.angle) for index in (6, 7, 8)] + [(index, gains.angle_rate) for index in (9, 10, 11)]
+    tolerances += [(index, gains.position / length) for index in (12, 13)]
+    tolerances += [(index, gains.velocity / length) for index in (14, 15)]
+    tolerances += [(index, gains.integral) for index in (16, 17, 18)]
+    for index, tolerance in tolerances:
+        assert Q[index, index] * tolerance**2 == pytest.approx(1.0)
+    assert_allclose(np.diag(R) * (gains.effort * Simulation().command_scale) ** 2, 1.0)
+    still = np.zeros(len(Q))
+    still[[0, 12]] = 0.1, -0.1 / length  # the bob stays, and so does the cost
+    assert still @ Q @ still == pytest.approx(0.0, abs=1e-12)
 
 
 def settled(policy: Observed, wind: Floats, seconds: float = 20.0) -> Floats:

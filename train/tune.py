@@ -43,6 +43,7 @@ _LQR = {
     "velocity": (0.05, 5.0, 1.56),
     "angle": (0.1, 10.0, 1.33),
     "angle_rate": (0.3, 30.0, 15.3),
+    "reach": (0.05, 3.0, 0.5),
     **_ESTIMATOR,
     "estimator.rate_noise": (1e-3, 1e-1, 2e-3),
     "estimator.force_walk": (0.1, 100.0, 0.8),
