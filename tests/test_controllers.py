@@ -229,6 +229,24 @@ def test_the_estimated_disturbance_is_the_true_one_in_steady_wind(name: str, out
     assert_allclose(found, np.tile([*force, *bob, *torque], (2, 1)), atol=1e-3)
 
 
+@pytest.mark.parametrize("outputs", [False, True], ids=["full", "outputs"])
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_a_few_mad_readings_are_no_lasting_harm(name: str, outputs: bool) -> None:
+    """Positions that jump by 100 m and back leave numbers behind, not nan."""
+    env = QuadPendulumVectorEnv(3)
+    policy, memory = controller(name), None
+    observation, _ = env.reset(seed=0)
+    for step in range(60):
+        seen = observation.copy()
+        if 10 <= step < 14:
+            seen[0, OBSERVATION_FIELDS["tracking_error"]] += 50.0 * (-1) ** step
+            seen[1, OBSERVATION_FIELDS["direction"]] = [4.0, 0.0, -1.0]
+        action, memory = policy.predict(seen[:, OUTPUT_COLUMNS] if outputs else seen, memory)
+        assert np.isfinite(action).all()
+        assert (np.abs(action) <= 1.0).all()
+        observation, *_ = env.step(action)
+
+
 def test_unknown_controllers_are_refused_by_name() -> None:
     with pytest.raises(ValueError, match="there is no controller 'pid'; there are adrc-paper, adrc-matched"):
         controller("pid")

@@ -45,6 +45,8 @@ GAINS = FlatnessGains(
 )
 # Nowhere bounded, and everywhere near.
 LINEAR = replace(GAINS, acceleration=1e9, velocity=1e9, lean=1.5, near=1e9)
+UPWARDS = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+LIFTED = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
 SIDEWAYS = np.array([0.5, -0.3, 0.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.03])
 CIRCLE = Reference(
     offset=(0.0, 0.0, 2.0, 0.5),
@@ -83,7 +85,9 @@ def pairs(*bandwidths: float, damping: float = GAINS.damping) -> Floats:
 
 
 @pytest.mark.parametrize("parameters", [PAPER, UNEQUAL], ids=["paper", "unequal"])
-@pytest.mark.parametrize("disturbance", [CALM, SIDEWAYS], ids=["calm", "wind from the side"])
+@pytest.mark.parametrize(
+    "disturbance", [CALM, SIDEWAYS, UPWARDS, LIFTED], ids=["calm", "wind from the side", "from below", "on the bob"]
+)
 def test_the_closed_loop_has_the_poles_that_were_placed(disturbance: Floats, parameters: Parameters) -> None:
     """In continuous time, whatever the heading. Leaning against a wind is no worse than standing upright."""
     law = Flatness(LINEAR, Simulation(parameters))

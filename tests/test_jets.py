@@ -111,3 +111,11 @@ def test_the_rules_of_calculus_hold(a: Floats) -> None:
     a[0] = 2.0 + a[0]
     assert_allclose(jets.power(jets.power(a, 0.5), 2.0), a, atol=1e-11)
     assert_allclose(jets.power(a, -1.0), jets.quotient(jets.constant(np.ones(3), 6), a), atol=1e-9)
+
+
+def test_a_jet_of_order_zero_is_a_number() -> None:
+    a = np.array([[0.3, -0.2]])
+    np.testing.assert_array_equal(jets.arctangent(a), np.arctan(a))
+    np.testing.assert_array_equal(jets.sine_and_cosine(a), (np.sin(a), np.cos(a)))
+    np.testing.assert_array_equal(jets.product(a, a), a * a)
+    np.testing.assert_array_equal(jets.quotient(a, a), np.ones_like(a))

@@ -226,6 +226,20 @@ def test_a_turned_world_is_flown_the_same() -> None:
     assert_allclose(turned, plain, atol=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("gains", "sentence"),
+    [
+        (MppiGains(samples=32), "samples must be odd"),
+        (MppiGains(samples=101), "from 3 to 63"),
+        (MppiGains(knots=1), "knots must be"),
+        (MppiGains(feedback=LqrGains(integral=0.3)), "no integrators"),
+    ],
+)
+def test_what_the_compiled_futures_have_no_room_for_is_refused(gains: MppiGains, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Mppi(gains, Simulation())
+
+
 def test_the_gains_that_stand_are_those_of_such_a_controller() -> None:
     """An odd number of futures: one without perturbation and pairs of opposites."""
     gains = GAINS["mppi"]
