@@ -58,11 +58,11 @@ def test_a_fall_shows_in_survival_and_counts_as_a_metre() -> None:
     assert summary["survival"].value == 0.0
     assert summary["survival"].high > 0.0
     assert summary["penalised_rmse"].value == summary["iqm"].value == 1000.0
-    assert np.isnan(summary["rmse"].value)
+    assert np.isnan(summary["rmse_of_survivors"].value)
     assert np.isnan(summary["settled_rmse"].value)
     half = planted([0.1, 0.2], [True, False])
     assert summarise(half)["penalised_rmse"].value == pytest.approx(550.0)
-    assert summarise(half)["rmse"].value == pytest.approx(100.0)
+    assert summarise(half)["rmse_of_survivors"].value == pytest.approx(100.0)
 
 
 def test_flights_agree_with_their_errors() -> None:
@@ -83,7 +83,7 @@ def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys:
     assert "adrc-matched tracks closer by" in printed
     data = json.loads((tmp_path / "comparison.json").read_text())
     assert set(data["results"]["windy"]) == {"paper", "adrc-matched"}
-    assert data["results"]["windy"]["adrc-matched"]["minus_first"]["rmse"]["high"] < 0.0
+    assert data["results"]["windy"]["adrc-matched"]["minus_first"]["rmse_of_survivors"]["high"] < 0.0
     assert (tmp_path / "comparison.md").read_text().startswith("| scenario | policy | survival (%)")
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
     with (tmp_path / "comparison.csv").open(encoding="utf-8") as file:

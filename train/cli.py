@@ -64,7 +64,8 @@ def evaluate(
         scenarios: Scenarios by name, TOML or JSON file, or as JSON, see train/scenarios; NAME=SCENARIO gives one a
             name; test and training stand for all of these sets.
         episodes: Episodes in each scenario.
-        seed: Seed of the first episode; the published results use 1000000, so tune with another.
+        seed: Seed of the first episode. Gains are tuned from 2000000 on, and the published results are from 1000000 on:
+            leave those alone while you work on a policy.
         out: Folder for report.html, comparison.json, .csv, .md and .png, and the pictures of robustness.
         jobs: Processes that fly; the result is the same.
         store: Folder where flights are kept, so that only those missing are flown.
@@ -72,12 +73,14 @@ def evaluate(
         robustness: Episodes at each value of the axes of trouble, see train/axes.py; 0: no curves and no maps.
         document: Markdown file whose generated parts to fill in.
     """
-    from train import report, results
+    from train import documents, report, results
     from train.duel import leaderboard
     from train.evaluate import compare
     from train.robustness import measure
 
     named = _policies(policies)
+    if document:
+        documents.check(document, results.PARTS)
     comparison = compare(named, _scenarios(scenarios), episodes, seed, store, fresh, jobs)
     endured = (
         measure(named, episodes=robustness, seed=seed, folder=store, fresh=fresh, jobs=jobs) if robustness else None
@@ -114,7 +117,8 @@ def duel(
         policies: Two, as in evaluate.
         scenarios: As in evaluate.
         episodes: Episodes in each scenario.
-        seed: Seed of the first episode; the published results use 1000000, so tune with another.
+        seed: Seed of the first episode. Gains are tuned from 2000000 on, and the published results are from 1000000 on:
+            leave those alone while you work on a policy.
         jobs: Processes that fly; the result is the same.
         store: Folder where flights are kept, so that only those missing are flown.
         fresh: Fly all of them again.

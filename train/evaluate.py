@@ -18,7 +18,7 @@ from train.files import plain
 from train.flights import VALIDATION_SEED, Flights
 from train.jobs import Job, fly_all
 from train.origin import origin
-from train.policies import load_policies, seated
+from train.policies import identities, load_policies, seated
 from train.scenarios import Scenario, file_hash, find_scenario, scenario_hash
 from train.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
 
@@ -37,7 +37,7 @@ MEASURES = {
     "survival": Measure("%", 1, 100.0),
     "penalised_rmse": Measure("mm", -1, 1000.0),
     "iqm": Measure("mm", -1, 1000.0),
-    "rmse": Measure("mm", -1, 1000.0),
+    "rmse_of_survivors": Measure("mm", -1, 1000.0),
     "settled_rmse": Measure("mm", -1, 1000.0),
     "largest_tilt": Measure("°", -1, 180.0 / np.pi),
     "effort": Measure("", -1),
@@ -51,7 +51,7 @@ def measured(flights: Flights) -> dict[str, Any]:
         "survival": flights.survived,
         "penalised_rmse": flights.penalised_rmse,
         "iqm": flights.penalised_rmse,
-        "rmse": np.where(flights.survived, flights.rmse, np.nan),
+        "rmse_of_survivors": np.where(flights.survived, flights.rmse, np.nan),
         "settled_rmse": flights.settled_rmse,
         "largest_tilt": flights.largest_tilt,
         "effort": flights.effort,
@@ -62,8 +62,8 @@ def measured(flights: Flights) -> dict[str, Any]:
 def summarise(flights: Flights) -> dict[str, Interval]:
     """The measures of `MEASURES` in their units, each with its 95 % interval over the episodes.
 
-    ``rmse`` and ``settled_rmse`` are of the episodes that were survived, ``penalised_rmse`` and ``iqm``, its
-    interquartile mean, of all.
+    ``rmse_of_survivors`` and ``settled_rmse`` are of the episodes that were survived, ``penalised_rmse`` and ``iqm``,
+    its interquartile mean, of all.
     """
     estimators: dict[str, Callable[[Any], Interval]] = {"survival": proportion, "iqm": interquartile_mean}
     values = measured(flights).items()
@@ -74,7 +74,7 @@ def differences(flights: Flights, other: Flights) -> dict[str, Interval]:
     """How far `flights` lies above `other`, with paired intervals: the same episodes, one minus the other.
 
     `other` is one policy, or has as many training seeds as `flights`; ``iqm`` is the interquartile mean of the
-    differences, and ``rmse`` and ``settled_rmse`` are of the episodes that both survived.
+    differences, and ``rmse_of_survivors`` and ``settled_rmse`` are of the episodes that both survived.
     """
     mine, its = measured(flights), measured(other)
     out = {"survival": paired_proportion(mine.pop("survival"), its.pop("survival"))}
@@ -93,6 +93,7 @@ class Comparison:
         episodes: flown in each cell.
         seed: of the first episode.
         flights: by scenario and policy.
+        identities: of the policies that were given by name: gains, or hashes of model files.
     """
 
     policies: tuple[str, ...]
@@ -100,6 +101,7 @@ class Comparison:
     episodes: int
     seed: int
     flights: dict[Cell, Flights]
+    identities: dict[str, list[str]]
 
     @cached_property
     def summaries(self) -> dict[Cell, dict[str, Interval]]:
@@ -138,6 +140,7 @@ class Comparison:
         return {
             "origin": origin(),
             "code": store.code_stamp()[:12],
+            "policies": self.identities,
             "scenario_file": file_hash(),
             "scenario_hashes": {name: scenario_hash(scenario) for name, scenario in self.scenarios.items()},
             "episodes": self.episodes,
@@ -159,7 +162,7 @@ class Comparison:
 
 
 def compare(
-    policies: Mapping[str, str | Sequence[Policy]],
+    policies: Mapping[str, str | Policy | list[Policy] | tuple[Policy, ...]],
     scenarios: Sequence[str] | Mapping[str, str],
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
@@ -187,12 +190,16 @@ def compare(
         raise ValueError("there must be at least one policy and one scenario to compare")
     for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
         whole(value, name, least)
-    _check_seeds(policies)
+    contenders: dict[str, str | Sequence[Policy]] = {
+        name: given if isinstance(given, str | list | tuple) else [given] for name, given in policies.items()
+    }
+    _check_seeds(contenders)
     named = scenarios if isinstance(scenarios, Mapping) else {name: name for name in scenarios}
     found = {name: find_scenario(scenario) for name, scenario in named.items()}
-    cells = {(s, p): Job(policies[p], found[s], episodes, seed) for s in found for p in policies}
+    cells = {(s, p): Job(contenders[p], found[s], episodes, seed) for s in found for p in policies}
     _check_flights({cell: job for cell, job in cells.items() if fresh or not _kept(job, folder)})
-    return Comparison(tuple(policies), found, episodes, seed, fly_all(cells, folder, fresh, jobs))
+    known = {name: identities(given) for name, given in contenders.items() if isinstance(given, str)}
+    return Comparison(tuple(policies), found, episodes, seed, fly_all(cells, folder, fresh, jobs), known)
 
 
 def _kept(job: Job, folder: Path | None) -> bool:

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-_PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "numba", "stable-baselines3", "torch")
+_PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "scipy", "numba", "stable-baselines3", "torch")
 
 
 def versions() -> dict[str, str]:

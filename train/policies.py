@@ -1,6 +1,7 @@
 """Policies by name, as the command line gives them."""
 
 import hashlib
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,10 @@ def load_policy(name: str) -> Policy:
     from stable_baselines3 import PPO
 
     torch.set_num_threads(1)  # more are slower for small networks, and may round differently
-    return PPO.load(path, device="cpu")
+    try:
+        return PPO.load(path, device="cpu")
+    except (TypeError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no PPO model saved by Stable-Baselines3: {error}") from error
 
 
 def identities(names: str) -> list[str]:

@@ -9,9 +9,10 @@ from rich.table import Table
 from train import figures
 from train.duel import Duel, Standing, leaderboard
 from train.evaluate import MEASURES, Comparison
+from train.flights import FALL, PERIOD, STEPS
 from train.statistics import Interval
 
-COLUMNS = ("survival", "penalised_rmse", "rmse", "settled_rmse", "largest_tilt", "effort")  # of the tables
+COLUMNS = ("survival", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort")  # of the tables
 _THINNED = 10  # every so many steps are drawn
 _SMALLEST = 0.05  # mm, lower end of the plots
 
@@ -168,19 +169,17 @@ def _judged(difference: Interval, unit: str, sign: int, better: str, worse: str)
 
 
 def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
-    """Tracking error over time: median and 80 % band of the episodes still flying."""
-    extent = []
+    """Tracking error over time: median and 80 % band of all episodes, in which the fallen stay at `FALL`."""
+    lowest = np.inf
     for i, policy in enumerate(comparison.policies):
-        error = 1000.0 * comparison.flights[scenario, policy].error[..., _THINNED - 1 :: _THINNED]
-        error = error.reshape(-1, error.shape[-1])
-        flown = ~np.isnan(error).all(axis=0)
-        if flown.any():
-            low, middle, high = np.nanquantile(error[:, flown], [0.1, 0.5, 0.9], axis=0)
-            figures.curve(axis, i, 0.01 * _THINNED * (1 + np.flatnonzero(flown)), low, middle, high)
-            extent += [low.min(), high.max()]
-    figures.logarithmic(axis, max(min(extent, default=1.0), _SMALLEST), max(extent, default=1000.0))
+        flown = comparison.flights[scenario, policy].error[..., _THINNED - 1 :: _THINNED]
+        error = 1000.0 * np.fmin(np.nan_to_num(flown.reshape(-1, flown.shape[-1]), nan=FALL), FALL)
+        low, middle, high = np.quantile(error, [0.1, 0.5, 0.9], axis=0)
+        figures.curve(axis, i, PERIOD * _THINNED * np.arange(1, error.shape[-1] + 1), low, middle, high)
+        lowest = min(lowest, low.min())
+    figures.logarithmic(axis, max(lowest, _SMALLEST), 1000.0 * FALL)
     axis.grid(alpha=0.25)
-    axis.set(xlim=(0.0, 10.0), xlabel="time (s)", ylabel="tracking error (mm)")
+    axis.set(xlim=(0.0, PERIOD * STEPS), xlabel="time (s)", ylabel="tracking error (mm)")
 
 
 def plot(comparison: Comparison) -> Any:

@@ -1,5 +1,6 @@
 """Everything that is written of a comparison: data, tables, pictures, the page, and parts of documents."""
 
+import shlex
 from pathlib import Path
 
 from train import documents, figures, html_report, report, robustness, robustness_plots
@@ -7,6 +8,7 @@ from train.duel import duel, leaderboard
 from train.evaluate import Comparison
 from train.robustness import Robustness
 
+PARTS = ("provenance", "leaderboard", "duels", "matrix", "robustness")  # of a document
 DUELS = 3  # that a document tells of: the best against the ones behind it
 
 
@@ -36,7 +38,7 @@ def write(comparison: Comparison, endured: Robustness | None, folder: Path) -> l
 
 
 def document(comparison: Comparison, endured: Robustness | None, path: Path) -> None:
-    """Fill in the parts of a document, ``provenance``, ``leaderboard``, ``duels``, ``matrix`` and ``robustness``.
+    """Fill in the `PARTS` of a document.
 
     Raises:
         ValueError: the document has no place for one of them.
@@ -46,7 +48,7 @@ def document(comparison: Comparison, endured: Robustness | None, path: Path) -> 
     duels = [f"- {duel(comparison, best, other).sentence()}" for other in others[:DUELS]]
     origin = comparison.provenance()
     told = (
-        f"`{' '.join(origin['origin']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"
+        f"`{shlex.join(origin['origin']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"
         f" {comparison.seed}; scenario file `{origin['scenario_file']}`, code `{origin['code']}`."
     )
     parts = {
@@ -55,6 +57,5 @@ def document(comparison: Comparison, endured: Robustness | None, path: Path) -> 
         "duels": "\n".join(duels),
         "matrix": report.matrix_markdown(comparison),
     }
-    if endured:
-        parts["robustness"] = robustness.markdown(endured)
+    parts["robustness"] = robustness.markdown(endured) if endured else "Not measured."
     documents.fill(path, parts)

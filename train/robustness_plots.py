@@ -16,7 +16,7 @@ _COLUMNS = 3
 
 
 def axis_figure(robustness: Robustness, name: str) -> Any:
-    """Survival above, tracking error of the survivors below, along one axis."""
+    """Survival above, penalised tracking error below, along one axis."""
     figure = figures.blank(3.8, 3.9)
     (survival,), (rmse,) = figures.grid(figure, 2, 1, sharex=True)
     _draw_axis(survival, rmse, robustness, name)
@@ -45,12 +45,12 @@ def _draw_axis(survival: Any, rmse: Any, robustness: Robustness, name: str) -> N
         values = [point.value for point in points]
         middle, low, high = 100.0 * np.array([point.survival for point in points]).T
         figures.curve(survival, i, values, low, middle, high)
-        middle, low, high = 1000.0 * np.array([point.rmse for point in points]).T
+        middle, low, high = 1000.0 * np.array([point.penalised_rmse for point in points]).T
         figures.curve(rmse, i, values, low, middle, high)
         rmse.plot(values, middle, ".", color=figures.colour(i), markersize=4, gid=f"contender{i}")
     survival.axhline(100.0 * ENDURED, color="#888888", linewidth=0.8, linestyle=":")
     survival.set(ylabel="survival (%)", ylim=(-3.0, 103.0))
-    rmse.set(ylabel="RMSE (mm)", xlabel=axis.label)
+    rmse.set(ylabel="penalised RMSE (mm)", xlabel=axis.label)
     figures.logarithmic(rmse, *_extent(robustness))
     for part in (survival, rmse):
         if axis.scale == "symlog":
@@ -62,8 +62,8 @@ def _draw_axis(survival: Any, rmse: Any, robustness: Robustness, name: str) -> N
 
 
 def _extent(robustness: Robustness) -> tuple[float, float]:
-    """Smallest and largest RMSE on all axes, mm, so that they can be drawn on one scale."""
-    values = np.array([point.rmse for points in robustness.curves.values() for point in points])
+    """Smallest and largest penalised RMSE on all axes, mm, so that they can be drawn on one scale."""
+    values = np.array([point.penalised_rmse for points in robustness.curves.values() for point in points])
     return (1000.0 * np.nanmin(values), 1000.0 * np.nanmax(values)) if np.isfinite(values).any() else (1.0, 1000.0)
 
 

@@ -1,4 +1,4 @@
-"""Tuning the classical controllers on the training scenarios, with the learners' own objective.
+"""Tuning the classical controllers on the training scenarios, by what policies are compared by.
 
 The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios of the set ``training``:
 survival first, since a fall counts as 1 m, then accuracy. The search (CMA-ES, by Optuna) minimises it, but counts a
@@ -8,14 +8,14 @@ rounded to three digits and scored again in episodes that the search has not see
 
 import json
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optuna
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
@@ -24,10 +24,11 @@ from baselines.controllers import MAKERS
 from baselines.gains import GAINS
 from baselines.rollout import rollout
 from quadpend_gym.records import whole
-from train.flights import VALIDATION_SEED, Flights, fly, record
-from train.scenarios import SETS, find_scenario
+from train.flights import STEPS, TUNING_SEED, Flights, record
+from train.scenarios import SETS, find_scenario, scenario_hash
+from train.store import code_stamp
 
-SCORE_SEED = VALIDATION_SEED + 100_000  # episodes to score what was found in
+SCORE_SEED = TUNING_SEED + 100_000  # episodes to score what was found in
 SCORE_EPISODES = 200
 
 # Lowest and highest value, and where the search begins; on a logarithmic scale, since all are above zero.
@@ -63,18 +64,21 @@ SPACES: dict[str, dict[str, Range]] = {
     "lqr": _LQR,
     "lqi": {**_LQR, "integral": (0.01, 3.0, 0.245), "integral_limit": (0.02, 2.0, 0.396)},
     "flatness": {
-        "position_bandwidth": (1.0, 6.0, 3.0),
-        "pendulum_bandwidth": (3.0, 15.0, 6.5),
-        "attitude_bandwidth": (5.0, 40.0, 12.0),
-        "damping": (0.4, 1.3, 0.6),
-        "vertical_bandwidth": (3.0, 10.0, 4.5),
-        "acceleration": (1.0, 12.0, 3.5),
-        "velocity": (0.3, 5.0, 2.0),
-        "lean": (0.6, 1.3, 1.1),
-        "far_pendulum_bandwidth": (2.5, 8.0, 4.0),
-        "far_attitude_bandwidth": (4.0, 20.0, 7.0),
-        "near": (0.03, 1.0, 0.3),
-        **_ESTIMATOR,
+        "position_bandwidth": (1.0, 6.0, 4.26),
+        "pendulum_bandwidth": (3.0, 15.0, 6.12),
+        "attitude_bandwidth": (5.0, 40.0, 13.6),
+        "damping": (0.4, 1.3, 0.638),
+        "vertical_bandwidth": (3.0, 10.0, 4.19),
+        "acceleration": (1.0, 12.0, 3.22),
+        "velocity": (0.3, 5.0, 0.936),
+        "lean": (0.6, 1.3, 1.03),
+        "far_pendulum_bandwidth": (2.5, 8.0, 3.62),
+        "far_attitude_bandwidth": (4.0, 20.0, 8.48),
+        "near": (0.03, 1.0, 0.157),
+        "estimator.rate_noise": (1e-3, 1e-1, 3.44e-3),
+        "estimator.force_walk": (0.1, 100.0, 0.535),
+        "estimator.bob_force_walk": (1e-3, 1.0, 0.326),
+        "estimator.torque_walk": (1e-3, 10.0, 1.76),
     },
     "mppi": {
         "feedback.position": (0.02, 2.0, 0.417),
@@ -98,25 +102,28 @@ def changed(gains: Any, values: dict[str, float]) -> Any:
 
 def lost(flights: Flights) -> float:
     """Mean penalised RMSE in mm, in which a fall at the very start counts twice."""
-    share = 1.0 - flights.steps / 1000.0
+    share = 1.0 - flights.steps / STEPS
     return 1000.0 * float(np.mean(flights.penalised_rmse + np.where(flights.survived, 0.0, share)))
 
 
 def score(policy: Policy, episodes: int = SCORE_EPISODES, seed: int = SCORE_SEED) -> dict[str, tuple[float, float]]:
     """Survival (%) and mean penalised RMSE (mm) in each training scenario."""
-    flown = {name: fly([policy], name, episodes, seed) for name in SETS["training"]}
+    fleet: Any = Fleet(episodes)
+    flights = record(rollout(policy, fleet, seed), fleet.num_envs)
+    parts = (np.split(array, len(SETS["training"])) for array in (flights.survived, flights.penalised_rmse))
     return {
-        name: (100.0 * float(flights.survived.mean()), 1000.0 * float(flights.penalised_rmse.mean()))
-        for name, flights in flown.items()
+        name: (100.0 * float(survived.mean()), 1000.0 * float(rmse.mean()))
+        for name, survived, rmse in zip(SETS["training"], *parts, strict=True)
     }
 
 
 class Fleet:
-    """Several vector environments in the place of one, so that a policy is asked once for all of them."""
+    """All training scenarios in the place of one environment, so that a policy is asked once for all of them."""
 
-    def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
-        self.envs = envs
-        self.num_envs = sum(env.num_envs for env in envs)
+    def __init__(self, episodes: int) -> None:
+        scenarios = [find_scenario(name) for name in SETS["training"]]
+        self.envs = [scenario.make_vec(episodes, AutoresetMode.SAME_STEP) for scenario in scenarios]
+        self.num_envs = episodes * len(scenarios)
 
     def reset(self, *, seed: int, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode in every row; every environment counts up from `seed`."""
@@ -138,7 +145,7 @@ class Fleet:
 
 
 def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> optuna.Study:
-    """Search the gains of a controller; what is in `folder` already is gone on with.
+    """Search the gains of a controller; a search that `folder` holds, by the same code, is gone on with.
 
     Args:
         name: a key of `SPACES`.
@@ -149,12 +156,13 @@ def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> op
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = JournalFileBackend(str(folder / f"{name}.log"))
+    hashes = [scenario_hash(find_scenario(scenario)) for scenario in SETS["training"]]
     start = {path: first for path, (_, _, first) in SPACES[name].items()}
     with warnings.catch_warnings():  # x0 and sigma0 go with Optuna 6, which is why it must be below
         warnings.simplefilter("ignore", FutureWarning)
         sampler = optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
     study = optuna.create_study(
-        study_name=f"{name}, {episodes} episodes, seed {seed}",
+        study_name=json.dumps([name, episodes, seed, SPACES[name], hashes, code_stamp()]),
         storage=JournalStorage(file),
         sampler=sampler,
         load_if_exists=True,
@@ -167,13 +175,12 @@ def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> op
 
 
 def _objective(name: str, episodes: int) -> Callable[[optuna.Trial], float]:
-    envs = [find_scenario(scenario).make_vec(episodes, AutoresetMode.SAME_STEP) for scenario in SETS["training"]]
+    fleet: Any = Fleet(episodes)
 
     def objective(trial: optuna.Trial) -> float:
         values = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SPACES[name].items()}
         policy = MAKERS[name](changed(GAINS[name], values), None)
-        fleet: Any = Fleet(envs)
-        return lost(record(rollout(policy, fleet, VALIDATION_SEED), fleet.num_envs))
+        return lost(record(rollout(policy, fleet, TUNING_SEED), fleet.num_envs))
 
     return objective
 
