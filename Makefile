@@ -20,7 +20,7 @@ evidence: .venv/.installed  ## the results table of the README: five training se
 	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
-CLASSICAL := flatness mppi lqi lqr adrc-tuned adrc-linear adrc-paper
+CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
 results: .venv/.installed  ## docs/results.md: all classical controllers in all test scenarios
 	$(BIN)/quadpend evaluate --policies $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
 		--robustness 100 --out docs/results --document docs/results.md

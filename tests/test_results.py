@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from train.cli import main
+from train.results import PARTS
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "docs/results.md"
-PARTS = ("provenance", "leaderboard", "duels", "matrix", "robustness")
 
 
 @pytest.fixture

@@ -2,18 +2,18 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 from baselines import CONTROLLERS, controller
 from baselines.gains import GAINS, TUNED, LqrGains
 from baselines.rollout import rollout
 from train import tune
 from train.cli import main
-from train.flights import VALIDATION_SEED, fly, record
-from train.scenarios import SETS, find_scenario
+from train.flights import TUNING_SEED, fly, record
+from train.scenarios import SETS
 
 
 def test_every_controller_has_gains_and_what_was_tuned_has_a_space() -> None:
@@ -37,11 +37,12 @@ def test_changed_replaces_nested_fields_and_leaves_the_rest() -> None:
     assert (gains.velocity, gains.estimator.force_walk) == (LqrGains().velocity, LqrGains().estimator.force_walk)
 
 
-def test_a_fleet_flies_as_its_environments_do() -> None:
+def test_a_fleet_flies_as_its_environments_do(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("windy", "training_upset")
-    fleet = tune.Fleet([find_scenario(name).make_vec(3, AutoresetMode.SAME_STEP) for name in names])
-    together = record(rollout(controller("adrc-paper"), fleet, VALIDATION_SEED), 6)
-    apart = [fly([controller("adrc-paper")], name, 3) for name in names]
+    monkeypatch.setitem(SETS, "training", names)
+    fleet: Any = tune.Fleet(3)
+    together = record(rollout(controller("adrc-paper"), fleet, TUNING_SEED), 6)
+    apart = [fly([controller("adrc-paper")], name, 3, TUNING_SEED) for name in names]
     np.testing.assert_array_equal(together.steps, np.concatenate([flights.steps[0] for flights in apart]))
     np.testing.assert_array_equal(together.rmse, np.concatenate([flights.rmse[0] for flights in apart]))
 
@@ -79,8 +80,8 @@ def test_what_cannot_be_tuned_is_refused(tmp_path: Path, name: str, trials: int,
         tune.tune(name, trials, 1, 0, tmp_path)
 
 
-@pytest.mark.parametrize("name", ["adrc-tuned", "flatness"])
+@pytest.mark.parametrize("name", [name for name in TUNED if name != "mppi"])
 def test_the_score_beside_the_gains_is_theirs(name: str) -> None:
-    """A fifth of the episodes behind it: within 10 %."""
-    scores = [rmse for _, rmse in tune.score(controller(name), 40).values()]
-    assert np.mean(scores) == pytest.approx(TUNED[name].score, rel=0.1)
+    """MPPI's takes minutes: `quadpend tune mppi` tells it."""
+    scores = [rmse for _, rmse in tune.score(controller(name)).values()]
+    assert np.mean(scores) == pytest.approx(TUNED[name].score, abs=0.5)

@@ -1,11 +1,16 @@
 """Two policies against each other: who wins where, by how much, and how sure that is.
 
-A scenario is won by who survives more of its episodes; if that cannot be told apart, by who has the smaller penalised
-RMSE (a fall counts as 1 m); if that cannot either, by nobody. Both are tested in every scenario (`statistics.p_value`,
-over the same episodes), and all these tests together are corrected by Holm's method: the chance that even one of
-the victories or defeats is not real is at most 5 %.
+A scenario is won by who survives more of its episodes; if that cannot be told apart, by who has the smaller RMSE in
+those that both survived; if that cannot either, by nobody. Both are tested in every scenario (`p_proportion` and
+`p_value`, over the same episodes), and all tests of a family are corrected together by Holm's method: the chance that
+even one victory or defeat in it is not real is at most 5 %, as far as each test's own chance is what it says. The
+family of `duel` is one pair, that of `duels` and of the leaderboard all pairs, so that these claim a little less.
+
+The penalised RMSE (a fall counts as 1 m) says how much harm is done, but decides nothing: falls that are rarer than
+about 3/n may not be among n episodes at all, and then neither the mean nor its interval knows of them.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,22 +27,29 @@ from train.statistics import (
     improvement,
     improvement_unpaired,
     mean,
+    p_proportion,
     p_value,
     paired_proportion,
     proportion,
     wilcoxon,
 )
 
+_FEWEST = 10  # episodes that both survived, from which a claim about their RMSE is made
+
 
 class Bout(NamedTuple):
     """One scenario of a duel; differences are the first policy's value minus the second's.
 
+    Intervals are of the one scenario and not corrected, p-values are: a scenario without a winner may have an interval
+    without zero.
+
     Attributes:
         result: 1 if the first wins, −1 if the second does, 0 if they cannot be told apart.
         survival: difference, %.
-        penalised_rmse: difference, mm.
+        rmse: difference in the episodes that both survived, mm; nan if there are none.
+        penalised_rmse: difference, mm; its interval knows of no falls rarer than about 3/n.
         p_survival: of no difference in survival, corrected by Holm's method.
-        p_rmse: of no difference in penalised RMSE, corrected.
+        p_rmse: of no difference in `rmse`, corrected; 1 if fewer than 10 episodes were survived by both.
         p_wilcoxon: of Wilcoxon's signed-rank test on the penalised RMSE, for whoever wants it; not corrected.
         improvement: probability that the first has the smaller penalised RMSE in an episode.
         improvement_unpaired: the same over all pairs of episodes, as rliable has it.
@@ -45,6 +57,7 @@ class Bout(NamedTuple):
 
     result: int
     survival: Interval
+    rmse: Interval
     penalised_rmse: Interval
     p_survival: float
     p_rmse: float
@@ -80,14 +93,12 @@ class Duel:
             return self.turned().sentence()
         told = []
         if won:
-            share = f"{len(won)} of {_scenarios(len(self.bouts))}"
-            told.append(f"beats {self.second} in {share} (penalised RMSE {self._amount(won)})")
-        if lost:
-            told.append(f"loses in {len(lost)} ({_listed(lost)}{self._amount(lost)})")
+            told.append(f"beats {self.second} in {len(won)} of {_scenarios(len(self.bouts))}{_listed(won)}")
+            told.append(f"loses in {len(lost) or 'none'}{_listed(lost)}")
         if drawn:
             whom = "" if won else f" from {self.second}"
-            told.append(f"is not distinguishable{whom} in {len(drawn)}{_listed(drawn, ' (', ')')}")
-        return f"{self.first} {_joined(told)}; over all, its penalised RMSE is {self._amount(list(self.bouts))}."
+            told.append(f"is not distinguishable{whom} in {len(drawn)}{_listed(drawn)}")
+        return f"{self.first} {_joined(told)}; over all, its penalised RMSE is {self._amount()}."
 
     def turned(self) -> "Duel":
         """The same, told of the second policy."""
@@ -95,6 +106,7 @@ class Duel:
             name: bout._replace(
                 result=-bout.result,
                 survival=_minus(bout.survival),
+                rmse=_minus(bout.rmse),
                 penalised_rmse=_minus(bout.penalised_rmse),
                 improvement=Interval(*(1.0 - x for x in np.take(bout.improvement, [0, 2, 1]))),
                 improvement_unpaired=1.0 - bout.improvement_unpaired,
@@ -103,14 +115,18 @@ class Duel:
         }
         return Duel(self.second, self.first, bouts, {name: -value for name, value in self.advantage.items()})
 
-    def _amount(self, names: Sequence[str]) -> str:
-        """How far the first's penalised RMSE is from the second's in these scenarios, which weigh the same."""
-        lower = mean(np.mean([self.advantage[name] for name in names], axis=0))
+    def _amount(self) -> str:
+        """How far the first's penalised RMSE is from the second's over all scenarios, which weigh the same.
+
+        Over those won alone it would be too large: they were chosen because of it.
+        """
+        lower = mean(np.mean(list(self.advantage.values()), axis=0))
         value, low, high = lower if lower.value >= 0.0 else _minus(lower)
-        chance = np.mean([self.bouts[name].improvement.value for name in names])
+        chance = np.mean([bout.improvement.value for bout in self.bouts.values()])
         return (
-            f"{'lower' if lower.value >= 0.0 else 'higher'} by {_number(value)} mm"
-            f"{' on average' if len(names) > 1 else ''}, 95 % interval {_number(low)} to {_number(high)};"
+            f"{'lower' if lower.value >= 0.0 else 'higher'} by {_number(value, high)} mm"
+            f"{' on average' if len(self.bouts) > 1 else ''},"
+            f" 95 % interval {_number(low, high)} to {_number(high, high)};"
             f" probability of improvement {chance:.2f}"
         )
 
@@ -123,9 +139,9 @@ def _scenarios(count: int) -> str:
     return f"{count} scenario{'s' if count > 1 else ''}"
 
 
-def _listed(names: Sequence[str], before: str = "", after: str = ": ") -> str:
+def _listed(names: Sequence[str]) -> str:
     """A few names; many are left to the table."""
-    return f"{before}{', '.join(names)}{after}" if len(names) <= 5 else ""
+    return f" ({', '.join(names)})" if 0 < len(names) <= 5 else ""
 
 
 def _joined(parts: Sequence[str]) -> str:
@@ -133,39 +149,71 @@ def _joined(parts: Sequence[str]) -> str:
     return f"{', '.join(before)} and {last}" if before else last
 
 
-def _number(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 20.0 else f"{value:.1f}" if abs(value) >= 1.0 else f"{value:.2f}"
+def _number(value: float, largest: float) -> str:
+    """A number with as many digits as are worth reading of the largest that stands beside it."""
+    return f"{value:.{0 if largest >= 20.0 else 1 if largest >= 1.0 else 2}f}"
 
 
 def duel(comparison: Comparison, first: str, second: str) -> Duel:
-    """The duel of two of a comparison's policies in its scenarios."""
-    pairs = {name: (comparison.flights[name, first], comparison.flights[name, second]) for name in comparison.scenarios}
-    tests = [p_value(difference) for pair in pairs.values() for difference in _tested(*pair)]
-    corrected = iter(holm(tests))
-    bouts = {name: _bout(*pair, next(corrected), next(corrected)) for name, pair in pairs.items()}
-    advantage = {name: -1000.0 * _tested(*pair)[1] for name, pair in pairs.items()}
-    return Duel(first, second, bouts, advantage)
+    """The duel of two of a comparison's policies in its scenarios, its tests corrected for their number."""
+    return _fought(comparison, [(first, second)])[first, second]
 
 
-def _tested(flights: Flights, other: Flights) -> tuple[Floats, Floats]:
-    """What is tested in a scenario: differences of survival and of penalised RMSE (m), shape (s, n) each."""
-    return flights.survived.astype(np.float64) - other.survived, flights.penalised_rmse - other.penalised_rmse
+def duels(comparison: Comparison) -> dict[tuple[str, str], Duel]:
+    """The duels of all pairs of a comparison's policies, all their tests together corrected for their number."""
+    return _fought(comparison, list(itertools.combinations(comparison.policies, 2)))
+
+
+def _fought(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Duel]:
+    flown = {
+        (pair, name): (comparison.flights[name, pair[0]], comparison.flights[name, pair[1]])
+        for pair in pairs
+        for name in comparison.scenarios
+    }
+    corrected = iter(holm([p for both in flown.values() for p in _p_values(*both)]))
+    bouts = {fight: _bout(*both, next(corrected), next(corrected)) for fight, both in flown.items()}
+    return {
+        pair: Duel(
+            *pair,
+            {name: bouts[pair, name] for name in comparison.scenarios},
+            {name: -1000.0 * _penalised(*flown[pair, name]) for name in comparison.scenarios},
+        )
+        for pair in pairs
+    }
+
+
+def _p_values(flights: Flights, other: Flights) -> tuple[float, float]:
+    """Of no difference in survival and none in RMSE, not corrected."""
+    rmse = _rmse(flights, other)
+    enough = np.sum(~np.isnan(rmse).all(axis=0)) >= _FEWEST
+    return p_proportion(flights.survived, other.survived), p_value(rmse) if enough else 1.0
+
+
+def _rmse(flights: Flights, other: Flights) -> Floats:
+    """Difference of the RMSE (m) in the episodes that both survived, nan in the others, shape (s, n)."""
+    return np.asarray(np.where(flights.survived & other.survived, flights.rmse - other.rmse, np.nan))
+
+
+def _penalised(flights: Flights, other: Flights) -> Floats:
+    """Difference of the penalised RMSE (m), shape (s, n)."""
+    return flights.penalised_rmse - other.penalised_rmse
 
 
 def _bout(flights: Flights, other: Flights, p_survival: float, p_rmse: float) -> Bout:
-    survival, rmse = _tested(flights, other)
+    survival, rmse = paired_proportion(flights.survived, other.survived), mean(_rmse(flights, other))
     if p_survival < 1.0 - CONFIDENCE:
-        result = np.sign(survival.mean())
+        result = np.sign(survival.value)
     else:
-        result = -np.sign(rmse.mean()) if p_rmse < 1.0 - CONFIDENCE else 0.0
+        result = -np.sign(rmse.value) if p_rmse < 1.0 - CONFIDENCE else 0.0
     mine, its = flights.penalised_rmse, other.penalised_rmse
     return Bout(
         int(result),
-        paired_proportion(flights.survived, other.survived).scaled(100.0),
-        mean(rmse).scaled(1000.0),
+        survival.scaled(100.0),
+        rmse.scaled(1000.0),
+        mean(_penalised(flights, other)).scaled(1000.0),
         p_survival,
         p_rmse,
-        wilcoxon(rmse),
+        wilcoxon(_penalised(flights, other)),
         improvement(mine, its),
         improvement_unpaired(mine, its),
     )
@@ -174,16 +222,18 @@ def _bout(flights: Flights, other: Flights, p_survival: float, p_rmse: float) ->
 class Standing(NamedTuple):
     """A policy's row of the leaderboard.
 
-    Every scenario weighs the same. Episode k has the same start and reference in most scenarios, so the bootstrap draws
-    it in all of them at once: strata keep their sizes, and what they have in common counts.
+    Every scenario weighs the same. Episode k has the same start and reference in most scenarios, so its values are
+    averaged over them before their mean's interval is made: what the scenarios have in common counts.
 
     Attributes:
         policy: its name.
-        penalised_rmse: mean over the scenarios, mm.
-        survival: mean over the scenarios, %.
-        worst_survival: share survived in the scenario where that is smallest, %.
+        penalised_rmse: mean over the scenarios, mm; its interval knows of no falls rarer than about 3/n.
+        survival: mean over the scenarios, %, with the ends of that interval or of Wilson's for all episodes together
+            that lie farther out.
+        worst_survival: share survived in the scenario where that is smallest, %; its interval does not count that the
+            scenario was chosen for it.
         worst: that scenario.
-        wins: scenarios won against every other policy in turn, see `Duel`.
+        wins: scenarios won against every other policy, summed over them, see `duels`.
         losses: scenarios lost against them.
     """
 
@@ -198,28 +248,29 @@ class Standing(NamedTuple):
 
 def leaderboard(comparison: Comparison) -> list[Standing]:
     """All policies, the smallest mean penalised RMSE first."""
-    names = comparison.policies
-    results = {(a, b): duel(comparison, a, b) for i, a in enumerate(names) for b in names[i + 1 :]}
+    results = duels(comparison)
 
     def count(name: str, result: int) -> int:
         first = sum(len(fought.won(result)) for (a, _), fought in results.items() if a == name)
         return first + sum(len(fought.won(-result)) for (_, b), fought in results.items() if b == name)
 
     return sorted(
-        (_standing(comparison, name, count(name, 1), count(name, -1)) for name in names),
+        (_standing(comparison, name, count(name, 1), count(name, -1)) for name in comparison.policies),
         key=lambda standing: standing.penalised_rmse.value,
     )
 
 
 def _standing(comparison: Comparison, policy: str, wins: int, losses: int) -> Standing:
     flights = {name: comparison.flights[name, policy] for name in comparison.scenarios}
-    survived = {name: flown.survived.astype(np.float64) for name, flown in flights.items()}
-    worst = min(survived, key=lambda name: survived[name].mean())
+    survived = {name: flown.survived for name, flown in flights.items()}
+    worst = min(survived, key=lambda name: float(survived[name].mean()))
+    survival = mean(np.mean(list(survived.values()), axis=0)).clipped(0.0, 1.0)
+    pooled = proportion(np.stack(list(survived.values())).reshape(1, -1))
     return Standing(
         policy,
         mean(np.mean([flown.penalised_rmse for flown in flights.values()], axis=0)).scaled(1000.0),
-        mean(np.mean(list(survived.values()), axis=0)).scaled(100.0),
-        proportion(flights[worst].survived).scaled(100.0),
+        survival.widened(pooled).scaled(100.0),
+        proportion(survived[worst]).scaled(100.0),
         worst,
         wins,
         losses,

@@ -67,7 +67,7 @@ def legend(figure: Any, names: tuple[str, ...]) -> None:
 
 def png(figure: Any, path: Path) -> None:
     """Write a PNG file."""
-    figure.savefig(path, dpi=150, metadata={"Software": None})
+    figure.savefig(path, dpi=110, metadata={"Software": None})
 
 
 def svg(figure: Any, name: str) -> str:

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from baselines.gains import TUNED
 from train import figures
-from train.duel import Duel, Standing, leaderboard
+from train.duel import Bout, Duel, Standing, duel, leaderboard
 from train.evaluate import MEASURES, Comparison
 from train.flights import FALL, PERIOD, STEPS
 from train.statistics import Interval
@@ -82,24 +83,24 @@ def _standings(standings: Sequence[Standing]) -> list[list[str]]:
 
 def leaderboard_table(standings: Sequence[Standing]) -> Table:
     """The leaderboard, for the terminal."""
-    out = _table("All scenarios together, each weighing the same", STANDINGS)
+    out = _table("All scenarios together, each weighing the same; wins and losses by Holm's method", STANDINGS)
     for row in _standings(standings):
         out.add_row(*row)
     return out
 
 
-BOUTS = ("scenario", "winner", "penalised rmse (mm)", "p", "survival (points)", "p", "improvement")
+BOUTS = ("scenario", "winner", "survival (points)", "p", "rmse where both survive (mm)", "p", "penalised rmse (mm)")
 
 
 def duel_table(duel: Duel) -> Table:
-    """The differences of a duel, scenario by scenario, for the terminal."""
-    out = _table(f"{duel.first} minus {duel.second}, 95 % intervals, p corrected by Holm's method", BOUTS)
+    """The differences of a duel, scenario by scenario, and the probability of improvement, for the terminal."""
+    title = f"{duel.first} minus {duel.second}, 95 % intervals, p corrected by Holm's method"
+    out = _table(title, [*BOUTS, "improvement"])
     for name, bout in duel.bouts.items():
         winner = {1: duel.first, -1: duel.second, 0: "–"}[bout.result]
-        rmse, survival = estimate(bout.penalised_rmse), estimate(bout.survival)
-        out.add_row(
-            name, winner, rmse, f"{bout.p_rmse:.2g}", survival, f"{bout.p_survival:.2g}", estimate(bout.improvement)
-        )
+        survival = [estimate(bout.survival), f"{bout.p_survival:.2g}"]
+        rmse = [estimate(bout.rmse), f"{bout.p_rmse:.2g}"]
+        out.add_row(name, winner, *survival, *rmse, estimate(bout.penalised_rmse), estimate(bout.improvement))
     return out
 
 
@@ -110,6 +111,12 @@ def _markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> s
 def table_markdown(comparison: Comparison) -> str:
     """The table in Markdown."""
     return _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _cells(comparison))
+
+
+def tuning_markdown(policies: Sequence[str]) -> str:
+    """How the gains of those policies that were tuned were found, in Markdown."""
+    rows = [[name, f"`{TUNED[name].command}`", brief(TUNED[name].score)] for name in policies if name in TUNED]
+    return _markdown_table(["controller", "found by", "score (mm)"], rows)
 
 
 def matrix_markdown(comparison: Comparison) -> str:
@@ -143,29 +150,30 @@ def markdown(comparison: Comparison) -> str:
 
 
 def verdicts(comparison: Comparison) -> list[str]:
-    """One sentence for each scenario and policy: is it better than the first one, and by how much."""
-    first = comparison.policies[0]
-    return [
-        _verdict(comparison, scenario, policy, first)
-        for scenario in comparison.scenarios
-        for policy in comparison.policies[1:]
-    ]
+    """One sentence for each scenario and policy: does it beat the first one in their duel, and by how much."""
+    first, *others = comparison.policies
+    fought = [duel(comparison, policy, first) for policy in others]
+    return [_verdict(scenario, one, one.bouts[scenario]) for scenario in comparison.scenarios for one in fought]
 
 
-def _verdict(comparison: Comparison, scenario: str, policy: str, first: str) -> str:
-    by = comparison.minus_first[scenario, policy]
-    closer = _judged(by["penalised_rmse"], "mm of penalised RMSE", MEASURES["penalised_rmse"].better, "closer", "worse")
-    longer = _judged(by["survival"], "points", MEASURES["survival"].better, "more often", "less often")
-    return f"In {scenario}, {policy} tracks {closer} than {first}, and survives {longer}."
+def _verdict(scenario: str, fought: Duel, bout: Bout) -> str:
+    beats = f"{fought.first} beats {fought.second}"
+    loses = f"{fought.first} loses to {fought.second}"
+    neither = f"{fought.first} and {fought.second} cannot be told apart"
+    return (
+        f"In {scenario}, {[neither, beats, loses][bout.result]}: RMSE where both survive {_judged(bout.rmse, 'mm')},"
+        f" survival {_judged(bout.survival, 'points')}."
+    )
 
 
-def _judged(difference: Interval, unit: str, sign: int, better: str, worse: str) -> str:
+def _judged(difference: Interval, unit: str) -> str:
+    """How much higher or lower the first is, with the interval of that amount: "lower by 2.00 mm [-1.00, 5.00]"."""
     value, low, high = difference
-    if low <= 0.0 <= high:
-        return f"neither {better} nor {worse} (difference {value:.1f}, 95 % interval {low:.1f} to {high:.1f} {unit})"
-    word = better if value * sign > 0 else worse
-    least, most = sorted([abs(low), abs(high)])
-    return f"{word} by {abs(value):.1f} {unit} (95 % interval {least:.1f} to {most:.1f})"
+    if np.isnan(value):
+        return "unknown"
+    turned = Interval(-value, -high, -low) if value < 0.0 else difference
+    word = "lower" if value < 0.0 else "higher" if value > 0.0 else "different"
+    return f"{word} by {brief(turned.value)} {unit} {bounds(turned)}"
 
 
 def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:

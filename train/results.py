@@ -8,7 +8,7 @@ from train.duel import duel, leaderboard
 from train.evaluate import Comparison
 from train.robustness import Robustness
 
-PARTS = ("provenance", "leaderboard", "duels", "matrix", "robustness")  # of a document
+PARTS = ("provenance", "tuning", "leaderboard", "duels", "matrix", "robustness")  # of a document
 DUELS = 3  # that a document tells of: the best against the ones behind it
 
 
@@ -53,6 +53,7 @@ def document(comparison: Comparison, endured: Robustness | None, path: Path) -> 
     )
     parts = {
         "provenance": told,
+        "tuning": report.tuning_markdown(comparison.policies),
         "leaderboard": report.leaderboard_markdown(standings),
         "duels": "\n".join(duels),
         "matrix": report.matrix_markdown(comparison),
