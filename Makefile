@@ -23,7 +23,7 @@ evidence: .venv/.installed  ## the results table of the README: five training se
 CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
 results: .venv/.installed  ## docs/results.md: all classical controllers in all test scenarios
 	$(BIN)/quadpend evaluate --policies $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
-		--robustness 100 --out docs/results --document docs/results.md
+		--robustness 50 --out docs/results --document docs/results.md
 
 pictures: .venv/.installed  ## the pictures of docs/models.md
 	$(BIN)/quadpend wind --out docs/models

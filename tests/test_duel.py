@@ -8,7 +8,7 @@ import pytest
 
 from tests.policy_helpers import Biased, Falling, Shaky, planted
 from train.cli import main
-from train.duel import duel, leaderboard
+from train.duel import duel, duels, leaderboard
 from train.evaluate import Comparison, compare
 from train.flights import Flights
 from train.report import leaderboard_table
@@ -20,7 +20,7 @@ def compared(**policies: list[Flights]) -> Comparison:
     number = len(next(iter(policies.values())))
     names = [f"s{i}" for i in range(number)]
     flights = {(names[i], policy): flown[i] for policy, flown in policies.items() for i in range(number)}
-    return Comparison(tuple(policies), {name: Scenario() for name in names}, 200, 0, flights)
+    return Comparison(tuple(policies), {name: Scenario() for name in names}, 200, 0, flights, {})
 
 
 def test_a_planted_advantage_is_found_with_its_amount_in_the_interval() -> None:
@@ -35,10 +35,12 @@ def test_a_planted_advantage_is_found_with_its_amount_in_the_interval() -> None:
     for name in fought.won(1):
         _, low, high = fought.bouts[name].penalised_rmse
         assert -13.0 < low < high < -7.0
-    assert sum(bout.penalised_rmse.low <= -10.0 <= bout.penalised_rmse.high for bout in fought.bouts.values()) >= 4
+    assert sum(bout.rmse.low <= -10.0 <= bout.rmse.high for bout in fought.bouts.values()) >= 4
     sentence = fought.sentence()
-    assert sentence.startswith("a beats b in 5 of 6 scenarios (penalised RMSE lower by ")
-    assert "is not distinguishable in 1 (s5)" in sentence
+    assert sentence.startswith(
+        "a beats b in 5 of 6 scenarios (s0, s1, s2, s3, s4), loses in none and is not distinguishable in 1 (s5); over"
+        " all, its penalised RMSE is lower by "
+    )
     assert sentence == duel(compared(a=[planted(x) for x in better], b=[planted(x) for x in base]), "b", "a").sentence()
 
 
@@ -64,6 +66,49 @@ def test_equals_rarely_win_anything_in_many_scenarios() -> None:
         )
         fights += len(duel(compared(a=one, b=two), "a", "b").won(0)) < 16
     assert fights <= 4
+
+
+@pytest.mark.parametrize("rate", [0.0025, 0.005])
+def test_a_fall_by_chance_is_no_victory(rate: float) -> None:
+    """Equals that fall rarely, each in episodes of its own: a fall counts as 1 m, a thousand times the rest."""
+    random = np.random.default_rng(4)
+    claims = 0
+    for _ in range(200):
+        base = random.normal(0.1, 0.03, 200)
+        one, two = (planted(base + random.normal(0.0, 0.001, 200), random.random(200) >= rate) for _ in range(2))
+        claims += duel(compared(a=[one], b=[two]), "a", "b").bouts["s0"].result != 0
+    assert claims <= 14
+
+
+def test_too_few_common_survivals_are_no_evidence_of_rmse() -> None:
+    few, many = np.arange(200) < 9, np.arange(200) < 12
+    for survived, result in ((few, 0), (many, 1)):
+        fought = duel(
+            compared(a=[planted(np.full(200, 0.1), survived)], b=[planted(np.full(200, 0.2), survived)]), "a", "b"
+        )
+        assert fought.won(result) == ["s0"]
+        assert fought.bouts["s0"].rmse.value == pytest.approx(-100.0)
+    fallen = planted(np.full(200, 0.1), survived=False)
+    assert np.isnan(duel(compared(a=[fallen], b=[fallen]), "a", "b").bouts["s0"].rmse.value)
+
+
+def test_all_duels_of_a_comparison_are_one_family() -> None:
+    """Each p-value is corrected for the tests of all pairs, and the leaderboard counts those victories."""
+    random = np.random.default_rng(5)
+    base = random.normal(0.1, 0.03, 200)
+    flown = {name: [planted(base + random.normal(0.0005 * i, 0.005, 200))] for i, name in enumerate("abcdef")}
+    comparison = compared(**flown)
+    together = duels(comparison)
+    assert len(together) == 15
+    for (first, second), fought in together.items():
+        alone = duel(comparison, first, second).bouts["s0"]
+        assert fought.bouts["s0"].p_rmse >= alone.p_rmse
+        assert fought.bouts["s0"].rmse == alone.rmse
+    smallest = min(together, key=lambda pair: together[pair].bouts["s0"].p_rmse)
+    alone = duel(comparison, *smallest).bouts["s0"]
+    assert together[smallest].bouts["s0"].p_rmse == pytest.approx(15 * alone.p_rmse)
+    decided = sum(len(fought.won(1)) + len(fought.won(-1)) for fought in together.values())
+    assert 0 < sum(standing.wins for standing in leaderboard(comparison)) == decided < 15
 
 
 def test_survival_comes_first() -> None:
@@ -97,6 +142,8 @@ def test_every_scenario_weighs_the_same_in_the_leaderboard() -> None:
     assert only.penalised_rmse.value == pytest.approx((100.0 + 300.0 + 600.0) / 3)
     assert only.survival.value == pytest.approx(250.0 / 3)
     assert only.worst == "s2"
+    (whole,) = leaderboard(compared(a=flights[:2]))
+    assert whole.survival.low < whole.survival.value == whole.survival.high == 100.0
 
 
 def test_learners_are_judged_over_their_training_seeds() -> None:
@@ -113,6 +160,8 @@ def test_the_compare_command_says_it_in_one_sentence(tmp_path: Path, capsys: pyt
     options: Any = ["--scenarios", "calm", "steady", "--episodes", "10", "--store", str(tmp_path)]
     main(["compare", "adrc-paper", "mine=adrc-matched", *options])
     printed = " ".join(capsys.readouterr().out.split())
-    assert printed.startswith("mine beats adrc-paper in 1 of 2 scenarios (penalised RMSE lower by ")
-    assert "is not distinguishable in 1 (calm); over all, its penalised RMSE is lower by" in printed
+    assert printed.startswith(
+        "mine beats adrc-paper in 1 of 2 scenarios (steady), loses in none and is not distinguishable in 1 (calm); over"
+        " all, its penalised RMSE is lower by"
+    )
     assert "Holm" in printed

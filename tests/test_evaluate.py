@@ -9,6 +9,7 @@ import pytest
 from baselines import ADRC
 from tests.policy_helpers import Biased, Falling, planted
 from train.cli import main
+from train.duel import duel
 from train.evaluate import MEASURES, compare, differences, summarise
 from train.flights import fly
 from train.report import markdown, verdicts
@@ -44,8 +45,22 @@ def test_a_policy_that_holds_a_distance_is_that_much_worse() -> None:
 def test_equal_policies_have_no_winner() -> None:
     comparison = compare({"one": [ADRC()], "two": [ADRC()]}, ["calm"], episodes=10)
     (verdict,) = verdicts(comparison)
-    assert "neither closer nor worse" in verdict
-    assert "neither more often nor less often" in verdict
+    assert verdict == (
+        "In calm, two and one cannot be told apart: RMSE where both survive different by 0.00 mm [0.00, 0.00],"
+        " survival different by 0.00 points [-16.33, 16.33]."
+    )
+
+
+def test_a_verdict_is_that_of_the_duel() -> None:
+    """Amounts lie in their intervals, and what is not significant beside the other tests is not claimed."""
+    comparison = compare({"honest": [Biased(0.0)], "aside": [Biased(0.03)], "falling": [Falling()]}, ["hover"], 20)
+    aside, falling = verdicts(comparison)
+    assert aside.startswith("In hover, aside loses to honest: RMSE where both survive higher by ")
+    value, low, high = duel(comparison, "aside", "honest").bouts["hover"].rmse
+    assert f"higher by {value:.1f} mm [{low:.1f}, {high:.1f}], survival different by 0.00 points [" in aside
+    assert falling.startswith(
+        "In hover, falling loses to honest: RMSE where both survive unknown, survival lower by 100 "
+    )
 
 
 def test_a_fall_shows_in_survival_and_counts_as_a_metre() -> None:
@@ -80,7 +95,7 @@ def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys:
     arguments = ["--policies", "paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
     main(["evaluate", *arguments, "--out", str(tmp_path), "--store", str(tmp_path / "store")])
     printed = capsys.readouterr().out
-    assert "adrc-matched tracks closer by" in printed
+    assert "adrc-matched and paper cannot be told apart: RMSE where both survive lower by" in printed
     data = json.loads((tmp_path / "comparison.json").read_text())
     assert set(data["results"]["windy"]) == {"paper", "adrc-matched"}
     assert data["results"]["windy"]["adrc-matched"]["minus_first"]["rmse_of_survivors"]["high"] < 0.0
@@ -100,7 +115,7 @@ def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: p
     kept = ["--out", str(tmp_path / "out"), "--store", str(tmp_path / "store")]
     main(["train", "--out", run, "--total-steps", "1024", "--num-envs", "16", "--batch-size", "256"])
     main(["evaluate", "--policies", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *kept])
-    assert "ppo tracks" in capsys.readouterr().out
+    assert "ppo and adrc-paper cannot be told apart" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

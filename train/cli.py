@@ -110,8 +110,8 @@ def duel(
 ) -> None:
     """Say in one sentence which of two policies wins where, by how much, and how sure that is.
 
-    A scenario is won by survival, or else by penalised RMSE (a fall counts as 1 m), if the difference is significant
-    at 5 % after Holm's correction for the number of tests.
+    A scenario is won by survival, or else by the RMSE of the episodes that both survive, if the difference is
+    significant at 5 % after Holm's correction for the number of tests.
 
     Args:
         policies: Two, as in evaluate.

@@ -92,12 +92,12 @@ def leaderboard_table(standings: Sequence[Standing]) -> Table:
 BOUTS = ("scenario", "winner", "survival (points)", "p", "rmse where both survive (mm)", "p", "penalised rmse (mm)")
 
 
-def duel_table(duel: Duel) -> Table:
+def duel_table(fought: Duel) -> Table:
     """The differences of a duel, scenario by scenario, and the probability of improvement, for the terminal."""
-    title = f"{duel.first} minus {duel.second}, 95 % intervals, p corrected by Holm's method"
+    title = f"{fought.first} minus {fought.second}, 95 % intervals, p corrected by Holm's method"
     out = _table(title, [*BOUTS, "improvement"])
-    for name, bout in duel.bouts.items():
-        winner = {1: duel.first, -1: duel.second, 0: "–"}[bout.result]
+    for name, bout in fought.bouts.items():
+        winner = {1: fought.first, -1: fought.second, 0: "–"}[bout.result]
         survival = [estimate(bout.survival), f"{bout.p_survival:.2g}"]
         rmse = [estimate(bout.rmse), f"{bout.p_rmse:.2g}"]
         out.add_row(name, winner, *survival, *rmse, estimate(bout.penalised_rmse), estimate(bout.improvement))

@@ -33,22 +33,29 @@ SCORE_EPISODES = 200
 
 # Lowest and highest value, and where the search begins; on a logarithmic scale, since all are above zero.
 Range = tuple[float, float, float]
-_ESTIMATOR = {
-    "estimator.rate_noise": (1e-3, 1e-1, 8e-3),
-    "estimator.force_walk": (0.1, 100.0, 0.5),
-    "estimator.bob_force_walk": (1e-3, 1.0, 0.3),
-    "estimator.torque_walk": (1e-3, 10.0, 0.5),
-}
 _LQR = {
-    "position": (0.02, 2.0, 1.27),
-    "velocity": (0.05, 5.0, 1.56),
-    "angle": (0.1, 10.0, 1.33),
-    "angle_rate": (0.3, 30.0, 15.3),
+    "position": (0.02, 2.0, 0.187),
+    "velocity": (0.05, 5.0, 1.55),
+    "angle": (0.1, 10.0, 1.42),
+    "angle_rate": (0.3, 30.0, 3.46),
     "reach": (0.05, 3.0, 0.5),
-    **_ESTIMATOR,
-    "estimator.rate_noise": (1e-3, 1e-1, 2e-3),
-    "estimator.force_walk": (0.1, 100.0, 0.8),
-    "estimator.bob_force_walk": (1e-3, 1.0, 0.01),
+    "estimator.rate_noise": (1e-3, 1e-1, 3.76e-3),
+    "estimator.force_walk": (0.1, 100.0, 1.22),
+    "estimator.bob_force_walk": (1e-3, 1.0, 0.0134),
+    "estimator.torque_walk": (1e-3, 10.0, 0.672),
+}
+_LQI = {
+    "position": (0.02, 2.0, 0.417),
+    "velocity": (0.05, 5.0, 1.29),
+    "angle": (0.1, 10.0, 1.62),
+    "angle_rate": (0.3, 30.0, 3.48),
+    "reach": (0.05, 3.0, 0.5),
+    "integral": (0.01, 3.0, 0.222),
+    "integral_limit": (0.02, 2.0, 0.696),
+    "estimator.rate_noise": (1e-3, 1e-1, 2.88e-3),
+    "estimator.force_walk": (0.1, 100.0, 0.873),
+    "estimator.bob_force_walk": (1e-3, 1.0, 4.83e-3),
+    "estimator.torque_walk": (1e-3, 10.0, 0.15),
 }
 SPACES: dict[str, dict[str, Range]] = {
     "adrc-tuned": {
@@ -62,7 +69,7 @@ SPACES: dict[str, dict[str, Range]] = {
         "vertical.bandwidth": (5.0, 500.0, 25.0),
     },
     "lqr": _LQR,
-    "lqi": {**_LQR, "integral": (0.01, 3.0, 0.245), "integral_limit": (0.02, 2.0, 0.396)},
+    "lqi": _LQI,
     "flatness": {
         "position_bandwidth": (1.0, 6.0, 4.26),
         "pendulum_bandwidth": (3.0, 15.0, 6.12),
@@ -87,7 +94,10 @@ SPACES: dict[str, dict[str, Range]] = {
         "feedback.angle_rate": (0.3, 30.0, 3.48),
         "spread": (0.005, 0.6, 0.05),
         "temperature": (0.01, 3.0, 0.3),
-        **_ESTIMATOR,
+        "estimator.rate_noise": (1e-3, 1e-1, 8e-3),
+        "estimator.force_walk": (0.1, 100.0, 0.5),
+        "estimator.bob_force_walk": (1e-3, 1.0, 0.3),
+        "estimator.torque_walk": (1e-3, 10.0, 0.5),
     },
 }
 
