@@ -59,7 +59,7 @@ def test_a_verdict_is_that_of_the_duel() -> None:
     value, low, high = duel(comparison, "aside", "honest").bouts["hover"].rmse
     assert f"higher by {value:.1f} mm [{low:.1f}, {high:.1f}], survival different by 0.00 points [" in aside
     assert falling.startswith(
-        "In hover, falling loses to honest: RMSE where both survive unknown, survival lower by 100 "
+        "In hover, falling loses to honest: RMSE where both survive unknown, survival lower by 100.0 "
     )
 
 

@@ -23,7 +23,8 @@ def test_the_commands_in_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
     train = ["--total-steps", "1024", "--num-envs", "16"]
-    brief = {"train": train, "evaluate": ["--episodes", "2"], "wind": ["--seconds", "1"]}
+    flown = ["--episodes", "2"]
+    brief = {"train": train, "evaluate": flown, "compare": flown, "wind": ["--seconds", "1"]}
     for line in "".join(blocks).splitlines():
         command, *options = shlex.split(line.removeprefix("quadpend "))
         main([command, *options, *brief[command]])
@@ -32,6 +33,13 @@ def test_the_commands_in_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_the_results_table_is_the_one_that_make_evidence_wrote() -> None:
     assert (ROOT / "docs/demo/comparison.md").read_text(encoding="utf-8").strip() in README
+
+
+def test_the_leaderboard_is_the_one_that_make_results_wrote() -> None:
+    results = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    (leaderboard,) = re.findall(r"<!-- begin leaderboard -->\n(.*?)<!-- end leaderboard -->", results, re.DOTALL)
+    assert leaderboard.strip()
+    assert leaderboard.strip() in README
 
 
 def test_the_speed_table_is_the_one_that_make_bench_wrote() -> None:

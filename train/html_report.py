@@ -14,11 +14,11 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from train import figures, robustness_plots
+from train import figures, report, robustness_plots
 from train.duel import Standing, duel, leaderboard
 from train.evaluate import MEASURES, Comparison
 from train.files import plain
-from train.report import COLUMNS, bounds, brief, draw_errors
+from train.report import COLUMNS, brief, draw_errors
 from train.robustness import Robustness, endured
 from train.statistics import Interval
 
@@ -109,9 +109,8 @@ def _environment() -> Environment:
 
 def estimate(interval: Interval) -> Markup:
     """A number with its interval."""
-    if np.isnan(interval.value):
-        return Markup("–")
-    return Markup(f"{brief(interval.value)} <small>{bounds(interval)}</small>")
+    value, _, ends = report.estimate(interval).partition(" ")
+    return Markup(f"{value} <small>{ends}</small>" if ends else value)
 
 
 def sortable(value: float) -> str:

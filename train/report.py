@@ -24,14 +24,17 @@ def brief(value: float, like: float | None = None) -> str:
     return f"{value:.{0 if size >= 100 else 1 if size >= 10 else 2}f}"
 
 
-def bounds(interval: Interval) -> str:
-    """The ends of an interval in brackets."""
-    return f"[{brief(interval.low, interval.value)}, {brief(interval.high, interval.value)}]"
-
-
 def estimate(interval: Interval) -> str:
     """A number with its interval; a dash if there is none."""
-    return "–" if np.isnan(interval.value) else f"{brief(interval.value)} {bounds(interval)}"
+    if np.isnan(interval.value):
+        return "–"
+    value, low, high = (brief(number, _smallest(interval)) for number in interval)
+    return f"{value} [{low}, {high}]"
+
+
+def _smallest(interval: Interval) -> float:
+    """The number that needs most digits: a share of 99.5 to 100 % is not 100 to 100; 0 needs no more than the rest."""
+    return min(abs(interval.value), abs(interval.low) or abs(interval.value))
 
 
 def _heading(name: str) -> str:
@@ -173,7 +176,8 @@ def _judged(difference: Interval, unit: str) -> str:
         return "unknown"
     turned = Interval(-value, -high, -low) if value < 0.0 else difference
     word = "lower" if value < 0.0 else "higher" if value > 0.0 else "different"
-    return f"{word} by {brief(turned.value)} {unit} {bounds(turned)}"
+    amount, _, ends = estimate(turned).partition(" ")
+    return f"{word} by {amount} {unit} {ends}"
 
 
 def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
