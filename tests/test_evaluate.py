@@ -107,7 +107,7 @@ def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys:
     assert rows[0] == "scenario,policy,measure,value,low,high,unit"
     assert len(rows) == 1 + 2 * len(MEASURES)
     assert {"scenario_file", "scenario_hashes", "episodes", "seed", "origin", "code"} <= data.keys()
-    assert data["origin"]["command"][1:]
+    assert data["origin"]["command"]
 
 
 def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
