@@ -14,7 +14,7 @@ from train.cli import main
 from train.evaluate import Comparison, compare
 from train.flights import Flights, fly
 from train.policies import identity
-from train.scenarios import Scenario
+from train.scenarios import Scenario, find_scenario
 
 BOTH = {"one": "adrc-paper", "two": "adrc-matched"}
 
@@ -127,3 +127,12 @@ def test_results_are_the_same_byte_for_byte(tmp_path: Path, monkeypatch: pytest.
     assert written[0] == written[1] == written[2]
     assert set(written[0]) == {"comparison.json", "comparison.csv", "comparison.md", "comparison.png", "report.html"}
     assert json.loads(written[0]["comparison.json"])["scenario_hashes"].keys() == {"calm", "gusts"}
+
+
+def test_a_model_that_changes_while_it_flies_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = iter(["before", "after"])
+    monkeypatch.setattr(jobs.Job, "key", lambda self: next(keys))
+    cell = {"calm": jobs.Job("adrc-paper", find_scenario("calm"), 1, 0)}
+    with pytest.raises(ValueError, match="adrc-paper has changed while it was flown"):
+        jobs.fly_all(cell, tmp_path)
+    assert list(tmp_path.iterdir()) == []

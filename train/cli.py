@@ -6,6 +6,7 @@ Each command is a function whose parameters are its options. Heavy imports wait 
 import argparse
 import sys
 from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -277,7 +278,7 @@ def main(arguments: list[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         _run(arguments)
-    except (ValueError, TypeError, FileNotFoundError, FileExistsError) as error:
+    except (ValueError, TypeError, FileNotFoundError, FileExistsError, BrokenProcessPool) as error:
         print(f"quadpend: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:

@@ -58,7 +58,7 @@ def fly_all(
         processes: that fly.
 
     Raises:
-        ValueError: there is no such policy, or it cannot fly in a scenario.
+        ValueError: there is no such policy, it cannot fly in a scenario, or its file changes meanwhile.
     """
     keys = {name: key for name, job in jobs.items() if folder and (key := job.key())}
     kept = {} if fresh or not folder else {name: store.load(folder, key) for name, key in keys.items()}
@@ -70,6 +70,8 @@ def fly_all(
     ):
         for name, flown in arriving:
             if folder and name in keys:
+                if jobs[name].key() != keys[name]:
+                    raise ValueError(f"{jobs[name].policies} has changed while it was flown: wait until it is trained")
                 store.save(folder, keys[name], flown)
             flights[name] = flown
             bar.update()
