@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.gains import ADRC_GAINS, AdrcGains
+from baselines.horizontal import turned
 from baselines.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
 from baselines.policy import started_rows, to_action
 from quadpend_gym import Simulation, read_observation
@@ -59,12 +60,6 @@ class Measurement(NamedTuple):
     yaw_acceleration: Floats  # ψ̈_d, (n,)
 
 
-def _turn(vector: Floats, yaw: Floats) -> Floats:
-    """Turn (n, 2) vectors by angles (n,)."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    return np.stack([cosine * vector[:, 0] - sine * vector[:, 1], sine * vector[:, 0] + cosine * vector[:, 1]], axis=-1)
-
-
 def measure(
     error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: dict[int, Floats]
 ) -> Measurement:
@@ -81,8 +76,8 @@ def measure(
     yaw = yaw_error + yaw_reference[:, 0]
     # In the heading's axes the thrust leans by (cos φ sin θ, −sin φ).
     lean = np.stack([np.cos(roll) * np.sin(pitch), -np.sin(roll)], axis=-1)
-    tilt = _turn(np.stack([pitch, -roll], axis=-1), yaw)
-    axis = np.column_stack([_turn(lean, yaw), np.cos(roll) * np.cos(pitch)])
+    tilt = turned(np.stack([pitch, -roll], axis=-1), yaw, 0)
+    axis = np.column_stack([turned(lean, yaw, 0), np.cos(roll) * np.cos(pitch)])
     return Measurement(error, direction, tilt, axis, yaw, yaw_error, reference, yaw_reference[:, 2])
 
 
@@ -206,7 +201,7 @@ class ADRC:
         feedback = sum(k * error for k, error in zip(self.horizontal_gains, errors, strict=True))
         v = measured.reference[6][:, :2] - feedback - disturbance
         torque = (p.chain_stiffness * self.fourth_derivative(measured) - v) / self._stiffness
-        pitch, roll = (_turn(torque, -measured.yaw) * [1.0, -1.0]).T
+        pitch, roll = (turned(torque, -measured.yaw, 0) * [1.0, -1.0]).T
         k0, k1 = self._vertical_gains
         height, yaw = estimate[:, _HEIGHT], estimate[:, _YAW]
         lift = measured.reference[2][:, 2] - k0 * height[:, 0] - k1 * height[:, 1] - height[:, 2]
@@ -226,7 +221,7 @@ class ADRC:
         fourth = self.fourth_derivative(measured)
         mismatch = self.gains.mismatch / p.chain_stiffness * estimate[:, _HORIZONTAL, 2]
         body = np.stack([command[:, 2] / p.inertia_pitch, -command[:, 1] / p.inertia_roll], axis=-1)
-        horizontal = p.chain_stiffness * fourth - self._stiffness * _turn(body, measured.yaw)
+        horizontal = p.chain_stiffness * fourth - self._stiffness * turned(body, measured.yaw, 0)
         lift = self._thrust_gain(measured) * command[:, 0]
         return np.column_stack(
             [

@@ -20,8 +20,9 @@ import numpy as np
 
 from baselines import flat_outputs
 from baselines.gains import EstimatorGains
+from baselines.horizontal import bounded, turned
 from baselines.linear_model import COLUMNS, EULER, FORCES, LEAN, POSITION, SIZE, linearise, turn
-from baselines.policy import bounded, choose
+from baselines.policy import choose
 from quadpend_gym import Simulation, kernel, read_observation
 from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.observation import OBSERVATION_SIZE
@@ -30,6 +31,7 @@ from quadpend_gym.state import STATE_SIZE, State
 _GAINS = 100  # steps after which the gain is constant
 _FLATTEST = 0.95  # |r_xy| of an estimate at most: 72° from upright, where no episode is
 _LARGEST = 300.0  # in SI units; an estimate with a larger number has lost its way and starts again
+_HORIZONTAL_FORCES = (0, 3)  # where those on quadrotor and bob begin among the estimated forces
 _POSITIONS = np.r_[POSITION, EULER, LEAN]  # what output feedback measures
 
 
@@ -97,7 +99,7 @@ class Estimator:
         yaw = state[:, 8].copy()
         correction = np.einsum("nij,nj->ni", gain, turn(innovation, -yaw)[:, seen])
         state[:, COLUMNS] += turn(correction[:, :SIZE], yaw)
-        disturbance[:, FORCES] += _turn_forces(correction[:, SIZE:], yaw)
+        disturbance[:, FORCES] += turned(correction[:, SIZE:], yaw, *_HORIZONTAL_FORCES)
         _stand_up(state)
         disturbance[:, FORCES] = np.clip(disturbance[:, FORCES], -_LARGEST, _LARGEST)
         sane = np.abs(state).max(axis=1) < _LARGEST  # false for nan too
@@ -123,16 +125,6 @@ def _stand_up(state: Floats) -> None:
     s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
     along = np.sum(s.direction[:, :2] * s.direction_rate[:, :2], axis=1)
     s.direction_rate[:, 2] = -along / s.direction[:, 2]
-
-
-def _turn_forces(forces: Floats, yaw: Floats) -> Floats:
-    """Turn forces, shape (n, 8), about the vertical; the torque stays."""
-    out = forces.copy()
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    for first in (0, 3):
-        a, b = forces[:, first], forces[:, first + 1]
-        out[:, first], out[:, first + 1] = cosine * a - sine * b, sine * a + cosine * b
-    return out
 
 
 @lru_cache(maxsize=32)

@@ -30,7 +30,7 @@ import numpy as np
 from baselines import flat_outputs, jets
 from baselines.estimator import Estimate, Reading
 from baselines.gains import FlatnessGains
-from baselines.policy import bounded
+from baselines.horizontal import bounded
 from quadpend_gym import Simulation
 from quadpend_gym.arrays import Floats
 from quadpend_gym.state import State

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baselines.horizontal import turned
 from quadpend_gym import Simulation, kernel
 from quadpend_gym.arrays import Floats
 from quadpend_gym.state import DIRECTION, DIRECTION_RATE, STATE_SIZE
@@ -57,9 +58,4 @@ def linearise(simulation: Simulation) -> LinearModel:
 
 def turn(x: Floats, yaw: Floats) -> Floats:
     """Turn the world's vectors in rows of x, shape (n, 16), about the vertical by angles (n,): attitudes stay."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    out = x.copy()
-    for first in (POSITION.start, VELOCITY.start, LEAN.start, LEAN_RATE.start):
-        a, b = x[:, first], x[:, first + 1]
-        out[:, first], out[:, first + 1] = cosine * a - sine * b, sine * a + cosine * b
-    return out
+    return turned(x, yaw, POSITION.start, VELOCITY.start, LEAN.start, LEAN_RATE.start)

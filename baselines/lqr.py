@@ -19,8 +19,9 @@ from scipy.linalg import block_diag, solve_discrete_are
 from baselines import flat_outputs
 from baselines.estimator import Estimate, Reading
 from baselines.gains import LqrGains
+from baselines.horizontal import bounded, turned
 from baselines.linear_model import COLUMNS, EULER_RATE, LEAN, LEAN_RATE, POSITION, SIZE, VELOCITY, linearise, turn
-from baselines.policy import bounded, to_action
+from baselines.policy import to_action
 from quadpend_gym import Simulation
 from quadpend_gym.arrays import Floats
 
@@ -35,6 +36,7 @@ def output_matrix(rod_length: float) -> Floats:
     return out
 
 
+@lru_cache(maxsize=32)
 def weights(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     """Q and R of equation (2), shapes (16, 16), or (19, 19) with integrators, and (4, 4)."""
     output = output_matrix(simulation.parameters.rod_length)
@@ -97,15 +99,8 @@ class Lqr:
         command = command - x @ gain[:, :SIZE].T
         if self.gains.integral <= 0.0:
             return command, memory
-        command = command - turn_outputs(memory, -yaw) @ gain[:, SIZE:].T
-        error = turn_outputs(x @ output_matrix(p.rod_length).T, yaw)
+        command = command - turned(memory, -yaw, 0) @ gain[:, SIZE:].T
+        error = turned(x @ output_matrix(p.rod_length).T, yaw, 0)
         free = np.isclose(to_action(command, self.simulation)[1], command, atol=1e-3).all(axis=1, keepdims=True)
         bound = self.gains.integral_limit
         return command, np.clip(memory + self.simulation.period * error * free, -bound, bound)
-
-
-def turn_outputs(error: Floats, yaw: Floats) -> Floats:
-    """Turn output errors, shape (n, 3), about the vertical by angles (n,)."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    a, b, c = error.T
-    return np.stack([cosine * a - sine * b, sine * a + cosine * b, c], axis=1)

@@ -46,12 +46,6 @@ def choose(rows: Booleans, then: Any, otherwise: Any) -> Any:
     return type(then)(*parts) if hasattr(then, "_fields") else tuple(parts)
 
 
-def bounded(vector: Floats, most: float) -> Floats:
-    """Vectors, shape (n, k), made no longer than `most`."""
-    size = np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.asarray(vector * (most / np.maximum(size, most)))
-
-
 def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
     """The action that comes closest to a command, and the command that it really gives.
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from baselines import CONTROLLERS, Policy, ThroughRotors, controller
+from baselines.gains import GAINS
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.observation import OBSERVATION_SIZE
 from train.scenarios import Scenario
@@ -52,7 +53,7 @@ def identity(name: str) -> str:
         ValueError: there is no such policy.
     """
     if name in CONTROLLERS:
-        return f"{name} {getattr(controller(name), 'gains', '')!r}"
+        return f"{name} {GAINS[name]!r}"
     return hashlib.sha256(_model_file(name).read_bytes()).hexdigest()
 
 
