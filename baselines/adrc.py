@@ -24,7 +24,7 @@ import numpy as np
 from baselines.gains import ADRC_GAINS, AdrcGains
 from baselines.horizontal import turned
 from baselines.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
-from baselines.policy import started_rows, to_action
+from baselines.policy import started_rows, to_action, to_command
 from quadpend_gym import Simulation, read_observation
 from quadpend_gym.arrays import Floats, Floats32
 
@@ -39,12 +39,12 @@ class AdrcMemory(NamedTuple):
     Attributes:
         estimate: the observers' states, shape (n, 6, 4).
         command: thrust (N) and torques (N·m) really given, after saturation, shape (n, 4).
-        known_input: what drove each observer's chain at the last sample, shape (n, 6).
+        measured: at that sample.
     """
 
     estimate: Floats
     command: Floats
-    known_input: Floats
+    measured: Any  # a Measurement
 
 
 class Measurement(NamedTuple):
@@ -56,12 +56,12 @@ class Measurement(NamedTuple):
     thrust_axis: Floats  # b, (n, 3)
     yaw: Floats  # ψ, rad, (n,)
     yaw_error: Floats  # rad, (n,)
-    reference: dict[int, Floats]  # F_d⁽ⁱ⁾ for i = 2 … 6, (n, 3)
+    reference: Floats  # F_d⁽ⁱ⁾ for i = 2 … 6, (n, 5, 3)
     yaw_acceleration: Floats  # ψ̈_d, (n,)
 
 
 def measure(
-    error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: dict[int, Floats]
+    error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: Floats
 ) -> Measurement:
     """What the controller works with, from what is measured in n rows.
 
@@ -70,7 +70,7 @@ def measure(
         direction: r, shape (n, 3).
         euler: φ, θ and the yaw error ψ − ψ_d, rad, shape (n, 3).
         yaw_reference: ψ_d, ψ̇_d, ψ̈_d, shape (n, 3).
-        reference: F_d⁽ⁱ⁾ for i = 2 … 6, each of shape (n, 3).
+        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
     """
     roll, pitch, yaw_error = euler.T
     yaw = yaw_error + yaw_reference[:, 0]
@@ -87,7 +87,7 @@ def _measure_observation(observation: Floats32) -> Measurement:
         read_observation(observation, "direction"),
         read_observation(observation, "attitude"),
         read_observation(observation, "yaw_reference"),
-        {order: read_observation(observation, f"reference_{order}") for order in range(2, 7)},
+        np.stack([read_observation(observation, f"reference_{order}") for order in range(2, 7)], axis=1),
     )
 
 
@@ -141,13 +141,12 @@ class ADRC:
         estimate = self.first_estimate(measured, outputs)
         started = started_rows(episode_start, state is None, measured.yaw.size)
         if not started.all():
-            known_input = self.known_input(measured, state.estimate, state.command)
-            updated = self._bank.update(state.estimate, 0.5 * (state.known_input + known_input), outputs)
+            inputs = [self.known_input(at, state.estimate, state.command) for at in (state.measured, measured)]
+            updated = self._bank.update(state.estimate, 0.5 * (inputs[0] + inputs[1]), outputs)
             estimate = np.where(started[:, np.newaxis, np.newaxis], estimate, updated)
         command = self.command(measured, estimate)
         action, command = to_action(command, self.simulation)
-        memory = AdrcMemory(estimate, command, self.known_input(measured, estimate, command))
-        return (action[0] if single else action), memory
+        return (action[0] if single else action), AdrcMemory(estimate, command, measured)
 
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
         """The disturbance that the observers see, as `info["disturbance"]` has the true one, shape (n, 9).
@@ -161,6 +160,10 @@ class ADRC:
         out[:, 2] = (memory.estimate[:, _HEIGHT, 2] + p.gravity) * p.total_mass
         out[:, 8] = memory.estimate[:, _YAW, 2] * p.inertia_yaw
         return out
+
+    def acted(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
+        """What is remembered if `action`, shape (n, 4), acts and not the controller's own."""
+        return memory._replace(command=to_command(action, self.simulation))
 
     @property
     def _stiffness(self) -> float:
@@ -179,7 +182,7 @@ class ADRC:
 
     def outputs(self, measured: Measurement) -> Floats:
         """What each observer measures, shape (n, 6)."""
-        fourth = self.fourth_derivative(measured) - measured.reference[4][:, :2]
+        fourth = self.fourth_derivative(measured) - measured.reference[:, 4 - 2, :2]
         return np.column_stack([measured.error[:, :2], fourth, measured.error[:, 2], measured.yaw_error])
 
     def first_estimate(self, measured: Measurement, outputs: Floats) -> Floats:
@@ -187,7 +190,7 @@ class ADRC:
         gravity = self.simulation.parameters.gravity
         estimate = np.zeros((outputs.shape[0], _OBSERVERS, 4))
         estimate[:, :, 0] = outputs
-        estimate[:, _LUENBERGER, 2] = gravity * measured.direction[:, :2] - measured.reference[2][:, :2]
+        estimate[:, _LUENBERGER, 2] = gravity * measured.direction[:, :2] - measured.reference[:, 2 - 2, :2]
         estimate[:, _HEIGHT, 2] = -gravity
         return estimate
 
@@ -199,12 +202,12 @@ class ADRC:
         share = self.gains.mismatch / p.chain_stiffness
         errors += [estimate[:, _HORIZONTAL, i] + share * estimate[:, _HORIZONTAL, i + 2] for i in range(2)]
         feedback = sum(k * error for k, error in zip(self.horizontal_gains, errors, strict=True))
-        v = measured.reference[6][:, :2] - feedback - disturbance
+        v = measured.reference[:, 6 - 2, :2] - feedback - disturbance
         torque = (p.chain_stiffness * self.fourth_derivative(measured) - v) / self._stiffness
         pitch, roll = (turned(torque, -measured.yaw, 0) * [1.0, -1.0]).T
         k0, k1 = self._vertical_gains
         height, yaw = estimate[:, _HEIGHT], estimate[:, _YAW]
-        lift = measured.reference[2][:, 2] - k0 * height[:, 0] - k1 * height[:, 1] - height[:, 2]
+        lift = measured.reference[:, 2 - 2, 2] - k0 * height[:, 0] - k1 * height[:, 1] - height[:, 2]
         turn = measured.yaw_acceleration - k0 * yaw[:, 0] - k1 * yaw[:, 1] - yaw[:, 2]
         return np.column_stack(
             [
@@ -225,9 +228,9 @@ class ADRC:
         lift = self._thrust_gain(measured) * command[:, 0]
         return np.column_stack(
             [
-                fourth + mismatch - measured.reference[4][:, :2],
-                horizontal - measured.reference[6][:, :2],
-                lift - measured.reference[2][:, 2],
+                fourth + mismatch - measured.reference[:, 4 - 2, :2],
+                horizontal - measured.reference[:, 6 - 2, :2],
+                lift - measured.reference[:, 2 - 2, 2],
                 command[:, 3] / p.inertia_yaw - measured.yaw_acceleration,
             ]
         )

@@ -25,7 +25,7 @@ from baselines.linear_model import COLUMNS, EULER, FORCES, LEAN, POSITION, SIZE,
 from baselines.policy import choose
 from quadpend_gym import Simulation, kernel, read_observation
 from quadpend_gym.arrays import Floats, Floats32, Integers
-from quadpend_gym.observation import OBSERVATION_SIZE
+from quadpend_gym.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, STATE_PART
 from quadpend_gym.state import STATE_SIZE, State
 
 _GAINS = 100  # steps after which the gain is constant
@@ -69,6 +69,31 @@ def read(observation: Floats32, rod_length: float) -> Reading:
         s.euler_rate[:] = read_observation(observation, "euler_rate")
     reference = np.stack([read_observation(observation, f"reference_{order}") for order in range(2, 7)], axis=1)
     return Reading(state, reference, yaw_reference)
+
+
+def write(state: Floats, observation: Floats32, rod_length: float) -> Floats32:
+    """The observation, shape (n, 36), of states in the reference's frame, (n, 18): what `read` would have read.
+
+    Args:
+        state: as `Reading.state`.
+        observation: measured at the same time, for the reference in it, shape (n, 36) or (n, 27).
+        rod_length: m.
+    """
+    s, horizontal = State(state), rod_length * np.array([1.0, 1.0, 0.0])
+    yaw_reference = read_observation(observation, "yaw_reference")[:, :1] * [0.0, 0.0, 1.0]
+    out = np.empty((len(state), OBSERVATION_SIZE), np.float32)
+    for name, value in {
+        "tracking_error": s.position + horizontal * s.direction,
+        "tracking_error_rate": s.velocity + horizontal * s.direction_rate,
+        "direction": s.direction,
+        "direction_rate": s.direction_rate,
+        "attitude": s.euler - yaw_reference,
+        "euler_rate": s.euler_rate,
+    }.items():
+        place = OBSERVATION_FIELDS[name]
+        out[:, place] = value / OBSERVATION_SCALE[place]
+    out[:, STATE_PART:] = observation[:, STATE_PART - OBSERVATION_SIZE :]
+    return out
 
 
 @dataclass(frozen=True)

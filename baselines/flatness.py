@@ -36,6 +36,7 @@ from quadpend_gym.arrays import Floats
 from quadpend_gym.state import State
 
 _LEAST_THRUST = 0.2  # of the weight: without thrust there is no torque on the pendulum
+_NOMINAL: Floats = np.ones((1, 4))
 _LEAST_HEIGHT = 0.1  # of b_z, beyond 84° of tilt, where no episode is
 
 
@@ -50,13 +51,23 @@ class Flatness:
         """Nothing is remembered."""
         return ()
 
-    def command(self, estimate: Estimate, reading: Reading, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
-        """Equations (1)–(7); see `observed.Law`."""
+    def command(
+        self, estimate: Estimate, reading: Reading, memory: tuple[()], pace: Floats = _NOMINAL
+    ) -> tuple[Floats, tuple[()]]:
+        """Equations (1)–(7); see `observed.Law`.
+
+        Args:
+            estimate: of state and wind.
+            reading: of the reference.
+            memory: none.
+            pace: factors on the bandwidths of position, pendulum, attitude, and of height and yaw, shape (n, 4).
+        """
         p, gains, s = self.simulation.parameters, self.gains, State(estimate.state)
+        vertical = gains.vertical_bandwidth * pace[:, 3]
         wanted = flat_outputs.fly(reading.reference, estimate.disturbance, p)
         lean = flat_outputs.lean_of(jets.jet(s.euler, s.euler_rate))
         axis_height = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _LEAST_HEIGHT)
-        thrust = self._thrust(estimate, reading, lean[0], axis_height)
+        thrust = self._thrust(estimate, reading, lean[0], axis_height, vertical)
         upright = s.direction[:, 2:]
         pendulum = s.direction[:, :2] / upright
         swing = (s.direction_rate[:, :2] - pendulum * s.direction_rate[:, 2:]) / upright
@@ -81,7 +92,8 @@ class Flatness:
         near = (gains.position_bandwidth, gains.pendulum_bandwidth, gains.attitude_bandwidth)
         mode = np.linalg.norm(e2 + e3 / np.sqrt(steepness), axis=1) / weight[:, 0]
         share = 1.0 / (1.0 + (mode / gains.near) ** 2)
-        k = _coefficients([a + (b - a) * share for a, b in zip(far, near, strict=True)], gains.damping)
+        poles = [f * (a + (b - a) * share) for a, b, f in zip(far, near, pace.T, strict=False)]
+        k = _coefficients(poles, gains.damping)
         pace = bounded(k[0] / k[1] * e0, gains.velocity)
         asked = -bounded(k[1] / k[2] * (e1 + pace), gains.acceleration)
         e4_asked = -(k[3] * e3 + k[2] * (e2 - asked)) / k[4]
@@ -91,19 +103,18 @@ class Flatness:
         e6 = -k[5] * e5 - k[4] * (e4 - e4_asked)
         t2 = t_d[2] + stiffness / steepness * (s2 - s_d[2]) - e6 / (weight * steepness)
 
-        yaw = jets.jet(s.euler[:, 2], s.euler_rate[:, 2], self._yaw_acceleration(s, reading))
+        yaw = jets.jet(s.euler[:, 2], s.euler_rate[:, 2], self._yaw_acceleration(s, reading, vertical))
         euler = jets.derivatives(flat_outputs.attitude(np.stack([*lean, 0.5 * t2]), yaw))
         inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
         return np.column_stack([thrust, inertia * euler[2] - estimate.disturbance[:, 6:9]]), memory
 
-    def _yaw_acceleration(self, s: State, reading: Reading) -> Floats:
-        w = self.gains.vertical_bandwidth
+    def _yaw_acceleration(self, s: State, reading: Reading, w: Floats) -> Floats:
         error, rate = s.euler[:, 2] - reading.yaw_reference[:, 0], s.euler_rate[:, 2] - reading.yaw_reference[:, 1]
         return np.asarray(reading.yaw_reference[:, 2] - 2.0 * self.gains.damping * w * rate - w * w * error)
 
-    def _thrust(self, estimate: Estimate, reading: Reading, lean: Floats, axis_height: Floats) -> Floats:
-        """Equation (6), shape (n,), with the thrust's tangents and b_z."""
-        p, s, w = self.simulation.parameters, State(estimate.state), self.gains.vertical_bandwidth
+    def _thrust(self, estimate: Estimate, reading: Reading, lean: Floats, axis_height: Floats, w: Floats) -> Floats:
+        """Equation (6), shape (n,), with the thrust's tangents, b_z and ω."""
+        p, s = self.simulation.parameters, State(estimate.state)
         on_quadrotor, on_bob = estimate.disturbance[:, 0:3], estimate.disturbance[:, 3:6]
         climb = reading.reference[:, 0, 2] - 2.0 * self.gains.damping * w * s.velocity[:, 2] - w * w * s.position[:, 2]
         axis = np.column_stack([lean, np.ones_like(axis_height)]) * axis_height[:, np.newaxis]

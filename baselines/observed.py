@@ -1,12 +1,13 @@
 """A control law that needs the whole state, flown from observations: `estimator` in front of it."""
 
 from collections.abc import Callable
+from inspect import signature
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from baselines.estimator import Estimate, Estimator, Reading, read
-from baselines.policy import choose, started_rows, to_action
+from baselines.estimator import Estimate, Estimator, Reading, read, write
+from baselines.policy import choose, started_rows, to_action, to_command
 from quadpend_gym import Simulation
 from quadpend_gym.arrays import Floats, Floats32
 
@@ -19,6 +20,14 @@ class Law(Protocol):
 
     def command(self, estimate: Estimate, reading: Reading, memory: Any) -> tuple[Floats, Any]:
         """Thrust (N) and torques (N·m), shape (n, 4), as yet without limits, and what the law remembers."""
+
+
+class Known(NamedTuple):
+    """What there is to decide on, for n rows."""
+
+    reading: Reading
+    estimate: Estimate
+    law: Any  # what the law remembers
 
 
 class ObservedMemory(NamedTuple):
@@ -44,6 +53,11 @@ class Observed:
         self._law = law(gains, self.simulation)
         self._estimator = Estimator(gains.estimator, self.simulation)
 
+    @property
+    def has_pace(self) -> bool:
+        """Whether the law's bandwidths can be steered: its `command` takes a `pace`."""
+        return "pace" in signature(self._law.command).parameters
+
     def told(self, simulation: Simulation) -> "Observed":
         """The same controller with another belief of the plant."""
         return Observed(self.law, self.gains, simulation)
@@ -53,21 +67,37 @@ class Observed:
     ) -> tuple[Floats32, ObservedMemory]:
         """Action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
-        rod_length = self.simulation.parameters.rod_length
-        reading = read(np.atleast_2d(np.asarray(observation, np.float32)), rod_length)
+        known = self.observe(np.atleast_2d(np.asarray(observation, np.float32)), state, episode_start)
+        action, memory = self.decide(known)
+        return (action[0] if single else action), memory
+
+    def observe(self, observation: Floats32, state: ObservedMemory | None, episode_start: Any) -> Known:
+        """What is known with n observations, shape (n, 36) or (n, 27); the rest as in `predict`."""
+        reading = read(observation, self.simulation.parameters.rod_length)
         rows = len(reading.state)
         started = started_rows(episode_start, state is None, rows)
         known: Any = None
-        if not started.all():
+        if state is not None and not started.all():
             known = self._estimator.update(state.estimate, state.command, reading), state.law
         if started.any():
             fresh = self._estimator.first(reading), self._law.first(rows)
             known = fresh if known is None else choose(started, fresh, known)
-        estimate, memory = known
-        command, memory = self._law.command(estimate, reading, memory)
-        action, command = to_action(command, self.simulation)
-        return (action[0] if single else action), ObservedMemory(estimate, command, memory)
+        return Known(reading, *known)
 
-    def estimated_disturbance(self, memory: ObservedMemory) -> Floats:
+    def decide(self, known: Known, **more: Any) -> tuple[Floats32, ObservedMemory]:
+        """Actions of n rows, shape (n, 4), and memory; `more` goes to the law's `command`."""
+        command, memory = self._law.command(known.estimate, known.reading, known.law, **more)
+        action, command = to_action(command, self.simulation)
+        return action, ObservedMemory(known.estimate, command, memory)
+
+    def estimated_disturbance(self, memory: ObservedMemory | Known) -> Floats:
         """The disturbance as the estimator sees it, laid out as `info["disturbance"]`, shape (n, 9)."""
         return memory.estimate.disturbance
+
+    def estimated_observation(self, observation: Floats32, memory: ObservedMemory | Known) -> Floats32:
+        """The observation that the estimator's state would give, shape (n, 36), also of one without velocities (27)."""
+        return write(memory.estimate.state, observation, self.simulation.parameters.rod_length)
+
+    def acted(self, memory: ObservedMemory, action: Floats32) -> ObservedMemory:
+        """What is remembered if `action`, shape (n, 4), acts and not the law's own."""
+        return memory._replace(command=to_command(action, self.simulation))

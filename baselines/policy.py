@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from quadpend_gym import Simulation
-from quadpend_gym.arrays import Booleans, Floats, Floats32
+from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
 
 
 class Policy(Protocol):
@@ -46,6 +46,16 @@ def choose(rows: Booleans, then: Any, otherwise: Any) -> Any:
     return type(then)(*parts) if hasattr(then, "_fields") else tuple(parts)
 
 
+def placed(rows: Integers, part: Any, whole: Any) -> Any:
+    """`whole` but that some of its rows are those of `part`, through tuples of arrays."""
+    if isinstance(whole, np.ndarray):
+        out = whole.copy()
+        out[rows] = part
+        return out
+    parts = [placed(rows, a, b) for a, b in zip(part, whole, strict=True)]
+    return type(whole)(*parts) if hasattr(whole, "_fields") else tuple(parts)
+
+
 def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
     """The action that comes closest to a command, and the command that it really gives.
 
@@ -56,4 +66,10 @@ def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats
     size = simulation.command_scale
     zero = size * [1.0, 0.0, 0.0, 0.0]
     action = np.clip((command - zero) / size, -1.0, 1.0).astype(np.float32)
-    return action, zero + size * action
+    return action, to_command(action, simulation)
+
+
+def to_command(action: Floats32, simulation: Simulation) -> Floats:
+    """Thrust (N) and torques (N·m) that actions of shape (n, 4) stand for."""
+    size = simulation.command_scale
+    return np.asarray(size * [1.0, 0.0, 0.0, 0.0] + size * action)

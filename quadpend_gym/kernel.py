@@ -226,7 +226,7 @@ def _measure(
 ) -> None:
     """Write reward, termination and measurements into column `lane` of a (10, n) buffer."""
     r = load(state, DIRECTION, lane)
-    terms = reward_terms(tracking.error, r.z, tracking.yaw_error, action, lane)
+    terms = reward_terms(tracking.error, r.z, tracking.yaw_error, action, lane, weights[4])
     out[0, lane] = terms.tracking
     out[1, lane] = terms.upright
     out[2, lane] = terms.yaw
@@ -276,8 +276,8 @@ def _step(
     state = memory[:, MEMORY_EDGES[0] : MEMORY_EDGES[1]]
     parameters = memory[:, MEMORY_EDGES[1] : MEMORY_EDGES[2]]
     reference = memory[:, MEMORY_EDGES[2] : MEMORY_EDGES[3]]
-    period, command_scale, limits, weights = settings[0], settings[1:5], settings[5:9], settings[9:13]
-    air, substeps = settings[13] > 0.0, int(settings[14])
+    period, command_scale, limits, weights = settings[0], settings[1:5], settings[5:9], settings[9:14]
+    air, substeps = settings[14] > 0.0, int(settings[15])
     buffer = np.empty((_END, _BLOCK))
     disturbance_lanes, velocity_lanes = buffer[DISTURBANCE:AIR_VELOCITY], buffer[AIR_VELOCITY:PARAMETERS]
     physics_lanes, command_lanes = buffer[PARAMETERS:COMMAND], buffer[COMMAND:_TARGET]
@@ -350,8 +350,8 @@ def step(
         clock: control steps since each episode began, shape (n,), changed in place.
         wind: as `quadpend_gym.wind` has it, shape (12, n).
         action: shape (n, 4), each component in [−1, 1].
-        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4), 1 if there is air
-            or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock alone.
+        settings: `world.kernel_settings`: period, command scale (4), limits (4), reward weights (4) and tip, 1 if there
+            is air or 0, and the number of Runge–Kutta steps in the period, or 0 to leave state and clock alone.
         observation: written, shape (n, 36).
         outcome: written, the rows above that it has, shape (k, at least n); the disturbance, drag included, is laid out
             as in `advance`.

@@ -2,12 +2,12 @@
 
 With the tracking error e (m), the pendulum's direction r, the yaw error ψ_e (rad) and the action a:
 
-    (1)  tracking = ½ / (1 + (|e| / 0.3 m)²) + ½ / (1 + |e| / 0.02 m)     far and near: a wide hill with a sharp tip
+    (1)  tracking = (1 − s) / (1 + (|e| / 0.3 m)²) + s / (1 + |e| / 0.02 m)     far and near: a wide hill, a sharp tip
     (2)  upright  = max(r_z, 0)²
     (3)  yaw      = 1 / (1 + (ψ_e / 0.2 rad)²)
     (4)  effort   = 1 / (1 + |a|²)
 
-No term is negative, so ending an episode early never pays.
+s, the tip's share, is `RewardWeights.tip`, ½ by default. No term is negative, so ending an episode early never pays.
 """
 
 from typing import Any, NamedTuple
@@ -28,14 +28,14 @@ class Reward(NamedTuple):
 
 
 @inlined
-def reward_terms(error: Vec3, upright: float, yaw_error: float, action: Any, lane: int) -> Reward:
-    """Terms (1)–(4); `upright` is r_z and the action is in column `lane` of a (4, n) buffer."""
+def reward_terms(error: Vec3, upright: float, yaw_error: float, action: Any, lane: int, tip: float) -> Reward:
+    """Terms (1)–(4); `upright` is r_z, the action is in column `lane` of a (4, n) buffer, and `tip` is s."""
     far = 1.0 / (1.0 + dot(error, error) / _FAR**2)
     near = 1.0 / (1.0 + norm(error) / _NEAR)
     above = max(upright, 0.0)
     effort = action[0, lane] ** 2 + action[1, lane] ** 2 + action[2, lane] ** 2 + action[3, lane] ** 2
     return Reward(
-        0.5 * far + 0.5 * near,
+        (1.0 - tip) * far + tip * near,
         above * above,
         1.0 / (1.0 + (yaw_error / _YAW) ** 2),
         1.0 / (1.0 + effort),

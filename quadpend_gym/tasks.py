@@ -76,15 +76,17 @@ class Limits:
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """Weights of the reward's terms, which are divided by their sum."""
+    """Weights of the reward's terms, which are divided by their sum, and the share of the sharp tip in tracking."""
 
     tracking: float = 0.6
     upright: float = 0.15
     yaw: float = 0.1
     effort: float = 0.15
+    tip: float = 0.5  # s, see `quadpend_gym.reward`
 
     def __post_init__(self) -> None:
-        if sum(number(getattr(self, item.name), item.name, 0.0) for item in fields(self)) == 0.0:
+        number(self.tip, "tip", 0.0, 1.0)
+        if sum(number(getattr(self, name), name, 0.0) for name in ("tracking", "upright", "yaw", "effort")) == 0.0:
             raise ValueError("one of the reward weights must be above zero")
 
 

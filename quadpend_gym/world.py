@@ -37,7 +37,8 @@ def kernel_settings(task: Task, simulation: Simulation, air: bool, substeps: int
     """What `kernel.step` reads as its settings; of the limits, the angles as cosines."""
     limits, weights = flatten(task.limits), flatten(task.reward)
     limits[:2] = np.cos(limits[:2])
-    parts = [simulation.period], simulation.command_scale, limits, weights / weights.sum(), [air, substeps]
+    weights[:-1] /= weights[:-1].sum()  # the last is no weight, but the tip's share
+    parts = [simulation.period], simulation.command_scale, limits, weights, [air, substeps]
     return np.concatenate(parts)
 
 

@@ -35,6 +35,8 @@ class SB3VecEnv(VecEnv):
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, np.int64)
         self._began = time.perf_counter()
+        self._sums: dict[str, float] = {}
+        self._steps = 0
 
     def reset(self) -> Any:
         """Reset every row, with the seeds and options set by `seed` and `set_options`."""
@@ -55,6 +57,7 @@ class SB3VecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
         """Step every row; rows that end come back with their next episode's first observation."""
         observation, reward, terminated, truncated, vector_info = self.env.step(self._actions)
+        self._count(vector_info)
         self._returns += reward
         self._lengths += 1
         ended = terminated | truncated
@@ -72,6 +75,24 @@ class SB3VecEnv(VecEnv):
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
         return observation, (self.reward_scale * reward).astype(np.float32), ended, infos
+
+    def _count(self, vector_info: dict[str, Any]) -> None:
+        self._steps += 1
+        if "tracking_error" in vector_info:  # not of other environments
+            error = np.linalg.norm(vector_info["tracking_error"], axis=1).mean()
+            self._sums["tracking_error"] = self._sums.get("tracking_error", 0.0) + error
+        for name, value in vector_info.get("reward_terms", {}).items():
+            if not name.startswith("_"):
+                self._sums[name] = self._sums.get(name, 0.0) + value.mean()
+
+    def take_means(self) -> dict[str, float]:
+        """Means of the reward's terms, and of the tracking error (m), over all rows and the steps since the last call.
+
+        At a step that ends an episode they are of the next one's beginning.
+        """
+        means = {name: float(total) / self._steps for name, total in self._sums.items()}
+        self._sums, self._steps = {}, 0
+        return means
 
     def close(self) -> None:
         """Close the wrapped environment."""

@@ -82,7 +82,7 @@ class ContinuousLoop:
             if i < steps:
                 loop = self._advance(loop, instants[2 * i : 2 * i + 3], step)
         states, estimates, commands = (np.array(part) for part in zip(*records, strict=True))
-        memory = AdrcMemory(estimates, commands, np.empty(0))
+        memory = AdrcMemory(estimates, commands, None)
         return Flight(
             step * every * np.arange(len(records), dtype=np.float64),
             states,
@@ -113,7 +113,7 @@ class ContinuousLoop:
             view.direction[np.newaxis],
             (view.euler - [0.0, 0.0, wanted[0, 3]])[np.newaxis],
             wanted[np.newaxis, :3, 3],
-            {order: wanted[np.newaxis, order, :3] for order in range(2, 7)},
+            wanted[np.newaxis, 2:, :3],
         )
         return measured, self.policy.outputs(measured)
 

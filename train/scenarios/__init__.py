@@ -78,7 +78,9 @@ class Scenario:
             object.__setattr__(self, "task", as_task(self.task))
         check_chain(self.actuators, self.simulation)
 
-    def make_vec(self, num_envs: int, autoreset_mode: AutoresetMode) -> VectorEnv[Any, Any, Any]:
+    def make_vec(
+        self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int = 1000
+    ) -> VectorEnv[Any, Any, Any]:
         """The scenario as a vector environment."""
         env: VectorEnv[Any, Any, Any] = gym.make_vec(
             f"quadpend_gym:{self.env_id}",
@@ -86,6 +88,7 @@ class Scenario:
             simulation=self.simulation,
             wind=self.wind,
             autoreset_mode=autoreset_mode,
+            max_episode_steps=max_episode_steps,
             **({} if self.task is None else {"task": self.task}),
         )
         if self.parameters is not None:

@@ -1,16 +1,74 @@
-"""Training settings: one dataclass with every default, and files with what a run does differently."""
+"""Training settings: dataclasses with every default, and files with what a run does differently."""
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from quadpend_gym.records import number, positive, whole
+from baselines import CONTROLLERS
+from baselines.companion import STEERS
+from quadpend_gym.records import build, number, positive, whole
 from train.files import read_mapping
-from train.scenarios import resolve
+from train.scenarios import SETS, expand, resolve
 
 FOLDER = Path(__file__).parent
 ACTIVATIONS = ("relu", "tanh", "elu")
+VIEW = ("companion", "steers", "authority", "history", "history_actions")  # what a policy sees and does
+ALGORITHMS = ("ppo", "sac", "tqc")
+
+
+@dataclass(frozen=True)
+class PpoSettings:
+    """What only PPO has."""
+
+    rollout_steps: int = 64
+    """Steps of each row between two updates."""
+    epochs: int = 3
+    """Passes over a rollout."""
+    gae_lambda: float = 0.95
+    """λ of the generalised advantage estimate."""
+    clip_range: float = 0.2
+    """Of the ratio of new and old policy."""
+    entropy_coefficient: float = 0.0
+    """Of the entropy bonus."""
+    initial_log_std: float = 0.0
+    """Logarithm of the action noise at the beginning."""
+    critic_steps: int = 0
+    """Environment steps at the beginning in which only the critic learns, for policies that begin well."""
+
+    def __post_init__(self) -> None:
+        for name in ("rollout_steps", "epochs"):
+            whole(getattr(self, name), name, 1)
+        whole(self.critic_steps, "critic_steps", 0)
+        number(self.gae_lambda, "gae_lambda", 0.0, 1.0)
+        positive(self.clip_range, "clip_range")
+        number(self.entropy_coefficient, "entropy_coefficient", 0.0)
+        number(self.initial_log_std, "initial_log_std")
+
+
+@dataclass(frozen=True)
+class SacSettings:
+    """What only SAC and TQC have."""
+
+    gradient_steps: int = 4
+    """Gradient steps after each step of all rows."""
+    buffer_size: int = 300_000
+    """Transitions that are remembered."""
+    learning_starts: int = 10_000
+    """Environment steps with random actions before learning begins."""
+    tau: float = 0.005
+    """Share of the critic that its slow copy takes over in a gradient step."""
+    initial_entropy_coefficient: float = 0.1
+    """Weight of the entropy at the beginning; it is learned."""
+    target_entropy: float = -4.0
+    """Of the policy, which that weight is learned for."""
+
+    def __post_init__(self) -> None:
+        for name in ("gradient_steps", "buffer_size", "learning_starts"):
+            whole(getattr(self, name), name, 1)
+        number(self.tau, "tau", 0.0, 1.0)
+        positive(self.initial_entropy_coefficient, "initial_entropy_coefficient")
+        number(self.target_entropy, "target_entropy")
 
 
 @dataclass(frozen=True)
@@ -21,8 +79,15 @@ class TrainSettings:
         ValueError: a setting is unknown or out of range.
     """
 
-    scenario: str = "windy"
-    """Name of the scenario to train in, or a TOML or JSON file with one, or its JSON, see `train.scenarios`."""
+    algo: Literal["ppo", "sac", "tqc"] = "ppo"
+    """The algorithm; TQC is sb3-contrib's."""
+    scenario: tuple[str, ...] = ("windy",)
+    """Scenarios to train in, which share the rows: names, sets of them, TOML or JSON files, or JSON, see
+    `train.scenarios`."""
+    curriculum: tuple[str, ...] = ()
+    """Scenarios to train in before, one after the other, for equal shares of `curriculum_steps`."""
+    curriculum_steps: int = 0
+    """Environment steps that the curriculum takes."""
     total_steps: int = 7_000_000
     """Environment steps to train for."""
     max_seconds: float = 0.0
@@ -31,59 +96,120 @@ class TrainSettings:
     """Of the networks and the episodes."""
     num_envs: int = 256
     """Rows of the vector environment."""
-    rollout_steps: int = 64
-    """Steps of each row between two updates."""
+    episode_steps: int = 1000
+    """Steps after which an episode is truncated while training."""
+    companion: str = ""
+    """Classical controller that flies along, see `baselines.companion`; none without."""
+    steers: Literal["alone", "action", "pace"] = "alone"
+    """What the learner does beside its companion: act alone, correct its action, or set its bandwidths."""
+    authority: float = 1.0
+    """How much a correction or a pace counts, κ."""
+    history: int = 1
+    """Observations that the learner sees side by side."""
+    history_actions: int = 0
+    """Its own latest actions beside them."""
+    imitation_steps: int = 0
+    """Environment steps before all others in which the policy imitates its companion."""
     batch_size: int = 1024
     """Samples in a gradient step."""
-    epochs: int = 3
-    """Passes over a rollout."""
     learning_rate: float = 2e-3
     """Of Adam, at the beginning."""
     final_learning_rate: float = 4e-5
     """Of Adam, at the end; it falls linearly."""
     discount: float = 0.995
     """γ."""
-    gae_lambda: float = 0.95
-    """λ of the generalised advantage estimate."""
-    clip_range: float = 0.2
-    """Of PPO's ratio."""
-    entropy_coefficient: float = 0.0
-    """Of the entropy bonus."""
     reward_scale: float = 0.01
     """Factor on the rewards that the learner sees, so that returns are of order one."""
     hidden: tuple[int, ...] = (64, 64)
-    """Widths of the hidden layers of policy and value network."""
+    """Widths of the hidden layers of policy and critic."""
     activation: Literal["relu", "tanh", "elu"] = "relu"
     """Between the layers."""
-    initial_log_std: float = 0.0
-    """Logarithm of the action noise at the beginning."""
+    exploration_steps: int = 0
+    """Steps that an exploration lasts, which depends on the state (gSDE); 0: noise that is new at every step."""
     checkpoint_steps: int = 1_000_000
-    """Environment steps between two checkpoints."""
+    """Environment steps between two checkpoints, at which all rows begin new episodes."""
+    evaluation_steps: int = 0
+    """Environment steps between two evaluations in the training scenarios; 0: none."""
+    evaluation_episodes: int = 32
+    """Episodes of each scenario in an evaluation."""
+    patience: int = 0
+    """Evaluations without a better score after which training ends; 0: never."""
     threads: int = 1
     """Of torch. Two are faster on two idle cores, and many times slower on busy ones."""
+    ppo: PpoSettings = field(default_factory=PpoSettings)
+    """Of PPO alone."""
+    sac: SacSettings = field(default_factory=SacSettings)
+    """Of SAC and TQC alone."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scenario", resolve(self.scenario))
+        for name, kind in (("ppo", PpoSettings), ("sac", SacSettings)):
+            object.__setattr__(self, name, build(kind, getattr(self, name), name))
+        for name in ("scenario", "curriculum"):
+            object.__setattr__(self, name, _scenarios(getattr(self, name), name))
         object.__setattr__(self, "hidden", tuple(self.hidden))
-        for name in ("total_steps", "num_envs", "rollout_steps", "batch_size", "epochs", "checkpoint_steps", "threads"):
+        for name in ("total_steps", "num_envs", "episode_steps", "history", "batch_size", "checkpoint_steps"):
             whole(getattr(self, name), name, 1)
-        whole(self.seed, "seed", 0)
+        for name in ("evaluation_episodes", "threads"):
+            whole(getattr(self, name), name, 1)
+        for name in ("seed", "curriculum_steps", "history_actions", "imitation_steps", "exploration_steps"):
+            whole(getattr(self, name), name, 0)
+        for name in ("evaluation_steps", "patience"):
+            whole(getattr(self, name), name, 0)
         for i, width in enumerate(self.hidden):
             whole(width, f"hidden[{i}]", 1)
-        for name in ("learning_rate", "clip_range", "reward_scale"):
+        for name in ("learning_rate", "reward_scale", "authority"):
             positive(getattr(self, name), name)
-        for name in ("discount", "gae_lambda"):
-            number(getattr(self, name), name, 0.0, 1.0)
-        for name in ("max_seconds", "final_learning_rate", "entropy_coefficient"):
+        number(self.discount, "discount", 0.0, 1.0)
+        for name in ("max_seconds", "final_learning_rate"):
             number(getattr(self, name), name, 0.0)
-        number(self.initial_log_std, "initial_log_std")
-        if self.activation not in ACTIVATIONS:
-            raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, not {self.activation!r}")
-        if self.num_envs * self.rollout_steps % self.batch_size:
+        self._check_choices()
+        self._check_together()
+
+    def _check_choices(self) -> None:
+        for name, known in (
+            ("algo", ALGORITHMS),
+            ("activation", ACTIVATIONS),
+            ("companion", ("", *CONTROLLERS)),
+            ("steers", STEERS),
+        ):
+            if (value := getattr(self, name)) not in known:
+                raise ValueError(f"{name} must be one of {', '.join(filter(None, known))}, not {value!r}")
+
+    def _check_together(self) -> None:
+        if not self.scenario:
+            raise ValueError("scenario must name at least one")
+        for scenarios in (self.scenario, *((item,) for item in self.curriculum)):
+            if self.num_envs % len(expand(scenarios)):
+                raise ValueError(
+                    f"num_envs must be a multiple of the {len(expand(scenarios))} scenarios that share the rows, not"
+                    f" {self.num_envs}"
+                )
+        if bool(self.curriculum) != bool(self.curriculum_steps):
+            raise ValueError("curriculum and curriculum_steps belong together: give both or neither")
+        if (self.steers != "alone" or self.imitation_steps) and not self.companion:
+            raise ValueError("a learner that steers or imitates needs a companion")
+        if self.steers != "alone" and self.imitation_steps:
+            raise ValueError("a learner that steers its companion cannot imitate it: give no imitation_steps")
+        if self.patience and not self.evaluation_steps:
+            raise ValueError("patience needs evaluation_steps")
+        if self.algo == "ppo" and self.num_envs * self.ppo.rollout_steps % self.batch_size:
             raise ValueError(
-                f"batch_size must divide num_envs * rollout_steps = {self.num_envs * self.rollout_steps},"
+                f"batch_size must divide num_envs * ppo.rollout_steps = {self.num_envs * self.ppo.rollout_steps},"
                 f" not be {self.batch_size}"
             )
+
+    def view(self) -> dict[str, Any]:
+        """What the policy sees and what becomes of its action, as a `LearnedPolicy` needs to know it."""
+        return {name: getattr(self, name) for name in VIEW}
+
+
+def _scenarios(value: Any, name: str) -> tuple[str, ...]:
+    items = (value,) if isinstance(value, str | dict) else value
+    try:
+        items = [json.dumps(item, default=str) if isinstance(item, dict) else item for item in items]
+        return tuple(item for given in items for item in ([given] if given in SETS else [resolve(given)]))
+    except TypeError as error:
+        raise TypeError(f"{name} must be a scenario or several, not {value!r}: {error}") from error
 
 
 def read_settings(name: str) -> TrainSettings:
@@ -111,11 +237,11 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
     Raises:
         ValueError: a key is unknown or a value out of range.
     """
-    known = [item.name for item in fields(TrainSettings)]
-    if unknown := [key for key in values if key not in known]:
-        raise ValueError(f"{source} sets {unknown[0]!r}, which is no setting; the settings are {', '.join(known)}")
-    if isinstance(scenario := values.get("scenario"), dict):
-        values = {**values, "scenario": json.dumps(scenario, default=str)}
+    for name, kind in (("", TrainSettings), ("ppo", PpoSettings), ("sac", SacSettings)):
+        known = [item.name for item in fields(kind)]
+        given = values if not name else values.get(name, {})
+        if unknown := [key for key in given if key not in known]:
+            raise ValueError(f"{source} sets {unknown[0]!r}, which is no setting; the settings are {', '.join(known)}")
     return TrainSettings(**values)
 
 

@@ -1,0 +1,27 @@
+"""How well a policy flies the scenarios that it is trained in, in episodes that it is not trained on."""
+
+from typing import NamedTuple
+
+from baselines import Policy
+from baselines.rollout import rollout
+from train.environment import together
+from train.flights import VALIDATION_SEED, record
+from train.scenarios import expand
+from train.settings import TrainSettings
+
+
+class Score(NamedTuple):
+    """A line of the training curve."""
+
+    steps: int  # of the environment so far
+    seconds: float  # of training so far
+    survival: float  # share of the episodes
+    penalised_rmse: float  # m, the mean over all scenarios
+
+
+def validate(policy: Policy, settings: TrainSettings) -> tuple[float, float]:
+    """Survival (a share) and penalised RMSE (m): means over the scenarios of a run."""
+    rows = settings.evaluation_episodes * len(expand(settings.scenario))
+    env = together(settings.scenario, rows)
+    flights = record(rollout(policy, env, VALIDATION_SEED), env.num_envs)
+    return float(flights.survived.mean()), float(flights.penalised_rmse.mean())
