@@ -60,9 +60,7 @@ class Measurement(NamedTuple):
     yaw_acceleration: Floats  # ψ̈_d, (n,)
 
 
-def measure(
-    error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: Floats
-) -> Measurement:
+def measure(error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: Floats) -> Measurement:
     """What the controller works with, from what is measured in n rows.
 
     Args:

@@ -2,11 +2,11 @@
 
 The learner observes, side by side,
 
-| what                                                                                    | size | unit     | scale   |
-|-----------------------------------------------------------------------------------------|------|----------|---------|
-| the observation; where the controller estimates the whole state, as it estimates it      | 36   | `quadpend_gym.observation` | |
-| the disturbance that the controller estimates, laid out as ``info["disturbance"]``      | 9    | N, N·m   | 1, 0.1  |
-| the controller's action, where the learner corrects it                                  | 4    | 1        | 1       |
+| what                                                                                  | size | scale   |
+|---------------------------------------------------------------------------------------|------|---------|
+| the observation; where the controller estimates the whole state, as it estimates it   | 36   | its own |
+| the disturbance that it estimates, laid out as ``info["disturbance"]``                | 9    | 1 N, 0.1 N·m |
+| its action, where the learner corrects it                                             | 4    | 1       |
 
 and where it steers, it sees what comes of the state and the controller's action ten times as large, since it works
 close to the reference. What its action a ∈ [−1, 1]⁴ means is one of

@@ -1,10 +1,10 @@
 """Environments in which a classical controller flies along with the learner, see `companion`.
 
-| wrapper                          | what it brings                                                                      |
-|----------------------------------|-------------------------------------------------------------------------------------|
-| `DisturbanceEstimateObservation` | the learner acts alone, and observes the disturbance as the controller estimates it |
-| `ResidualAction`                 | the controller acts, and the learner corrects its actions                           |
-| `PaceAction`                     | the controller acts, and the learner sets its bandwidths                            |
+| wrapper                          | what it brings                                                   |
+|----------------------------------|------------------------------------------------------------------|
+| `DisturbanceEstimateObservation` | the learner acts alone, and observes the controller's estimates  |
+| `ResidualAction`                 | the controller acts, and the learner corrects its actions        |
+| `PaceAction`                     | the controller acts, and the learner sets its bandwidths         |
 
 Each for a single environment and, as ``Vector…``, for a vector of them in every autoreset mode:
 

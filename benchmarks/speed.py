@@ -126,7 +126,8 @@ def measure_training(steps: int = 150_000, turns: int = 9) -> dict[str, float]:
 
     from train.sb3_vec_env import SB3VecEnv
     from train.settings import read_settings
-    from train.train import make_env, make_model
+    from train.algorithms import make_model
+    from train.environment import make_env
 
     settings = read_settings("demo")
     torch.set_num_threads(settings.threads)

@@ -1,4 +1,4 @@
-"""The command `quadpend`: train, evaluate, compare, tune, wind, paper, bench; `python -m train` is the same.
+"""The command `quadpend`: train, evaluate, compare and more; `python -m train` is the same.
 
 Each command is a function whose parameters are its options. Heavy imports wait until a command needs them.
 """
@@ -15,7 +15,7 @@ import tyro
 
 from train.flights import VALIDATION_SEED
 from train.scenarios import expand
-from train.settings import TrainSettings, read_settings
+from train.settings import ALGORITHMS, TrainSettings, from_mapping, read_settings
 from train.store import FOLDER
 
 DEFAULT_SETTINGS = "demo"
@@ -29,11 +29,12 @@ def train(
     out: Path = DEFAULT_OUT,
     resume: Path | None = None,
 ) -> None:
-    """Train PPO in a scenario.
+    """Train PPO, SAC or TQC.
 
     Args:
         run: Settings that differ from those of the file.
-        settings: Settings file: a name in train/settings or the path of a TOML file.
+        settings: Settings file: a name in train/settings, the path of a TOML or JSON file, or a policy file (.npz),
+            whose card has those it was trained with. Without it --algo chooses: ppo, sac or tqc.
         out: Folder of the run.
         resume: Folder of an interrupted run to go on with, under the settings in it.
     """
@@ -41,8 +42,62 @@ def train(
 
     if resume and (out != DEFAULT_OUT or run != read_settings(settings)):
         raise ValueError("--resume goes on with the settings and in the folder of the run: give no others")
-    model = training.resume(resume) if resume else training.train(run, out)
-    print(f"Trained model: {model}")
+    policy = training.resume(resume) if resume else training.train(run, out)
+    print(f"Trained policy: {policy}")
+
+
+def export(model: Path, out: Path | None = None) -> None:
+    """Turn a model that Stable-Baselines3 or sb3-contrib has saved into a policy file that executes nothing.
+
+    Loading the model executes code that is in it: export only files whose origin you trust.
+
+    Args:
+        model: File (.zip) saved by PPO, SAC or TQC, whose policy takes the observation as it is.
+        out: Policy file; by default beside the model, with the ending .npz.
+    """
+    from train.export import export_zip
+
+    path = out or model.with_suffix(".npz")
+    if path.exists():
+        raise FileExistsError(f"{path} is there already: choose another file with --out")
+    export_zip(model, source=model.name).save(path)
+    print(f"Written: {path}")
+
+
+def card(policy: tyro.conf.Positional[str]) -> None:
+    """Print where a learned policy comes from.
+
+    Args:
+        policy: A policy of this package (ppo-pace-0), a run folder or a policy file.
+    """
+    import json
+
+    from train.learned import LearnedPolicy
+    from train.policies import policy_file
+
+    print(json.dumps(LearnedPolicy.load(policy_file(policy)).card, indent=1))
+
+
+def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduced")) -> None:
+    """Train a learned policy again, from its card, and say whether the weights are the same.
+
+    Args:
+        policy: A policy of this package (ppo-pace-0), a run folder or a policy file.
+        out: Folder of the new run.
+    """
+    from train import train as training
+    from train.learned import LearnedPolicy, difference
+    from train.policies import policy_file
+
+    before = LearnedPolicy.load(policy_file(policy))
+    if "settings" not in before.card:
+        raise ValueError(f"the card of {policy} has no settings: it was exported, not trained here")
+    after = LearnedPolicy.load(training.train(from_mapping(before.card["settings"], f"the card of {policy}"), out))
+    if largest := difference(before, after):
+        print(f"The weights differ by up to {largest:g}: expect that on another machine or with other versions.")
+        print(f"The card's: {before.card['origin']['machine']}, {before.card['origin']['packages']}")
+        sys.exit(1)
+    print("The same weights.")
 
 
 def evaluate(
@@ -278,7 +333,7 @@ def main(arguments: list[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         _run(arguments)
-    except (ValueError, TypeError, FileNotFoundError, FileExistsError, BrokenProcessPool) as error:
+    except (ValueError, TypeError, FloatingPointError, FileNotFoundError, FileExistsError, BrokenProcessPool) as error:
         print(f"quadpend: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
@@ -288,12 +343,18 @@ def main(arguments: list[str] | None = None) -> None:
 def _run(arguments: list[str]) -> None:
     # The settings file gives the defaults of the other options, so it is read first.
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--settings", default=DEFAULT_SETTINGS)
-    chosen = read_settings(first.parse_known_args(arguments)[0].settings)
+    first.add_argument("--settings")
+    first.add_argument("--algo", choices=ALGORITHMS)
+    given = first.parse_known_args(arguments)[0]
+    default = given.settings or given.algo or DEFAULT_SETTINGS
+    chosen = read_settings(default)
 
     tyro.extras.subcommand_cli_from_dict(
         {
-            "train": partial(train, run=chosen),
+            "train": partial(train, run=chosen, settings=default),
+            "export": export,
+            "card": card,
+            "reproduce": reproduce,
             "evaluate": evaluate,
             "compare": duel,
             "tune": tune,

@@ -6,23 +6,29 @@ from typing import Any
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from baselines.wrappers import VectorWithCompanion
+from quadpend_gym.actuators import Rotors
 from quadpend_gym.wrappers import VectorHistoryWrapper
 from train.mixture import Mixture
 from train.sb3_vec_env import SB3VecEnv
-from train.scenarios import expand, find_scenario
+from train.scenarios import Scenario, expand, find_scenario
 from train.settings import TrainSettings
 
 
-def together(scenarios: Sequence[str], rows: int, steps: int = 1000) -> VectorEnv[Any, Any, Any]:
-    """Scenarios, sets of them among them, in equal shares of `rows`, for episodes of `steps`."""
-    found = [find_scenario(name) for name in expand(scenarios)]
-    envs = [scenario.make_vec(rows // len(found), AutoresetMode.SAME_STEP, steps) for scenario in found]
+def together(scenarios: Sequence[Scenario], rows: int, steps: int = 1000) -> VectorEnv[Any, Any, Any]:
+    """Scenarios in equal shares of `rows`, for episodes of `steps`."""
+    envs = [scenario.make_vec(rows // len(scenarios), AutoresetMode.SAME_STEP, steps) for scenario in scenarios]
     return envs[0] if len(envs) == 1 else Mixture(envs)
 
 
 def seen(env: VectorEnv[Any, Any, Any], settings: TrainSettings) -> VectorEnv[Any, Any, Any]:
     """`env` as the learner sees it: with its companion and its history."""
     if settings.companion:
+        if any(
+            isinstance(model, Rotors) for name in expand(settings.scenario) for model in find_scenario(name).actuators
+        ):
+            raise ValueError(
+                f"{settings.companion} commands thrust and torques: it cannot fly along where rotors are commanded"
+            )
         env = VectorWithCompanion(env, settings.companion, settings.steers, settings.authority)
     if settings.history > 1 or settings.history_actions:
         env = VectorHistoryWrapper(env, settings.history, settings.history_actions)
@@ -38,5 +44,6 @@ def scenarios_at(settings: TrainSettings, steps: int) -> tuple[str, ...]:
 
 def make_env(settings: TrainSettings, steps: int = 0) -> SB3VecEnv:
     """What is trained in after so many steps, as Stable-Baselines3 wants it."""
-    env = together(scenarios_at(settings, steps), settings.num_envs, settings.episode_steps)
+    scenarios = [find_scenario(name).rewarded(settings.reward) for name in expand(scenarios_at(settings, steps))]
+    env = together(scenarios, settings.num_envs, settings.episode_steps)
     return SB3VecEnv(seen(env, settings), settings.reward_scale)

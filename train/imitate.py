@@ -53,14 +53,14 @@ def imitate(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
 
 def _fit(model: Any, optimizer: Any, observations: Any, actions: Any, passes: int, random: Any) -> float:
     seen, wanted = torch.as_tensor(observations), torch.as_tensor(actions)
-    losses = []
+    losses: list[float] = []
     for _ in range(passes):
         order = torch.as_tensor(random.permutation(len(seen)))
         losses = []
-        for batch in order.split(_BATCH):
+        for batch in torch.split(order, _BATCH):
             loss = torch.nn.functional.mse_loss(_mean(model, seen[batch]), wanted[batch])
             optimizer.zero_grad()
-            loss.backward()
+            torch.autograd.backward(loss)
             optimizer.step()
             losses.append(loss.item())
     return float(np.mean(losses))

@@ -9,7 +9,7 @@ load and fly it, but for policies with a companion, a classical controller of `b
 
 import json
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ FORMAT = "quadpend policy 1"
 OBSERVATION_SIZES = (36, 27)
 ACTION_SIZE = 4
 _VIEW = {"companion": str, "steers": str, "authority": float, "history": int, "history_actions": int}
-_BENDS = {
+_BENDS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
     "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, np.float32(0.0)))),
@@ -73,12 +73,14 @@ class LearnedPolicy:
 
     @classmethod
     def load(cls, name: str | Path) -> "LearnedPolicy":
-        """The policy in a file, or that of the package that is called so (``"ppo-0"``).
+        """The policy in a file, or that of this package which is called so (``"ppo-pace-0"``).
 
         Raises:
             ValueError: there is no such file, or it holds no policy.
         """
-        path = find(name)
+        path = Path(name)
+        if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
+            raise ValueError(f"there is no learned policy {str(name)!r}: it is neither a file nor one of this package")
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 arrays = {key: data[key] for key in data.files}
@@ -139,7 +141,7 @@ class LearnedPolicy:
             seen = self._bend(seen @ weights + biases)
         weights, biases = self.layers[-1]
         action = seen @ weights + biases
-        return np.tanh(action) if self._squashed else np.minimum(np.maximum(action, -1.0), 1.0)
+        return np.asarray(np.tanh(action) if self._squashed else np.minimum(np.maximum(action, -1.0), 1.0))
 
     def _remembering(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, LearnedMemory]:
         started = started_rows(episode_start, state is None, len(observation))
@@ -169,20 +171,12 @@ class LearnedPolicy:
         return int(self._history * seen + self._history_actions * ACTION_SIZE)
 
 
-def find(name: str | Path) -> Path:
-    """The file of a policy: the path itself, or that of a policy of the package.
-
-    Raises:
-        ValueError: there is neither.
-    """
-    path = Path(name)
-    if path.is_file():
-        return path
-    shipped = SHIPPED / f"{name}.npz"
-    if not shipped.is_file():
-        known = ", ".join(sorted(item.stem for item in SHIPPED.glob("*.npz")))
-        raise ValueError(f"there is no learned policy {str(name)!r}: it is no file, and none of {known}")
-    return shipped
+def difference(policy: LearnedPolicy, other: LearnedPolicy) -> float:
+    """The largest difference of two policies' weights; infinite where they are built differently."""
+    pairs = [pair for layers in zip(policy.layers, other.layers, strict=False) for pair in zip(*layers, strict=True)]
+    if len(policy.layers) != len(other.layers) or any(a.shape != b.shape for a, b in pairs):
+        return float("inf")
+    return max(float(np.abs(a - b).max()) for a, b in pairs)
 
 
 def _pushed(memory: Floats32, value: Floats32) -> Floats32:

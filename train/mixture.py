@@ -1,6 +1,7 @@
 """Several vector environments as one: a learner that trains in many scenarios at once."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,7 @@ class Mixture(VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         edges = np.cumsum([0, *(env.num_envs for env in envs)])
-        self._rows = [slice(*pair) for pair in zip(edges, edges[1:], strict=False)]
+        self._rows = [slice(*pair) for pair in pairwise(edges)]
 
     @property
     def world(self) -> Any:

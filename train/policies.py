@@ -1,7 +1,6 @@
 """Policies by name, as the command line gives them."""
 
 import hashlib
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -9,41 +8,56 @@ from baselines import CONTROLLERS, Policy, ThroughRotors, controller
 from baselines.gains import GAINS
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.observation import OBSERVATION_SIZE
+from train.learned import SHIPPED, LearnedPolicy
 from train.scenarios import Scenario
 from train.velocities import WithVelocities
 
 
 def load_policies(names: str) -> list[Policy]:
-    """The policies under one name: one, or several separated by commas, the training seeds of one learner."""
-    return [load_policy(name) for name in names.split(",")]
+    """The policies under one name: one, or several separated by commas, the training seeds of one learner.
+
+    The name of a learner of this package (``"ppo-pace"``) stands for all its seeds (``"ppo-pace-0"``, …).
+    """
+    return [load_policy(name) for name in members(names)]
+
+
+def members(names: str) -> list[str]:
+    """The single policies under one name."""
+    return [member for name in names.split(",") for member in (learners().get(name) or [name])]
+
+
+def learners() -> dict[str, list[str]]:
+    """The learned policies of this package, by learner, in the order of their seeds."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(SHIPPED.glob("*-*.npz")):
+        found.setdefault(path.stem.rpartition("-")[0], []).append(path.stem)
+    return found
 
 
 def load_policy(name: str) -> Policy:
     """The policy that `name` stands for.
 
     Args:
-        name: of a classical controller, a key of `baselines.CONTROLLERS`, or the path of a run folder or of a PPO model
-            saved by Stable-Baselines3. Loading such a file executes code in it: load only your own.
+        name: of a classical controller, a key of `baselines.CONTROLLERS`; of a learned policy of this package; the
+            path of a run folder or of a policy file; or of a model (.zip) saved by PPO, SAC or TQC, which executes code
+            that is in it: load only files whose origin you trust.
 
     Raises:
         ValueError: it is none of these.
     """
     if name in CONTROLLERS:
         return controller(name)
-    path = _model_file(name)
-    import torch
-    from stable_baselines3 import PPO
+    path = policy_file(name)
+    if path.suffix != ".zip":
+        return LearnedPolicy.load(path)
+    from train.export import export_zip
 
-    torch.set_num_threads(1)  # more are slower for small networks, and may round differently
-    try:
-        return PPO.load(path, device="cpu")
-    except (TypeError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is no PPO model saved by Stable-Baselines3: {error}") from error
+    return export_zip(path)
 
 
 def identities(names: str) -> list[str]:
     """What tells the policies under one name, as in `load_policies`, from all others: see `identity`."""
-    return [identity(name) for name in names.split(",")]
+    return [identity(name) for name in members(names)]
 
 
 def identity(name: str) -> str:
@@ -54,34 +68,38 @@ def identity(name: str) -> str:
     """
     if name in CONTROLLERS:
         return f"{name} {GAINS[name]!r}"
-    return hashlib.sha256(_model_file(name).read_bytes()).hexdigest()
+    return hashlib.sha256(policy_file(name).read_bytes()).hexdigest()
 
 
-def _model_file(name: str) -> Path:
+def policy_file(name: str) -> Path:
+    """The file of a learned policy, by the names that `load_policy` takes.
+
+    Raises:
+        ValueError: there is none.
+    """
     path = Path(name)
     if path.is_dir():
-        path = path / "model.zip"
+        path = path / "policy.npz"
     if not path.is_file():
-        known = ", ".join(CONTROLLERS)
-        raise ValueError(f"there is no policy {name!r}: it is neither {known} nor a run or model file")
+        path = SHIPPED / f"{name}.npz"
+    if not path.is_file():
+        known = ", ".join([*CONTROLLERS, *learners()])
+        raise ValueError(f"there is no policy {name!r}: it is neither {known} nor a finished run or a file")
     return path
 
 
 def seated(policy: Policy, scenario: Scenario) -> Policy:
     """The policy as it flies in a scenario.
 
-    A classical controller is told the nominal simulation, and flies rotors, where there are any, through their mixing.
-    A learned one that wants to see velocities takes differences where they are hidden.
+    A controller, or a policy's companion, is told the nominal simulation. A controller flies rotors, where there are
+    any, through their mixing. A learned policy that wants to see velocities takes differences where they are hidden.
     """
     adaptable: Any = policy
     if hasattr(policy, "told"):
-        told: Policy = adaptable.told(scenario.simulation)
-        for model in scenario.actuators:
-            if isinstance(model, Rotors):
-                return ThroughRotors(told, model, scenario.simulation)
-        return told
-    if scenario.output_feedback and scenario.history == 1 and not scenario.history_actions:
-        space = getattr(policy, "observation_space", None)
-        if space is not None and space.shape == (OBSERVATION_SIZE,):
-            return WithVelocities(policy, scenario.simulation.period)
+        policy = adaptable.told(scenario.simulation)
+    if not isinstance(policy, LearnedPolicy):
+        rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]
+        return ThroughRotors(policy, rotors[0], scenario.simulation) if rotors and policy is not adaptable else policy
+    if scenario.output_feedback and policy.sizes == (OBSERVATION_SIZE,):
+        return WithVelocities(policy, scenario.simulation.period)
     return policy

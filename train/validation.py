@@ -6,7 +6,7 @@ from baselines import Policy
 from baselines.rollout import rollout
 from train.environment import together
 from train.flights import VALIDATION_SEED, record
-from train.scenarios import expand
+from train.scenarios import expand, find_scenario
 from train.settings import TrainSettings
 
 
@@ -21,7 +21,7 @@ class Score(NamedTuple):
 
 def validate(policy: Policy, settings: TrainSettings) -> tuple[float, float]:
     """Survival (a share) and penalised RMSE (m): means over the scenarios of a run."""
-    rows = settings.evaluation_episodes * len(expand(settings.scenario))
-    env = together(settings.scenario, rows)
+    scenarios = [find_scenario(name) for name in expand(settings.scenario)]
+    env = together(scenarios, settings.evaluation_episodes * len(scenarios))
     flights = record(rollout(policy, env, VALIDATION_SEED), env.num_envs)
     return float(flights.survived.mean()), float(flights.penalised_rmse.mean())

@@ -10,7 +10,7 @@ file with the fields of `Scenario`, or such JSON on the command line:
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from quadpend_gym.actuators import as_actuators, check_chain
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.records import build, whole
 from quadpend_gym.sensors import as_sensors
-from quadpend_gym.tasks import as_task
+from quadpend_gym.tasks import TASKS, RewardWeights, as_task
 from quadpend_gym.wind import Sum, as_wind
 from quadpend_gym.wrappers import (
     VectorActuatorWrapper,
@@ -35,7 +35,7 @@ from train.files import parse_mapping, read_mapping
 
 FILE = Path(__file__).with_name("scenarios.toml")
 HOVER = "QuadPendulumHover-v0"
-ENVIRONMENTS = ("QuadPendulum-v0", HOVER)
+ENVIRONMENTS = {"QuadPendulum-v0": "track", HOVER: "hover"}  # and their tasks
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,11 @@ class Scenario:
         if self.task is not None:
             object.__setattr__(self, "task", as_task(self.task))
         check_chain(self.actuators, self.simulation)
+
+    def rewarded(self, reward: RewardWeights) -> "Scenario":
+        """The same scenario with other weights of the reward."""
+        task = TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
+        return replace(self, task=replace(task, reward=reward))
 
     def make_vec(
         self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int = 1000

@@ -7,8 +7,10 @@ from typing import Any, Literal
 
 from baselines import CONTROLLERS
 from baselines.companion import STEERS
+from quadpend_gym import RewardWeights
 from quadpend_gym.records import build, number, positive, whole
 from train.files import read_mapping
+from train.learned import LearnedPolicy
 from train.scenarios import SETS, expand, resolve
 
 FOLDER = Path(__file__).parent
@@ -118,6 +120,8 @@ class TrainSettings:
     """Of Adam, at the end; it falls linearly."""
     discount: float = 0.995
     """γ."""
+    reward: RewardWeights = field(default_factory=RewardWeights)
+    """What the learner is rewarded for, instead of the task's weights; see `quadpend_gym.reward`."""
     reward_scale: float = 0.01
     """Factor on the rewards that the learner sees, so that returns are of order one."""
     hidden: tuple[int, ...] = (64, 64)
@@ -142,7 +146,7 @@ class TrainSettings:
     """Of SAC and TQC alone."""
 
     def __post_init__(self) -> None:
-        for name, kind in (("ppo", PpoSettings), ("sac", SacSettings)):
+        for name, kind in (("ppo", PpoSettings), ("sac", SacSettings), ("reward", RewardWeights)):
             object.__setattr__(self, name, build(kind, getattr(self, name), name))
         for name in ("scenario", "curriculum"):
             object.__setattr__(self, name, _scenarios(getattr(self, name), name))
@@ -225,6 +229,8 @@ def read_settings(name: str) -> TrainSettings:
     path = FOLDER / f"{name}.toml"
     if not path.is_file():
         path = Path(name)
+    if path.suffix == ".npz":
+        return from_mapping(LearnedPolicy.load(path).card["settings"], f"the card of {path}")
     if not path.is_file():
         known = ", ".join(sorted(item.stem for item in FOLDER.glob("*.toml")))
         raise ValueError(f"there are no settings {name!r}; there are {known}, or give the path of a file")
@@ -237,7 +243,7 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
     Raises:
         ValueError: a key is unknown or a value out of range.
     """
-    for name, kind in (("", TrainSettings), ("ppo", PpoSettings), ("sac", SacSettings)):
+    for name, kind in (("", TrainSettings), ("ppo", PpoSettings), ("sac", SacSettings), ("reward", RewardWeights)):
         known = [item.name for item in fields(kind)]
         given = values if not name else values.get(name, {})
         if unknown := [key for key in given if key not in known]:
