@@ -235,6 +235,12 @@ class World:
             self._waiting[rows] = False
             self._ready = not self._waiting.any()
 
+    def follow(self, other: "World", rows: Integers) -> None:
+        """Begin in `rows`, shape (m,), the episodes that the same rows of another world have begun."""
+        self._seeds[rows] = other._seeds[rows]
+        self.episode[rows] = other.episode[rows] - 1
+        self.begin(rows)
+
     def _place(self, rows: Integers, fixed: Fixed) -> None:
         """Reference and state of new episodes."""
         fields = fixed.state

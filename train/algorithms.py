@@ -91,11 +91,13 @@ def output_layer(model: Any) -> Any:
 
 
 def _begin_at_zero(model: Any, settings: TrainSettings) -> None:
-    """Correct nothing at the beginning, and expect the reward that the companion earns."""
+    """Steer nothing at the beginning, and expect nothing more than the companion earns."""
     with torch.no_grad():
         layer = output_layer(model)
         layer.weight *= 0.1
         layer.bias.zero_()
+        if settings.paired and settings.algo == "ppo":
+            model.policy.value_net.weight.zero_()
 
 
 def read_zip(path: Path) -> Any:

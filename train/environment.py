@@ -5,10 +5,13 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from baselines import controller
 from baselines.wrappers import VectorWithCompanion
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.wrappers import VectorHistoryWrapper
+from train.hold import Hold
 from train.mixture import Mixture
+from train.paired import PairedReward
 from train.sb3_vec_env import SB3VecEnv
 from train.scenarios import Scenario, expand, find_scenario
 from train.settings import TrainSettings
@@ -45,5 +48,11 @@ def scenarios_at(settings: TrainSettings, steps: int) -> tuple[str, ...]:
 def make_env(settings: TrainSettings, steps: int = 0) -> SB3VecEnv:
     """What is trained in after so many steps, as Stable-Baselines3 wants it."""
     scenarios = [find_scenario(name).rewarded(settings.reward) for name in expand(scenarios_at(settings, steps))]
-    env = together(scenarios, settings.num_envs, settings.episode_steps)
-    return SB3VecEnv(seen(env, settings), settings.reward_scale)
+    env = seen(together(scenarios, settings.num_envs, settings.episode_steps), settings)
+    if settings.paired:
+        twin = together(scenarios, settings.num_envs, settings.episode_steps)
+        beside = controller(settings.companion, scenarios[0].simulation)
+        env = PairedReward(env, twin, beside, settings.discount ** (1.0 / settings.hold), settings.episode_steps)
+    if settings.hold > 1:
+        env = Hold(env, settings.hold)
+    return SB3VecEnv(env, settings.reward_scale)

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.policy import choose, started_rows
-from quadpend_gym.arrays import Floats32
+from quadpend_gym.arrays import Floats32, Integers
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 1"
 OBSERVATION_SIZES = (36, 27)
 ACTION_SIZE = 4
-_VIEW = {"companion": str, "steers": str, "authority": float, "history": int, "history_actions": int}
+_VIEW = {"companion": str, "steers": str, "authority": float, "hold": int, "history": int, "history_actions": int}
 _BENDS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -36,6 +36,8 @@ class LearnedMemory(NamedTuple):
     companion: Any
     observations: Floats32  # the latest of what it sees, oldest first, (n, k, m)
     actions: Floats32  # the latest that it took, (n, j, 4)
+    held: Floats32  # what it decided last, (n, 4)
+    age: Integers  # steps since the episode began, (n,)
 
 
 class LearnedPolicy:
@@ -44,8 +46,8 @@ class LearnedPolicy:
     Args:
         layers: weights of shape (inputs, outputs) and biases of each layer, float32.
         card: where it comes from. Of it ``activation`` (relu, tanh, elu), ``squashed`` (whether a tanh bounds the
-            action, which is clipped otherwise) and ``view`` (``companion``, ``steers``, ``authority``, ``history`` and
-            ``history_actions`` of `train.settings.TrainSettings`) say how it flies.
+            action, which is clipped otherwise) and ``view`` (``companion``, ``steers``, ``authority``, ``hold``, ``history``
+            and ``history_actions`` of `train.settings.TrainSettings`) say how it flies.
 
     Raises:
         ValueError: layers and card do not make a policy.
@@ -57,7 +59,9 @@ class LearnedPolicy:
         self.layers = [(weights, biases) for weights, biases in layers]
         self.card = card
         view = card["view"]
-        self._history, self._history_actions = view["history"], view["history_actions"]
+        self._hold, self._history, self._history_actions = (
+            view[name] for name in ("hold", "history", "history_actions")
+        )
         self._bend, self._squashed = _BENDS[card["activation"]], card["squashed"]
         self._companion: Any = None
         if view["companion"]:
@@ -152,14 +156,17 @@ class LearnedPolicy:
             companion,
             np.repeat(seen[:, np.newaxis], self._history, axis=1),
             np.zeros((len(seen), self._history_actions, ACTION_SIZE), np.float32),
+            np.zeros((len(seen), ACTION_SIZE), np.float32),
+            np.zeros(len(seen), np.int64),
         )
         if state is not None:
-            pushed = state.observations if self._history == 0 else _pushed(state.observations, seen)
-            kept = memory._replace(observations=pushed, actions=state.actions)
-            memory = choose(started, memory._replace(companion=()), kept._replace(companion=()))
+            kept = state._replace(companion=(), observations=_pushed(state.observations, seen))
+            memory = choose(started, memory._replace(companion=()), kept)
         flat = [memory.observations.reshape(len(seen), -1), memory.actions.reshape(len(seen), -1)]
         action = self.act(np.concatenate(flat, axis=1))
-        memory = memory._replace(actions=_pushed(memory.actions, action), companion=companion)
+        if self._hold > 1:
+            action = choose(memory.age % self._hold == 0, action, memory.held)
+        memory = LearnedMemory(companion, memory.observations, _pushed(memory.actions, action), action, memory.age + 1)
         if self._companion is not None:
             action, companion = self._companion.act(action, companion)
             memory = memory._replace(companion=companion)
@@ -201,8 +208,8 @@ def _check_card(card: Any) -> None:
     view = card.get("view")
     if not isinstance(view, dict) or {name: type(value) for name, value in view.items()} != _VIEW:
         raise ValueError(f"its view must have {', '.join(_VIEW)}, not {view!r}")
-    if view["history"] < 1 or view["history_actions"] < 0:
-        raise ValueError(f"its view must have a history of at least 1 and 0, not {view!r}")
+    if view["hold"] < 1 or view["history"] < 1 or view["history_actions"] < 0:
+        raise ValueError(f"its view must hold at least 1 step, with a history of at least 1 and 0, not {view!r}")
 
 
 def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:

@@ -98,3 +98,9 @@ def _merged(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
         **{name: np.concatenate([info[name] for info in infos]) for name in ("tracking_error", "tilt")},
         "reward_terms": {name: np.concatenate([term[name] for term in terms]) for name in terms[0]},
     }
+
+
+def worlds(env: VectorEnv[Any, Any, Any]) -> list[Any]:
+    """The worlds under an environment: one, or those of the parts of a `Mixture`."""
+    inner: Any = env.unwrapped
+    return [_world(part) for part in inner.envs] if isinstance(inner, Mixture) else [_world(inner)]

@@ -15,7 +15,7 @@ from train.scenarios import SETS, expand, resolve
 
 FOLDER = Path(__file__).parent
 ACTIVATIONS = ("relu", "tanh", "elu")
-VIEW = ("companion", "steers", "authority", "history", "history_actions")  # what a policy sees and does
+VIEW = ("companion", "steers", "authority", "hold", "history", "history_actions")  # what a policy sees and does
 ALGORITHMS = ("ppo", "sac", "tqc")
 
 
@@ -99,13 +99,17 @@ class TrainSettings:
     num_envs: int = 256
     """Rows of the vector environment."""
     episode_steps: int = 1000
-    """Steps after which an episode is truncated while training."""
+    """Control steps after which an episode is truncated while training."""
     companion: str = ""
     """Classical controller that flies along, see `baselines.companion`; none without."""
     steers: Literal["alone", "action", "pace"] = "alone"
     """What the learner does beside its companion: act alone, correct its action, or set its bandwidths."""
     authority: float = 1.0
     """How much a correction or a pace counts, κ."""
+    hold: int = 1
+    """Control steps that an action is held, where the learner steers; all other steps here are the learner's."""
+    paired: bool = False
+    """Whether the reward is relative to what the companion alone earns in the same episode, see `train.paired`."""
     history: int = 1
     """Observations that the learner sees side by side."""
     history_actions: int = 0
@@ -151,7 +155,7 @@ class TrainSettings:
         for name in ("scenario", "curriculum"):
             object.__setattr__(self, name, _scenarios(getattr(self, name), name))
         object.__setattr__(self, "hidden", tuple(self.hidden))
-        for name in ("total_steps", "num_envs", "episode_steps", "history", "batch_size", "checkpoint_steps"):
+        for name in ("total_steps", "num_envs", "episode_steps", "hold", "history", "batch_size", "checkpoint_steps"):
             whole(getattr(self, name), name, 1)
         for name in ("evaluation_episodes", "threads"):
             whole(getattr(self, name), name, 1)
@@ -194,6 +198,12 @@ class TrainSettings:
             raise ValueError("a learner that steers or imitates needs a companion")
         if self.steers != "alone" and self.imitation_steps:
             raise ValueError("a learner that steers its companion cannot imitate it: give no imitation_steps")
+        if self.hold > 1 and self.steers == "alone":
+            raise ValueError("only a learner that steers its companion can hold its action")
+        if self.paired and not self.companion:
+            raise ValueError("a paired reward needs a companion")
+        if self.paired and self.discount == 1.0:
+            raise ValueError("a paired reward needs a discount below 1")
         if self.patience and not self.evaluation_steps:
             raise ValueError("patience needs evaluation_steps")
         if self.algo == "ppo" and self.num_envs * self.ppo.rollout_steps % self.batch_size:
