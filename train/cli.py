@@ -251,6 +251,31 @@ def _labelled(scenario: str) -> tuple[str, str]:
     return (Path(rest).stem if name == rest and not rest.lstrip().startswith("{") else name), rest
 
 
+def ablate(
+    names: tyro.conf.Positional[tuple[str, ...]] = (),
+    seeds: int = 3,
+    out: Path = Path("runs/ablations"),
+    document: Path | None = None,
+) -> None:
+    """Train with and without each part of a learner, and tabulate what it is worth.
+
+    Args:
+        names: Of ablations, see train/ablations.py; all of them without.
+        seeds: Training seeds, from 0 on.
+        out: Folder of the runs, of which those that are there are not trained again, and of ablations.json.
+        document: Markdown file whose part "ablations" to fill in.
+    """
+    from train import ablations, documents
+
+    if seeds < 1:
+        raise ValueError(f"seeds must be at least 1, not {seeds}")
+    if document:
+        documents.check(document, ["ablations"])
+    outcomes = ablations.run(out, seeds, names or tuple(ablations.ABLATIONS))
+    if document:
+        ablations.document(outcomes, document)
+
+
 def wind(
     models: tuple[str, ...] = (),
     out: Path = Path("results/wind"),
@@ -358,6 +383,7 @@ def _run(arguments: list[str]) -> None:
             "evaluate": evaluate,
             "compare": duel,
             "tune": tune,
+            "ablate": ablate,
             "wind": wind,
             "paper": paper,
             "bench": bench,

@@ -36,6 +36,7 @@ class PairedReward(VectorWrapper):
         controller: that flies the twin, from the whole observation.
         discount: γ, below 1.
         steps: of an episode.
+        fall_cost: taken off at a fall besides (2).
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class PairedReward(VectorWrapper):
         controller: Policy,
         discount: float,
         steps: int,
+        fall_cost: float = 0.0,
     ) -> None:
         """Pair the rows."""
         VectorWrapper.__init__(self, env)
@@ -54,6 +56,7 @@ class PairedReward(VectorWrapper):
             for *worlds_of_both, edge in zip(worlds(env), worlds(twin), pairwise(edges), strict=True)
         ]
         self._controller, self._discount, self._steps = controller, discount, steps
+        self._fall_cost = fall_cost
         self._observation = np.empty((self.num_envs, OBSERVATION_SIZE), np.float32)
         self._memory: Any = None
         self._begun = np.ones(self.num_envs, np.bool_)
@@ -80,7 +83,7 @@ class PairedReward(VectorWrapper):
         lost = earned * self._discount * (1.0 - left) / (1.0 - self._discount)
         if (ended := terminated | truncated).any():
             self._follow(ended)
-        return observation, reward - earned - terminated * lost, terminated, truncated, info
+        return observation, reward - earned - terminated * (lost + self._fall_cost), terminated, truncated, info
 
     def _fly_twins(self) -> Floats:
         """What the twins earn with a step, shape (n,); nothing after a fall."""

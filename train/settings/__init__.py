@@ -110,6 +110,8 @@ class TrainSettings:
     """Control steps that an action is held, where the learner steers; all other steps here are the learner's."""
     paired: bool = False
     """Whether the reward is relative to what the companion alone earns in the same episode, see `train.paired`."""
+    fall_cost: float = 0.0
+    """What a fall takes off a paired reward besides: an RMSE counts it as 1 m, the reward as what is not earned."""
     history: int = 1
     """Observations that the learner sees side by side."""
     history_actions: int = 0
@@ -168,7 +170,7 @@ class TrainSettings:
         for name in ("learning_rate", "reward_scale", "authority"):
             positive(getattr(self, name), name)
         number(self.discount, "discount", 0.0, 1.0)
-        for name in ("max_seconds", "final_learning_rate"):
+        for name in ("max_seconds", "final_learning_rate", "fall_cost"):
             number(getattr(self, name), name, 0.0)
         self._check_choices()
         self._check_together()
@@ -200,6 +202,8 @@ class TrainSettings:
             raise ValueError("a learner that steers its companion cannot imitate it: give no imitation_steps")
         if self.hold > 1 and self.steers == "alone":
             raise ValueError("only a learner that steers its companion can hold its action")
+        if self.fall_cost and not self.paired:
+            raise ValueError("only a paired reward has a fall_cost")
         if self.paired and not self.companion:
             raise ValueError("a paired reward needs a companion")
         if self.paired and self.discount == 1.0:

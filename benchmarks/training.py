@@ -1,0 +1,156 @@
+"""How long a learner trains until it beats whom: wall-clock and steps, over several seeds.
+
+A run is looked at again and again while it trains: its policy, without exploration, flies episodes that nobody trains
+in. The clock stands still meanwhile. A goal is reached when
+
+- balanced: 95 % of the episodes in wind are survived;
+- paper: penalised RMSE and survival in wind are better than those of the paper's ADRC in the same episodes;
+- classical: penalised RMSE is better than the best classical controller's, over the training scenarios together, by a
+  paired 95 % interval that excludes zero, at a survival that is not lower.
+
+The first two are measured in one training of PPO that sees the observation alone; the third with the hybrid that sets
+the pace of the controller it has to beat.
+"""
+
+import platform
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+from baselines import Policy, controller
+from train.export import export
+from train.flights import VALIDATION_SEED, Flights, fly
+from train.scenarios import SETS
+from train.settings import TrainSettings, read_settings
+from train.statistics import mean
+from train.train import train
+
+EPISODES = 100
+Judge = Callable[[Policy], bool]
+
+
+class Goal(NamedTuple):
+    """What is to be reached."""
+
+    settings: str  # of the training, see `train.settings`
+    every: int  # steps between two looks
+    asked: float  # s
+    reached: Callable[[], Judge]
+
+
+class Reached(NamedTuple):
+    """When a run has reached a goal; infinite where it has not."""
+
+    seconds: float
+    steps: float
+
+
+def _balanced() -> Judge:
+    return lambda policy: bool(_fly(policy, "windy").survived.mean() >= 0.95)
+
+
+def _better_than_paper() -> Judge:
+    paper = _fly(controller("adrc-paper"), "windy")
+
+    def judge(policy: Policy) -> bool:
+        flown = _fly(policy, "windy")
+        better = flown.penalised_rmse.mean() < paper.penalised_rmse.mean()
+        return bool(better and flown.survived.mean() >= paper.survived.mean())
+
+    return judge
+
+
+def _better_than_classical() -> Judge:
+    best = [_fly(controller("flatness"), name) for name in SETS["training"]]
+
+    def judge(policy: Policy) -> bool:
+        flown = [_fly(policy, name) for name in SETS["training"]]
+        difference = sum(mine.penalised_rmse - its.penalised_rmse for mine, its in zip(flown, best, strict=True))
+        survived = sum(mine.survived.mean() - its.survived.mean() for mine, its in zip(flown, best, strict=True))
+        return bool(mean(np.asarray(difference)).high < 0.0 and survived >= 0.0)
+
+    return judge
+
+
+def _fly(policy: Policy, scenario: str) -> Flights:
+    return fly([policy], scenario, EPISODES, VALIDATION_SEED)
+
+
+GOALS = {
+    "balanced": Goal("fast", 100_000, 20.0, _balanced),
+    "paper": Goal("fast", 250_000, 45.0, _better_than_paper),
+    "classical": Goal("ppo-pace", 100_000, 1200.0, _better_than_classical),
+}
+
+
+class _Look(BaseCallback):
+    """Asks now and then which goals are reached, with the clock stopped; ends the run when all are."""
+
+    def __init__(self, settings: TrainSettings, judges: dict[str, tuple[int, Judge]]) -> None:
+        super().__init__()
+        self.settings, self.judges = settings, judges
+        self.reached: dict[str, Reached] = {}
+        self.paused = 0.0
+
+    def _on_training_start(self) -> None:
+        self.began = time.perf_counter()
+        self.next = {name: every for name, (every, _) in self.judges.items()}
+
+    def _on_rollout_start(self) -> None:
+        for name, (every, judge) in self.judges.items():
+            if name in self.reached or self.num_timesteps < self.next[name]:
+                continue
+            self.next[name] = self.num_timesteps + every
+            now = time.perf_counter()
+            if judge(export(self.model, self.settings.view())):
+                self.reached[name] = Reached(now - self.began - self.paused, float(self.num_timesteps))
+            self.paused += time.perf_counter() - now
+
+    def _on_step(self) -> bool:
+        return len(self.reached) < len(self.judges)
+
+
+def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, list[Reached]]:
+    """When each of the goals is reached, for each training seed."""
+    goals = {name: GOALS[name] for name in names}
+    judges = {name: goal.reached() for name, goal in goals.items()}
+    found: dict[str, list[Reached]] = {name: [] for name in names}
+    for settings in dict.fromkeys(goal.settings for goal in goals.values()):
+        asked = {name: (goal.every, judges[name]) for name, goal in goals.items() if goal.settings == settings}
+        for seed in range(seeds):
+            run = replace(read_settings(settings), seed=seed, evaluation_steps=0, patience=0)
+            look = _Look(run, asked)
+            with tempfile.TemporaryDirectory() as folder:
+                train(run, Path(folder) / "run", progress=False, more=[look])
+            for name in asked:
+                found[name].append(look.reached.get(name, Reached(np.inf, np.inf)))
+                print(f"{name}, seed {seed}: {found[name][-1].seconds:.1f} s", flush=True)
+    return found
+
+
+def markdown(found: dict[str, list[Reached]], rate: float) -> str:
+    """Medians and ranges as a Markdown table."""
+    lines = [
+        f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it in the demo's training.",
+        "",
+        "| goal | training | seconds, median [range] | steps, median [range] | asked |",
+        "|---|---|---|---|---|",
+    ]
+    for name, runs in found.items():
+        seconds, steps = (np.array(values) for values in zip(*runs, strict=True))
+        goal = GOALS[name]
+        lines.append(
+            f"| {name} | `{goal.settings}` | {_spread(seconds, '.1f')} | {_spread(steps / 1e6, '.2f')} M"
+            f" | ≤ {goal.asked:.0f} s |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _spread(values: Any, form: str) -> str:
+    return f"{np.median(values):{form}} [{values.min():{form}}, {values.max():{form}}]"
