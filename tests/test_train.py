@@ -1,136 +1,350 @@
-"""Training runs, is interrupted and goes on, keeps its origin, and can be repeated."""
+"""Training runs, keeps its origin, can be repeated, and says when it fails."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from stable_baselines3 import PPO
+import torch
+from numpy.testing import assert_array_equal
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.callbacks import BaseCallback
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from baselines import controller
+from quadpend_gym import RewardWeights, Simulation
+from tests.env_helpers import assert_same
+from tests.test_bad_input import refused
+from tests.training_helpers import BRIEF, BRIEF_SAC, OTHER, SHORT, model_of, numbers_of, trained
+from train import callbacks, validation
 from train import train as training
-from train.flights import TEST_SEED, VALIDATION_SEED
-from train.settings import TrainSettings, read_settings
+from train.algorithms import make_model
+from train.callbacks import first_episode, read_curve
+from train.environment import make_env, scenarios_at
+from train.flights import TEST_SEED, VALIDATION_SEED, fly
+from train.imitate import imitate
+from train.learned import LearnedPolicy, difference
+from train.scenarios import Scenario, find_scenario, scenario_hash
+from train.settings import TrainSettings, from_mapping, read_settings
+from train.validation import validate
 
-BRIEF = TrainSettings(total_steps=2048, num_envs=16, rollout_steps=32, batch_size=256, epochs=1)
+STEERED: dict[str, Any] = {"companion": "flatness", "steers": "action", "authority": 0.3}
+EVALUATED = replace(BRIEF, evaluation_steps=256)
+SAC_BRIEF = replace(BRIEF_SAC, total_steps=256)
 
 
-def weights(path: Path) -> np.ndarray:
-    parameters = PPO.load(path, device="cpu").policy.parameters()
-    return np.concatenate([parameter.detach().numpy().ravel() for parameter in parameters])
+class Told(BaseCallback):
+    """Calls a function with the model at the start of every rollout."""
+
+    def __init__(self, tell: Any) -> None:
+        super().__init__()
+        self.tell = tell
+
+    def _on_rollout_start(self) -> None:
+        self.tell(self.model)
+
+    def _on_step(self) -> bool:
+        return True
 
 
 def test_a_run_folder_holds_all_that_the_run_is(tmp_path: Path) -> None:
-    model = training.train(BRIEF, tmp_path, progress=False)
-    assert PPO.load(model, device="cpu").num_timesteps == BRIEF.total_steps
-    assert TrainSettings(**json.loads((tmp_path / "settings.json").read_text())) == BRIEF
+    path = training.train(EVALUATED, tmp_path, progress=False)
+    assert path == tmp_path / "policy.npz"
+    assert model_of(tmp_path, EVALUATED).num_timesteps == EVALUATED.total_steps
+    assert read_settings(str(tmp_path / "settings.json")) == EVALUATED
     origin = json.loads((tmp_path / "origin.json").read_text())
     assert {"command", "commit", "python", "packages"} <= set(origin)
-    assert list(tmp_path.glob("events*/events.out.tfevents*"))
+    names = {item.name for item in tmp_path.iterdir() if not item.name.startswith("events")}
+    assert names == {"settings.json", "origin.json", "curve.csv", "best.npz", "model.zip", "policy.npz"}
 
 
-def test_the_same_settings_give_the_same_weights(tmp_path: Path) -> None:
-    first, second = (training.train(BRIEF, tmp_path / name, progress=False) for name in "ab")
-    np.testing.assert_array_equal(weights(first), weights(second))
+@pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
+def test_the_same_settings_give_the_same_weights_and_other_seeds_give_others(algo: str, tmp_path: Path) -> None:
+    settings = BRIEF if algo == "ppo" else replace(SAC_BRIEF, algo=algo)
+    first, second = (trained(settings, tmp_path / name) for name in "ab")
+    assert difference(first, second) == 0.0
+    assert_same(*(numbers_of(model_of(tmp_path / name, settings)) for name in "ab"))
+    assert difference(first, trained(replace(settings, seed=1), tmp_path / "c")) > 0.0
 
 
-def test_an_interrupted_run_goes_on_from_its_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    learn = PPO.train
-
-    def interrupted(model: PPO) -> None:
-        learn(model)
-        if model.num_timesteps >= BRIEF.total_steps // 2:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(PPO, "train", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            training.train(BRIEF, tmp_path, progress=False)
-    assert PPO.load(tmp_path / "checkpoint.zip", device="cpu").num_timesteps == BRIEF.total_steps // 2
-    model = training.resume(tmp_path, progress=False)
-    assert PPO.load(model, device="cpu").num_timesteps == BRIEF.total_steps
-    with pytest.raises(FileNotFoundError, match="is finished"):
-        training.resume(tmp_path)
+def test_the_card_says_where_a_policy_comes_from(tmp_path: Path) -> None:
+    settings = replace(EVALUATED, scenario=(SHORT, OTHER), seed=3)
+    policy = trained(settings, tmp_path)
+    card = json.loads(json.dumps(policy.card))
+    assert card["settings"] == json.loads((tmp_path / "settings.json").read_text())
+    assert card["seed"] == 3
+    assert card["steps"] == settings.total_steps
+    assert card["seconds"] >= 0.0
+    assert card["view"] == settings.view()
+    assert card["origin"] == json.loads((tmp_path / "origin.json").read_text())
+    assert card["curve"] == [list(score) for score in read_curve(tmp_path)]
+    assert card["scenarios"] == {name: scenario_hash(find_scenario(name)) for name in settings.scenario}
+    survival, rmse = validate(policy, settings)
+    assert card["score"] == {"survival": survival, "penalised_rmse": rmse}
+    assert card["score"]["penalised_rmse"] == min(score[3] for score in card["curve"])
 
 
-def test_checkpoints_are_kept_on_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept: list[int] = []
-    monkeypatch.setattr(training, "save_checkpoint", lambda model, folder: kept.append(model.num_timesteps))
-    settings = TrainSettings(**{**BRIEF.__dict__, "checkpoint_steps": 1024})
-    training.train(settings, tmp_path, progress=False)
-    assert kept == [1024]
+def test_a_run_is_repeated_from_the_card_of_its_policy(tmp_path: Path) -> None:
+    settings = replace(EVALUATED, **STEERED, history=2, reward=RewardWeights(tip=0.2))
+    policy = trained(settings, tmp_path / "first")
+    again = from_mapping(policy.card["settings"], "the card")
+    assert again == settings == read_settings(str(tmp_path / "first" / "policy.npz"))
+    assert difference(trained(again, tmp_path / "again"), policy) == 0.0
+
+
+def test_without_evaluations_the_last_policy_is_kept(tmp_path: Path) -> None:
+    policy, seen = trained(BRIEF, tmp_path), np.random.default_rng(0).normal(size=(20, 36)).astype(np.float32)
+    expected, _ = model_of(tmp_path, BRIEF).predict(seen, deterministic=True)
+    np.testing.assert_allclose(policy.predict(seen)[0], expected, atol=1e-5)
+    assert policy.card["curve"] == []
+
+
+def scored(patch: pytest.MonkeyPatch, *scores: float) -> list[LearnedPolicy]:
+    """Evaluations have these penalised RMSEs; returns the policies that will be evaluated."""
+    evaluated: list[LearnedPolicy] = []
+
+    def score(policy: LearnedPolicy, settings: TrainSettings) -> tuple[float, float]:
+        evaluated.append(policy)
+        return 1.0, scores[min(len(evaluated), len(scores)) - 1]
+
+    patch.setattr(callbacks, "validate", score)
+    return evaluated
+
+
+def test_with_evaluations_the_best_policy_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    evaluated = scored(monkeypatch, 0.5, 0.4, 0.3, 0.35, 0.3)
+    policy = trained(EVALUATED, tmp_path)
+    assert [score.steps for score in read_curve(tmp_path)] == [0, 256, 512, 768, 1024]
+    assert [score.penalised_rmse for score in read_curve(tmp_path)] == [0.5, 0.4, 0.3, 0.35, 0.3]
+    assert difference(policy, evaluated[2]) == 0.0
+    assert difference(policy, evaluated[3]) > 0.0
+    assert [score.seconds for score in read_curve(tmp_path)] == sorted(score.seconds for score in read_curve(tmp_path))
+
+
+def test_patience_ends_a_run_that_gets_no_better(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    evaluated = scored(monkeypatch, 0.5, 0.3, 0.4, 0.35, 0.36)
+    settings = replace(EVALUATED, total_steps=10**8, patience=2)
+    policy = trained(settings, tmp_path)
+    steps = [score.steps for score in read_curve(tmp_path)]
+    assert steps[:4] == [0, 256, 512, 768]
+    assert steps[-1] <= 1024
+    assert difference(policy, evaluated[1]) == 0.0
+
+
+def test_what_is_evaluated_is_what_is_trained_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In all scenarios alike, in episodes of the evaluation's own; not in those of the curriculum."""
+    flown: list[Any] = []
+    seeds: set[int] = set()
+    together, rollout = validation.together, validation.rollout
+
+    def watched(scenarios: Any, rows: int, *more: Any) -> Any:
+        flown.append((list(scenarios), rows))
+        return together(scenarios, rows, *more)
+
+    def seeded(policy: Any, env: Any, seed: int, *more: Any) -> Any:
+        seeds.add(seed)
+        return rollout(policy, env, seed, *more)
+
+    monkeypatch.setattr(validation, "together", watched)
+    monkeypatch.setattr(validation, "rollout", seeded)
+    third = json.dumps({**json.loads(SHORT), "wind": "storm"})
+    settings = replace(EVALUATED, scenario=(SHORT, OTHER), curriculum=(third,), curriculum_steps=512, total_steps=512)
+    trained(settings, tmp_path)
+    assert len(flown) == 4
+    expected = [find_scenario(name) for name in settings.scenario]
+    assert all(scenarios == expected and rows == 4 for scenarios, rows in flown)
+    assert seeds == {VALIDATION_SEED}
+
+
+@pytest.mark.parametrize("companion", ["", "flatness"])
+def test_an_evaluation_is_a_flight(companion: str) -> None:
+    """Its score is that of `fly`, the companion's belief of the plant included."""
+    heavy = Scenario(wind="windy", simulation={"parameters": {"bob_mass": 0.35}})
+    settings = TrainSettings(
+        scenario=({"wind": "windy", "simulation": {"parameters": {"bob_mass": 0.35}}},),  # type: ignore[arg-type]
+        companion=companion,
+        steers="action" if companion else "alone",
+        evaluation_episodes=2,
+        hidden=(8,),
+    )
+    model = make_model(settings, make_env(replace(settings, num_envs=4, ppo={"rollout_steps": 256})), None)  # type: ignore[arg-type]
+    policy = training.export(model, settings.view())
+    flights = fly([policy], heavy, 2)
+    assert validate(policy, settings) == (flights.survived.mean(), flights.penalised_rmse.mean())
+
+
+def test_tensorboard_has_the_terms_of_the_reward_and_the_evaluations(tmp_path: Path) -> None:
+    for name, settings in (("ppo", EVALUATED), ("sac", replace(SAC_BRIEF, evaluation_steps=128))):
+        trained(settings, tmp_path / name)
+        (folder,) = (tmp_path / name).glob("events*")
+        events = EventAccumulator(str(folder)).Reload()
+        terms = {"tracking", "upright", "yaw", "effort", "tracking_error"}
+        assert {f"reward/{term}" for term in terms} | {"evaluation/penalised_rmse", "evaluation/survival"} <= set(
+            events.Tags()["scalars"]
+        )
+        for term in terms - {"tracking_error"}:
+            assert all(0.0 < event.value <= 1.0 for event in events.Scalars(f"reward/{term}"))
+        assert all(0.0 < event.value < 1.0 for event in events.Scalars("reward/tracking_error"))
 
 
 def test_training_ends_when_its_time_is_up(tmp_path: Path) -> None:
-    settings = TrainSettings(**{**BRIEF.__dict__, "total_steps": 10**9, "max_seconds": 1.0})
-    assert PPO.load(training.train(settings, tmp_path, progress=False), device="cpu").num_timesteps < 10**7
+    trained(replace(BRIEF, total_steps=10**9, max_seconds=0.3), tmp_path)
+    assert model_of(tmp_path, BRIEF).num_timesteps < 10**6
 
 
-def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
-    training.train(BRIEF, tmp_path, progress=False)
-    with pytest.raises(FileExistsError, match="holds a run already"):
-        training.train(BRIEF, tmp_path, progress=False)
-    with pytest.raises(FileNotFoundError, match="holds no run"):
-        training.resume(tmp_path / "nowhere")
+@pytest.mark.parametrize("settings", [BRIEF, EVALUATED, replace(SAC_BRIEF, evaluation_steps=64)], ids=str)
+def test_a_run_that_diverges_ends_with_a_sentence(settings: TrainSettings, tmp_path: Path) -> None:
+    """And with no policy."""
+
+    def spoil(model: Any) -> None:
+        if model.num_timesteps >= 64:
+            with torch.no_grad():
+                next(iter((model.policy if settings.algo == "ppo" else model.actor).parameters()))[0] = np.nan
+
+    refused(
+        lambda: trained(settings, tmp_path, more=[Told(spoil)]),
+        r"training diverged within \d+ steps: the networks hold numbers that are not finite; lower learning_rate",
+        FloatingPointError,
+    )
+    assert not (tmp_path / "policy.npz").exists()
 
 
-def test_a_run_that_died_before_its_first_checkpoint_begins_again(tmp_path: Path) -> None:
-    finished = training.train(BRIEF, tmp_path / "whole", progress=False)
-    dead = tmp_path / "dead"
-    dead.mkdir()
-    (dead / "settings.json").write_text((tmp_path / "whole/settings.json").read_text())
-    np.testing.assert_array_equal(weights(training.resume(dead, progress=False)), weights(finished))
+def test_a_learning_rate_that_is_far_too_high_diverges(tmp_path: Path) -> None:
+    settings = replace(BRIEF, learning_rate=1e30, final_learning_rate=1e30, ppo=replace(BRIEF.ppo, epochs=4))
+    refused(lambda: trained(settings, tmp_path), "training diverged within", FloatingPointError)
+
+
+def test_the_critic_may_learn_alone_at_first(tmp_path: Path) -> None:
+    seen: dict[int, dict[str, Any]] = {}
+
+    def keep(model: Any) -> None:
+        state = model.policy.state_dict()
+        seen[model.num_timesteps] = {name: value.clone() for name, value in state.items()}
+
+    trained(replace(BRIEF, ppo=replace(BRIEF.ppo, critic_steps=512)), tmp_path, more=[Told(keep)])
+    for name, first in seen[0].items():
+        learned_early = not torch.equal(first, seen[512][name])
+        assert learned_early == ("value" in name), name
+        assert not torch.equal(seen[512][name], seen[768][name]), name
+
+
+def test_the_curriculum_comes_in_order() -> None:
+    settings = replace(BRIEF, scenario=(SHORT,), curriculum=("calm", "breeze", OTHER), curriculum_steps=300)
+    stages = [scenarios_at(settings, steps) for steps in (0, 99, 100, 199, 200, 299, 300, 10**6)]
+    assert stages == [("calm",)] * 2 + [("breeze",)] * 2 + [(settings.curriculum[2],)] * 2 + [settings.scenario] * 2
+
+
+@pytest.mark.parametrize("checkpoint_steps", [256, 1_000_000])
+def test_every_stage_of_the_curriculum_is_trained_in(checkpoint_steps: int, tmp_path: Path) -> None:
+    """For its share of the steps, however far apart the checkpoints are."""
+    stages: list[float] = []
+
+    def look(model: Any) -> None:
+        stages.append(model.get_env().env.unwrapped.world.task.limits.pendulum_angle)
+
+    tasks = [json.dumps({"task": {"limits": {"pendulum_angle": angle}}}) for angle in (0.03, 0.04, 0.05)]
+    settings = replace(
+        BRIEF,
+        scenario=tasks[2:],  # type: ignore[arg-type]
+        curriculum=tasks[:2],  # type: ignore[arg-type]
+        curriculum_steps=512,
+        checkpoint_steps=checkpoint_steps,
+    )
+    trained(settings, tmp_path, more=[Told(look)])
+    assert stages == [0.03, 0.04, 0.05, 0.05]
+
+
+@pytest.mark.parametrize(("kind", "settings"), [(PPO, BRIEF), (SAC, SAC_BRIEF)], ids=["ppo", "sac"])
+def test_an_exploration_lasts_its_steps(
+    kind: Any, settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of gSDE; PPO begins another with every rollout."""
+    drawn: list[int] = []
+    model = make_model(replace(settings, exploration_steps=8), make_env(settings), None)
+    part = model.policy if kind is PPO else model.actor
+    reset = part.reset_noise
+    monkeypatch.setattr(part, "reset_noise", lambda *rows: drawn.append(model.num_timesteps) or reset(*rows))
+    model.learn(256)
+    assert sorted(set(drawn)) == [0, 128]
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
+@pytest.mark.parametrize("exploration_steps", [0, 4])
+def test_who_steers_begins_with_the_companion_alone(algo: str, exploration_steps: int) -> None:
+    settings = replace(BRIEF, **STEERED, algo=algo, exploration_steps=exploration_steps)
+    model = make_model(settings, make_env(settings), None)
+    seen = np.random.default_rng(0).normal(size=(50, 49)).astype(np.float32)
+    untouched = make_model(replace(settings, steers="alone"), make_env(replace(settings, steers="alone")), None)
+    wild, _ = untouched.predict(seen[:, :45], deterministic=True)
+    calm, _ = model.predict(seen, deterministic=True)
+    assert np.abs(calm).max() < 0.1
+    assert np.abs(calm).mean() < 0.5 * np.abs(wild).mean()
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
+def test_imitation_brings_a_policy_near_its_companion(algo: str) -> None:
+    """The more it has seen, the nearer."""
+    settings = replace(
+        BRIEF, algo=algo, scenario=("breeze",), companion="adrc-matched", hidden=(32, 32), imitation_steps=4000
+    )
+    left = []
+    for budget in (160, 4000):
+        env = make_env(settings)
+        env.seed(0)
+        model = make_model(settings, env, None)
+        left.append(imitate(model, env, replace(settings, imitation_steps=budget)))
+    assert left[1] < 0.5 * left[0]
+    fresh = make_model(settings, make_env(settings), None)
+    policy, untaught = (training.export(one, settings.view()) for one in (model, fresh))
+    env = make_env(settings)
+    env.seed(99)
+    seen, teacher = env.reset(), controller("adrc-matched")
+    wanted, _ = teacher.predict(seen[:, :36])
+    mistakes = [np.sqrt(np.mean((one.act(seen) - wanted) ** 2)) for one in (policy, untaught)]
+    assert mistakes[0] < 0.6 * mistakes[1]
 
 
 def test_no_two_runs_and_no_evaluation_share_an_episode() -> None:
-    blocks = [training.first_episode(TrainSettings(seed=seed)) for seed in range(3)]
+    blocks = [first_episode(TrainSettings(seed=seed)) for seed in range(3)]
     rows = 2**31  # more than rows and steps of any run
     assert all(after - before > rows for before, after in pairwise(blocks))
     assert blocks[0] > max(TEST_SEED, VALIDATION_SEED) + rows
 
 
-def test_a_fresh_run_begins_with_the_episodes_of_its_block() -> None:
-    model = training._fresh_model(BRIEF, Path("unused"))
-    assert model.env is not None
-    expected = training.make_env(BRIEF)
-    expected.seed(training.first_episode(BRIEF))
-    np.testing.assert_array_equal(model.env.reset(), expected.reset())
+@pytest.mark.parametrize("settings", [BRIEF, SAC_BRIEF], ids=["ppo", "sac"])
+def test_a_fresh_run_begins_with_the_episodes_of_its_block(settings: TrainSettings, tmp_path: Path) -> None:
+    begun: list[Any] = []
+    trained(settings, tmp_path, more=[Told(lambda model: begun.append(model._last_obs.copy()))])
+    expected = make_env(settings)
+    expected.seed(first_episode(settings))
+    assert_array_equal(begun[0], expected.reset())
 
 
-def test_a_run_is_repeated_from_its_folder(tmp_path: Path) -> None:
-    training.train(BRIEF, tmp_path, progress=False)
-    assert read_settings(str(tmp_path / "settings.json")) == BRIEF
+def test_the_learner_is_rewarded_for_what_the_settings_say() -> None:
+    settings = replace(BRIEF, reward=RewardWeights(tracking=0.0, upright=0.0, yaw=0.0, effort=1.0), reward_scale=0.5)
+    env = make_env(settings)
+    env.reset()
+    _, reward, _, _ = env.step(np.tile(np.float32([0.5, 0.0, 0.0, 0.0]), (16, 1)))
+    np.testing.assert_allclose(reward, 0.5 / 1.25, rtol=1e-6)
 
 
-def test_settings_files_are_deltas_and_mistakes_in_them_are_named(tmp_path: Path) -> None:
-    assert read_settings("demo").scenario == "windy"
-    path = tmp_path / "mine.toml"
-    path.write_text("seed = 7\nhidden = [32]\n")
-    assert read_settings(str(path)) == TrainSettings(seed=7, hidden=(32,))
-    path.write_text("sead = 7\n")
-    with pytest.raises(ValueError, match="sets 'sead', which is no setting"):
-        read_settings(str(path))
-    with pytest.raises(ValueError, match="no settings 'nix'"):
-        read_settings("nix")
-    with pytest.raises(ValueError, match="no scenario 'nix'"):
-        TrainSettings(scenario="nix")
+def test_a_run_that_cannot_begin_leaves_no_folder_behind(tmp_path: Path) -> None:
+    """So that it can be tried again in the same place."""
+    impossible = replace(BRIEF, scenario=("calm", "output_feedback"))
+    refused(lambda: trained(impossible, tmp_path / "run"), "same observations", ValueError)
+    trained(BRIEF, tmp_path / "run")
 
 
-@pytest.mark.parametrize(
-    ("setting", "message"),
-    [
-        ({"epochs": 0}, "epochs must be a whole number of at least 1, not 0"),
-        ({"num_envs": 1.5}, "num_envs must be a whole number of at least 1, not 1.5"),
-        ({"seed": -1}, "seed must be a whole number of at least 0, not -1"),
-        ({"hidden": (0,)}, r"hidden\[0\] must be a whole number"),
-        ({"discount": 5.0}, r"discount must be a finite number in \[0, 1\], not 5.0"),
-        ({"max_seconds": -3.0}, "max_seconds must be a finite number"),
-        ({"learning_rate": 0.0}, "learning_rate must be above zero"),
-        ({"activation": "foo"}, "activation must be one of relu, tanh, elu, not 'foo'"),
-        ({"batch_size": 1000}, "batch_size must divide num_envs"),
-    ],
-)
-def test_settings_out_of_range_are_refused(setting: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        TrainSettings(**setting)
+def test_stages_of_a_curriculum_that_do_not_fit_the_policy_are_refused_at_once(tmp_path: Path) -> None:
+    """And not in the middle of a run."""
+    heavy = {"simulation": Simulation(period=0.02)}
+    for other in ("output_feedback", heavy):
+        with pytest.raises(ValueError, match="curriculum|same"):
+            make_model(
+                impossible := replace(BRIEF, curriculum=(other,), curriculum_steps=256, checkpoint_steps=256),  # type: ignore[arg-type]
+                make_env(impossible),
+                None,
+            )

@@ -126,12 +126,14 @@ def evaluate(
         jobs: Processes that fly; the result is the same.
         store: Folder where flights are kept, so that only those missing are flown.
         fresh: Fly all of them again.
-        robustness: Episodes at each value of the axes of trouble, see train/axes.py; 0: no curves and no maps.
+        robustness: Episodes at each value of the axes of trouble, see train/axes.py, of a learner the first seed's; 0:
+            no curves and no maps.
         document: Markdown file whose generated parts to fill in.
     """
-    from train import documents, report, results
+    from train import documents, learning_curves, report, results
     from train.duel import leaderboard
     from train.evaluate import compare
+    from train.policies import load_policies, members
     from train.robustness import measure
 
     named = _policies(policies)
@@ -139,9 +141,19 @@ def evaluate(
         documents.check(document, results.PARTS)
     comparison = compare(named, _scenarios(scenarios), episodes, seed, store, fresh, jobs)
     endured = (
-        measure(named, episodes=robustness, seed=seed, folder=store, fresh=fresh, jobs=jobs) if robustness else None
+        measure(
+            {name: members(policy)[0] for name, policy in named.items()},
+            episodes=robustness,
+            seed=seed,
+            folder=store,
+            fresh=fresh,
+            jobs=jobs,
+        )
+        if robustness
+        else None
     )
-    files = results.write(comparison, endured, out)
+    curves = learning_curves.of({name: load_policies(policy) for name, policy in named.items()})
+    files = results.write(comparison, endured, out, curves)
     if document:
         results.document(comparison, endured, document)
     console = _console()

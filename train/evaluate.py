@@ -18,7 +18,7 @@ from train.files import plain
 from train.flights import VALIDATION_SEED, Flights
 from train.jobs import Job, fly_all
 from train.origin import origin
-from train.policies import identities, load_policies, seated
+from train.policies import identities, load_policies, members, seated
 from train.scenarios import Scenario, file_hash, find_scenario, scenario_hash
 from train.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
 
@@ -209,7 +209,7 @@ def _kept(job: Job, folder: Path | None) -> bool:
 
 def _check_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> None:
     """Differences are taken seed by seed, or from one policy."""
-    sizes = {name: len(policy.split(",") if isinstance(policy, str) else policy) for name, policy in policies.items()}
+    sizes = {name: len(members(policy) if isinstance(policy, str) else policy) for name, policy in policies.items()}
     if len(set(sizes.values()) - {1}) > 1:
         told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
         raise ValueError(f"learners must have the same number of training seeds to be compared: {told}")

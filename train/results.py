@@ -3,22 +3,24 @@
 import shlex
 from pathlib import Path
 
-from train import documents, figures, html_report, report, robustness, robustness_plots
+from train import documents, figures, html_report, learning_curves, report, robustness, robustness_plots
 from train.duel import duel, leaderboard
 from train.evaluate import Comparison
+from train.learning_curves import Curves
 from train.robustness import Robustness
 
 PARTS = ("provenance", "tuning", "leaderboard", "duels", "matrix", "robustness")  # of a document
 DUELS = 3  # that a document tells of: the best against the ones behind it
 
 
-def write(comparison: Comparison, endured: Robustness | None, folder: Path) -> list[str]:
+def write(comparison: Comparison, endured: Robustness | None, folder: Path, curves: Curves | None = None) -> list[str]:
     """Write all files of a comparison.
 
     Args:
         comparison: what it is about.
         endured: the robustness of the same policies; None: without.
         folder: for the files.
+        curves: of the learned policies among them, see `train.learning_curves`.
 
     Returns:
         Their names.
@@ -26,6 +28,8 @@ def write(comparison: Comparison, endured: Robustness | None, folder: Path) -> l
     comparison.save(folder)
     (folder / "comparison.md").write_text(report.markdown(comparison), encoding="utf-8")
     pictures = {"comparison.png": report.plot(comparison)}
+    if curves:
+        pictures["learning.png"] = learning_curves.draw(curves)
     if endured:
         endured.save(folder)
         pictures["curves.png"] = robustness_plots.curves(endured)
