@@ -145,6 +145,32 @@ def measure_training(steps: int = 150_000, turns: int = 9) -> dict[str, float]:
     return {name: float(np.median(found)) for name, found in rates.items()}
 
 
+def measure_policies() -> dict[str, float]:
+    """How many times faster `LearnedPolicy` predicts than the model of Stable-Baselines3 it was exported from."""
+    import torch
+
+    from train.algorithms import make_model
+    from train.environment import make_env
+    from train.export import export
+    from train.settings import read_settings
+
+    settings = read_settings("demo")
+    torch.set_num_threads(settings.threads)
+    model = make_model(settings, make_env(settings), None)
+    policy = export(model)
+    seen = np.random.default_rng(0).normal(size=(256, 36)).astype(np.float32)
+    ratios = {}
+    for name, observation in (("one observation", seen[0]), ("256 observations", seen)):
+        rates = rates_of(
+            {
+                "ours": (lambda o=observation: policy.predict(o), 1),  # type: ignore[misc]
+                "theirs": (lambda o=observation: model.predict(o, deterministic=True), 1),  # type: ignore[misc]
+            }
+        )
+        ratios[f"LearnedPolicy.predict / PPO.predict, {name}"] = rates["ours"] / rates["theirs"]
+    return ratios
+
+
 _FIRST_EPISODE = """
 import time; began = time.perf_counter()
 import quadpend_gym; imported = time.perf_counter()
@@ -199,15 +225,15 @@ def _thousands(rate: float) -> str:
     return f"{rate / 1e6:.3g} M steps/s" if rate >= 1e6 else f"{rate / 1e3:.3g} k steps/s"
 
 
-def main(out: Path | None, *, training: bool) -> None:
+def main(out: Path | None) -> None:
     """Measure, print, and write the figures to `out`, and as a table beside it."""
     rates = measure_environments()
     ratios = _ratios(rates)
-    if training:
-        trained = measure_training()
-        rates |= trained
-        ours, free = trained.values()
-        ratios["PPO / PPO on a free environment"] = ours / free
+    trained = measure_training()
+    rates |= trained
+    ours, free = trained.values()
+    ratios["PPO / PPO on a free environment"] = ours / free
+    ratios |= measure_policies()
     start = measure_start()
     console = Console()
     for title, figures, form in (

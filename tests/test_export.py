@@ -38,6 +38,7 @@ def env() -> SB3VecEnv:
 def model(algo: str, around: Any = None, gain: float = 1.0, sde: bool = False, **policy: Any) -> Any:
     """An untrained model whose last weights are `gain` times as large."""
     kind, more = KINDS[algo]
+    torch.set_num_threads(1)
     policy = {"net_arch": [8, 6], "activation_fn": torch.nn.ReLU, **policy}
     made = kind("MlpPolicy", around or env(), policy_kwargs=policy, use_sde=sde, seed=0, device="cpu", **more)
     with torch.no_grad():

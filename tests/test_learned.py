@@ -14,11 +14,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from baselines import controller
+from baselines.companion import Companion
 from baselines.rollout import rollout
 from baselines.wrappers import VectorWithCompanion
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.arrays import Floats32
 from quadpend_gym.wrappers import VectorHistoryWrapper, VectorOutputFeedbackWrapper
-from tests.companion_helpers import flown
+from tests.companion_helpers import Steered, flown
 from tests.env_helpers import assert_same, make_rows
 from tests.learned_helpers import card, layers, learned
 from tests.test_architecture import HEAVY, ROOT
@@ -289,6 +291,26 @@ def test_a_policy_flies_the_plain_environment_as_its_network_flies_the_wrapped_o
     over = np.array([step[2] | step[3] for step in returns])
     assert over.sum(axis=0).min() >= 2
     assert (over.any(axis=1) & ~over.all(axis=1)).any()
+
+
+def test_an_action_is_held() -> None:
+    """What steers the companion is decided anew at every third step of an episode, and the companion acts at each."""
+    policy = learned(49, {"companion": "flatness", "steers": "action", "hold": 3})
+    decided: list[Any] = []
+
+    def learner(seen: Floats32) -> Floats32:
+        decided.append(policy.act(seen) if len(decided) % 3 == 0 else decided[-1])
+        return decided[-1]
+
+    calm: dict[str, Any] = {"max_episode_steps": None, "autoreset_mode": "SameStep"}
+    expected, _ = flown(Steered(Companion(controller("flatness"), "action"), learner), make_rows(3, **calm), 20)
+    assert_array_equal(flown(policy, make_rows(3, **calm), 20)[0], expected)
+    memory, started = None, np.zeros(7, np.bool_)
+    for step in range(5):
+        started[2] = step == 4
+        before, (_, memory) = memory, policy.predict(SEEN * (1.0 + step), memory, started)
+    assert_array_equal(memory.held[:2], before.held[:2])  # type: ignore[attr-defined]
+    assert (memory.held[2] != before.held[2]).any()  # type: ignore[attr-defined]
 
 
 def test_a_policy_that_sees_no_velocities_flies_without() -> None:

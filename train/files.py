@@ -43,11 +43,11 @@ def parse_mapping(text: str, name: str) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Numbers, named tuples, mappings and lists of them as JSON has them, which knows no nan."""
+    """Numbers, named tuples, mappings and lists of them as JSON has them, which knows no nan and no infinity."""
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

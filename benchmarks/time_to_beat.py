@@ -12,6 +12,7 @@ The first two are measured in one training of PPO that sees the observation alon
 the pace of the controller it has to beat.
 """
 
+import json
 import platform
 import tempfile
 import time
@@ -24,7 +25,9 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from baselines import Policy, controller
+from benchmarks import speed
 from train.export import export
+from train.files import plain
 from train.flights import VALIDATION_SEED, Flights, fly
 from train.scenarios import SETS
 from train.settings import TrainSettings, read_settings
@@ -154,3 +157,16 @@ def markdown(found: dict[str, list[Reached]], rate: float) -> str:
 
 def _spread(values: Any, form: str) -> str:
     return f"{np.median(values):{form}} [{values.min():{form}}, {values.max():{form}}]"
+
+
+def main(out: Path | None, seeds: int) -> None:
+    """Measure, print, and write the figures to `out`, and as a table beside it."""
+    found = measure(seeds)
+    rate = speed.measure_training(turns=3)["PPO on QuadPendulum-v0 in wind"]
+    text = markdown(found, rate)
+    print(text)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        data = {"steps_per_second": rate, "reached": found}
+        out.write_text(json.dumps(plain(data), indent=1) + "\n", encoding="utf-8")
+        out.with_suffix(".md").write_text(text, encoding="utf-8")
