@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # of the first test episode; nothing is tuned on these
 
-.PHONY: demo evidence results pictures test check format bench clean
+.PHONY: demo evidence learners ablations results pictures test check format bench time-to-beat clean
 
 demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -20,9 +20,19 @@ evidence: .venv/.installed  ## the results table of the README: five training se
 	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
+LEARNERS := ppo-pace sac-pace ppo-pace-hover sac-pace-hover
+learners: .venv/.installed  ## the learned policies of the package: five training seeds each
+	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
+	mkdir -p train/shipped
+	$(foreach name,$(LEARNERS),$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings $(name) --seed $(seed) --out runs/$(name)-$(seed) && \
+		cp runs/$(name)-$(seed)/policy.npz train/shipped/$(name)-$(seed).npz &&)) true
+
+ablations: .venv/.installed  ## the part of docs/results.md that says what each part of a learner is worth
+	$(BIN)/quadpend ablate --document docs/results.md
+
 CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
-results: .venv/.installed  ## docs/results.md: all classical controllers in all test scenarios
-	$(BIN)/quadpend evaluate --policies $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
+results: .venv/.installed  ## docs/results.md: learned policies and classical controllers in all test scenarios
+	$(BIN)/quadpend evaluate --policies ppo-pace sac-pace $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
 		--robustness 50 --out docs/results --document docs/results.md
 
 pictures: .venv/.installed  ## the pictures of docs/models.md
@@ -43,6 +53,9 @@ format: .venv/.installed  ## let ruff format and mend
 
 bench: .venv/.installed  ## speed, beside other environments
 	$(BIN)/quadpend bench --out docs/bench.json
+
+time-to-beat: .venv/.installed  ## how long PPO trains until it balances, beats the paper's controller, and the best
+	$(BIN)/quadpend bench --training --out docs/time_to_beat.json
 
 clean:  ## caches of the compiler and the tools; numba does not notice edits in inlined functions of other files
 	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +

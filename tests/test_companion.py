@@ -13,13 +13,14 @@ from baselines.estimator import read, write
 from baselines.flatness import Flatness
 from baselines.gains import GAINS
 from baselines.observed import Observed
-from quadpend_gym import OBSERVATION_FIELDS, Constant, Parameters, Reference, Simulation
+from baselines.policy import placed, to_action, to_command
+from quadpend_gym import OBSERVATION_FIELDS, Actuators, Constant, Parameters, Reference, Simulation
 from quadpend_gym.arrays import Floats, Floats32
 from quadpend_gym.observation import OUTPUT_COLUMNS, STATE_PART
 from quadpend_gym.state import STATE_SIZE, State
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.companion_helpers import Steered, constant, flown, idle
-from tests.env_helpers import assert_same, make_rows
+from tests.env_helpers import assert_same, draw_actions, make_rows
 from tests.test_bad_input import refused
 from tests.wrapper_helpers import SHORT
 
@@ -275,6 +276,31 @@ class Mute:
 )
 def test_an_impossible_companion_is_refused(make: Any, message: str, kind: Any) -> None:
     refused(make, message, kind)
+
+
+def test_a_command_is_what_an_action_stands_for() -> None:
+    """And back, to the bit."""
+    for simulation in (Simulation(), Simulation(Parameters(bob_mass=0.3), Actuators(yaw_torque=2.0))):
+        actions = draw_actions(0, 50)
+        command = to_command(actions, simulation)
+        thrust = simulation.parameters.hover_thrust
+        assert_allclose(command[:, 0], thrust * (1.0 + actions[:, 0]), rtol=1e-6)
+        assert_array_equal(to_command(np.zeros((1, 4), np.float32), simulation), [[thrust, 0.0, 0.0, 0.0]])
+        again, really = to_action(command, simulation)
+        assert_array_equal(again, actions)
+        assert_array_equal(really, command)
+
+
+def test_rows_are_placed_through_tuples_of_arrays() -> None:
+    policy: Any = controller("flatness")
+    memories = [policy.predict(make_rows(rows).reset(seed=rows)[0])[1] for rows in (5, 2)]
+    kept = [tuple(memory.estimate) for memory in memories]
+    whole = placed(np.array([3, 1]), memories[1], memories[0])
+    assert type(whole) is type(memories[0])
+    assert_array_equal(whole.command[[3, 1]], memories[1].command)
+    assert_array_equal(whole.command[[0, 2, 4]], memories[0].command[[0, 2, 4]])
+    assert_array_equal(whole.estimate.state[[3, 1]], memories[1].estimate.state)
+    assert_same([tuple(memory.estimate) for memory in memories], kept)
 
 
 def test_the_layout_of_the_state_part_is_that_of_the_table() -> None:

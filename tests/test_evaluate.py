@@ -130,7 +130,7 @@ def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: p
         (["evaluate", "--policies", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),
         (["compare", "adrc-paper", "adrc-paper"], "two policies have the same name"),
         (["compare", "adrc-paper", "nix"], "there is no policy 'nix'"),
-        (["train", "--scenario", "test"], "'test' is a set of scenarios: choose one of calm"),
+        (["train", "--scenario", "training", "--num-envs", "12"], "num_envs must be a multiple of the 8 scenarios"),
         (["train", "--settings", "nix"], "there are no settings 'nix'"),
         (["train", "--scenario", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "holds no run"),

@@ -1,6 +1,6 @@
 """Policies by name, and as they are seated in a scenario."""
 
-from types import SimpleNamespace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,15 +10,17 @@ from gymnasium.vector import AutoresetMode
 from baselines import ADRC, CONTROLLERS, ThroughRotors, controller
 from quadpend_gym import OBSERVATION_FIELDS, Parameters, Simulation
 from quadpend_gym.arrays import Floats32
-from train.policies import load_policies, load_policy, seated
+from tests.learned_helpers import learned
+from train import learned as learned_module
+from train import policies
+from train.learned import LearnedPolicy, difference
+from train.policies import identities, load_policies, load_policy, members, seated
 from train.scenarios import Scenario
 from train.velocities import WithVelocities
 
 
 class Seeing:
     """ADRC that wants the whole observation, like a learned policy, and keeps what it saw."""
-
-    observation_space = SimpleNamespace(shape=(36,))
 
     def __init__(self) -> None:
         self.adrc, self.seen = ADRC("matched"), [np.zeros((0, 36), np.float32)]
@@ -53,9 +55,7 @@ def test_a_controller_is_told_what_the_scenario_is() -> None:
 def test_hidden_velocities_are_differences() -> None:
     """What it sees is what it would have seen, half a step late: at 50 rad/s² by 0.25 rad/s, an eighth as scaled."""
     seeing = Seeing()
-    assert seated(seeing, Scenario()) is seeing
-    policy = seated(seeing, Scenario(output_feedback=True))
-    assert isinstance(policy, WithVelocities)
+    policy = WithVelocities(seeing, Simulation().period)
     whole = Scenario().make_vec(20, AutoresetMode.SAME_STEP)
     hidden = Scenario(output_feedback=True).make_vec(20, AutoresetMode.SAME_STEP)
     true, observation, memory = whole.reset(seed=3)[0], hidden.reset(seed=3)[0], None
@@ -70,3 +70,54 @@ def test_hidden_velocities_are_differences() -> None:
         if step not in (0, 150):
             np.testing.assert_allclose(seen[:, np.r_[tuple(rates)]], true[:, np.r_[tuple(rates)]], atol=0.126)
         true, observation = whole.step(action)[0], hidden.step(action)[0]
+
+
+@pytest.fixture
+def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package with two learners, one of them with three seeds."""
+    for module in (policies, learned_module):
+        monkeypatch.setattr(module, "SHIPPED", tmp_path)
+    for seed in range(3):
+        learned(36, seed=seed).save(tmp_path / f"ppo-{seed}.npz")
+    learned(45, {"companion": "flatness", "steers": "pace"}).save(tmp_path / "sac-pace-0.npz")
+    return tmp_path
+
+
+def test_learned_policies_of_the_package_come_by_name_one_by_one_or_all_seeds(shipped: Path) -> None:
+    for name in ("ppo-1", str(shipped / "ppo-1.npz")):
+        policy: Any = load_policy(name)
+        assert difference(policy, learned(36, seed=1)) == 0.0
+    assert members("ppo") == ["ppo-0", "ppo-1", "ppo-2"]
+    assert members("sac-pace,adrc-paper") == ["sac-pace-0", "adrc-paper"]
+    assert [type(policy) for policy in load_policies("ppo")] == [LearnedPolicy] * 3
+    assert len(set(identities("ppo"))) == 3
+    with pytest.raises(
+        ValueError, match=r"no policy 'nix': it is neither adrc-paper, .*, ppo, sac-pace nor a finished"
+    ):
+        load_policy("nix")
+
+
+def test_a_run_folder_stands_for_its_policy_once_it_is_finished(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="nor a finished run or a file"):
+        load_policy(str(tmp_path))
+    learned(36).save(tmp_path / "policy.npz")
+    assert isinstance(load_policy(str(tmp_path)), LearnedPolicy)
+
+
+def test_a_learned_policy_sees_what_it_was_trained_to_see() -> None:
+    """Velocities are differences where it wants them and they are hidden; what has an estimator needs none."""
+    hidden, rotors = Scenario(output_feedback=True), Scenario(actuators="rotors")
+    whole, outputs = learned(36), learned(27)
+    assert seated(whole, Scenario()) is whole
+    assert isinstance(seated(whole, hidden), WithVelocities)
+    assert seated(outputs, hidden) is outputs
+    assert isinstance(seated(learned(72, {"history": 2}), hidden), WithVelocities)
+    assert isinstance(seated(learned(45, {"companion": "flatness"}), hidden), LearnedPolicy)
+    assert isinstance(seated(learned(45, {"companion": "adrc-paper"}), hidden), WithVelocities)
+    assert seated(whole, rotors) is whole
+
+
+def test_the_companion_of_a_learned_policy_is_told_what_the_scenario_is() -> None:
+    heavy = Simulation(Parameters(bob_mass=0.4))
+    policy: Any = seated(learned(45, {"companion": "flatness"}), Scenario(simulation=heavy))
+    assert policy._companion.controller.simulation == heavy

@@ -1,6 +1,7 @@
 """The reward: bounded named terms, steep at the goal, and never worth ending an episode for."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -60,15 +61,17 @@ def test_less_error_always_earns_more() -> None:
     assert (np.diff(earned) < 0.0).all()
 
 
-def test_terms_are_those_of_the_equations() -> None:
-    env = make_bare(task=ENDLESS)
+@pytest.mark.parametrize("tip", [0.0, 0.2, 0.5, 1.0])
+def test_terms_are_those_of_the_equations(tip: float) -> None:
+    """Half of the tracking term is its sharp tip if nobody says otherwise."""
+    env = make_bare(task=replace(ENDLESS, reward=RewardWeights() if tip == 0.5 else RewardWeights(tip=tip)))
     env.reset(seed=0)
     for action in draw_actions(0, 30):
         observation, _, _, _, info = env.step(action)
         error = np.linalg.norm(info["tracking_error"])
         yaw_error = read_observation(observation, "attitude")[2]
         expected = {
-            "tracking": 0.5 / (1.0 + (error / 0.3) ** 2) + 0.5 / (1.0 + error / 0.02),
+            "tracking": (1.0 - tip) / (1.0 + (error / 0.3) ** 2) + tip / (1.0 + error / 0.02),
             "upright": max(env.state.direction[2], 0.0) ** 2,
             "yaw": 1.0 / (1.0 + (yaw_error / 0.2) ** 2),
             "effort": 1.0 / (1.0 + np.sum(action.astype(np.float64) ** 2)),

@@ -96,3 +96,32 @@ def test_attributes_and_wrappers_are_those_of_the_vector_environment() -> None:
     assert env.env_is_wrapped(gym.Wrapper) == [False, False]
     with pytest.raises(ValueError, match="can only be set for all rows"):
         env.set_attr("num_envs", 3, indices=[0])
+
+
+def test_means_are_of_all_rows_and_the_steps_since_the_last() -> None:
+    inner, twin = (QuadPendulumVectorEnv(3, wind=OrnsteinUhlenbeck(), autoreset_mode="SameStep") for _ in range(2))
+    env = SB3VecEnv(inner, 0.01)
+    env.seed(0)
+    env.reset()
+    assert env.take_means() == {}
+    twin.reset(seed=0)
+    for steps in (1, 4):
+        told = [twin.step(np.zeros((3, 4), np.float32))[4] for _ in range(steps)]
+        for _ in range(steps):
+            env.step(np.zeros((3, 4), np.float32))
+        means = env.take_means()
+        assert means.keys() == {"tracking", "upright", "yaw", "effort", "tracking_error"}
+        error = np.mean([np.linalg.norm(info["tracking_error"], axis=1) for info in told])
+        assert means.pop("tracking_error") == pytest.approx(error)
+        for name, value in means.items():
+            assert value == pytest.approx(np.mean([info["reward_terms"][name] for info in told]))
+    assert env.take_means() == {}
+
+
+def test_other_environments_have_no_means() -> None:
+    env = SB3VecEnv(
+        gym.make_vec("CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": "SameStep"})
+    )
+    env.reset()
+    env.step(np.ones(2, np.int64))
+    assert env.take_means() == {}

@@ -12,11 +12,11 @@ from baselines import ADRC
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.wind import as_wind
 from train.cli import main
+from train.environment import make_env
 from train.evaluate import compare
 from train.flights import fly
 from train.scenarios import SCENARIOS, SETS, Scenario, expand, find_scenario, resolve, scenario_hash
 from train.settings import TrainSettings, read_settings
-from train.train import make_env
 
 EVERYTHING = {
     "description": "everything at once",
@@ -59,16 +59,17 @@ def test_a_settings_file_holds_a_scenario_and_a_run_remembers_it(tmp_path: Path)
     text = 'num_envs = 16\n[scenario]\nwind = "storm"\noutput_feedback = true\n'
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     settings = read_settings(str(tmp_path / "mine.toml"))
-    assert find_scenario(settings.scenario) == Scenario(wind="storm", output_feedback=True)
+    (scenario,) = settings.scenario
+    assert find_scenario(scenario) == Scenario(wind="storm", output_feedback=True)
     assert make_env(settings).observation_space.shape == (27,)
 
 
 def test_settings_keep_the_scenario_itself_and_not_its_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('wind = "windy"\n', encoding="utf-8")
-    settings = TrainSettings(scenario=str(path))
+    (scenario,) = TrainSettings(scenario=(str(path),)).scenario
     path.unlink()
-    assert find_scenario(settings.scenario) == Scenario(wind="windy")
+    assert find_scenario(scenario) == Scenario(wind="windy")
     assert resolve("windy") == "windy"
 
 

@@ -93,11 +93,11 @@ def test_whatever_decides_a_flight_is_in_its_key(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_models_identity_is_its_file(tmp_path: Path) -> None:
-    (tmp_path / "model.zip").write_bytes(b"weights")
-    (tmp_path / "copy.zip").write_bytes(b"weights")
+    (tmp_path / "policy.npz").write_bytes(b"weights")
+    (tmp_path / "copy.npz").write_bytes(b"weights")
     first = identity(str(tmp_path))
-    assert first == identity(str(tmp_path / "copy.zip"))
-    (tmp_path / "model.zip").write_bytes(b"other weights")
+    assert first == identity(str(tmp_path / "copy.npz"))
+    (tmp_path / "policy.npz").write_bytes(b"other weights")
     assert identity(str(tmp_path)) != first
     with pytest.raises(ValueError, match="there is no policy 'nix'"):
         identity("nix")

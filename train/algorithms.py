@@ -114,5 +114,7 @@ def read_zip(path: Path) -> Any:
     name = next((name for name in ("sac", "tqc") if f".{name}." in saved), "ppo")
     try:
         return algorithm(name).load(path, device="cpu")
+    except ImportError as error:
+        raise ValueError(f"{path} was saved with a package that is not installed: {error}") from error
     except (TypeError, KeyError, ValueError, AttributeError, RuntimeError) as error:
         raise ValueError(f"{path} is no model of PPO, SAC or TQC: {error}") from error
