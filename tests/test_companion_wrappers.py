@@ -216,7 +216,6 @@ BAD_ACTIONS = {
     "infinite": (np.array([np.inf, 0.0, 0.0, 0.0]), "must be four numbers"),
     "three": (np.zeros(3), r"shape .*4"),
     "one": (np.zeros(1), r"shape .*4"),
-    "words": (np.array(["a"] * 4), "numbers"),
 }
 
 

@@ -201,7 +201,9 @@ def test_training_ends_when_its_time_is_up(tmp_path: Path) -> None:
     assert model_of(tmp_path, BRIEF).num_timesteps < 10**6
 
 
-@pytest.mark.parametrize("settings", [BRIEF, EVALUATED, replace(SAC_BRIEF, evaluation_steps=64)], ids=str)
+@pytest.mark.parametrize(
+    "settings", [BRIEF, EVALUATED, replace(SAC_BRIEF, evaluation_steps=64)], ids=["ppo", "evaluated", "sac"]
+)
 def test_a_run_that_diverges_ends_with_a_sentence(settings: TrainSettings, tmp_path: Path) -> None:
     """And with no policy."""
 

@@ -24,6 +24,7 @@ _SOURCES = [
     "quadpend_gym",
     "baselines",
     "train/flights.py",
+    "train/learned.py",
     "train/policies.py",
     "train/scenarios/__init__.py",
     "train/velocities.py",
