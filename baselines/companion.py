@@ -5,7 +5,7 @@ The learner observes, side by side,
 | what                                                                                  | size | scale   |
 |---------------------------------------------------------------------------------------|------|---------|
 | the observation; where the controller estimates the whole state, as it estimates it   | 36   | its own |
-| the disturbance that it estimates, laid out as ``info["disturbance"]``                | 9    | 1 N, 0.1 N·m |
+| the disturbance that it estimates, laid out as ``info["disturbance"]``                | 9    | 1 N, 1 N·m |
 | its action, where the learner corrects it                                             | 4    | 1       |
 
 and where it steers, it sees what comes of the state and the controller's action ten times as large, since it works
@@ -30,7 +30,6 @@ from quadpend_gym.observation import OBSERVATION_SIZE, STATE_PART
 from quadpend_gym.records import number
 
 STEERS = ("alone", "action", "pace")
-DISTURBANCE_SCALE = np.repeat([1.0, 1.0, 0.1], 3)  # N, N, N·m
 _CLOSE = np.float32(10.0)  # how much larger small deviations are seen
 
 
@@ -84,7 +83,7 @@ class Companion:
         seen = self.controller.estimated_observation(observation, known) if self._whole else observation.copy()
         if self.steers != "alone":
             seen[:, : STATE_PART - OBSERVATION_SIZE] *= _CLOSE
-        parts = [seen, self.controller.estimated_disturbance(known) / DISTURBANCE_SCALE]
+        parts = [seen, self.controller.estimated_disturbance(known)]
         if self.steers == "action":
             parts.append(_CLOSE * action)
         return np.concatenate(parts, axis=1, dtype=np.float32), CompanionMemory(known, action)

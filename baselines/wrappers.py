@@ -15,6 +15,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
@@ -22,7 +23,7 @@ from gymnasium.vector.utils import batch_space
 from baselines.companion import Companion, CompanionMemory
 from baselines.controllers import controller as by_name
 from quadpend_gym.arrays import Booleans, Floats32
-from quadpend_gym.env import observation_space
+from quadpend_gym.env import check_action, observation_space
 from quadpend_gym.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
 
 _SIZES = (OBSERVATION_SIZE, OUTPUT_COLUMNS.size)
@@ -38,6 +39,16 @@ def _companion(env: Any, space: Any, controller: Any, steers: str, authority: fl
         world = getattr(env.unwrapped, "world", None)
         controller = by_name(controller, None if world is None else world.simulation)
     return Companion(controller, steers, authority)
+
+
+def _checked(action: Any, shape: tuple[int, ...], memory: Any) -> Floats32:
+    """The learner's action as the environment would take it; what acts in the end keeps to the limits anyway."""
+    if memory is None:
+        raise ResetNeeded("reset must be called before step")
+    checked = check_action(action, shape)
+    if not (np.abs(checked) <= 1.0).all():
+        raise ValueError(f"action must be four numbers in [-1, 1], not {checked.tolist()}")
+    return checked
 
 
 class WithCompanion(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -58,7 +69,7 @@ class WithCompanion(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def step(self, action: Any) -> tuple[Floats32, Any, bool, bool, dict[str, Any]]:
         """Let the learner's action act, alone or on top of the controller's."""
-        acting, memory = self.companion.act(np.asarray(action, np.float32)[np.newaxis], self._memory)
+        acting, memory = self.companion.act(_checked(action, (4,), self._memory)[np.newaxis], self._memory)
         observation, reward, terminated, truncated, info = self.env.step(acting[0])
         return self._watch(observation, memory), reward, terminated, truncated, info
 
@@ -93,7 +104,7 @@ class VectorWithCompanion(VectorWrapper):
 
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:
         """Let the learner's actions act, alone or on top of the controller's."""
-        acting, memory = self.companion.act(np.asarray(actions, np.float32), self._memory)
+        acting, memory = self.companion.act(_checked(actions, (self.num_envs, 4), self._memory), self._memory)
         observation, reward, terminated, truncated, info = self.env.step(acting)
         ended, last = terminated | truncated, observation
         if "final_obs" in info:  # same-step autoreset: the observation is of the next episode already

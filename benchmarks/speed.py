@@ -124,10 +124,10 @@ def measure_training(steps: int = 150_000, turns: int = 9) -> dict[str, float]:
     """PPO's environment steps per second on our environment and on one that costs nothing: medians of turns."""
     import torch
 
-    from train.sb3_vec_env import SB3VecEnv
-    from train.settings import read_settings
     from train.algorithms import make_model
     from train.environment import make_env
+    from train.sb3_vec_env import SB3VecEnv
+    from train.settings import read_settings
 
     settings = read_settings("demo")
     torch.set_num_threads(settings.threads)

@@ -71,8 +71,8 @@ def _ppo(settings: TrainSettings) -> dict[str, Any]:
 
 def _sac(settings: TrainSettings) -> dict[str, Any]:
     return {
-        "train_freq": (1, "step"),
-        "gradient_steps": settings.sac.gradient_steps,
+        "train_freq": (settings.exploration_steps or 1, "step"),
+        "gradient_steps": settings.sac.gradient_steps * (settings.exploration_steps or 1),
         "buffer_size": settings.sac.buffer_size,
         "learning_starts": settings.sac.learning_starts,
         "tau": settings.sac.tau,
@@ -93,7 +93,9 @@ def output_layer(model: Any) -> Any:
 def _begin_at_zero(model: Any, settings: TrainSettings) -> None:
     """Steer nothing at the beginning, and expect nothing more than the companion earns."""
     with torch.no_grad():
-        layer = output_layer(model)
+        layer: Any = output_layer(model)
+        if isinstance(layer, torch.nn.Sequential):  # of a state-dependent exploration
+            layer = layer[0]
         layer.weight *= 0.1
         layer.bias.zero_()
         if settings.paired and settings.algo == "ppo":

@@ -15,6 +15,7 @@ from train.settings import TrainSettings
 from train.validation import Score, validate
 
 CURVE, BEST = "curve.csv", "best.npz"
+DIVERGED = "training diverged within {} steps: the networks hold numbers that are not finite; lower learning_rate or reward_scale"
 _CHECKED = 256  # calls between two looks at the weights, where a rollout is a single step
 
 
@@ -26,12 +27,16 @@ def first_episode(settings: TrainSettings) -> int:
 def save_checkpoint(model: Any, folder: Path) -> None:
     """Replace the checkpoint in `folder`; an interruption in the middle leaves the old one."""
     parts = {"checkpoint.zip": model.save}
+    buffer = f"buffer_{model.num_timesteps}.pkl"
     if getattr(model, "replay_buffer", None) is not None:
-        parts = {"buffer.pkl": model.save_replay_buffer, **parts}
+        parts = {buffer: model.save_replay_buffer, **parts}
     for name, save in parts.items():
         save(folder / f"unfinished_{name}")
     for name in parts:
         (folder / f"unfinished_{name}").replace(folder / name)
+    for old in folder.glob("buffer_*.pkl"):
+        if old.name != buffer:
+            old.unlink()
 
 
 class Legs(BaseCallback):
@@ -48,7 +53,8 @@ class Legs(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         steps, settings = self.num_timesteps, self.settings
-        if self.began_at >= 0 and steps - self.began_at < settings.checkpoint_steps:
+        same = self.began_at < 0 or scenarios_at(settings, steps) == scenarios_at(settings, self.began_at)
+        if self.began_at >= 0 and steps - self.began_at < settings.checkpoint_steps and same:
             return
         if self.began_at >= 0:
             save_checkpoint(self.model, self.folder)
@@ -92,10 +98,7 @@ class Watch(BaseCallback):
     def check(self) -> None:
         """Raise FloatingPointError if a weight is no number any more."""
         if not all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters()):
-            raise FloatingPointError(
-                f"training diverged within {self.num_timesteps} steps: the networks hold numbers that are not finite;"
-                " lower learning_rate, or reward_scale"
-            )
+            raise FloatingPointError(DIVERGED.format(self.num_timesteps))
 
     def _on_step(self) -> bool:
         limit = self.settings.max_seconds

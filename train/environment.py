@@ -45,6 +45,12 @@ def scenarios_at(settings: TrainSettings, steps: int) -> tuple[str, ...]:
     return (settings.curriculum[steps * len(settings.curriculum) // settings.curriculum_steps],)
 
 
+def check_curriculum(settings: TrainSettings) -> None:
+    """Raise ValueError unless all stages can be flown by the same policy and companion: a `Mixture` of them."""
+    names = expand((*settings.curriculum, *settings.scenario))
+    together([find_scenario(name) for name in names], len(names))
+
+
 def make_env(settings: TrainSettings, steps: int = 0) -> SB3VecEnv:
     """What is trained in after so many steps, as Stable-Baselines3 wants it."""
     scenarios = [find_scenario(name).rewarded(settings.reward) for name in expand(scenarios_at(settings, steps))]

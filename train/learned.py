@@ -8,7 +8,6 @@ load and fly it, but for policies with a companion, a classical controller of `b
 """
 
 import json
-import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -46,8 +45,9 @@ class LearnedPolicy:
     Args:
         layers: weights of shape (inputs, outputs) and biases of each layer, float32.
         card: where it comes from. Of it ``activation`` (relu, tanh, elu), ``squashed`` (whether a tanh bounds the
-            action, which is clipped otherwise) and ``view`` (``companion``, ``steers``, ``authority``, ``hold``, ``history``
-            and ``history_actions`` of `train.settings.TrainSettings`) say how it flies.
+            action, which is clipped otherwise), ``bound`` (of what goes into that, if there is one) and ``view``
+            (``companion``, ``steers``, ``authority``, ``hold``, ``history`` and ``history_actions`` of
+            `train.settings.TrainSettings`) say how it flies.
 
     Raises:
         ValueError: layers and card do not make a policy.
@@ -96,7 +96,7 @@ class LearnedPolicy:
             return cls(layers, card)
         except KeyError as error:
             raise ValueError(f"{path} is no learned policy: it has no {error}") from error
-        except (ValueError, TypeError, EOFError, OSError, zipfile.BadZipFile) as error:
+        except Exception as error:  # whatever a broken archive makes its readers raise
             raise ValueError(f"{path} is no learned policy: {error}") from error
 
     def save(self, path: Path) -> None:
@@ -145,6 +145,8 @@ class LearnedPolicy:
             seen = self._bend(seen @ weights + biases)
         weights, biases = self.layers[-1]
         action = seen @ weights + biases
+        if "bound" in self.card:
+            action = np.clip(action, -self.card["bound"], self.card["bound"])
         return np.asarray(np.tanh(action) if self._squashed else np.minimum(np.maximum(action, -1.0), 1.0))
 
     def _remembering(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, LearnedMemory]:

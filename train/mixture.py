@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from quadpend_gym.env import check_action
 from quadpend_gym.vector_env import QuadPendulumVectorEnv
 
 
@@ -31,6 +32,8 @@ class Mixture(VectorEnv[Any, Any, Any]):
         for env in envs:
             if (mode := env.metadata.get("autoreset_mode")) is not AutoresetMode.SAME_STEP:
                 raise ValueError(f"a mixture's environments must have autoreset_mode SAME_STEP, not {mode}")
+            if not isinstance(env.unwrapped, QuadPendulumVectorEnv):
+                raise ValueError(f"a mixture is made of QuadPendulum environments, not of {env}")
             if env.single_observation_space != first.single_observation_space:
                 raise ValueError(
                     f"a mixture's environments must have the same observations, not {first.single_observation_space}"
@@ -57,6 +60,8 @@ class Mixture(VectorEnv[Any, Any, Any]):
         """Begin an episode in every row; `seed` as in `QuadPendulumVectorEnv.reset`."""
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + row for row in range(self.num_envs)]
+        if seed is not None and (not hasattr(seed, "__len__") or len(seed) != self.num_envs):
+            raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
         begun = [
             env.reset(seed=None if seed is None else seed[rows], options=options)
             for env, rows in zip(self.envs, self._rows, strict=True)
@@ -65,6 +70,9 @@ class Mixture(VectorEnv[Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step every row."""
+        actions = check_action(actions, (self.num_envs, 4))
+        if not (np.abs(actions) <= 1.0).all():
+            raise ValueError("action must be four numbers in [-1, 1] in every row")
         stepped = [env.step(actions[rows]) for env, rows in zip(self.envs, self._rows, strict=True)]
         observation, reward, terminated, truncated = (
             np.concatenate([result[part] for result in stepped]) for part in range(4)

@@ -80,7 +80,7 @@ class PairedReward(VectorWrapper):
         observation, reward, terminated, truncated, info = self.env.step(actions)
         earned = self._fly_twins()
         left = self._discount ** (self._steps - self._clock)
-        lost = earned * self._discount * (1.0 - left) / (1.0 - self._discount)
+        lost = ~self._fallen * earned * self._discount * (1.0 - left) / (1.0 - self._discount)
         if (ended := terminated | truncated).any():
             self._follow(ended)
         return observation, reward - earned - terminated * (lost + self._fall_cost), terminated, truncated, info

@@ -17,8 +17,8 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from train.algorithms import algorithm, make_model
-from train.callbacks import BEST, Evaluate, Legs, Progress, RewardTerms, Watch, first_episode, read_curve
-from train.environment import make_env
+from train.callbacks import BEST, DIVERGED, Evaluate, Legs, Progress, RewardTerms, Watch, first_episode, read_curve
+from train.environment import check_curriculum, make_env
 from train.export import export
 from train.imitate import imitate
 from train.learned import LearnedPolicy
@@ -48,10 +48,11 @@ def train(settings: TrainSettings, folder: Path, *, progress: bool = True, more:
     """
     if (folder / SETTINGS).exists():
         raise FileExistsError(f"{folder} holds a run already: resume it, or choose another folder")
+    model = fresh_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     _write_json(folder / SETTINGS, to_mapping(settings))
     _write_json(folder / "origin.json", origin())
-    return _learn(fresh_model(settings, folder), settings, folder, progress, more)
+    return _learn(model, settings, folder, progress, more)
 
 
 def resume(folder: Path, *, progress: bool = True) -> Path:
@@ -74,7 +75,7 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
     torch.set_num_threads(settings.threads)
     model = algorithm(settings.algo).load(folder / CHECKPOINT, env=make_env(settings), device="cpu")
     if settings.algo != "ppo":
-        model.load_replay_buffer(folder / "buffer.pkl")
+        model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
     return _learn(model, settings, folder, progress)
 
 
@@ -82,6 +83,8 @@ def fresh_model(settings: TrainSettings, folder: Path | None) -> Any:
     """The model that a run begins with: untrained, or an imitation of its companion."""
     torch.set_num_threads(settings.threads)
     env = make_env(settings)
+    if settings.curriculum:
+        check_curriculum(settings)
     model = make_model(settings, env, folder)
     if settings.imitation_steps:
         env.seed(first_episode(settings) + 2**31)  # half a block away from all other episodes of the run
@@ -109,16 +112,18 @@ def _learn(
     except KeyboardInterrupt:
         print(f"Interrupted after {model.num_timesteps} steps; `quadpend train --resume {folder}` goes on.")
         raise
-    except ValueError:  # of a distribution whose parameters are no numbers
+    except ValueError as error:  # of a distribution whose parameters are no numbers
         watch.check()
+        if "found invalid values" in str(error):
+            raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
         raise
     finally:
         signal.signal(signal.SIGTERM, terminate)
     model.save(folder / MODEL)
     seconds = time.perf_counter() - began - evaluate.flown
     _policy(model, settings, folder, seconds).save(folder / POLICY)
-    for leftover in (CHECKPOINT, "buffer.pkl"):
-        (folder / leftover).unlink(missing_ok=True)
+    for leftover in (folder / CHECKPOINT, *folder.glob("buffer_*.pkl")):
+        leftover.unlink(missing_ok=True)
     return folder / POLICY
 
 

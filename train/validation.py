@@ -1,6 +1,6 @@
 """How well a policy flies the scenarios that it is trained in, in episodes that it is not trained on."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from baselines import Policy
 from baselines.rollout import rollout
@@ -23,5 +23,7 @@ def validate(policy: Policy, settings: TrainSettings) -> tuple[float, float]:
     """Survival (a share) and penalised RMSE (m): means over the scenarios of a run."""
     scenarios = [find_scenario(name) for name in expand(settings.scenario)]
     env = together(scenarios, settings.evaluation_episodes * len(scenarios))
+    told: Any = policy
+    policy = told.told(scenarios[0].simulation) if hasattr(policy, "told") else policy
     flights = record(rollout(policy, env, VALIDATION_SEED), env.num_envs)
     return float(flights.survived.mean()), float(flights.penalised_rmse.mean())

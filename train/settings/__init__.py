@@ -156,6 +156,8 @@ class TrainSettings:
             object.__setattr__(self, name, build(kind, getattr(self, name), name))
         for name in ("scenario", "curriculum"):
             object.__setattr__(self, name, _scenarios(getattr(self, name), name))
+        if not isinstance(self.hidden, tuple | list):
+            raise TypeError(f"hidden must be widths, not {self.hidden!r}")
         object.__setattr__(self, "hidden", tuple(self.hidden))
         for name in ("total_steps", "num_envs", "episode_steps", "hold", "history", "batch_size", "checkpoint_steps"):
             whole(getattr(self, name), name, 1)
@@ -168,7 +170,7 @@ class TrainSettings:
         for i, width in enumerate(self.hidden):
             whole(width, f"hidden[{i}]", 1)
         for name in ("learning_rate", "reward_scale", "authority"):
-            positive(getattr(self, name), name)
+            object.__setattr__(self, name, positive(getattr(self, name), name))
         number(self.discount, "discount", 0.0, 1.0)
         for name in ("max_seconds", "final_learning_rate", "fall_cost"):
             number(getattr(self, name), name, 0.0)
@@ -226,7 +228,7 @@ def _scenarios(value: Any, name: str) -> tuple[str, ...]:
     try:
         items = [json.dumps(item, default=str) if isinstance(item, dict) else item for item in items]
         return tuple(item for given in items for item in ([given] if given in SETS else [resolve(given)]))
-    except TypeError as error:
+    except (TypeError, AttributeError) as error:
         raise TypeError(f"{name} must be a scenario or several, not {value!r}: {error}") from error
 
 
@@ -244,7 +246,10 @@ def read_settings(name: str) -> TrainSettings:
     if not path.is_file():
         path = Path(name)
     if path.suffix == ".npz":
-        return from_mapping(LearnedPolicy.load(path).card["settings"], f"the card of {path}")
+        card = LearnedPolicy.load(path).card
+        if "settings" not in card:
+            raise ValueError(f"the card of {path} has no settings")
+        return from_mapping(card["settings"], f"the card of {path}")
     if not path.is_file():
         known = ", ".join(sorted(item.stem for item in FOLDER.glob("*.toml")))
         raise ValueError(f"there are no settings {name!r}; there are {known}, or give the path of a file")
@@ -260,6 +265,8 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
     for name, kind in (("", TrainSettings), ("ppo", PpoSettings), ("sac", SacSettings), ("reward", RewardWeights)):
         known = [item.name for item in fields(kind)]
         given = values if not name else values.get(name, {})
+        if not isinstance(given, dict):
+            raise TypeError(f"{name} must be a mapping, not {given!r}")
         if unknown := [key for key in given if key not in known]:
             raise ValueError(f"{source} sets {unknown[0]!r}, which is no setting; the settings are {', '.join(known)}")
     return TrainSettings(**values)
