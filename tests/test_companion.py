@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from baselines import CONTROLLERS, controller
-from baselines.companion import DISTURBANCE_SCALE, Companion
+from baselines.companion import Companion
 from baselines.estimator import read, write
 from baselines.flatness import Flatness
 from baselines.gains import GAINS
@@ -100,7 +100,7 @@ def test_the_learner_sees_state_disturbance_and_where_it_corrects_the_action(nam
     action, known = policy.predict(observation)
     whole = isinstance(policy, Observed)
     state = policy.estimated_observation(observation, known) if whole else observation
-    disturbance = policy.estimated_disturbance(known) / DISTURBANCE_SCALE
+    disturbance = policy.estimated_disturbance(known)
     near = np.full(state.shape[1], 1.0)
     near[: state.shape[1] - 18] = 10.0
     expected = {
@@ -117,7 +117,6 @@ def test_the_learner_sees_state_disturbance_and_where_it_corrects_the_action(nam
 
 
 def test_the_disturbance_is_seen_as_the_info_has_it() -> None:
-    assert_array_equal(DISTURBANCE_SCALE, [1.0] * 6 + [0.1] * 3)
     env = make_rows(3, wind=Constant(FORCES, torque=0.02), max_episode_steps=None)
     policy = Steered(Companion(controller("flatness")), lambda seen: bare)
     bare = np.zeros((3, 4), np.float32)
@@ -127,7 +126,7 @@ def test_the_disturbance_is_seen_as_the_info_has_it() -> None:
         action, memories[1] = policy.predict(observation, memories[1])
         assert_array_equal(action, bare)
         observation, *_, info = env.step(action)
-    assert_allclose(policy.seen[-1][:, 36:] * DISTURBANCE_SCALE, info["disturbance"], atol=1e-3)
+    assert_allclose(policy.seen[-1][:, 36:], info["disturbance"], atol=1e-3)
 
 
 @observers

@@ -15,7 +15,10 @@ from train.settings import TrainSettings
 from train.validation import Score, validate
 
 CURVE, BEST = "curve.csv", "best.npz"
-DIVERGED = "training diverged within {} steps: the networks hold numbers that are not finite; lower learning_rate or reward_scale"
+DIVERGED = (
+    "training diverged within {} steps: the networks hold numbers that are not finite; lower learning_rate or"
+    " reward_scale"
+)
 _CHECKED = 256  # calls between two looks at the weights, where a rollout is a single step
 
 
