@@ -59,7 +59,7 @@ def make_env(settings: TrainSettings, steps: int = 0) -> SB3VecEnv:
         twin = together(scenarios, settings.num_envs, settings.episode_steps)
         beside = controller(settings.companion, scenarios[0].simulation)
         discount = settings.discount ** (1.0 / settings.hold)
-        env = PairedReward(env, twin, beside, discount, settings.episode_steps, settings.fall_cost)
+        env = PairedReward(env, twin, beside, discount, settings.fall_cost)
     if settings.hold > 1:
         env = Hold(env, settings.hold)
     return SB3VecEnv(env, settings.reward_scale)

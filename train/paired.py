@@ -6,12 +6,12 @@ rewarded with
     (1)  r − r_twin,
 
 in which the luck that both have cancels, and what is left is what the learner's actions did. The twin begins anew
-whenever the learner's episode ends. Falling must not pay where r < r_twin, so at a fall all that the twin is still to
-earn is taken off at once, as if it earned from there on what it earns now:
+whenever the learner's episode ends. Falling must not pay where r < r_twin, so at a fall of the learner all that the twin
+is still to earn is taken off at once, as if it flew on for ever and earned what it earns now; and falls have a price c:
 
-    (2)  − r_twin γ (1 − γᵏ)/(1 − γ)       for the k steps that are left
+    (2)  − r_twin γ/(1 − γ) − c     at a fall of the learner,       + c     at a fall of the twin
 
-What does not depend on the learner's actions leaves the best policy what it was.
+(1) alone would leave the best policy what it was, but for the approximation in (2); c moves it towards caution.
 """
 
 from itertools import pairwise
@@ -23,7 +23,7 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from baselines import Policy
 from quadpend_gym.arrays import Booleans, Floats
 from quadpend_gym.kernel import REWARD, TERMINATED
-from quadpend_gym.observation import OBSERVATION_SIZE
+from quadpend_gym.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
 from train.mixture import worlds
 
 
@@ -33,10 +33,9 @@ class PairedReward(VectorWrapper):
     Args:
         env: a QuadPendulum vector environment or a `Mixture` of them with same-step autoreset, wrapped or not.
         twin: the same, made once more, without what belongs to the learner.
-        controller: that flies the twin, from the whole observation.
-        discount: γ, below 1.
-        steps: of an episode.
-        fall_cost: taken off at a fall besides (2).
+        controller: that flies the twin.
+        discount: γ of a step, below 1.
+        fall_cost: c.
     """
 
     def __init__(
@@ -45,7 +44,6 @@ class PairedReward(VectorWrapper):
         twin: VectorEnv[Any, Any, Any],
         controller: Policy,
         discount: float,
-        steps: int,
         fall_cost: float = 0.0,
     ) -> None:
         """Pair the rows."""
@@ -55,13 +53,13 @@ class PairedReward(VectorWrapper):
             (*worlds_of_both, slice(*edge))
             for *worlds_of_both, edge in zip(worlds(env), worlds(twin), pairwise(edges), strict=True)
         ]
-        self._controller, self._discount, self._steps = controller, discount, steps
-        self._fall_cost = fall_cost
+        self._controller, self._ahead, self._fall_cost = controller, discount / (1.0 - discount), fall_cost
+        hidden = twin.single_observation_space.shape == (OUTPUT_COLUMNS.size,)
+        self._columns = OUTPUT_COLUMNS if hidden else np.arange(OBSERVATION_SIZE)
         self._observation = np.empty((self.num_envs, OBSERVATION_SIZE), np.float32)
         self._memory: Any = None
         self._begun = np.ones(self.num_envs, np.bool_)
         self._fallen = np.zeros(self.num_envs, np.bool_)  # twins, whose learner flies on
-        self._clock = np.zeros(self.num_envs, np.int64)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Begin in every row, and in its twin.
@@ -78,25 +76,26 @@ class PairedReward(VectorWrapper):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step every row and its twin."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        earned = self._fly_twins()
-        left = self._discount ** (self._steps - self._clock)
-        lost = ~self._fallen * earned * self._discount * (1.0 - left) / (1.0 - self._discount)
+        earned, fell = self._fly_twins()
+        paid = reward - earned + self._fall_cost * fell
+        paid -= terminated * (~self._fallen * earned * self._ahead + self._fall_cost)
         if (ended := terminated | truncated).any():
             self._follow(ended)
-        return observation, reward - earned - terminated * (lost + self._fall_cost), terminated, truncated, info
+        return observation, paid, terminated, truncated, info
 
-    def _fly_twins(self) -> Floats:
-        """What the twins earn with a step, shape (n,); nothing after a fall."""
-        action, self._memory = self._controller.predict(self._observation, self._memory, self._begun)
+    def _fly_twins(self) -> tuple[Floats, Booleans]:
+        """What the twins earn with a step, nothing after a fall, and whether they fall with it, shape (n,)."""
+        seen = self._observation[:, self._columns]
+        action, self._memory = self._controller.predict(seen, self._memory, self._begun)
         earned, fallen = np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)
         for _, twin, rows in self._parts:
             self._observation[rows], outcome = twin.step(action[rows])
             earned[rows], fallen[rows] = outcome[REWARD], outcome[TERMINATED] != 0.0
         earned[self._fallen] = 0.0
+        fell = fallen & ~self._fallen
         self._fallen |= fallen
         self._begun[:] = False
-        self._clock += 1
-        return earned
+        return earned, fell
 
     def _follow(self, begun: Booleans) -> None:
         """Let twins begin the episodes that their learners have begun."""
@@ -107,4 +106,3 @@ class PairedReward(VectorWrapper):
                 self._observation[part][rows] = twin.look(rows)[0]
         self._begun |= begun
         self._fallen &= ~begun
-        self._clock[begun] = 0

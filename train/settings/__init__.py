@@ -107,7 +107,8 @@ class TrainSettings:
     authority: float = 1.0
     """How much a correction or a pace counts, κ."""
     hold: int = 1
-    """Control steps that an action is held, where the learner steers; all other steps here are the learner's."""
+    """Control steps that an action is held, where the learner steers. But for this and `episode_steps`, steps count the
+    learner's decisions."""
     paired: bool = False
     """Whether the reward is relative to what the companion alone earns in the same episode, see `train.paired`."""
     fall_cost: float = 0.0
@@ -204,6 +205,8 @@ class TrainSettings:
             raise ValueError("a learner that steers its companion cannot imitate it: give no imitation_steps")
         if self.hold > 1 and self.steers == "alone":
             raise ValueError("only a learner that steers its companion can hold its action")
+        if self.episode_steps % self.hold:
+            raise ValueError(f"hold must divide episode_steps = {self.episode_steps}, not be {self.hold}")
         if self.fall_cost and not self.paired:
             raise ValueError("only a paired reward has a fall_cost")
         if self.paired and not self.companion:
