@@ -17,7 +17,7 @@ from train.hold import Hold
 from train.paired import PairedReward
 
 IDLE = np.zeros((16, 4), np.float32)
-SETTINGS = replace(BRIEF, companion="flatness", paired=True, episode_steps=12, reward_scale=1.0)
+SETTINGS = replace(BRIEF, companion="flatness", paired=True, episode_steps=15, reward_scale=1.0)
 CALM: dict[str, Any] = {"wind": "windy", "autoreset_mode": "SameStep"}
 
 
@@ -30,7 +30,7 @@ def test_who_leaves_the_companion_alone_earns_nothing(scenario: str, steers: Any
     env.seed(7)
     env.reset()
     ends = 0
-    for _ in range(40 // hold):
+    for _ in range(50 // hold):
         _, reward, ended, _ = env.step(IDLE)
         assert_array_equal(reward, 0.0)
         ends += ended.sum()
@@ -39,7 +39,7 @@ def test_who_leaves_the_companion_alone_earns_nothing(scenario: str, steers: Any
 
 def paired(rows: int, **more: Any) -> PairedReward:
     envs = [make_rows(rows, **CALM, **more) for _ in range(2)]
-    return PairedReward(*envs, controller("flatness"), 0.9, more.get("max_episode_steps", 1000), 2.0)
+    return PairedReward(*envs, controller("flatness"), 0.9, 2.0)
 
 
 def test_a_reward_is_the_difference_from_the_controllers() -> None:
@@ -61,16 +61,41 @@ def test_a_fall_costs_what_the_controller_would_have_earned_from_there() -> None
     env, learner, teacher, policy = paired(3), make_rows(3, **CALM), make_rows(3, **CALM), controller("flatness")
     env.reset(seed=3), learner.reset(seed=3)
     observation, memory = teacher.reset(seed=3)[0], None
-    terminated, steps = np.zeros(3, np.bool_), 0
+    terminated = np.zeros(3, np.bool_)
     falling = np.tile(np.float32([-1.0, 0.0, 0.0, 0.0]), (3, 1))
     while not terminated.any():
         _, paid, terminated, _, _ = env.step(falling)
         earned = learner.step(falling)[1]
         bare, memory = policy.predict(observation, memory)
         observation, beside, *_ = teacher.step(bare)
-        steps += 1
-    lost = beside * sum(0.9**k for k in range(1, 1000 - steps + 1)) + 2.0
+    lost = beside * 0.9 / (1.0 - 0.9) + 2.0
     assert_allclose(paid, earned - beside - terminated * lost, rtol=1e-9)
+
+
+class Falling:
+    """No thrust."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, None]:
+        return np.tile(np.float32([-1.0, 0.0, 0.0, 0.0]), (len(observation), 1)), None
+
+
+def test_where_only_the_twin_falls_its_fall_is_gained_and_where_both_fall_nothing_is() -> None:
+    envs = [make_rows(3, **CALM) for _ in range(2)]
+    env, policy, memory = PairedReward(*envs, Falling(), 0.9, 2.0), controller("flatness"), None
+    observation, gained = env.reset(seed=3)[0], np.zeros(3)
+    for _ in range(100):
+        action, memory = policy.predict(observation, memory)
+        observation, paid, *_ = env.step(action)
+        gained = np.maximum(gained, paid)
+    assert ((gained > 2.0) & (gained < 3.0)).all()
+    assert ((paid > 0.5) & (paid <= 1.0)).all()
+    env.reset(seed=3)
+    terminated = np.zeros(3, np.bool_)
+    while not terminated.any():
+        _, paid, terminated, *_ = env.step(Falling().predict(observation)[0])
+        assert_array_equal(paid, 0.0)
 
 
 def test_a_paired_environment_takes_no_options() -> None:

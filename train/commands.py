@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from train.flights import VALIDATION_SEED
-from train.scenarios import expand
+from train.scenarios import expand, find_scenario, scenario_hash
 from train.settings import TrainSettings, from_mapping, read_settings
 from train.store import FOLDER
 
@@ -87,8 +87,11 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     from train.policies import policy_file
 
     before = LearnedPolicy.load(policy_file(policy))
-    if "settings" not in before.card:
-        raise ValueError(f"the card of {policy} has no settings: it was exported, not trained here")
+    if missing := [name for name in ("settings", "scenarios", "origin") if name not in before.card]:
+        raise ValueError(f"the card of {policy} has no {missing[0]}: it was exported, not trained here")
+    for name, flown in before.card["scenarios"].items():
+        if scenario_hash(find_scenario(name)) != flown:
+            raise ValueError(f"the scenario {name} is another than the one {policy} was trained in")
     after = LearnedPolicy.load(training.train(from_mapping(before.card["settings"], f"the card of {policy}"), out))
     if largest := difference(before, after):
         print(f"The weights differ by up to {largest:g}: expect that on another machine or with other versions.")

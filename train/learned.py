@@ -1,13 +1,14 @@
 """Learned policies in a file that executes nothing: weights, and a card that says where they come from.
 
 A file is an npz archive with float32 matrices and vectors and one JSON text, the card. numpy is all that is needed to
-load and fly it, but for policies with a companion, a classical controller of `baselines`:
+load and fly it, and where a policy has a companion, a classical controller of `baselines`; neither torch nor SB3 is:
 
     policy = LearnedPolicy.load("ppo-residual-0")
     action, memory = policy.predict(observation, memory)
 """
 
 import json
+import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,8 +22,9 @@ SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 1"
 OBSERVATION_SIZES = (36, 27)
 ACTION_SIZE = 4
-_VIEW = {"companion": str, "steers": str, "authority": float, "hold": int, "history": int, "history_actions": int}
-_BENDS: dict[str, Callable[[Any], Any]] = {
+_LARGEST = 64 * 2**20  # bytes
+VIEW = {"companion": str, "steers": str, "authority": float, "hold": int, "history": int, "history_actions": int}
+BENDS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
     "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, np.float32(0.0)))),
@@ -62,7 +64,7 @@ class LearnedPolicy:
         self._hold, self._history, self._history_actions = (
             view[name] for name in ("hold", "history", "history_actions")
         )
-        self._bend, self._squashed = _BENDS[card["activation"]], card["squashed"]
+        self._bend, self._squashed = BENDS[card["activation"]], card["squashed"]
         self._companion: Any = None
         if view["companion"]:
             self._companion = _companion(view)
@@ -86,6 +88,7 @@ class LearnedPolicy:
         if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
             raise ValueError(f"there is no learned policy {str(name)!r}: it is neither a file nor one of this package")
         try:
+            _check_size(path)
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 arrays = {key: data[key] for key in data.files}
             card = json.loads(str(arrays.pop("card")))
@@ -96,6 +99,8 @@ class LearnedPolicy:
             return cls(layers, card)
         except KeyError as error:
             raise ValueError(f"{path} is no learned policy: it has no {error}") from error
+        except MemoryError:
+            raise
         except Exception as error:  # whatever a broken archive makes its readers raise
             raise ValueError(f"{path} is no learned policy: {error}") from error
 
@@ -188,6 +193,14 @@ def difference(policy: LearnedPolicy, other: LearnedPolicy) -> float:
     return max(float(np.abs(a - b).max()) for a, b in pairs)
 
 
+def _check_size(path: Path) -> None:
+    """Raise ValueError if a file would unpack to more than a policy ever is."""
+    with zipfile.ZipFile(path) as archive:
+        size = sum(item.file_size for item in archive.infolist())
+    if size > _LARGEST:
+        raise ValueError(f"it would unpack to {size} bytes, and a policy has at most {_LARGEST}")
+
+
 def _pushed(memory: Floats32, value: Floats32) -> Floats32:
     """`memory` without its oldest, and with `value` as its latest."""
     return np.concatenate([memory[:, 1:], value[:, np.newaxis]], axis=1)[:, : memory.shape[1]]
@@ -203,13 +216,16 @@ def _companion(view: dict[str, Any], simulation: Any = None) -> Any:
 def _check_card(card: Any) -> None:
     if not isinstance(card, dict) or card.get("format") != FORMAT:
         raise ValueError(f"its card is not of the format {FORMAT!r}")
-    if card.get("activation") not in _BENDS:
-        raise ValueError(f"its activation must be one of {', '.join(_BENDS)}, not {card.get('activation')!r}")
+    if card.get("activation") not in BENDS:
+        raise ValueError(f"its activation must be one of {', '.join(BENDS)}, not {card.get('activation')!r}")
     if not isinstance(card.get("squashed"), bool):
         raise ValueError(f"squashed must be true or false, not {card.get('squashed')!r}")
+    bound = card.get("bound", 1.0)
+    if not isinstance(bound, float) or not 0.0 < bound < float("inf"):
+        raise ValueError(f"bound must be a number above zero, not {bound!r}")
     view = card.get("view")
-    if not isinstance(view, dict) or {name: type(value) for name, value in view.items()} != _VIEW:
-        raise ValueError(f"its view must have {', '.join(_VIEW)}, not {view!r}")
+    if not isinstance(view, dict) or {name: type(value) for name, value in view.items()} != VIEW:
+        raise ValueError(f"its view must have {', '.join(VIEW)}, not {view!r}")
     if view["hold"] < 1 or view["history"] < 1 or view["history_actions"] < 0:
         raise ValueError(f"its view must hold at least 1 step, with a history of at least 1 and 0, not {view!r}")
 

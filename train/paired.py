@@ -6,8 +6,9 @@ rewarded with
     (1)  r − r_twin,
 
 in which the luck that both have cancels, and what is left is what the learner's actions did. The twin begins anew
-whenever the learner's episode ends. Falling must not pay where r < r_twin, so at a fall of the learner all that the twin
-is still to earn is taken off at once, as if it flew on for ever and earned what it earns now; and falls have a price c:
+whenever the learner's episode ends. Falling must not pay where r < r_twin, so at a fall of the learner all that the
+twin is still to earn is taken off at once, as if it flew on for ever and earned what it earns now; and falls have a
+price c:
 
     (2)  − r_twin γ/(1 − γ) − c     at a fall of the learner,       + c     at a fall of the twin
 

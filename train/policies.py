@@ -29,9 +29,9 @@ def members(names: str) -> list[str]:
 def learners() -> dict[str, list[str]]:
     """The learned policies of this package, by learner, in the order of their seeds."""
     found: dict[str, list[str]] = {}
-    for path in sorted(SHIPPED.glob("*-*.npz")):
+    for path in sorted(SHIPPED.glob("*-[0-9]*.npz")):
         found.setdefault(path.stem.rpartition("-")[0], []).append(path.stem)
-    return found
+    return {name: sorted(seeds, key=lambda seed: int(seed.rpartition("-")[2])) for name, seeds in found.items()}
 
 
 def load_policy(name: str) -> Policy:

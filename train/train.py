@@ -20,6 +20,7 @@ from train.algorithms import algorithm, make_model
 from train.callbacks import BEST, DIVERGED, Evaluate, Legs, Progress, RewardTerms, Watch, first_episode, read_curve
 from train.environment import check_curriculum, make_env
 from train.export import export
+from train.flights import VALIDATION_SEED
 from train.imitate import imitate
 from train.learned import LearnedPolicy
 from train.origin import origin
@@ -27,6 +28,7 @@ from train.scenarios import expand, find_scenario, scenario_hash
 from train.settings import TrainSettings, read_settings, to_mapping
 from train.validation import validate
 
+CARD_SEED = VALIDATION_SEED + 100_000  # of the episodes behind a card's score, on which no policy was chosen
 SETTINGS, CHECKPOINT, MODEL, POLICY = "settings.json", "checkpoint.zip", "model.zip", "policy.npz"
 
 
@@ -132,16 +134,20 @@ def _policy(model: Any, settings: TrainSettings, folder: Path, seconds: float) -
     best = folder / BEST
     policy = LearnedPolicy.load(best) if best.is_file() else export(model, settings.view())
     curve = read_curve(folder)
-    survival, rmse = validate(policy, settings)
+    survival, rmse = validate(policy, settings, CARD_SEED)
+    best_at = min(curve, key=lambda score: score.penalised_rmse).steps if best.is_file() else model.num_timesteps
     card = {
         **policy.card,
         "settings": to_mapping(settings),
         "seed": settings.seed,
         "steps": model.num_timesteps,
+        "best_at": best_at,
         "seconds": round(curve[-1].seconds if curve else seconds, 1),
         "score": {"survival": survival, "penalised_rmse": rmse},
         "curve": [list(score) for score in curve],
-        "scenarios": {name: scenario_hash(find_scenario(name)) for name in expand(settings.scenario)},
+        "scenarios": {
+            name: scenario_hash(find_scenario(name)) for name in expand((*settings.scenario, *settings.curriculum))
+        },
         "origin": json.loads((folder / "origin.json").read_text(encoding="utf-8")),
     }
     return LearnedPolicy(policy.layers, card)

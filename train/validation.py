@@ -19,11 +19,11 @@ class Score(NamedTuple):
     penalised_rmse: float  # m, the mean over all scenarios
 
 
-def validate(policy: Policy, settings: TrainSettings) -> tuple[float, float]:
-    """Survival (a share) and penalised RMSE (m): means over the scenarios of a run."""
+def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEED) -> tuple[float, float]:
+    """Survival (a share) and penalised RMSE (m): means over the scenarios of a run, in the episodes from `seed` on."""
     scenarios = [find_scenario(name) for name in expand(settings.scenario)]
     env = together(scenarios, settings.evaluation_episodes * len(scenarios))
     told: Any = policy
     policy = told.told(scenarios[0].simulation) if hasattr(policy, "told") else policy
-    flights = record(rollout(policy, env, VALIDATION_SEED), env.num_envs)
+    flights = record(rollout(policy, env, seed), env.num_envs)
     return float(flights.survived.mean()), float(flights.penalised_rmse.mean())

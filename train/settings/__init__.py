@@ -10,12 +10,11 @@ from baselines.companion import STEERS
 from quadpend_gym import RewardWeights
 from quadpend_gym.records import build, number, positive, whole
 from train.files import read_mapping
-from train.learned import LearnedPolicy
+from train.learned import BENDS, VIEW, LearnedPolicy
 from train.scenarios import SETS, expand, resolve
 
 FOLDER = Path(__file__).parent
-ACTIVATIONS = ("relu", "tanh", "elu")
-VIEW = ("companion", "steers", "authority", "hold", "history", "history_actions")  # what a policy sees and does
+ACTIVATIONS = tuple(BENDS)
 ALGORITHMS = ("ppo", "sac", "tqc")
 
 
