@@ -154,7 +154,7 @@ def test_what_is_evaluated_is_what_is_trained_in(tmp_path: Path, monkeypatch: py
     assert len(flown) == 4
     expected = [find_scenario(name) for name in settings.scenario]
     assert all(scenarios == expected and rows == 4 for scenarios, rows in flown)
-    assert seeds == {VALIDATION_SEED}
+    assert seeds == {VALIDATION_SEED, training.CARD_SEED}
 
 
 def test_an_evaluation_is_a_flight_as_others_see_it() -> None:

@@ -29,9 +29,10 @@ def export(model: Any, view: dict[str, Any] | None = None, **card: Any) -> Learn
     layers, activation = _network(model)
     squashed = not hasattr(model.policy, "action_net")
     about = {"format": FORMAT, "activation": activation, "squashed": squashed, "view": dict(view or PLAIN_VIEW)}
-    last: Any = output_layer(model)
+    last = output_layer(model)
     if isinstance(last, torch.nn.Sequential):  # of a state-dependent exploration
-        about["bound"] = float(last[1].max_val)
+        limit: Any = last[1]
+        about["bound"] = float(limit.max_val)
     policy = LearnedPolicy(layers, {**about, **card})
     seen = np.random.default_rng(0).normal(size=(64, layers[0][0].shape[0])).astype(np.float32)
     expected, _ = model.predict(seen, deterministic=True)

@@ -99,8 +99,6 @@ class LearnedPolicy:
             return cls(layers, card)
         except KeyError as error:
             raise ValueError(f"{path} is no learned policy: it has no {error}") from error
-        except MemoryError:
-            raise
         except Exception as error:  # whatever a broken archive makes its readers raise
             raise ValueError(f"{path} is no learned policy: {error}") from error
 
