@@ -121,7 +121,9 @@ def test_no_file_is_executed(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     np.savez(tmp_path / "bomb.npz", allow_pickle=True, **arrays)
     (tmp_path / "pickle.npz").write_bytes(pickle.dumps(Bomb()))
     for path in ("bomb.npz", "pickle.npz"):
-        refused(lambda path=path: LearnedPolicy.load(path), "is no learned policy: .*(allow_pickle|zip file)", ValueError)
+        refused(
+            lambda path=path: LearnedPolicy.load(path), "is no learned policy: .*(allow_pickle|zip file)", ValueError
+        )
     assert not Path("exploded").exists()
 
 

@@ -1,46 +1,54 @@
 """What each part of a learner is worth: the same training with it and without it.
 
-Every line compares two trainings that differ in one thing, over the same seeds, in the scenario that the part is for.
+Every line compares two trainings that differ in that part and what follows from it (`ABLATIONS` has the settings), over
+the same seeds, in the scenario that the part is for. Steps are the environment's, those of an imitation included.
 """
 
+import hashlib
 import json
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from baselines.rollout import rollout
 from quadpend_gym.arrays import Floats
 from train import documents
+from train.environment import together
 from train.files import plain
 from train.flights import VALIDATION_SEED, fly
 from train.learned import LearnedPolicy
+from train.origin import versions
 from train.report import estimate
+from train.scenarios import expand, find_scenario
 from train.settings import TrainSettings, from_mapping, to_mapping
 from train.statistics import Interval, mean
-from train.train import SETTINGS, train
+from train.store import code_stamp
+from train.train import POLICY, train
 
-STEPS = 1_500_000
+STEPS = 1_000_000
 EPISODES = 100
 _HIDDEN = '{"wind": "breeze", "output_feedback": true}'
-_PACE = {
+# What trainings beside a controller share, whatever of it they steer.
+_BESIDE = {
     "companion": "flatness",
-    "steers": "pace",
-    "authority": 1.0,
     "learning_rate": 1e-3,
     "discount": 0.99,
     "reward_scale": 0.1,
     "episode_steps": 500,
-    "ppo": {"initial_log_std": -1.5, "gae_lambda": 0.98, "epochs": 5},
+    "ppo": {"initial_log_std": -2.0, "gae_lambda": 0.98, "epochs": 5},
     "reward": {"tracking": 1.0, "upright": 0.0, "yaw": 0.05, "effort": 0.0, "tip": 0.3},
 }
-_HELD = {
-    "paired": True,
+_RESIDUAL = {**_BESIDE, "steers": "action", "authority": 0.3}
+_PACE = {**_BESIDE, "steers": "pace", "authority": 1.0}
+_HELD = {  # and what follows from it: the same horizons and batches, in decisions
     "hold": 10,
     "discount": 0.92,
     "batch_size": 512,
     "total_steps": STEPS // 10,
-    "ppo": {"initial_log_std": -1.5, "gae_lambda": 0.95, "epochs": 5, "rollout_steps": 16},
+    "ppo": {"gae_lambda": 0.95, "rollout_steps": 16},
 }
 
 
@@ -61,20 +69,20 @@ ABLATIONS = {
         "imitation of the flatness-based controller first",
         "windy",
         {"companion": "flatness", "ppo": {"initial_log_std": -1.0}},
-        {"imitation_steps": 250_000},
+        {"imitation_steps": 250_000, "total_steps": STEPS - 250_000},
     ),
     "gsde": Ablation("state-dependent exploration", "windy", {}, {"exploration_steps": 8}),
     "curriculum": Ablation(
         "curriculum: calm, breeze, then wind",
         "windy",
         {},
-        {"curriculum": ("calm", "breeze"), "curriculum_steps": 500_000},
+        {"curriculum": ("calm", "breeze"), "curriculum_steps": STEPS // 3},
     ),
     "upset curriculum": Ablation(
         "curriculum: calm, wind, then upset starts",
         "training_upset",
         {},
-        {"curriculum": ("calm", "windy"), "curriculum_steps": 500_000},
+        {"curriculum": ("calm", "windy"), "curriculum_steps": STEPS // 3},
     ),
     "randomisation": Ablation(
         "parameters drawn in training",
@@ -89,21 +97,18 @@ ABLATIONS = {
         {"history": 4, "history_actions": 3},
     ),
     "residual": Ablation(
-        "corrections of the flatness-based controller's action",
+        "corrections of the flatness-based controller's action, instead of acting alone",
         "windy",
-        {"companion": "flatness"},
-        {"steers": "action", "authority": 0.3, "ppo": {"initial_log_std": -2.0}},
+        _BESIDE,
+        {"steers": "action", "authority": 0.3},
     ),
-    "paired residual": Ablation(
-        "the same, rewarded relative to the controller alone",
-        "windy",
-        {"companion": "flatness", "steers": "action", "authority": 0.3, "ppo": {"initial_log_std": -2.0}},
-        {"paired": True},
-    ),
-    "pace": Ablation("setting its bandwidths instead of acting", "windy", {"companion": "flatness"}, _PACE),
-    "paired pace": Ablation("the same, rewarded relative to the controller alone", "windy", _PACE, {"paired": True}),
+    "paired residual": Ablation("the same, rewarded relative to the controller", "windy", _RESIDUAL, {"paired": True}),
+    "pace": Ablation("setting its bandwidths, instead of correcting its action", "windy", _RESIDUAL, _PACE),
+    "paired pace": Ablation("the same, rewarded relative to the controller", "windy", _PACE, {"paired": True}),
     "held pace": Ablation("and held for ten steps", "windy", {**_PACE, "paired": True}, _HELD),
 }
+CONSTANT = "the pace decided anew, instead of its mean (`ppo-pace`, trained in full)"
+CONSTANT_SCENARIO = "training_upset"
 
 
 class Outcome(NamedTuple):
@@ -138,21 +143,39 @@ def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS))
         )
         outcomes[name] = Outcome(mean(without), mean(added), mean(added - without))
         print(f"{ABLATIONS[name].part}: {_cells(outcomes[name])}", flush=True)
+    if names == tuple(ABLATIONS):
+        outcomes["constant"] = _constant_outcome(seeds)
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / "ablations.json").write_text(json.dumps(plain(outcomes), indent=1) + "\n", encoding="utf-8")
     return outcomes
 
 
+def _constant_outcome(seeds: int) -> Outcome:
+    policies = [LearnedPolicy.load(f"ppo-pace-{seed}") for seed in range(seeds)]
+    without, added = (
+        np.stack([fly([policy], CONSTANT_SCENARIO, EPISODES, VALIDATION_SEED).penalised_rmse[0] for policy in group])
+        for group in ([_at_its_mean(policy) for policy in policies], policies)
+    )
+    return Outcome(mean(without), mean(added), mean(added - without))
+
+
+def _at_its_mean(policy: LearnedPolicy) -> LearnedPolicy:
+    """The policy with what it decides on average in the training scenarios, always."""
+    env = together([find_scenario(name) for name in expand(("training",))], 8 * 32)
+    decided = [step.memory.held[step.flying] for step in rollout(policy, env, VALIDATION_SEED)]
+    weights, _ = policy.layers[-1]
+    constant = np.concatenate(decided).mean(axis=0).astype(np.float32)
+    return LearnedPolicy([*policy.layers[:-1], (np.zeros_like(weights), constant)], policy.card)
+
+
 def _flown(settings: TrainSettings, scenario: str, folder: Path) -> Floats:
     """Penalised RMSE of each episode, m, shape (n,)."""
-    data = json.dumps(to_mapping(settings), sort_keys=True)
-    for kept in folder.glob(f"*/{SETTINGS}"):
-        same = json.dumps(json.loads(kept.read_text(encoding="utf-8")), sort_keys=True) == data
-        if same and (kept.parent / "policy.npz").is_file():
-            policy = kept.parent / "policy.npz"
-            break
-    else:
-        number = len(list(folder.glob("run-*")))
-        policy = train(settings, folder / f"run-{number}", progress=False)
+    said = json.dumps([to_mapping(settings), code_stamp(), versions()], sort_keys=True)
+    run = folder / hashlib.sha256(said.encode()).hexdigest()[:16]
+    policy = run / POLICY
+    if not policy.is_file():
+        shutil.rmtree(run, ignore_errors=True)  # of an interruption
+        train(settings, run, progress=False)
     flights = fly([LearnedPolicy.load(policy)], scenario, EPISODES, VALIDATION_SEED)
     return np.asarray(flights.penalised_rmse[0])
 
@@ -171,9 +194,9 @@ def markdown(outcomes: Mapping[str, Outcome]) -> str:
     head = "| part | scenario | without | with | difference |\n|---|---|---|---|---|"
     rows = []
     for name, outcome in outcomes.items():
-        ablation = ABLATIONS[name]
-        where = "breeze, no velocities" if ablation.scenario == _HIDDEN else ablation.scenario
-        rows.append(f"| {ablation.part} | {where} | {_cells(outcome)} |")
+        part, scenario = (CONSTANT, CONSTANT_SCENARIO) if name == "constant" else ABLATIONS[name][:2]
+        where = "breeze, no velocities" if scenario == _HIDDEN else scenario
+        rows.append(f"| {part} | {where} | {_cells(outcome)} |")
     return "\n".join([head, *rows])
 
 

@@ -281,6 +281,8 @@ def ablate(
 
     if seeds < 1:
         raise ValueError(f"seeds must be at least 1, not {seeds}")
+    if document and names:
+        raise ValueError("a document takes all ablations: give no names")
     if document:
         documents.check(document, ["ablations"])
     outcomes = ablations.run(out, seeds, names or tuple(ablations.ABLATIONS))
