@@ -22,9 +22,9 @@ def test_python_in_the_readme_runs(block: str, tmp_path: Path, monkeypatch: pyte
 def test_the_commands_in_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
-    train = ["--total-steps", "1024", "--num-envs", "16"]
+    train = ["--total-steps", "1024", "--num-envs", "16", "--batch-size", "256", "--evaluation-episodes", "1"]
     flown = ["--episodes", "2"]
-    brief = {"train": train, "evaluate": flown, "compare": flown, "wind": ["--seconds", "1"]}
+    brief = {"train": train, "evaluate": flown, "compare": flown, "wind": ["--seconds", "1"], "card": []}
     for line in "".join(blocks).splitlines():
         command, *options = shlex.split(line.removeprefix("quadpend "))
         main([command, *options, *brief[command]])
