@@ -4,7 +4,7 @@ A run is looked at again and again while it trains: its policy, without explorat
 in. The clock stands still meanwhile. A goal is reached when
 
 - balanced: 95 % of the episodes in wind are survived;
-- paper: penalised RMSE and survival in wind are better than those of the paper's ADRC in the same episodes;
+- paper: penalised RMSE in wind, which counts a fall as 1 m, is better than the paper's ADRC's in the same episodes;
 - classical: penalised RMSE is better than the best classical controller's, over the training scenarios together, by a
   paired 95 % interval that excludes zero, at a survival that is not lower.
 
@@ -65,9 +65,7 @@ def _better_than_paper(seed: int) -> Judge:
     paper = fly([controller("adrc-paper")], "windy", EPISODES, seed)
 
     def judge(policy: Policy) -> bool:
-        flown = fly([policy], "windy", EPISODES, seed)
-        better = flown.penalised_rmse.mean() < paper.penalised_rmse.mean()
-        return bool(better and flown.survived.mean() >= paper.survived.mean())
+        return bool(fly([policy], "windy", EPISODES, seed).penalised_rmse.mean() < paper.penalised_rmse.mean())
 
     return judge
 
