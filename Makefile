@@ -34,6 +34,8 @@ CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-pape
 results: .venv/.installed  ## docs/results.md: learned policies and classical controllers in all test scenarios
 	$(BIN)/quadpend evaluate --policies ppo-pace sac-pace $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
 		--robustness 50 --out docs/results --document docs/results.md
+	$(BIN)/quadpend evaluate --policies flatness adrc-paper ppo-pace-hover sac-pace-hover --scenarios hover hover_windy --episodes 200 \
+		--seed $(TEST_SEED) --out docs/hover
 
 pictures: .venv/.installed  ## the pictures of docs/models.md
 	$(BIN)/quadpend wind --out docs/models
