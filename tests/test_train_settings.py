@@ -147,6 +147,7 @@ TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
         ({"batch_size": 1000}, r"batch_size must divide num_envs \* ppo.rollout_steps = 16384, not be 1000"),
         ({"scenario": ()}, "scenario must name at least one"),
         ({"scenario": "nix"}, "no scenario 'nix'"),
+        ({"scenario": "test"}, "scenario cannot be .test., which is held out"),
         ({"scenario": 5}, "scenario must be a scenario or several, not 5"),
         ({"scenario": (5,)}, "scenario"),
         ({"curriculum": ("nix",), "curriculum_steps": 10}, "no scenario 'nix'"),

@@ -228,6 +228,8 @@ class TrainSettings:
 def _scenarios(value: Any, name: str) -> tuple[str, ...]:
     items = (value,) if isinstance(value, str | dict) else value
     try:
+        if "test" in items:
+            raise ValueError(f"{name} cannot be 'test', which is held out: train in 'training', or in single scenarios")
         items = [json.dumps(item, default=str) if isinstance(item, dict) else item for item in items]
         return tuple(item for given in items for item in ([given] if given in SETS else [resolve(given)]))
     except (TypeError, AttributeError) as error:
