@@ -9,9 +9,10 @@ in. The clock stands still meanwhile. A goal is reached when
   paired 95 % interval that excludes zero, at a survival that is not lower.
 
 Since a run is looked at many times, a goal counts only if the same policy reaches it in a second block of episodes too.
-The first two are measured in one training of PPO that sees the observation alone; the third with the hybrid, which
-begins as the controller that it has to beat. Neither imports nor compilation are in the seconds. Steps are control
-steps of the learner, those of a twin not counted.
+The first two are measured in one training of PPO that acts alone, beside the flatness-based controller's observer and
+after imitating that controller (settings ``fast``); the third with the hybrid, which begins as the controller that it
+has to beat. Making the environment and imitation are in the seconds, imports and compilation are not. Steps are control
+steps of the learner, those of an imitation among them, those of a twin not.
 """
 
 import json
@@ -96,11 +97,8 @@ class _Look(BaseCallback):
         super().__init__()
         self.settings, self.judges = settings, judges
         self.reached: dict[str, Reached] = {}
-        self.paused = 0.0
-
-    def _on_training_start(self) -> None:
-        self.began = time.perf_counter()
-        self.next = {name: every for name, (every, _) in self.judges.items()}
+        self.paused, self.began = 0.0, time.perf_counter()
+        self.next = dict.fromkeys(judges, 0)
 
     def _on_rollout_start(self) -> None:
         for name, (every, blocks) in self.judges.items():
@@ -110,7 +108,7 @@ class _Look(BaseCallback):
             now = time.perf_counter()
             policy = export(self.model, self.settings.view())
             if all(judge(policy) for judge in blocks):
-                steps = float(self.num_timesteps * self.settings.hold)
+                steps = float(self.num_timesteps * self.settings.hold + self.settings.imitation_steps)
                 self.reached[name] = Reached(now - self.began - self.paused, steps)
             self.paused += time.perf_counter() - now
 
