@@ -98,7 +98,8 @@ class _Look(BaseCallback):
         self.settings, self.judges = settings, judges
         self.reached: dict[str, Reached] = {}
         self.paused, self.began = 0.0, time.perf_counter()
-        self.next = dict.fromkeys(judges, 0)
+        # What has learned nothing yet is not looked at.
+        self.next = {name: 0 if settings.imitation_steps else every for name, (every, _) in judges.items()}
 
     def _on_rollout_start(self) -> None:
         for name, (every, blocks) in self.judges.items():

@@ -46,6 +46,6 @@ def test_a_goal_is_reached_when_two_blocks_of_episodes_agree(monkeypatch: pytest
     monkeypatch.setattr(time_to_beat, "GOALS", goals)
     found = time_to_beat.measure(1, ("soon", "never"))
     assert asked == [*time_to_beat.SEEDS, *time_to_beat.SEEDS]
-    assert found["soon"][0].steps == 512
+    assert found["soon"][0].steps == 1024
     assert found["never"][0].steps == float("inf")
     assert "| never | `any` | inf" in time_to_beat.markdown(found, 1e5)
