@@ -33,7 +33,7 @@ RUNS: dict[str, TrainSettings] = {
     "ppo, critic first": replace(LEGS, ppo=replace(LEGS.ppo, critic_steps=700), checkpoint_steps=256),
     "ppo, imitation": replace(LEGS, companion="adrc-matched", imitation_steps=320),
     "ppo, long rollouts": replace(LEGS, ppo=PpoSettings(rollout_steps=24, epochs=2), total_steps=1200),
-    "ppo, paired and held": replace(LEGS, **BESIDE, paired=True, fall_cost=2.0, hold=3),
+    "ppo, paired and held": replace(LEGS, **BESIDE, paired=True, fall_cost=2.0, hold=4),
     "sac": LEGS_SAC,
     "sac, gSDE": replace(LEGS_SAC, exploration_steps=4),
     "sac, companion, evaluated, curriculum": replace(
