@@ -16,6 +16,11 @@ close to the reference. What its action a ∈ [−1, 1]⁴ means is one of
     (3)  pace      the controller acts, its four bandwidths times (1 + κ)^a     position, pendulum, attitude, height
 
 with the authority κ. The controller's observer is told what really acted, whoever asked for it.
+
+With a caution γ > 0 it is c a that acts and not a: the learner is trusted less where the observer sees a torque, which
+no wind here exerts but actuators that answer late seem to, or where the pendulum leans far from upright,
+
+    (4)  c = 1/(1 + γ² q²),    q = max(|τ̂|/(0.5 N·m), |r_xy|/0.2),  and at least 0.99 of what it was a step before.
 """
 
 from typing import Any, NamedTuple
@@ -24,13 +29,16 @@ import numpy as np
 
 from baselines.observed import Observed
 from baselines.policy import placed
-from quadpend_gym.arrays import Floats32, Integers
+from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.kernel import DISTURBANCE_SIZE
-from quadpend_gym.observation import OBSERVATION_SIZE, STATE_PART
+from quadpend_gym.observation import OBSERVATION_SIZE, STATE_PART, read_observation
 from quadpend_gym.records import number
 
 STEERS = ("alone", "action", "pace")
 _CLOSE = np.float32(10.0)  # how much larger small deviations are seen
+# Equation (4)
+_TORQUE, _LEAN, _KEPT = 0.5, 0.2, 0.99
+_TORQUES = slice(DISTURBANCE_SIZE - 3, DISTURBANCE_SIZE)
 
 
 class CompanionMemory(NamedTuple):
@@ -38,6 +46,7 @@ class CompanionMemory(NamedTuple):
 
     controller: Any  # the controller's own memory, or what it knows
     action: Floats32  # that the controller would take, (n, 4); of no meaning where it is not asked
+    doubt: Floats  # q of equation (4), (n,)
 
 
 class Companion:
@@ -47,13 +56,15 @@ class Companion:
         controller: a classical controller with an observer: `ADRC` or one of `Observed`; with a pace, `flatness`.
         steers: what the learner steers, one of `STEERS`.
         authority: κ of equations (2) and (3), in (0, 3].
+        caution: γ of equation (4), in [0, 10]; 0: the learner is always trusted.
 
     Raises:
         TypeError: the controller estimates no disturbance, or has no pace.
-        ValueError: there is no such thing to steer, or the authority is out of range.
+        ValueError: there is no such thing to steer, the authority or the caution is out of range, or there is caution
+            about a learner that acts alone.
     """
 
-    def __init__(self, controller: Any, steers: str = "alone", authority: float = 1.0) -> None:
+    def __init__(self, controller: Any, steers: str = "alone", authority: float = 1.0, caution: float = 0.0) -> None:
         """Seat the controller beside the learner."""
         if not hasattr(controller, "estimated_disturbance"):
             raise TypeError(f"a companion must be a controller that estimates the disturbance, not {controller!r}")
@@ -61,10 +72,14 @@ class Companion:
             raise ValueError(f"steers must be one of {', '.join(STEERS)}, not {steers!r}")
         if number(authority, "authority", 0.0, 3.0) == 0.0:
             raise ValueError("authority must be above zero")
+        if number(caution, "caution", 0.0, 10.0) > 0.0 and steers == "alone":
+            raise ValueError(
+                f"a learner that acts alone has no controller to fall back on: caution must be 0, not {caution:g}"
+            )
         self._whole = isinstance(controller, Observed)
         if steers == "pace" and not (self._whole and controller.has_pace):
             raise TypeError(f"only the flatness-based controller has a pace, not {controller!r}")
-        self.controller, self.steers, self.authority = controller, steers, authority
+        self.controller, self.steers, self.authority, self.caution = controller, steers, authority, caution
 
     def watch(self, observation: Floats32, memory: CompanionMemory | None, started: Any) -> tuple[Any, CompanionMemory]:
         """What the learner sees, shape (n, `size`), and what is remembered.
@@ -81,19 +96,24 @@ class Companion:
         else:
             action, known = self.controller.predict(observation, before, started)
         seen = self.controller.estimated_observation(observation, known) if self._whole else observation.copy()
+        disturbance = self.controller.estimated_disturbance(known)
+        doubt = self._doubt(seen, disturbance, memory, started)
         if self.steers != "alone":
             seen[:, : STATE_PART - OBSERVATION_SIZE] *= _CLOSE
-        parts = [seen, self.controller.estimated_disturbance(known)]
+        parts = [seen, disturbance]
         if self.steers == "action":
             parts.append(_CLOSE * action)
-        return np.concatenate(parts, axis=1, dtype=np.float32), CompanionMemory(known, action)
+        return np.concatenate(parts, axis=1, dtype=np.float32), CompanionMemory(known, action, doubt)
 
     def act(self, action: Floats32, memory: CompanionMemory) -> tuple[Floats32, CompanionMemory]:
         """What acts if the learner's action is `action`, shape (n, 4), and what is remembered."""
+        if self.caution:
+            trust = 1.0 / (1.0 + (self.caution * memory.doubt) ** 2)
+            action = (trust[:, np.newaxis] * action).astype(np.float32)
         if self.steers == "pace":
             pace = (1.0 + self.authority) ** action.astype(np.float64)
             acting, known = self.controller.decide(memory.controller, pace=pace)
-            return acting, CompanionMemory(known, acting)
+            return acting, CompanionMemory(known, acting, memory.doubt)
         if self.steers == "action":
             action = np.clip(memory.action + np.float32(self.authority) * action, -1.0, 1.0)
         return action, memory._replace(controller=self.controller.acted(memory.controller, action))
@@ -102,6 +122,15 @@ class Companion:
         """How many numbers the learner sees of an observation of so many."""
         seen = OBSERVATION_SIZE if self._whole else observations
         return seen + DISTURBANCE_SIZE + (4 if self.steers == "action" else 0)
+
+    @staticmethod
+    def _doubt(seen: Floats32, disturbance: Floats, memory: CompanionMemory | None, started: Any) -> Floats:
+        """Equation (4)'s q, shape (n,)."""
+        lean = np.linalg.norm(read_observation(seen, "direction")[:, :2], axis=1) / _LEAN
+        doubt = np.maximum(np.linalg.norm(disturbance[:, _TORQUES], axis=1) / _TORQUE, lean)
+        if memory is not None:
+            doubt = np.where(started, doubt, np.maximum(doubt, _KEPT * memory.doubt))
+        return np.asarray(doubt)
 
     @staticmethod
     def restarted(rows: Integers, fresh: CompanionMemory, memory: CompanionMemory) -> CompanionMemory:

@@ -29,7 +29,7 @@ from quadpend_gym.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
 _SIZES = (OBSERVATION_SIZE, OUTPUT_COLUMNS.size)
 
 
-def _companion(env: Any, space: Any, controller: Any, steers: str, authority: float) -> Companion:
+def _companion(env: Any, space: Any, controller: Any, steers: str, authority: float, caution: float) -> Companion:
     if getattr(space, "shape", None) not in {(size,) for size in _SIZES}:
         raise ValueError(
             f"a companion flies from an observation of {' or '.join(map(str, _SIZES))} numbers, not from {space}: put"
@@ -38,7 +38,7 @@ def _companion(env: Any, space: Any, controller: Any, steers: str, authority: fl
     if isinstance(controller, str):
         world = getattr(env.unwrapped, "world", None)
         controller = by_name(controller, None if world is None else world.simulation)
-    return Companion(controller, steers, authority)
+    return Companion(controller, steers, authority, caution)
 
 
 def _checked(action: Any, shape: tuple[int, ...], memory: Any) -> Floats32:
@@ -54,9 +54,11 @@ def _checked(action: Any, shape: tuple[int, ...], memory: Any) -> Floats32:
 class WithCompanion(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """What the wrappers of a single environment do."""
 
-    def __init__(self, env: gym.Env[Any, Any], controller: Any, steers: str, authority: float) -> None:
+    def __init__(
+        self, env: gym.Env[Any, Any], controller: Any, steers: str, authority: float, caution: float = 0.0
+    ) -> None:
         gym.Wrapper.__init__(self, env)
-        self.companion = _companion(env, env.observation_space, controller, steers, authority)
+        self.companion = _companion(env, env.observation_space, controller, steers, authority, caution)
         self.observation_space = observation_space(self.companion.size(env.observation_space.shape[0]))  # type: ignore[index]
         self._memory: Any = None
 
@@ -81,9 +83,11 @@ class WithCompanion(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 class VectorWithCompanion(VectorWrapper):
     """What the wrappers of a vector environment do."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], controller: Any, steers: str, authority: float) -> None:
+    def __init__(
+        self, env: VectorEnv[Any, Any, Any], controller: Any, steers: str, authority: float, caution: float = 0.0
+    ) -> None:
         VectorWrapper.__init__(self, env)
-        self.companion = _companion(env, env.single_observation_space, controller, steers, authority)
+        self.companion = _companion(env, env.single_observation_space, controller, steers, authority, caution)
         size = self.companion.size(env.single_observation_space.shape[0])  # type: ignore[index]
         self.single_observation_space = observation_space(size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -166,24 +170,29 @@ class ResidualAction(WithCompanion):
         env: a QuadPendulum environment, wrapped or not, with or without velocities in the observation.
         controller: one of `baselines.CONTROLLERS` by name, or a controller.
         authority: factor on the agent's actions, in (0, 3].
+        caution: how soon the agent is trusted less, in [0, 10]; 0: never.
 
     Raises:
         TypeError: the controller estimates no disturbance.
-        ValueError: there is no such controller, `env` has another observation, or the authority is out of range.
+        ValueError: there is no such controller, `env` has another observation, or authority or caution is out of range.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], controller: Any = "flatness", authority: float = 0.3) -> None:
+    def __init__(
+        self, env: gym.Env[Any, Any], controller: Any = "flatness", authority: float = 0.3, caution: float = 0.0
+    ) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, controller=controller, authority=authority)
-        super().__init__(env, controller, "action", authority)
+        RecordConstructorArgs.__init__(self, controller=controller, authority=authority, caution=caution)
+        super().__init__(env, controller, "action", authority, caution)
 
 
 class VectorResidualAction(VectorWithCompanion):
     """`ResidualAction` for a vector environment."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], controller: Any = "flatness", authority: float = 0.3) -> None:
+    def __init__(
+        self, env: VectorEnv[Any, Any, Any], controller: Any = "flatness", authority: float = 0.3, caution: float = 0.0
+    ) -> None:
         """Wrap `env`."""
-        super().__init__(env, controller, "action", authority)
+        super().__init__(env, controller, "action", authority, caution)
 
 
 class PaceAction(WithCompanion):
@@ -196,21 +205,26 @@ class PaceAction(WithCompanion):
         env: a QuadPendulum environment, wrapped or not, with or without velocities in the observation.
         controller: ``"flatness"``, or such a controller with gains of its own.
         authority: how far the bandwidths can be moved, in (0, 3].
+        caution: how soon the agent is trusted less, in [0, 10]; 0: never.
 
     Raises:
         TypeError: the controller has no pace.
-        ValueError: there is no such controller, `env` has another observation, or the authority is out of range.
+        ValueError: there is no such controller, `env` has another observation, or authority or caution is out of range.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], controller: Any = "flatness", authority: float = 1.0) -> None:
+    def __init__(
+        self, env: gym.Env[Any, Any], controller: Any = "flatness", authority: float = 1.0, caution: float = 0.0
+    ) -> None:
         """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, controller=controller, authority=authority)
-        super().__init__(env, controller, "pace", authority)
+        RecordConstructorArgs.__init__(self, controller=controller, authority=authority, caution=caution)
+        super().__init__(env, controller, "pace", authority, caution)
 
 
 class VectorPaceAction(VectorWithCompanion):
     """`PaceAction` for a vector environment."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], controller: Any = "flatness", authority: float = 1.0) -> None:
+    def __init__(
+        self, env: VectorEnv[Any, Any, Any], controller: Any = "flatness", authority: float = 1.0, caution: float = 0.0
+    ) -> None:
         """Wrap `env`."""
-        super().__init__(env, controller, "pace", authority)
+        super().__init__(env, controller, "pace", authority, caution)

@@ -2,7 +2,8 @@
 
 `inlined` functions vanish into their caller (LLVM ``alwaysinline``), which is what lets a loop over rows become
 vector instructions. `compiled` functions are cached on disk. Numba would only notice when the file of a compiled
-function changes, not the files of what it inlines, so the cache is stamped with all of the package's files and its own.
+function changes, not the files of what it inlines, so the cache is stamped with all of the package's files (but those
+of its pictures) and its own.
 
 ``fastmath`` stays off: it makes ``isfinite`` lie and the scalar and vectorised loops differ in their last bits.
 ``error_model="numpy"`` lets a division by zero give inf instead of a branch.
@@ -19,7 +20,9 @@ def _stamp(file: Path) -> tuple[str, int, int]:
     return file.name, file.stat().st_mtime_ns, file.stat().st_size
 
 
-_SOURCE_STAMP = tuple(_stamp(file) for file in sorted(Path(__file__).parent.rglob("*.py")))
+_SOURCE_STAMP = tuple(
+    _stamp(file) for file in sorted(Path(__file__).parent.rglob("*.py")) if file.parent.name != "viewer"
+)
 Function = TypeVar("Function", bound=Callable[..., object])
 
 

@@ -32,7 +32,7 @@ def seen(env: VectorEnv[Any, Any, Any], settings: TrainSettings) -> VectorEnv[An
             raise ValueError(
                 f"{settings.companion} commands thrust and torques: it cannot fly along where rotors are commanded"
             )
-        env = VectorWithCompanion(env, settings.companion, settings.steers, settings.authority)
+        env = VectorWithCompanion(env, settings.companion, settings.steers, settings.authority, settings.caution)
     if settings.history > 1 or settings.history_actions:
         env = VectorHistoryWrapper(env, settings.history, settings.history_actions)
     return env

@@ -11,7 +11,15 @@ from quadpend_gym.arrays import Floats32
 from train.algorithms import ACTIVATIONS, output_layer, read_zip
 from train.learned import FORMAT, LearnedPolicy
 
-PLAIN_VIEW = {"companion": "", "steers": "alone", "authority": 1.0, "hold": 1, "history": 1, "history_actions": 0}
+PLAIN_VIEW = {
+    "companion": "",
+    "steers": "alone",
+    "authority": 1.0,
+    "caution": 0.0,
+    "hold": 1,
+    "history": 1,
+    "history_actions": 0,
+}
 _TOLERANCE = 1e-5  # of an action's component: float32 sums in another order
 
 

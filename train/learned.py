@@ -23,7 +23,15 @@ FORMAT = "quadpend policy 1"
 OBSERVATION_SIZES = (36, 27)
 ACTION_SIZE = 4
 _LARGEST = 64 * 2**20  # bytes
-VIEW = {"companion": str, "steers": str, "authority": float, "hold": int, "history": int, "history_actions": int}
+VIEW = {
+    "companion": str,
+    "steers": str,
+    "authority": float,
+    "caution": float,
+    "hold": int,
+    "history": int,
+    "history_actions": int,
+}
 BENDS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -48,7 +56,7 @@ class LearnedPolicy:
         layers: weights of shape (inputs, outputs) and biases of each layer, float32.
         card: where it comes from. Of it ``activation`` (relu, tanh, elu), ``squashed`` (whether a tanh bounds the
             action, which is clipped otherwise), ``bound`` (of what goes into that, if there is one) and ``view``
-            (``companion``, ``steers``, ``authority``, ``hold``, ``history`` and ``history_actions`` of
+            (``companion``, ``steers``, ``authority``, ``caution``, ``hold``, ``history`` and ``history_actions`` of
             `train.settings.TrainSettings`) say how it flies.
 
     Raises:
@@ -208,7 +216,7 @@ def _companion(view: dict[str, Any], simulation: Any = None) -> Any:
     from baselines import controller
     from baselines.companion import Companion
 
-    return Companion(controller(view["companion"], simulation), view["steers"], view["authority"])
+    return Companion(controller(view["companion"], simulation), view["steers"], view["authority"], view["caution"])
 
 
 def _check_card(card: Any) -> None:

@@ -105,6 +105,8 @@ class TrainSettings:
     """What the learner does beside its companion: act alone, correct its action, or set its bandwidths."""
     authority: float = 1.0
     """How much a correction or a pace counts, κ."""
+    caution: float = 0.0
+    """How soon a learner that steers is trusted less, γ: where actions come late, or the pendulum leans far."""
     hold: int = 1
     """Control steps that an action is held, where the learner steers. But for this and `episode_steps`, steps count the
     learner's decisions."""
@@ -171,6 +173,7 @@ class TrainSettings:
             whole(width, f"hidden[{i}]", 1)
         for name in ("learning_rate", "reward_scale", "authority"):
             object.__setattr__(self, name, positive(getattr(self, name), name))
+        object.__setattr__(self, "caution", float(number(self.caution, "caution", 0.0, 10.0)))
         number(self.discount, "discount", 0.0, 1.0)
         for name in ("max_seconds", "final_learning_rate", "fall_cost"):
             number(getattr(self, name), name, 0.0)
@@ -204,6 +207,8 @@ class TrainSettings:
             raise ValueError("a learner that steers its companion cannot imitate it: give no imitation_steps")
         if self.hold > 1 and self.steers == "alone":
             raise ValueError("only a learner that steers its companion can hold its action")
+        if self.caution and self.steers == "alone":
+            raise ValueError("only a learner that steers its companion can be met with caution")
         if self.episode_steps % self.hold:
             raise ValueError(f"hold must divide episode_steps = {self.episode_steps}, not be {self.hold}")
         if self.fall_cost and not self.paired:
