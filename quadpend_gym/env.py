@@ -8,6 +8,7 @@ from gymnasium import spaces
 
 from quadpend_gym import kernel
 from quadpend_gym.arrays import Floats32
+from quadpend_gym.film import Film, check_mode, tell_no_mode
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
 from quadpend_gym.records import build, numbers
@@ -107,13 +108,15 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, actuators, control period, substeps.
     - `wind`: a model of `quadpend_gym.wind`, a sum of them, a preset (``"windy"``), or a mapping with its kind. Calm
       without. Sensors, actuators and uncertain parameters come as wrappers, see `quadpend_gym.wrappers`.
-    - `render_mode`: None; there is no picture yet.
+    - `render_mode`: ``"human"``, a window in real time (H shows its keys); ``"rgb_array"``, an array of shape
+      (480, 640, 3), uint8, from `render`; or None. Pictures need pygame-ce, the extra ``view``. Restarting from the
+      window, or closing it, truncates the episode; a closed window stays closed until `close`.
 
     ## Version History
     - v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 100}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 100}  # noqa: RUF012
 
     def __init__(
         self, task: Any = "track", simulation: Any = None, wind: Any = None, render_mode: str | None = None
@@ -124,11 +127,12 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             TypeError: an argument is of the wrong type.
             ValueError: an argument names or holds something unknown or out of range.
         """
-        if render_mode is not None:
-            raise TypeError(f"render_mode must be None, not {render_mode!r}")
+        check_mode(render_mode, self.metadata["render_modes"])
         simulation = build(Simulation, {} if simulation is None else simulation, "simulation")
+        self.metadata = {**type(self).metadata, "render_fps": round(1.0 / simulation.period)}
         self.render_mode = render_mode
         self.world = World(1, as_task(task), simulation, wind)
+        self.film = None if render_mode is None else Film(self.world, render_mode)
         self.observation_space = observation_space()
         self.action_space = action_space()
         self._seeded = False
@@ -159,6 +163,9 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             self._seeded = True
         self.world.begin(_ROW, fixed)
         observation, outcome = self.world.look(_ROW)
+        if self.film is not None:
+            self.film.begin(_ROW, outcome)
+            self.film.show()
         return observation[0], self.world.info(outcome[:, 0], outcome[:, 0].tolist())
 
     def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
@@ -176,5 +183,26 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         observation, outcome = self.world.step(action)
         row = outcome[:, 0]
         numbers = row[:_NUMBERS].tolist()
-        terminated = numbers[_TERMINATED] != 0.0
-        return observation[0], numbers[_REWARD], terminated, False, self.world.info(row, numbers)
+        terminated, truncated = numbers[_TERMINATED] != 0.0, False
+        if self.film is not None:
+            self.film.step(action, outcome)
+            self.film.show()
+            truncated = self.film.asked()
+        return observation[0], numbers[_REWARD], terminated, truncated, self.world.info(row, numbers)
+
+    def render(self) -> Any:
+        """The picture, see ``render_mode`` of the class; None where it is None or ``"human"``, which shows by itself.
+
+        Raises:
+            DependencyNotInstalled: there is no pygame-ce.
+            ResetNeeded: `reset` was never called.
+        """
+        if self.film is None:
+            return tell_no_mode(self)
+        frames = self.film.render()
+        return frames and frames[0]
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self.film is not None:
+            self.film.close()

@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 from quadpend_gym import kernel
 from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.env import action_space, check_action, check_options, observation_space
+from quadpend_gym.film import Film, check_mode, tell_no_mode
 from quadpend_gym.params import Simulation
 from quadpend_gym.records import build
 from quadpend_gym.state import State
@@ -32,14 +33,15 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         max_episode_steps: control steps after which an episode is truncated; None: never.
         autoreset_mode: an `AutoresetMode` or its value, ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``; only
             the latter keeps the specification JSON.
-        render_mode: None; there is no picture yet.
+        render_mode: as in `QuadPendulumEnv`; ``"rgb_array"`` gives a tuple with an array for each row, ``"mosaic"``
+            one array with the first 64 rows side by side, and ``"human"`` shows those.
 
     Raises:
         TypeError: an argument is of the wrong type.
         ValueError: an argument names or holds something unknown or out of range.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 100}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": 100}  # noqa: RUF012
 
     def __init__(
         self,
@@ -56,15 +58,16 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             raise ValueError(f"num_envs must be a whole number of at least 1, not {num_envs!r}")
         if max_episode_steps is not None and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
             raise ValueError(f"max_episode_steps must be a whole number of at least 1, not {max_episode_steps!r}")
-        if render_mode is not None:
-            raise TypeError(f"render_mode must be None, not {render_mode!r}")
+        check_mode(render_mode, self.metadata["render_modes"])
         simulation = build(Simulation, {} if simulation is None else simulation, "simulation")
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.render_mode = render_mode
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
-        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
+        fps = round(1.0 / simulation.period)
+        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self.world = World(num_envs, as_task(task), simulation, wind)
+        self.film = None if render_mode is None else Film(self.world, render_mode)
         self.single_observation_space = observation_space()
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -99,6 +102,9 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.world.begin(rows, fixed)
         self._ended &= ~mask
         observation, outcome = self.world.look(np.arange(self.num_envs))
+        if self.film is not None:
+            self.film.begin(rows, outcome)
+            self.film.show()
         return observation, self._info(outcome, mask)
 
     def step(self, actions: Any) -> tuple[Floats32, Floats, Booleans, Booleans, dict[str, Any]]:
@@ -122,6 +128,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         observation, outcome = self.world.step(actions)
         reward = outcome[kernel.REWARD].copy()
         terminated = outcome[kernel.TERMINATED] != 0.0
+        if self.film is not None:
+            self.film.step(actions, outcome)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
             reward[self._ended], terminated[self._ended] = 0.0, False
             self._restart(np.flatnonzero(self._ended), observation, outcome)
@@ -137,10 +145,28 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             final_info = self._info(_only(outcome, rows), ended)
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
             self._restart(rows, observation, outcome)
+        if self.film is not None:
+            self.film.show()
         info = self._info(outcome, np.ones(self.num_envs, np.bool_))
         return observation, reward, terminated, truncated, {**info, **final}
 
+    def render(self) -> Any:
+        """The picture, see ``render_mode`` of the class; None where it is None or ``"human"``, which shows by itself.
+
+        Raises:
+            DependencyNotInstalled: there is no pygame-ce.
+            ResetNeeded: a row was never reset.
+        """
+        return tell_no_mode(self) if self.film is None else self.film.render()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window, if there is one."""
+        if self.film is not None:
+            self.film.close()
+
     def _truncated(self) -> Booleans:
+        if self.film is not None and self.film.asked():
+            return np.ones(self.num_envs, np.bool_)
         if self.max_episode_steps is None:
             return np.zeros(self.num_envs, np.bool_)
         return np.asarray(self.world.clock >= self.max_episode_steps)
@@ -149,6 +175,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         """Begin the next episode of some rows, and write what they look like."""
         self.world.begin(rows)
         observation[rows], outcome[:, rows] = self.world.look(rows)
+        if self.film is not None:
+            self.film.begin(rows, outcome)
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
         seeds = self._check_seeds(seed)

@@ -365,7 +365,7 @@ def bench(out: Path | None = None, training: bool = False, seeds: int = 5) -> No
     try:
         from benchmarks import speed, time_to_beat
     except ImportError as error:
-        raise ValueError(f"{error}: pip install 'quadpend-gym[train,dev]' has what the benchmark needs") from error
+        raise ValueError(f"{error}: pip install 'quadpend-gym[train,view,dev]' has what the benchmark needs") from error
     if seeds < 1:
         raise ValueError(f"seeds must be at least 1, not {seeds}")
     if training:

@@ -1,0 +1,66 @@
+"""A picture of one snapshot, or of many side by side."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pygame
+
+from quadpend_gym.arrays import Bytes
+from quadpend_gym.film import Snapshot
+from quadpend_gym.viewer import gauges, scene
+from quadpend_gym.viewer import palette as paint
+from quadpend_gym.viewer.brush import Letters
+from quadpend_gym.viewer.camera import Camera
+from quadpend_gym.viewer.palette import Colour
+
+SIZE = (640, 480)
+_BELOW = 0.5  # m, of the vehicle one looks, so that its shadow is in the picture
+TILES = 64  # of a mosaic, at most
+
+
+class Picture:
+    """Draws snapshots onto pygame surfaces, with one camera for all of them.
+
+    Attributes:
+        camera: where one looks from; change it as you like.
+    """
+
+    def __init__(self, camera: Camera | None = None) -> None:
+        """Nothing is drawn yet."""
+        self.camera = camera or Camera()
+        self.letters = Letters()
+        self._backdrop = scene.Backdrop()
+
+    def draw(self, surface: Any, seen: Snapshot, title: str = "", colour: Colour = paint.BOB) -> None:
+        """Draw a snapshot over the whole of a surface.
+
+        Args:
+            surface: of pygame.
+            seen: what is to be seen.
+            title: to stand in the corner.
+            colour: of the bob, its trail and the title.
+        """
+        middle = seen.focus - np.array([0.0, 0.0, _BELOW * np.cos(self.camera.elevation)])
+        view = self.camera.look(middle, *surface.get_size())
+        scene.draw(surface, view, self._backdrop, seen, colour)
+        gauges.draw(surface, view, self.letters, seen, title, colour)
+
+    def mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
+        """Draw the first 64 snapshots side by side."""
+        shown = snapshots[:TILES]
+        width, height = surface.get_size()
+        columns = int(np.ceil(np.sqrt(len(shown))))
+        rows = -(-len(shown) // columns)
+        surface.fill(paint.INK)
+        for i, seen in enumerate(shown):
+            left, right = (width * (i % columns + k) // columns for k in (0, 1))
+            top, bottom = (height * (i // columns + k) // rows for k in (0, 1))
+            edge = 0 if len(shown) == 1 else 1
+            self.draw(surface.subsurface((left, top, right - left - edge, bottom - top - edge)), seen)
+
+    @staticmethod
+    def pixels(surface: Any) -> Bytes:
+        """What is on a surface, shape (height, width, 3), uint8."""
+        width, height = surface.get_size()
+        return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()
