@@ -3,7 +3,7 @@
 A file is an npz archive with float32 matrices and vectors and one JSON text, the card. numpy is all that is needed to
 load and fly it, and where a policy has a companion, a classical controller of `baselines`; neither torch nor SB3 is:
 
-    policy = LearnedPolicy.load("ppo-residual-0")
+    policy = LearnedPolicy.load("ppo-pace-0")
     action, memory = policy.predict(observation, memory)
 """
 
@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines.policy import choose, started_rows
-from quadpend_gym.arrays import Floats32, Integers
+from quadpend_gym.arrays import Floats, Floats32, Integers
+from quadpend_gym.kernel import DISTURBANCE_SIZE
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 1"
@@ -149,6 +150,12 @@ class LearnedPolicy:
         single = observation.ndim == 1
         action, memory = self._remembering(np.atleast_2d(observation), state, episode_start)
         return (action[0] if single else action), memory
+
+    def estimated_disturbance(self, memory: Any) -> Floats:
+        """The disturbance that its companion has estimated, shape (n, 9); nan where it has none."""
+        if self._companion is None:
+            return np.full((1, DISTURBANCE_SIZE), np.nan)
+        return np.asarray(self._companion.controller.estimated_disturbance(memory.companion.controller))
 
     def act(self, seen: Floats32) -> Floats32:
         """What the network makes of all that it sees, shape (inputs,) or (n, inputs): (4,) or (n, 4)."""

@@ -4,9 +4,13 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from baselines import CONTROLLERS, Policy, ThroughRotors, controller
 from baselines.gains import GAINS
 from quadpend_gym.actuators import Rotors
+from quadpend_gym.arrays import Floats
+from quadpend_gym.kernel import DISTURBANCE_SIZE
 from quadpend_gym.observation import OBSERVATION_SIZE
 from train.learned import SHIPPED, LearnedPolicy
 from train.scenarios import Scenario
@@ -103,3 +107,17 @@ def seated(policy: Policy, scenario: Scenario) -> Policy:
     if scenario.output_feedback and policy.sizes == (OBSERVATION_SIZE,):
         return WithVelocities(policy, scenario.simulation.period)
     return policy
+
+
+def estimated_disturbance(policy: Policy, memory: Any) -> Floats:
+    """The disturbance that a policy, seated or not, has estimated, shape (n, 9); nan where it estimates none.
+
+    Args:
+        policy: flown.
+        memory: what its `predict` returned.
+    """
+    flown, known = (getattr(policy, "policy", policy), memory)
+    if isinstance(policy, WithVelocities):
+        known = memory.policy
+    estimate: Any = getattr(flown, "estimated_disturbance", None)
+    return np.full((1, DISTURBANCE_SIZE), np.nan) if estimate is None else np.asarray(estimate(known))
