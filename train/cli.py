@@ -9,6 +9,7 @@ import tyro
 
 from train import commands
 from train.settings import ALGORITHMS, read_settings
+from train.watch import watch
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -42,6 +43,7 @@ def _run(arguments: list[str]) -> None:
             "compare": commands.compare,
             "tune": commands.tune,
             "ablate": commands.ablate,
+            "watch": watch,
             "wind": commands.wind,
             "paper": commands.paper,
             "bench": commands.bench,

@@ -136,7 +136,7 @@ def evaluate(
     from train.policies import load_policies, members
     from train.robustness import measure
 
-    named = _policies(policies)
+    named = named_policies(policies)
     if document:
         documents.check(document, results.PARTS)
     comparison = compare(named, _scenarios(scenarios), episodes, seed, store, fresh, jobs)
@@ -195,7 +195,7 @@ def compare(
     from train.duel import duel as fight
     from train.evaluate import compare as fly
 
-    named = _policies(policies)
+    named = named_policies(policies)
     fought = fight(fly(named, _scenarios(scenarios), episodes, seed, store, fresh, jobs), *named)
     console = _console()
     console.print(fought.sentence(), highlight=False)
@@ -234,7 +234,7 @@ def _console() -> Any:
     return Console(width=None if sys.stdout.isatty() else 150)
 
 
-def _policies(policies: Sequence[str]) -> dict[str, str]:
+def named_policies(policies: Sequence[str]) -> dict[str, str]:
     """Policies by name."""
     named = dict(map(_named, policies))
     if len(named) < len(policies):

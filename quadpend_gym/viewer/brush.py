@@ -66,8 +66,8 @@ class Letters:
         self._fonts: dict[int, Any] = {}
         self._written: dict[tuple[str, int, Colour], Any] = {}
 
-    def write(self, surface: Any, text: str, at: Point, size: int, colour: Colour, anchor: str = "topleft") -> None:
-        """Write a line of text; `anchor` is what of its box stands there, as pygame calls it."""
+    def write(self, surface: Any, text: str, at: Point, size: int, colour: Colour, anchor: str = "topleft") -> float:
+        """Write a line of text, and say where it ends; `anchor` is what of its box is put there, as pygame calls it."""
         key = text, size, colour
         if key not in self._written:
             if len(self._written) > 2000:
@@ -76,4 +76,6 @@ class Letters:
             self._fonts[size] = font
             self._written[key] = font.render(text, True, colour)
         picture = self._written[key]
-        surface.blit(picture, picture.get_rect(**{anchor: (round(at[0]), round(at[1]))}))
+        box = picture.get_rect(**{anchor: (round(at[0]), round(at[1]))})
+        surface.blit(picture, box)
+        return float(box.right)

@@ -37,6 +37,7 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
         letters.write(surface, value, (margin + 142.0 * unit, y), small, paint.INK, "topright")
         y += 21.0 * unit
 
+    _legend(surface, letters, (width - 92.0 * unit, margin), small, unit, colour)
     radius = 36.0 * unit
     right = _heading(view)
     level = (margin + radius + 8.0 * unit, height - margin - radius - 26.0 * unit)
@@ -44,7 +45,7 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
     ring(surface, level, 0.5 * radius, mixed(paint.FAINT, paint.PAPER, 0.6))
     lean = right @ seen.state.direction[:2]
     share = min(seen.tilt / seen.tilt_limit, 1.0) / max(float(np.hypot(*lean)), 1e-9)
-    disc(surface, (level[0] + radius * share * lean[0], level[1] - radius * share * lean[1]), 6.0 * unit, paint.BOB)
+    disc(surface, (level[0] + radius * share * lean[0], level[1] - radius * share * lean[1]), 6.0 * unit, colour)
 
     rose = (width - margin - radius - 8.0 * unit, level[1])
     force = seen.disturbance[:3]
@@ -58,6 +59,18 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
 
     bar = np.array([rose[0] - radius - 60.0 * unit, rose[1] - radius])
     _bar(surface, letters, bar, 12.0 * unit, 2.0 * radius, seen.command[0] / _MOST, small, unit)
+
+
+def _legend(surface: Any, letters: Letters, at: tuple[float, float], size: int, unit: float, colour: Colour) -> None:
+    """What the scene's signs mean."""
+    x, y = at
+    _box(surface, at, (80.0 * unit, 74.0 * unit))
+    disc(surface, (x + 16.0 * unit, y + 15.0 * unit), 5.0 * unit, colour)
+    ring(surface, (x + 16.0 * unit, y + 36.0 * unit), 7.0 * unit, paint.REFERENCE, max(round(2.0 * unit), 1))
+    middle = y + 57.0 * unit
+    arrow(surface, (x + 6.0 * unit, middle), (x + 28.0 * unit, middle), paint.WIND, 3.0 * unit)
+    for i, text in enumerate(("bob", "target", "wind")):
+        letters.write(surface, text, (x + 34.0 * unit, y + (8.0 + 21.0 * i) * unit), size, paint.INK)
 
 
 def _heading(view: View) -> Any:

@@ -9,6 +9,7 @@ BODY, ARM = (38, 42, 48), (70, 76, 84)
 BLUE, VERMILLION, GREEN = (0, 114, 178), (213, 94, 0), (0, 158, 115)
 ORANGE, SKY_BLUE, PURPLE = (230, 159, 0), (86, 180, 233), (204, 121, 167)
 REFERENCE, BOB, WIND, ROTOR, FRONT = BLUE, VERMILLION, GREEN, FAINT, ORANGE
+TELLING = (BLUE, VERMILLION, GREEN, ORANGE, SKY_BLUE, PURPLE, INK, FAINT, PAPER)  # what a film must not lose
 
 
 def mixed(one: Colour, other: Colour, share: float) -> Colour:

@@ -1,0 +1,172 @@
+"""`quadpend watch`: policies in the same episode side by side, in a window or in a file."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from train import commands
+from train.flights import PERIOD, VALIDATION_SEED
+
+FORMATS = (".mp4", ".gif", ".webp", ".png")
+_WINDOW_RATE = 60.0  # pictures per second
+
+
+def watch(
+    policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-pace-0"),
+    scenario: str = "windy",
+    seed: int = VALIDATION_SEED,
+    out: Path | None = None,
+    size: tuple[int, int] = (1280, 720),
+    fps: float = 25.0,
+    speed: float = 1.0,
+    seconds: tuple[float, float] = (0.0, 10.0),
+) -> None:
+    """Watch policies fly the same episode side by side, above their errors and the wind as they saw it.
+
+    Args:
+        policies: One to four, as in evaluate; NAME=POLICY gives one a name.
+        scenario: As in evaluate.
+        seed: Of the episode.
+        out: File for a film (.mp4, .gif, .webp) or a picture of its end (.png), instead of a window.
+        size: Width and height, in pixels.
+        fps: Pictures per second of a film.
+        speed: Of the time shown.
+        seconds: From when to when to show.
+    """
+    from train.policies import load_policies
+    from train.recording import record
+    from train.scenarios import find_scenario
+
+    _check(policies, out, size, fps, speed, seconds)
+    found = find_scenario(scenario)
+    loaded = [(name, load_policies(policy)) for name, policy in commands.named_policies(policies).items()]
+    if several := [name for name, members in loaded if len(members) > 1]:
+        raise ValueError(f"{several[0]} has several training seeds: choose one, as in {several[0]}-0")
+    from train.board import Board
+
+    board = Board([record(name, members[0], found, seed) for name, members in loaded], PERIOD, seconds)
+    if out is None:
+        _play(board, size, speed)
+        return
+    out.parent.mkdir(parents=True, exist_ok=True)
+    _film(board, out, size, fps, speed)
+    print(f"Written: {out}")
+
+
+def _check(
+    policies: tuple[str, ...],
+    out: Path | None,
+    size: tuple[int, int],
+    fps: float,
+    speed: float,
+    seconds: tuple[float, float],
+) -> None:
+    if not 1 <= len(policies) <= 4:
+        raise ValueError(f"one to four policies can be watched at a time, not {len(policies)}")
+    if not all(120 <= side <= 8000 for side in size):
+        raise ValueError(f"size must be from 120 to 8000 pixels each way, not {size[0]} × {size[1]}")
+    if not 1.0 <= fps <= 100.0:
+        raise ValueError(f"fps must be from 1 to 100, not {fps:g}")
+    if not 0.05 <= speed <= 20.0:
+        raise ValueError(f"speed must be from 0.05 to 20, not {speed:g}")
+    if not 0.0 <= seconds[0] < seconds[1]:
+        raise ValueError(
+            f"seconds must be a beginning of at least 0 and a later end, not {seconds[0]:g} {seconds[1]:g}"
+        )
+    if out is not None and out.suffix not in FORMATS:
+        raise ValueError(f"out must end with one of {', '.join(FORMATS)}, not be {str(out)!r}")
+    if out is not None and out.suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
+        raise ValueError(f"an MP4 film has an even number of pixels each way, not {size[0]} × {size[1]}")
+
+
+def _play(board: Any, size: tuple[int, int], speed: float) -> None:
+    """Show the board in a window until it is closed."""
+    import pygame
+
+    from quadpend_gym.viewer.window import Controls, open_window, write_state
+
+    screen = open_window("quadpend watch", size)
+    controls = Controls(board.picture)
+    controls.speed = speed
+    first, last = float(board.steps.start), float(board.steps.stop - 1)
+    at, before = first, time.perf_counter()
+    while not controls.closed:
+        for event in pygame.event.get():
+            controls.handle(event)
+        now = time.perf_counter()
+        if controls.over:
+            controls.over, at = False, first
+        if controls.steps:
+            at, controls.steps = at + controls.steps, 0
+        elif not controls.paused:
+            at += controls.speed * (now - before) / PERIOD
+        at, before = min(at, last), now
+        board.draw(screen, int(at))
+        write_state(screen, board.picture, controls)
+        pygame.display.flip()
+        time.sleep(max(1.0 / _WINDOW_RATE - (time.perf_counter() - now), 0.0))
+    pygame.display.quit()
+
+
+def _pictures(board: Any, size: tuple[int, int], steps: list[int]) -> Iterator[Any]:
+    """What the board shows after each of these steps, shape (height, width, 3), uint8."""
+    import pygame
+    from tqdm import tqdm
+
+    surface = pygame.Surface(size)
+    for step in tqdm(steps, desc="drawing", disable=None if len(steps) > 1 else True):
+        board.draw(surface, step)
+        yield board.picture.pixels(surface)
+
+
+def _film(board: Any, out: Path, size: tuple[int, int], fps: float, speed: float) -> None:
+    """Write a film, or the last picture; an interruption leaves what was there."""
+    import numpy as np
+
+    shown = np.arange(board.steps.start, board.steps.stop, speed / fps / PERIOD).astype(int).tolist()
+    steps = [board.steps.stop - 1] if out.suffix == ".png" else shown
+    pictures = _pictures(board, size, steps)
+    unfinished = out.with_name(f"{out.stem}.unfinished{out.suffix}")
+    try:
+        if out.suffix == ".mp4":
+            from imageio.v2 import get_writer
+
+            with get_writer(unfinished, fps=fps, quality=8, macro_block_size=2) as writer:
+                for picture in pictures:
+                    writer.append_data(picture)  # type: ignore[attr-defined]
+        else:
+            _write_images(list(pictures), unfinished, 1000.0 / fps)
+        unfinished.replace(out)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _write_images(pictures: list[Any], path: Path, milliseconds: float) -> None:
+    from PIL import Image
+
+    images = [Image.fromarray(picture) for picture in pictures]
+    if path.suffix == ".gif":
+        palette = _palette(pictures)
+        images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    more: dict[str, Any] = {"quality": 80, "method": 4} if path.suffix == ".webp" else {"optimize": True}
+    if len(images) > 1:
+        more |= {"save_all": True, "append_images": images[1:], "duration": milliseconds, "loop": 0}
+    images[0].save(path, **more)
+
+
+def _palette(pictures: list[Any]) -> Any:
+    """One palette for all, so that only what moves is written; it has the telling colours, though they are rare."""
+    import numpy as np
+    from PIL import Image
+
+    from quadpend_gym.viewer.palette import INK, PAPER, TELLING, mixed
+
+    shades = [mixed(colour, other, share) for colour in TELLING for other in (PAPER, INK) for share in (0.0, 0.25, 0.5)]
+    few = np.concatenate(pictures[:: max(len(pictures) // 4, 1)])
+    rows = len(few) // (2 * len(shades)) + 1
+    swatches = np.repeat(np.array(shades, np.uint8), rows, axis=0)[:, np.newaxis]
+    sample = np.concatenate([few, np.broadcast_to(swatches, (len(swatches), few.shape[1], 3))])
+    return Image.fromarray(sample).quantize(192, method=Image.Quantize.MEDIANCUT)
