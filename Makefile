@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # of the first test episode; nothing is tuned on these
 
-.PHONY: demo evidence learners ablations results pictures test check format bench time-to-beat clean
+.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat clean
 
 demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -36,6 +36,10 @@ results: .venv/.installed  ## docs/results.md: learned policies and classical co
 		--robustness 50 --out docs/results --document docs/results.md
 	$(BIN)/quadpend evaluate --policies flatness adrc-paper ppo-pace-hover sac-pace-hover --scenarios hover hover_windy --episodes 200 \
 		--seed $(TEST_SEED) --out docs/hover
+
+animation: .venv/.installed  ## the film of the README: a gust, the paper's controller and a learned policy, at half speed
+	$(BIN)/quadpend watch adrc-paper ppo-pace-0 --scenario docs/gust.toml --seconds 1.5 5 --speed 0.5 --fps 16 \
+		--size 960 560 --out docs/gust.gif
 
 pictures: .venv/.installed  ## the pictures of docs/models.md
 	$(BIN)/quadpend wind --out docs/models

@@ -171,6 +171,25 @@ def measure_policies() -> dict[str, float]:
     return ratios
 
 
+def measure_pictures() -> dict[str, float]:
+    """Pictures per second, headless, in the middle of a flight; ours have 640 × 480 pixels, CartPole's 600 × 400."""
+    from baselines import controller
+
+    calls: dict[str, tuple[Callable[[], Any], int]] = {}
+    for name, wind in (("calm", None), ("storm", "storm")):
+        env = gym.make("quadpend_gym:QuadPendulum-v0", wind=wind, render_mode="rgb_array")
+        pilot, memory = controller("flatness"), None
+        observation, _ = env.reset(seed=0)
+        for _ in range(200):
+            action, memory = pilot.predict(observation, memory)
+            observation, *_ = env.step(action)
+        calls[f"QuadPendulum-v0, {name}"] = env.render, 1
+    cartpole = gym.make("CartPole-v1", render_mode="rgb_array")
+    cartpole.reset(seed=0)
+    calls["CartPole-v1"] = cartpole.render, 1
+    return rates_of(calls)
+
+
 _FIRST_EPISODE = """
 import time; began = time.perf_counter()
 import quadpend_gym; imported = time.perf_counter()
@@ -211,11 +230,14 @@ def _ratios(rates: dict[str, float]) -> dict[str, float]:
     return ratios
 
 
-def markdown(rates: dict[str, float], ratios: dict[str, float], start: dict[str, float]) -> str:
+def markdown(
+    rates: dict[str, float], ratios: dict[str, float], pictures: dict[str, float], start: dict[str, float]
+) -> str:
     """The figures as a Markdown table, rounded to three digits."""
     rows = [
         *((name, f"{rate:,.3g} steps/s" if rate < 1e3 else _thousands(rate)) for name, rate in rates.items()),
         *((name, f"{ratio:.2f} ×") for name, ratio in ratios.items()),
+        *((name, f"{rate:.0f} pictures/s") for name, rate in pictures.items()),
         *((name, f"{seconds:.2f} s") for name, seconds in start.items()),
     ]
     return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)]) + "\n"
@@ -234,11 +256,12 @@ def main(out: Path | None) -> None:
     ours, free = trained.values()
     ratios["PPO / PPO on a free environment"] = ours / free
     ratios |= measure_policies()
-    start = measure_start()
+    pictures, start = measure_pictures(), measure_start()
     console = Console()
     for title, figures, form in (
         ("environment steps per second", rates, "{:,.0f}"),
         ("ratios", ratios, "{:.2f}"),
+        ("pictures per second", pictures, "{:,.0f}"),
         ("seconds", start, "{:.2f}"),
     ):
         table = Table("", title, title_justify="left")
@@ -248,6 +271,6 @@ def main(out: Path | None) -> None:
     if out is not None:
         machine = f"{platform.machine()}, Python {platform.python_version()}"
         out.parent.mkdir(parents=True, exist_ok=True)
-        data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "seconds": start}
+        data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "pictures": pictures, "seconds": start}
         out.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-        out.with_suffix(".md").write_text(markdown(rates, ratios, start), encoding="utf-8")
+        out.with_suffix(".md").write_text(markdown(rates, ratios, pictures, start), encoding="utf-8")

@@ -25,6 +25,7 @@ def test_the_commands_in_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     train = ["--total-steps", "1024", "--num-envs", "16", "--batch-size", "256", "--evaluation-episodes", "1"]
     flown = ["--episodes", "2"]
     brief = {"train": train, "evaluate": flown, "compare": flown, "wind": ["--seconds", "1"], "card": []}
+    brief["watch"] = ["--out", "look.png", "--size", "320", "240"]
     for line in "".join(blocks).splitlines():
         command, *options = shlex.split(line.removeprefix("quadpend "))
         main([command, *options, *brief[command]])
