@@ -189,6 +189,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "an unknown companion": (with_companion(companion="nix"), "no controller 'nix'"),
     "steering something else": (with_companion(steers="all"), "steers must be one of"),
     "too much authority": (with_companion(authority=30.0), "authority .* not 30.0"),
+    "caution about one that acts alone": (with_companion(caution=1.0), "no controller to fall back on"),
     "a companion without pace": (with_companion(companion="lqr", steers="pace"), "has a pace"),
     "no JSON": ({**parts(), "card": np.array("{")}, "Expecting"),
     "a list": ({**parts(), "card": np.array("[]")}, "its card is not of the format"),
@@ -266,6 +267,7 @@ VIEWS: dict[str, tuple[int, dict[str, Any]]] = {
     "action": (49, {"companion": "flatness", "steers": "action", "authority": 0.3}),
     "action, adrc": (49, {"companion": "adrc-matched", "steers": "action", "authority": 0.3}),
     "pace": (45, {"companion": "flatness", "steers": "pace", "authority": 0.7}),
+    "cautious pace": (45, {"companion": "flatness", "steers": "pace", "authority": 0.7, "caution": 2.0}),
     "action and history": (49 * 2 + 4, {"companion": "lqi", "steers": "action", "history": 2, "history_actions": 1}),
 }
 
@@ -279,7 +281,9 @@ def test_a_policy_flies_the_plain_environment_as_its_network_flies_the_wrapped_o
     actions, returns = flown(policy, make_rows(5, **BRIEF), 60)
     env: Any = make_rows(5, **BRIEF)
     if "companion" in view:
-        env = VectorWithCompanion(env, view["companion"], view.get("steers", "alone"), view.get("authority", 1.0))
+        env = VectorWithCompanion(
+            env, view["companion"], view.get("steers", "alone"), view.get("authority", 1.0), view.get("caution", 0.0)
+        )
     if "history" in view or "history_actions" in view:
         env = VectorHistoryWrapper(env, view.get("history", 1), view.get("history_actions", 0))
     seen, _ = env.reset(seed=5)

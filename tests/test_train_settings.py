@@ -134,6 +134,8 @@ TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
         ({"learning_rate": "fast"}, "learning_rate must be a number, not 'fast'"),
         ({"reward_scale": 0.0}, "reward_scale must be above zero"),
         ({"authority": 0.0}, "authority must be above zero"),
+        ({"caution": -1.0}, "caution .* not -1"),
+        ({"caution": 1.0}, "only a learner that steers its companion can be met with caution"),
         ({"algo": "dqn"}, "algo must be one of ppo, sac, tqc, not 'dqn'"),
         ({"activation": "foo"}, "activation must be one of relu, tanh, elu, not 'foo'"),
         ({"companion": "pid"}, "companion must be one of adrc-paper, .*, not 'pid'"),

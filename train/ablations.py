@@ -28,7 +28,7 @@ from train.statistics import Interval, mean
 from train.store import code_stamp
 from train.train import POLICY, train
 
-STEPS = 1_000_000
+STEPS = 3_000_000
 EPISODES = 100
 _HIDDEN = '{"wind": "breeze", "output_feedback": true}'
 # What trainings beside a controller share, whatever of it they steer.
@@ -106,6 +106,12 @@ ABLATIONS = {
     "pace": Ablation("setting its bandwidths, instead of correcting its action", "windy", _RESIDUAL, _PACE),
     "paired pace": Ablation("the same, rewarded relative to the controller", "windy", _PACE, {"paired": True}),
     "held pace": Ablation("and held for ten steps", "windy", {**_PACE, "paired": True}, _HELD),
+    "caution": Ablation(
+        "and, trained in all training scenarios, trusted less where actions come late or it leans far",
+        "training_lagged",
+        {"scenario": ("training",), **_PACE, "paired": True, **_HELD, "fall_cost": 100.0},
+        {"caution": 1.0},
+    ),
 }
 CONSTANT = "the pace decided anew, instead of its mean (`ppo-pace`, trained in full)"
 CONSTANT_SCENARIO = "training_upset"
