@@ -93,9 +93,11 @@ def _play(board: Any, size: tuple[int, int], speed: float) -> None:
     controls.speed = speed
     first, last = float(board.steps.start), float(board.steps.stop - 1)
     at, before = first, time.perf_counter()
-    while not controls.closed:
+    while True:
         for event in pygame.event.get():
             controls.handle(event)
+        if controls.closed:
+            break
         now = time.perf_counter()
         if controls.over:
             controls.over, at = False, first
