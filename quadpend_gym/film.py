@@ -9,7 +9,7 @@ from gymnasium.error import ResetNeeded
 from quadpend_gym import kernel
 from quadpend_gym.arrays import Floats, Floats32, Integers
 from quadpend_gym.params import ROD_LENGTH
-from quadpend_gym.references import CHANNELS, Reference
+from quadpend_gym.references import Reference
 from quadpend_gym.state import State
 from quadpend_gym.world import World
 
@@ -82,7 +82,7 @@ class Film:
     def begin(self, rows: Integers, outcome: Floats) -> None:
         """Episodes have begun in some rows, shape (m,); `outcome` is that of all rows, see `World.step`."""
         self._seen[rows] = True
-        for kept in (self._command, self._return, self._drift):
+        for kept in (self._command, self._return, self._drift, self._spin):
             kept[rows] = 0.0
         self._command[rows, 0] = 1.0
         self._look(rows, outcome)
@@ -105,8 +105,8 @@ class Film:
 
     def show(self) -> None:
         """In the mode ``human``, show what there is; return when it is time for the next step."""
-        if self.mode == "human":
-            self.render()
+        if self.mode == "human" and not (self._viewer is not None and self._viewer.closed):
+            self._draw()
 
     def asked(self) -> bool:
         """Whether whoever watches wants the episodes to end."""
@@ -126,7 +126,7 @@ class Film:
             clock * world.simulation.period,
             State(world.state[row].copy()),
             float(world.parameters[row, ROD_LENGTH]),
-            Reference(*map(tuple, world.reference[row].reshape(-1, CHANNELS).tolist())),
+            Reference.from_array(world.reference[row]),
             self._disturbance[row].copy(),
             self._command[row].copy(),
             float(self._error[row]),
@@ -146,12 +146,22 @@ class Film:
             DependencyNotInstalled: there is no pygame-ce.
             ResetNeeded: a row has not begun an episode.
         """
+        if self.mode == "human":
+            self.snapshot()
+            return None
+        return self._draw()
+
+    def _draw(self) -> Any:
         from quadpend_gym import viewer
 
         snapshots = [self.snapshot(row) for row in range(self.world.rows)]
         if self._viewer is None:
             self._viewer = viewer.Viewer(self.mode, self.world.simulation.period)
         return self._viewer.show(snapshots)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the viewer, which cannot be copied; a copy gets its own."""
+        return {**self.__dict__, "_viewer": None}
 
     def close(self) -> None:
         """Close the window, if there is one."""

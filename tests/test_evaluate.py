@@ -93,7 +93,7 @@ def test_flights_agree_with_their_errors() -> None:
 
 def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--policies", "paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
-    main(["evaluate", *arguments, "--out", str(tmp_path), "--store", str(tmp_path / "store")])
+    main(["evaluate", *arguments, "--replay", "0", "--out", str(tmp_path), "--store", str(tmp_path / "store")])
     printed = capsys.readouterr().out
     assert "adrc-matched and paper cannot be told apart: RMSE where both survive lower by" in printed
     data = json.loads((tmp_path / "comparison.json").read_text())
@@ -125,6 +125,7 @@ def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: p
         (["evaluate", "--scenarios", "nix"], "there is no scenario 'nix'"),
         (["evaluate", "--episodes", "0"], "episodes must be a whole number of at least 1, not 0"),
         (["evaluate", "--jobs", "0"], "jobs must be a whole number of at least 1, not 0"),
+        (["evaluate", "--replay", "-1"], "replay must be a whole number of at least 0, not -1"),
         (["evaluate", "--seed", "-1"], "seed must be a whole number of at least 0, not -1"),
         (["evaluate", "--scenarios", "calm", "calm=windy"], "two scenarios have the same name"),
         (["evaluate", "--policies", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),

@@ -12,6 +12,7 @@ import pytest
 from markupsafe import Markup
 
 from baselines import ADRC
+from train import replay
 from train.attraction import MAPS
 from train.axes import AXES
 from train.evaluate import Comparison, compare
@@ -19,6 +20,10 @@ from train.html_report import Section, write
 from train.robustness import Robustness, measure
 
 NASTY = "</script><b>\"x\" & 'y'"
+SECTIONS = [
+    replay.section({"policies": [NASTY], "scenarios": {NASTY: []}}),
+    Section("more", "More <3", Markup("<p>soon</p>"), Markup("<style>#more { color: red; }</style>")),
+]
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 
 
@@ -67,7 +72,7 @@ def robustness(comparison: Comparison) -> Robustness:
 @pytest.fixture(scope="module")
 def page(comparison: Comparison, robustness: Robustness, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write(comparison, robustness, path, [Section("replay", "Replay <3", Markup("<p>soon</p>"))], date="2026-01-01")
+    write(comparison, robustness, path, SECTIONS, date="2026-01-01")
     return path.read_text(encoding="utf-8")
 
 
@@ -81,7 +86,8 @@ def parsed(page: str) -> Checker:
 
 def test_all_tags_close_and_ids_are_unique(page: str) -> None:
     checker = parsed(page)
-    assert {"table", "svg", "figure", "script", "style"} <= checker.tags
+    assert {"table", "svg", "figure", "script", "style", "canvas"} <= checker.tags
+    assert "<style>" not in page.partition("</head>")[2]
     assert len(set(checker.ids)) == len(checker.ids)
     assert page.startswith("<!DOCTYPE html>")
 
@@ -98,7 +104,7 @@ def test_names_are_escaped(page: str) -> None:
     assert "</script><b>" not in page
     assert "b" not in parsed(page).tags
     assert NASTY in parsed(page).texts
-    assert "Replay <3" in parsed(page).texts
+    assert "More <3" in parsed(page).texts
 
 
 def test_the_numbers_are_inside(page: str, comparison: Comparison) -> None:
@@ -114,9 +120,8 @@ def test_the_numbers_are_inside(page: str, comparison: Comparison) -> None:
 def test_the_page_is_the_same_but_for_the_date(
     page: str, comparison: Comparison, robustness: Robustness, tmp_path: Path
 ) -> None:
-    section = Section("replay", "Replay <3", Markup("<p>soon</p>"))
-    write(comparison, robustness, tmp_path / "a.html", [section], date="2026-01-01")
-    write(comparison, robustness, tmp_path / "b.html", [section], date="2026-01-02")
+    write(comparison, robustness, tmp_path / "a.html", SECTIONS, date="2026-01-01")
+    write(comparison, robustness, tmp_path / "b.html", SECTIONS, date="2026-01-02")
     first, second = ((tmp_path / name).read_text(encoding="utf-8") for name in ("a.html", "b.html"))
     assert first == page
     differing = [a for a, b in zip(first.splitlines(), second.splitlines(), strict=True) if a != b]

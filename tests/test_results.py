@@ -25,7 +25,7 @@ def test_evaluate_writes_everything_and_the_same_again(tmp_path: Path, brief_axe
     empty = "".join(f"<!-- begin {part} -->\n<!-- end {part} -->\n" for part in PARTS)
     document.write_text(f"# Title\n{empty}The end\n", encoding="utf-8")
     command = ["evaluate", "--policies", "adrc-paper", "lqr", "--scenarios", "calm", "steady", "--episodes", "4"]
-    command += ["--robustness", "4", "--document", str(document), "--store", str(tmp_path / "store")]
+    command += ["--robustness", "4", "--replay", "1", "--document", str(document), "--store", str(tmp_path / "store")]
     folder = tmp_path / "out"
     written = []
     for _ in range(2):
@@ -35,6 +35,7 @@ def test_evaluate_writes_everything_and_the_same_again(tmp_path: Path, brief_axe
         files["report.html"] = re.sub(r"\d{4}-\d\d-\d\d", "", page).encode()
         written.append({**files, "document": document.read_bytes()})
     assert written[0] == written[1]
+    assert b'<section id="replay">' in written[0]["report.html"]
     assert set(written[0]) == {
         "report.html",
         "comparison.json",

@@ -110,6 +110,7 @@ def evaluate(
     store: Path = FOLDER,
     fresh: bool = False,
     robustness: int = 0,
+    replay: int = 2,
     document: Path | None = None,
 ) -> None:
     """Fly policies through the same episodes and compare them with the first.
@@ -128,14 +129,18 @@ def evaluate(
         fresh: Fly all of them again.
         robustness: Episodes at each value of the axes of trouble, see train/axes.py, of a learner the first seed's; 0:
             no curves and no maps.
+        replay: Episodes of each scenario that the page can replay; 0: none.
         document: Markdown file whose generated parts to fill in.
     """
+    from quadpend_gym.records import whole
     from train import documents, learning_curves, report, results
     from train.duel import leaderboard
     from train.evaluate import compare
     from train.policies import load_policies, members
+    from train.replay import recorded
     from train.robustness import measure
 
+    whole(replay, "replay", 0)
     named = named_policies(policies)
     if document:
         documents.check(document, results.PARTS)
@@ -153,7 +158,7 @@ def evaluate(
         else None
     )
     curves = learning_curves.of({name: load_policies(policy) for name, policy in named.items()})
-    files = results.write(comparison, endured, out, curves)
+    files = results.write(comparison, endured, out, curves, recorded(comparison, named, replay))
     if document:
         results.document(comparison, endured, document)
     console = _console()

@@ -33,11 +33,13 @@ class Section(NamedTuple):
         id: of the element.
         title: its heading.
         content: HTML; names in it must be escaped.
+        style: HTML that it needs in the page's head.
     """
 
     id: str
     title: str
     content: Markup
+    style: Markup = Markup("")
 
 
 def write(
@@ -54,7 +56,7 @@ def write(
         comparison: what it is about.
         robustness: of the same policies in the same order; None: without.
         path: of the page.
-        sections: to come before the explanations.
+        sections: to come after the duels.
         title: of the page.
         date: to stand in it; None: today's.
 
@@ -67,7 +69,7 @@ def write(
         )
     standings = leaderboard(comparison)
     text = (
-        _environment()
+        environment()
         .get_template("report.html")
         .render(
             title=title,
@@ -88,23 +90,24 @@ def write(
             scale=robustness_plots.scale(),
             longest=robustness_plots.LONGEST,
             sections=sections,
-            data=_embedded(_data(comparison, standings, robustness)),
+            data=embedded(_data(comparison, standings, robustness)),
         )
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
 
 
-def _environment() -> Environment:
-    environment = Environment(
+def environment() -> Environment:
+    """Jinja's, for the templates beside this module."""
+    made = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "brief": brief}
-    return environment
+    made.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "brief": brief}
+    return made
 
 
 def estimate(interval: Interval) -> Markup:
@@ -183,6 +186,6 @@ def _data(comparison: Comparison, standings: Sequence[Standing], robustness: Rob
     }
 
 
-def _embedded(data: Any) -> Markup:
+def embedded(data: Any) -> Markup:
     """JSON that no part of can end the element it stands in."""
     return Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))

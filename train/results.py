@@ -2,8 +2,9 @@
 
 import shlex
 from pathlib import Path
+from typing import Any
 
-from train import documents, figures, html_report, learning_curves, report, robustness, robustness_plots
+from train import documents, figures, html_report, learning_curves, replay, report, robustness, robustness_plots
 from train.duel import duel, leaderboard
 from train.evaluate import Comparison
 from train.learning_curves import Curves
@@ -13,7 +14,13 @@ PARTS = ("provenance", "tuning", "leaderboard", "duels", "matrix", "robustness")
 DUELS = 3  # that a document tells of: the best against the ones behind it
 
 
-def write(comparison: Comparison, endured: Robustness | None, folder: Path, curves: Curves | None = None) -> list[str]:
+def write(
+    comparison: Comparison,
+    endured: Robustness | None,
+    folder: Path,
+    curves: Curves | None = None,
+    recordings: dict[str, Any] | None = None,
+) -> list[str]:
     """Write all files of a comparison.
 
     Args:
@@ -21,6 +28,7 @@ def write(comparison: Comparison, endured: Robustness | None, folder: Path, curv
         endured: the robustness of the same policies; None: without.
         folder: for the files.
         curves: of the learned policies among them, see `train.learning_curves`.
+        recordings: what the page replays, see `train.replay.recorded`.
 
     Returns:
         Their names.
@@ -36,7 +44,7 @@ def write(comparison: Comparison, endured: Robustness | None, folder: Path, curv
         pictures |= {f"{name}.png": robustness_plots.maps(endured, name) for name in endured.maps}
     for name, figure in pictures.items():
         figures.png(figure, folder / name)
-    html_report.write(comparison, endured, folder / "report.html")
+    html_report.write(comparison, endured, folder / "report.html", [replay.section(recordings)] if recordings else [])
     data = ["comparison.json", "comparison.csv", "comparison.md"] + ["robustness.json"] * bool(endured)
     return ["report.html", *data, *pictures]
 

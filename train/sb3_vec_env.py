@@ -94,6 +94,11 @@ class SB3VecEnv(VecEnv):
         self._sums, self._steps = {}, 0
         return means
 
+    def get_images(self) -> Sequence[Any]:
+        """A picture of each row, of which `render` makes one."""
+        pictures: Any = self.env.render()
+        return pictures if isinstance(pictures, tuple) else [pictures]
+
     def close(self) -> None:
         """Close the wrapped environment."""
         self.env.close()

@@ -1,7 +1,7 @@
 """Pictures of a world, drawn by pygame-ce: nothing here is imported before the first picture is asked for."""
 
 try:
-    import pygame  # noqa: F401
+    from pygame.draw import aacircle  # noqa: F401  # which pygame itself has not
 except ImportError as error:
     from gymnasium.error import DependencyNotInstalled
 

@@ -66,15 +66,26 @@ class Letters:
         self._fonts: dict[int, Any] = {}
         self._written: dict[tuple[str, int, Colour], Any] = {}
 
+    def _render(self, text: str, size: int, colour: Colour) -> Any:
+        try:
+            return self._font(size).render(text, True, colour)
+        except pygame.error:  # somebody else has quit pygame since
+            pygame.font.init()
+            self._fonts.clear()
+            return self._font(size).render(text, True, colour)
+
+    def _font(self, size: int) -> Any:
+        if size not in self._fonts:
+            self._fonts[size] = pygame.font.Font(None, size)
+        return self._fonts[size]
+
     def write(self, surface: Any, text: str, at: Point, size: int, colour: Colour, anchor: str = "topleft") -> float:
         """Write a line of text, and say where it ends; `anchor` is what of its box is put there, as pygame calls it."""
         key = text, size, colour
         if key not in self._written:
             if len(self._written) > 2000:
                 self._written.clear()
-            font = self._fonts.setdefault(size, None) or pygame.font.Font(None, size)
-            self._fonts[size] = font
-            self._written[key] = font.render(text, True, colour)
+            self._written[key] = self._render(*key)
         picture = self._written[key]
         box = picture.get_rect(**{anchor: (round(at[0]), round(at[1]))})
         surface.blit(picture, box)

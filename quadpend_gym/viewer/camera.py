@@ -17,7 +17,7 @@ from quadpend_gym.arrays import Floats
 
 NEAR = 0.1  # m, depth of the plane behind which nothing is drawn
 _STEEPEST = np.pi / 2
-_CLOSEST, _FARTHEST = 0.8, 20.0  # m
+_CLOSEST, _FARTHEST = 1.3, 20.0  # m
 
 
 @dataclass
@@ -25,14 +25,14 @@ class Camera:
     """Where one looks from."""
 
     azimuth: float = -0.9
-    elevation: float = 0.42
-    distance: float = 2.7
+    elevation: float = 0.45
+    distance: float = 3.4
     angle: float = 1.0  # of view, over the picture's height
 
     def orbit(self, azimuth: float, elevation: float) -> None:
-        """Turn by these angles, up to the view from the top and from just below level."""
+        """Turn by these angles, from level up to the view from the top."""
         self.azimuth += azimuth
-        self.elevation = float(np.clip(self.elevation + elevation, -0.1, _STEEPEST))
+        self.elevation = float(np.clip(self.elevation + elevation, 0.0, _STEEPEST))
 
     def zoom(self, factor: float) -> None:
         """Change the distance."""

@@ -12,15 +12,15 @@ from quadpend_gym.viewer.palette import Colour, mixed
 
 _MOST = 2.0  # of the weight, at the end of the thrust's bar
 _STRONG = 0.5  # N, at the rim of the wind's gauge
-_SMALLEST = 220  # pixels of height, below which a picture has no gauges
+_SMALLEST = 0.6  # of the usual size, below which a picture has no gauges
 
 
 def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str, colour: Colour) -> None:
     """Draw them into the corners, the directions as the camera sees them."""
     width, height = surface.get_size()
-    if height < _SMALLEST:
+    unit = min(height / 480.0, width / 300.0)
+    if unit < _SMALLEST:
         return
-    unit = height / 480.0
     small, large = round(20 * unit), round(26 * unit)
     margin = 12.0 * unit
     _box(surface, (margin, margin), (150.0 * unit, (102.0 if title else 74.0) * unit))
@@ -37,14 +37,16 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
         letters.write(surface, value, (margin + 142.0 * unit, y), small, paint.INK, "topright")
         y += 21.0 * unit
 
-    _legend(surface, letters, (width - 92.0 * unit, margin), small, unit, colour)
+    _legend(surface, letters, (width - 100.0 * unit, margin), small, unit, colour)
     radius = 36.0 * unit
     right = _heading(view)
     level = (margin + radius + 8.0 * unit, height - margin - radius - 26.0 * unit)
     _dial(surface, letters, level, radius, f"tilt {np.degrees(seen.tilt):.0f}°", small, unit)
     ring(surface, level, 0.5 * radius, mixed(paint.FAINT, paint.PAPER, 0.6))
     lean = right @ seen.state.direction[:2]
-    share = min(seen.tilt / seen.tilt_limit, 1.0) / max(float(np.hypot(*lean)), 1e-9)
+    if np.hypot(*lean) < 1e-9:  # upright, or hanging
+        lean = np.array([1e-9, 0.0])
+    share = min(seen.tilt / seen.tilt_limit, 1.0) / float(np.hypot(*lean))
     disc(surface, (level[0] + radius * share * lean[0], level[1] - radius * share * lean[1]), 6.0 * unit, colour)
 
     rose = (width - margin - radius - 8.0 * unit, level[1])
@@ -64,7 +66,7 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
 def _legend(surface: Any, letters: Letters, at: tuple[float, float], size: int, unit: float, colour: Colour) -> None:
     """What the scene's signs mean."""
     x, y = at
-    _box(surface, at, (80.0 * unit, 74.0 * unit))
+    _box(surface, at, (88.0 * unit, 74.0 * unit))
     disc(surface, (x + 16.0 * unit, y + 15.0 * unit), 5.0 * unit, colour)
     ring(surface, (x + 16.0 * unit, y + 36.0 * unit), 7.0 * unit, paint.REFERENCE, max(round(2.0 * unit), 1))
     middle = y + 57.0 * unit

@@ -15,7 +15,7 @@ from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.palette import Colour
 
 SIZE = (640, 480)
-_BELOW = 0.5  # m, of the vehicle one looks, so that its shadow is in the picture
+_BELOW = 0.24  # of the distance, below the vehicle one looks, so that its shadow is in the picture
 TILES = 64  # of a mosaic, at most
 
 
@@ -41,7 +41,7 @@ class Picture:
             title: to stand in the corner.
             colour: of the bob, its trail and the title.
         """
-        middle = seen.focus - np.array([0.0, 0.0, _BELOW * np.cos(self.camera.elevation)])
+        middle = seen.focus - np.array([0.0, 0.0, _BELOW * self.camera.distance * np.cos(self.camera.elevation)])
         view = self.camera.look(middle, *surface.get_size())
         scene.draw(surface, view, self._backdrop, seen, colour)
         gauges.draw(surface, view, self.letters, seen, title, colour)
@@ -57,7 +57,7 @@ class Picture:
             left, right = (width * (i % columns + k) // columns for k in (0, 1))
             top, bottom = (height * (i // columns + k) // rows for k in (0, 1))
             edge = 0 if len(shown) == 1 else 1
-            self.draw(surface.subsurface((left, top, right - left - edge, bottom - top - edge)), seen)
+            self.draw(surface.subsurface((left, top, max(right - left - edge, 1), max(bottom - top - edge, 1))), seen)
 
     @staticmethod
     def pixels(surface: Any) -> Bytes:

@@ -97,7 +97,7 @@ def _ground(surface: Any, view: View, seen: Snapshot) -> None:
     for (a, b), shown in zip(ends, visible, strict=True):
         if shown:
             line(surface, a, b, paint.SHADOW)
-    _dashed(surface, view, np.linspace(body, body * flat, 2 * max(int(body[2] / 0.12), 1)), paint.FAINT)
+    _dashed(surface, view, np.linspace(body, body * flat, 2 * min(max(int(body[2] / 0.12), 1), 100)), paint.FAINT)
 
 
 def _streaks(surface: Any, view: View, seen: Snapshot, size: float) -> None:
@@ -109,7 +109,7 @@ def _streaks(surface: Any, view: View, seen: Snapshot, size: float) -> None:
     start = low + np.mod(_STREAKS * _BOX + seen.drift - low, _BOX)
     ends, visible = view.segments(np.stack([start, start + length], axis=1))
     edge = np.abs((start - seen.focus) / (0.5 * _BOX)).max(axis=1)
-    shown = visible & (start[:, 2] > 0.05)
+    shown = visible & (start[:, 2] > 0.05) & (ends[..., 2].min(axis=1) > 0.6)
     for i in np.flatnonzero(shown):
         a, b = ends[i]
         line(surface, a, b, mixed(paint.WIND, paint.HORIZON, 0.45 + 0.5 * edge[i] ** 3), max(size * 3.2 / a[2], 1.0))

@@ -34,6 +34,11 @@ class Viewer:
         """Whether whoever watches wants the episode to end: to start again, or because the window is closed."""
         return self._window is not None and self._window.over
 
+    @property
+    def closed(self) -> bool:
+        """Whether the window is closed for good."""
+        return self._window is not None and self._window.closed
+
     def show(self, snapshots: Sequence[Snapshot]) -> Any:
         """Show one snapshot of each row.
 

@@ -1,5 +1,6 @@
 """The window of the render mode ``human``: pictures in real time, and keys."""
 
+import os
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -16,6 +17,7 @@ HELP = "space pause   . step   R restart   [ ] speed   arrows or mouse orbit   +
 _FRAME = 1.0 / 60.0  # s
 _TURN, _ZOOM = 0.05, 1.1  # rad and factor of one key press
 _DRAG = 0.008  # rad per pixel
+_UNSEEN = ("dummy", "offscreen")  # what SDL falls back to without a screen
 _SLOWEST, _FASTEST = 1.0 / 16.0, 4.0
 
 
@@ -99,6 +101,11 @@ class Window:
         """Whether whoever watches wants the episode to end; for good once the window is closed."""
         return self._controls.over
 
+    @property
+    def closed(self) -> bool:
+        """Whether the window is closed for good."""
+        return self._controls.closed
+
     def show(self, snapshots: Sequence[Snapshot]) -> None:
         """Show the snapshots when it is time for them; return when it is time for the next."""
         controls = self._controls
@@ -113,7 +120,7 @@ class Window:
                     controls.handle(event)
                 if now - self._drawn >= _FRAME or controls.steps:
                     self._draw(snapshots)
-                    self._drawn = now
+                    self._drawn = time.perf_counter()  # so that pictures that take long are left out
             if controls.over:
                 if controls.closed:
                     self.close()
@@ -148,9 +155,14 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     try:
         pygame.display.init()
         pygame.display.set_caption(title)
-        return pygame.display.set_mode(size, pygame.RESIZABLE)
+        window = pygame.display.set_mode(size, pygame.RESIZABLE)
     except pygame.error as error:
         raise Error(f"no window can be opened ({error}); the render mode 'rgb_array' needs none") from error
+    driver = pygame.display.get_driver()
+    if driver in _UNSEEN and os.environ.get("SDL_VIDEODRIVER") != driver:
+        pygame.display.quit()
+        raise Error("no window can be opened (there is no screen); the render mode 'rgb_array' needs none")
+    return window
 
 
 def write_state(surface: Any, picture: Picture, controls: Controls) -> None:
@@ -159,4 +171,10 @@ def write_state(surface: Any, picture: Picture, controls: Controls) -> None:
     shown = ["paused"] if controls.paused else []
     shown += [f"{controls.speed:g} × time"] if controls.speed != 1.0 else []
     shown += [HELP] if controls.help or controls.paused else ["H help"]
-    picture.letters.write(surface, "   ".join(shown), (width / 2, height - 6), 18, paint.INK, "midbottom")
+    text = "   ".join(shown)
+    size = 20 if len(text) < 20 else max(min(20, round(2.4 * width / len(text))), 10)
+    veil = pygame.Surface((width, size + 8))
+    veil.fill(paint.PAPER)
+    veil.set_alpha(150 if len(shown) > 1 else 0)
+    surface.blit(veil, (0, height - size - 8))
+    picture.letters.write(surface, text, (width / 2, height - 5), size, paint.INK, "midbottom")
