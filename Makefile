@@ -38,8 +38,8 @@ results: .venv/.installed  ## docs/results.md: learned policies and classical co
 		--seed $(TEST_SEED) --out docs/hover
 
 animation: .venv/.installed  ## the film of the README: a gust, the paper's controller and a learned policy, at half speed
-	$(BIN)/quadpend watch adrc-paper ppo-pace-0 --scenario docs/gust.toml --seconds 1.5 5 --speed 0.5 --fps 16 \
-		--size 960 560 --out docs/gust.gif
+	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-pace-0 --scenario docs/gust.toml --seconds 1.5 5 --speed 0.5 \
+		--zoom 1.4 --fps 16.7 --size 960 560 --out docs/gust.gif
 
 pictures: .venv/.installed  ## the pictures of docs/models.md
 	$(BIN)/quadpend wind --out docs/models

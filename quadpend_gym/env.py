@@ -8,12 +8,12 @@ from gymnasium import spaces
 
 from quadpend_gym import kernel
 from quadpend_gym.arrays import Floats32
-from quadpend_gym.film import Film, check_mode, tell_no_mode
 from quadpend_gym.observation import OBSERVATION_SIZE
 from quadpend_gym.params import Simulation
 from quadpend_gym.records import build, numbers
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
+from quadpend_gym.viewer.film import Film, check_mode, tell_no_mode
 from quadpend_gym.world import World, check_fixed
 
 _ROW = np.zeros(1, np.int64)
@@ -110,7 +110,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
       without. Sensors, actuators and uncertain parameters come as wrappers, see `quadpend_gym.wrappers`.
     - `render_mode`: ``"human"``, a window in real time (H shows its keys); ``"rgb_array"``, an array of shape
       (480, 640, 3), uint8, from `render`; or None. Pictures need pygame-ce, the extra ``view``. Restarting from the
-      window, or closing it, truncates the episode; a closed window stays closed until `close`.
+      window, or closing it, truncates the running episode; those after a closed window are not shown.
 
     ## Version History
     - v0: first version.
@@ -198,9 +198,10 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             ResetNeeded: `reset` was never called.
         """
         if self.film is None:
-            return tell_no_mode(self)
-        frames = self.film.render()
-        return frames and frames[0]
+            tell_no_mode(self)
+            return None
+        pictures = self.film.render()
+        return None if pictures is None else pictures[0]
 
     def close(self) -> None:
         """Close the window, if there is one."""

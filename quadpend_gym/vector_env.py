@@ -11,11 +11,11 @@ from gymnasium.vector.utils import batch_space
 from quadpend_gym import kernel
 from quadpend_gym.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.env import action_space, check_action, check_options, observation_space
-from quadpend_gym.film import Film, check_mode, tell_no_mode
 from quadpend_gym.params import Simulation
 from quadpend_gym.records import build
 from quadpend_gym.state import State
 from quadpend_gym.tasks import as_task
+from quadpend_gym.viewer.film import Film, check_mode, tell_no_mode
 from quadpend_gym.world import World, check_fixed
 
 
@@ -157,7 +157,10 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             DependencyNotInstalled: there is no pygame-ce.
             ResetNeeded: a row was never reset.
         """
-        return tell_no_mode(self) if self.film is None else self.film.render()
+        if self.film is None:
+            tell_no_mode(self)
+            return None
+        return self.film.render()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window, if there is one."""

@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import Reference
-from quadpend_gym.film import TRAIL
 from quadpend_gym.viewer import scene
+from quadpend_gym.viewer.film import PAST
 from quadpend_gym.wrappers import WindWrapper
 from tests.env_helpers import (
     AT_REST,
@@ -58,13 +58,13 @@ def test_a_snapshot_tells_what_the_info_tells() -> None:
 
 def test_the_trail_is_the_bob_s_way_in_the_last_two_seconds_of_the_episode() -> None:
     env = make_bare(task=ENDLESS, render_mode="rgb_array")
-    for seed, steps in ((0, 30), (1, TRAIL + 50)):
+    for seed, steps in ((0, 30), (1, PAST + 50)):
         env.reset(seed=seed)
         way = [snapshots(env)[0].bob]
         for action in 0.1 * draw_actions(seed, steps):
             env.step(action)
             way.append(snapshots(env)[0].bob)
-        assert_array_equal(snapshots(env)[0].trail, way[-TRAIL:])
+        assert_array_equal(snapshots(env)[0].trail, way[-PAST:])
 
 
 def test_behind_actuators_and_with_drawn_parameters_what_is_true_is_shown() -> None:
@@ -75,8 +75,8 @@ def test_behind_actuators_and_with_drawn_parameters_what_is_true_is_shown() -> N
     (seen,), world = snapshots(env), env.unwrapped.world  # type: ignore[attr-defined]
     assert 0.5 <= seen.rod_length <= 0.6
     assert_allclose(np.linalg.norm(seen.bob - seen.state.position), seen.rod_length)
-    assert_allclose(seen.command * world.simulation.command_scale, info["command"])
-    assert 1.0 < seen.command[0] < 1.2
+    assert_allclose(seen.thrust * world.simulation.command_scale[0], info["command"][0])
+    assert 1.0 < seen.thrust < 1.2
 
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])

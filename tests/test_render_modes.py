@@ -18,7 +18,7 @@ from stable_baselines3.common.env_checker import check_env as check_with_sb3
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from quadpend_gym import QuadPendulumEnv, QuadPendulumVectorEnv, Reference
-from quadpend_gym.viewer import Picture
+from quadpend_gym.viewer.picture import Picture, pixels
 from tests.env_helpers import AUTORESET_MODES, WINDY, assert_same, draw_actions, fly, make, make_bare, make_rows
 from tests.viewer_helpers import assert_picture, still
 from tests.wrapper_helpers import SHORT, STACKS, lopsided_actions, make_wrapped, make_wrapped_rows
@@ -81,7 +81,7 @@ def test_a_mosaic_has_a_tile_for_each_row() -> None:
 def test_pictures_can_be_tiny(rows: int, size: tuple[int, int]) -> None:
     surface = pygame.Surface(size)
     Picture().mosaic(surface, [still()] * rows)
-    assert Picture.pixels(surface).shape == (size[1], size[0], 3)
+    assert pixels(surface).shape == (size[1], size[0], 3)
 
 
 @pytest.mark.parametrize("mode", ["rgb_array", "human"])

@@ -1,6 +1,6 @@
 """What stands in a picture, where, how large, and in which colours."""
 
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,12 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import binary_erosion
 
 from quadpend_gym import Reference
-from quadpend_gym.film import Snapshot
-from quadpend_gym.viewer import Camera, Picture, gauges, palette, scene
+from quadpend_gym.viewer import gauges, palette, scene
 from quadpend_gym.viewer.brush import Letters
-from quadpend_gym.viewer.camera import NEAR
+from quadpend_gym.viewer.camera import NEAR, Camera
+from quadpend_gym.viewer.film import Snapshot
+from quadpend_gym.viewer.picture import Picture
+from quadpend_gym.viewer.picture import pixels as pixels_of
 from tests.viewer_helpers import (
     COLOUR_VISION,
     SIZE,
@@ -30,6 +32,7 @@ from tests.viewer_helpers import (
     projected_metre,
     still,
 )
+from train import board
 
 BESIDE = Camera(azimuth=-np.pi / 2, elevation=0.0)  # x to the right, z upwards
 ABOVE = Camera(azimuth=-np.pi / 2, elevation=np.pi / 2)  # x to the right, y upwards
@@ -195,13 +198,11 @@ def gauged(seen: Snapshot, camera: Camera = BESIDE) -> Any:
     surface = pygame.Surface(SIZE)
     surface.fill(palette.PAPER)
     gauges.draw(surface, camera.look(np.array(BODY), *SIZE), Letters(), seen, "", palette.BOB)
-    return Picture.pixels(surface)[SIZE[1] // 2 :]
+    return pixels_of(surface)[SIZE[1] // 2 :]
 
 
 def test_the_thrust_s_bar_is_half_full_in_hover() -> None:
-    full = [
-        like(gauged(still()._replace(command=np.array([u, 0.0, 0.0, 0.0]))), palette.SKY_BLUE).sum() for u in range(4)
-    ]
+    full = [like(gauged(still()._replace(thrust=float(u))), palette.SKY_BLUE).sum() for u in range(4)]
     assert full[0] < 0.03 * full[2]
     assert_allclose(full[1:], np.array([0.5, 1.0, 1.0]) * full[2], rtol=0.05)
 
@@ -239,7 +240,11 @@ def test_time_and_return_are_written_legibly(size: tuple[int, int]) -> None:
     assert min(sizes) >= 12
 
 
-TELLING = {name: getattr(palette, name) for name in ("REFERENCE", "BOB", "WIND", "FRONT", "BODY", "GROUND_NEAR")}
+SIGNS = ("REFERENCE", "WIND", "FRONT", "ROTOR", "BODY", "GROUND_NEAR")
+TELLING = {
+    **{name: getattr(palette, name) for name in SIGNS},
+    **{f"policy {i}": colour for i, colour in enumerate(board.COLOURS)},
+}
 
 
 @pytest.mark.parametrize("vision", COLOUR_VISION)
@@ -247,3 +252,9 @@ def test_colours_that_mean_something_are_told_apart_by_the_colour_blind(vision: 
     for one, other in combinations(TELLING, 2):
         difference = np.linalg.norm(lab(TELLING[one], vision) - lab(TELLING[other], vision))
         assert difference > 15.0, (one, other)
+
+
+@pytest.mark.parametrize("vision", COLOUR_VISION)
+def test_curves_are_told_from_the_true_wind_and_from_paper_by_the_colour_blind(vision: str) -> None:
+    for colour, other in product(board.COLOURS, (board.TRUE, palette.PAPER)):
+        assert np.linalg.norm(lab(colour, vision) - lab(other, vision)) > 15.0

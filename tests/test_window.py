@@ -12,7 +12,9 @@ import pygame
 import pytest
 from gymnasium.error import Error
 
-from quadpend_gym.viewer import Picture, window
+from quadpend_gym.viewer import window
+from quadpend_gym.viewer.camera import Camera
+from quadpend_gym.viewer.picture import Picture, pixels
 from tests.env_helpers import ENDLESS, make, make_bare, make_rows
 from tests.viewer_helpers import Clock, lasted
 
@@ -80,7 +82,7 @@ def test_slow_pictures_are_left_out_rather_than_time_slowed(env: Any, clock: Clo
     assert len(clock.shown) > 8
 
 
-@pytest.mark.parametrize(("keys", "seconds"), [("[", 0.4), ("[[", 0.8), ("[]", 0.2), ("]", 0.1), ("]" * 9, 0.05)])
+@pytest.mark.parametrize(("keys", "seconds"), [("s", 0.4), ("ss", 0.8), ("sf", 0.2), ("f", 0.1), ("f" * 9, 0.05)])
 def test_speed_is_halved_and_doubled(env: Any, clock: Clock, keys: str, seconds: float) -> None:
     clock.press(0.0, *map(ord, keys))
     fly(env, 3)
@@ -96,7 +98,6 @@ def test_space_stops_time_and_starts_it_again(env: Any, clock: Clock) -> None:
 
 def test_the_full_stop_makes_one_step_at_a_time(env: Any, clock: Clock) -> None:
     clock.press(0.0, pygame.K_SPACE)
-    fly(env, 1)
     for second in (0.2, 0.4, 0.6):
         clock.press(second, pygame.K_PERIOD)
     for _ in range(3):
@@ -104,7 +105,7 @@ def test_the_full_stop_makes_one_step_at_a_time(env: Any, clock: Clock) -> None:
 
 
 def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
-    camera = env.film._viewer.picture.camera
+    camera = env.film._window.picture.camera
 
     def after(event: Any) -> tuple[float, float, float]:
         before = dataclasses.replace(camera)
@@ -123,18 +124,22 @@ def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
     assert azimuth < 0 < elevation
     after(pygame.K_t)
     assert camera.elevation == pytest.approx(np.pi / 2)
+    after(pygame.K_v)
+    assert camera == Camera()
 
 
 def test_h_shows_what_the_keys_do(env: Any, clock: Clock) -> None:
     def written() -> int:
         fly(env, 3)
-        lower_edge = Picture.pixels(pygame.display.get_surface())[-20:]
+        lower_edge = pixels(pygame.display.get_surface())[-20:]
         return int((lower_edge.max(axis=-1) < 100).sum())
 
     few = written()
     clock.press(0.0, pygame.K_h)
     assert written() > 5 * few
-    assert all(word in window.HELP for word in ("pause", "step", "restart", "speed", "orbit", "zoom", "close"))
+    assert all(
+        word in window.HELP for word in ("pause", "step", "restart", "slower", "faster", "orbit", "zoom", "close")
+    )
 
 
 @pytest.mark.parametrize("size", [(960, 720), (800, 600)])
@@ -143,7 +148,7 @@ def test_the_help_fits_into_the_window(size: tuple[int, int]) -> None:
     controls.paused, controls.speed = True, 0.0625
     surface.fill((255, 255, 255))
     window.write_state(surface, Picture(), controls)
-    columns = np.flatnonzero((Picture.pixels(surface) < 200).any(axis=(0, 2)))
+    columns = np.flatnonzero((pixels(surface) < 200).any(axis=(0, 2)))
     assert columns[0] > 2
     assert columns[-1] < size[0] - 3
 
@@ -170,13 +175,15 @@ def test_r_truncates_every_row(clock: Clock, mode: str) -> None:
 @pytest.mark.parametrize(
     "event", [pygame.event.Event(pygame.QUIT), pygame.event.Event(pygame.KEYDOWN, key=pygame.K_ESCAPE)]
 )
-def test_a_closed_window_truncates_and_stays_closed_until_close(env: Any, clock: Clock, event: Any) -> None:
+def test_a_closed_window_truncates_the_running_episode_and_the_next_ones_run_unseen(
+    env: Any, clock: Clock, event: Any
+) -> None:
     clock.post(0.0, event)
     assert any(env.step(ZERO)[3] for _ in range(3))
     assert not pygame.display.get_init()
     env.reset()
-    assert lasted(clock, lambda: env.step(ZERO)) == 0.0
-    assert env.step(ZERO)[3]
+    assert lasted(clock, lambda: fly(env, 20)) == 0.0
+    assert not env.step(ZERO)[3]
     assert not pygame.display.get_init()
     env.close()
     env.close()
@@ -220,11 +227,25 @@ def test_without_a_screen_one_sentence_names_rgb_array(monkeypatch: pytest.Monke
     env.close()
 
 
+def test_a_display_that_somebody_else_has_closed_is_a_closed_window(env: Any, clock: Clock) -> None:
+    pygame.display.quit()
+    fly(env, 5)
+    env.close()
+
+
+def test_without_a_screen_a_window_that_nobody_sees_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
+    env = make(render_mode="human")
+    with pytest.warns(UserWarning, match="there is no screen"):
+        env.reset(seed=0)
+    env.close()
+
+
 WITHOUT = "import sys; sys.modules['pygame'] = None"
 OTHER = "import pygame, pygame.draw; del pygame.draw.aacircle, pygame.IS_CE"  # the pygame that pygame-ce left
 CODE = """
 import sys, warnings
-import quadpend_gym.film
+import quadpend_gym.viewer.film
 assert not [name for name in sys.modules if name.startswith('pygame')]
 PREAMBLE
 import gymnasium as gym

@@ -9,9 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from quadpend_gym import Reference, State
 from quadpend_gym.arrays import Booleans, Bytes, Floats
-from quadpend_gym.film import Snapshot
-from quadpend_gym.viewer import Camera, Picture, scene
+from quadpend_gym.viewer import scene
 from quadpend_gym.viewer.brush import Letters
+from quadpend_gym.viewer.camera import Camera
+from quadpend_gym.viewer.film import Snapshot
+from quadpend_gym.viewer.picture import Picture
+from quadpend_gym.viewer.picture import pixels as pixels_of
 from tests.env_helpers import AT_REST
 
 SIZE = (640, 480)
@@ -35,7 +38,7 @@ def still(**fields: Any) -> Snapshot:
         rod_length=0.3,
         reference=Reference.hover(),
         disturbance=np.zeros(9),
-        command=np.array([1.0, 0.0, 0.0, 0.0]),
+        thrust=1.0,
         error=0.0,
         tilt=float(state.alpha),
         tilt_limit=np.pi / 3,
@@ -43,7 +46,7 @@ def still(**fields: Any) -> Snapshot:
         focus=state.position.copy(),
         trail=(state.position + 0.3 * state.direction)[np.newaxis],
         drift=np.zeros(3),
-        spin=np.zeros(4),
+        spin=0.0,
     )
 
 
@@ -56,14 +59,14 @@ def drawn(seen: Snapshot, camera: Camera | None = None, size: tuple[int, int] = 
     """The whole picture of a snapshot."""
     surface = pygame.Surface(size)
     Picture(camera).draw(surface, seen)
-    return Picture.pixels(surface)
+    return pixels_of(surface)
 
 
 def painted(seen: Snapshot, camera: Camera, at: Floats | tuple[float, ...]) -> Bytes:
     """The scene alone, without gauges, as a camera sees it that looks at a point."""
     surface = pygame.Surface(SIZE)
     scene.draw(surface, camera.look(np.asarray(at, float), *SIZE), scene.Backdrop(), seen)
-    return Picture.pixels(surface)
+    return pixels_of(surface)
 
 
 def projected(camera: Camera, at: Any, points: Any) -> Floats:

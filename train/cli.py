@@ -6,6 +6,7 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 
 import tyro
+from gymnasium.error import Error
 
 from train import commands
 from train.settings import ALGORITHMS, read_settings
@@ -17,7 +18,15 @@ def main(arguments: list[str] | None = None) -> None:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         _run(arguments)
-    except (ValueError, TypeError, FloatingPointError, FileNotFoundError, FileExistsError, BrokenProcessPool) as error:
+    except (
+        ValueError,
+        TypeError,
+        FloatingPointError,
+        FileNotFoundError,
+        FileExistsError,
+        BrokenProcessPool,
+        Error,
+    ) as error:
         print(f"quadpend: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:

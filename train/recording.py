@@ -7,19 +7,19 @@ from gymnasium.vector import AutoresetMode
 
 from baselines import Policy
 from baselines.rollout import rollout
-from quadpend_gym.arrays import Floats
-from quadpend_gym.film import Snapshot
-from quadpend_gym.kernel import DISTURBANCE_SIZE
+from quadpend_gym.arrays import Floats, Floats32
+from quadpend_gym.viewer.film import Film, Snapshot
+from quadpend_gym.world import World
 from train.policies import estimated_disturbance, seated
 from train.scenarios import Scenario
 
 
 class Recording(NamedTuple):
-    """What happened in an episode.
+    """What happened in an episode of T steps.
 
     Attributes:
         name: of the policy.
-        snapshots: after each step but the last, T of them.
+        snapshots: after each step.
         estimate: the disturbance that the policy took each step for, laid out as ``info["disturbance"]``; nan where it
             estimates none; shape (T, 9).
         survived: whether the episode lasted its time.
@@ -31,6 +31,11 @@ class Recording(NamedTuple):
     survived: bool
 
     @property
+    def fell_at(self) -> float | None:
+        """When the episode ended early, s; None if it did not."""
+        return None if self.survived else self.snapshots[-1].time
+
+    @property
     def error(self) -> Floats:
         """Norm of the tracking error, m, shape (T,)."""
         return np.array([seen.error for seen in self.snapshots])
@@ -39,6 +44,18 @@ class Recording(NamedTuple):
     def disturbance(self) -> Floats:
         """The true one, shape (T, 9), see `Snapshot`."""
         return np.array([seen.disturbance for seen in self.snapshots])
+
+
+class _Recorder(Film):
+    """A film that keeps every step, also the last one of an episode, after which the environment begins anew."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world, "rgb_array")
+        self.kept: list[Snapshot] = []
+
+    def step(self, action: Floats32, outcome: Floats) -> None:
+        super().step(action, outcome)
+        self.kept.append(self.snapshot())
 
 
 def record(
@@ -53,13 +70,11 @@ def record(
         seed: of the episode.
         options: of the environment's reset.
     """
-    policy = seated(policy, scenario)
-    env = scenario.make_vec(1, AutoresetMode.SAME_STEP, render_mode="rgb_array")
-    film: Any = env.unwrapped.film  # type: ignore[attr-defined]
-    snapshots, estimates, survived = [], [], False
+    policy, env = seated(policy, scenario), scenario.make_vec(1, AutoresetMode.SAME_STEP)
+    inner: Any = env.unwrapped
+    inner.film = recorder = _Recorder(inner.world)
+    estimates, survived = [], False
     for step in rollout(policy, env, seed, options):
         survived = bool(step.survived[0])
-        if step.going_on[0]:
-            snapshots.append(film.snapshot())
-            estimates.append(estimated_disturbance(policy, step.memory)[0])
-    return Recording(name, tuple(snapshots), np.reshape(estimates, (len(estimates), DISTURBANCE_SIZE)), survived)
+        estimates.append(estimated_disturbance(policy, step.memory)[0])
+    return Recording(name, tuple(recorder.kept), np.array(estimates), survived)

@@ -95,9 +95,8 @@ class SB3VecEnv(VecEnv):
         return means
 
     def get_images(self) -> Sequence[Any]:
-        """A picture of each row, of which `render` makes one."""
-        pictures: Any = self.env.render()
-        return pictures if isinstance(pictures, tuple) else [pictures]
+        """A picture of each row, of which `render` makes one; of environments with the render mode ``rgb_array``."""
+        return self.env.render()  # type: ignore[return-value]
 
     def close(self) -> None:
         """Close the wrapped environment."""

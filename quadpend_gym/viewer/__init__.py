@@ -1,14 +1,14 @@
-"""Pictures of a world, drawn by pygame-ce: nothing here is imported before the first picture is asked for."""
+"""Pictures of a world: `film` keeps what is to be seen, `picture` and `window` show it with pygame-ce.
 
-try:
-    from pygame.draw import aacircle  # noqa: F401  # which pygame itself has not
-except ImportError as error:
-    from gymnasium.error import DependencyNotInstalled
+Nothing here imports pygame before the first picture is asked for.
+"""
 
-    raise DependencyNotInstalled("pictures need pygame-ce: pip install 'quadpend-gym[view]'") from error
+from gymnasium.error import DependencyNotInstalled
 
-from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.viewer import Viewer
 
-__all__ = ["Camera", "Picture", "Viewer"]
+def check_pygame() -> None:
+    """Raise DependencyNotInstalled unless there is a pygame that can draw what we want."""
+    try:
+        from pygame.draw import aacircle  # noqa: F401  # which pygame has not, only pygame-ce
+    except ImportError as error:
+        raise DependencyNotInstalled("pictures need pygame-ce: pip install 'quadpend-gym[view]'") from error

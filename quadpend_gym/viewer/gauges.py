@@ -4,21 +4,21 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.film import Snapshot
 from quadpend_gym.viewer import palette as paint
 from quadpend_gym.viewer.brush import Letters, area, arrow, disc, line, ring
 from quadpend_gym.viewer.camera import View
+from quadpend_gym.viewer.film import Snapshot
 from quadpend_gym.viewer.palette import Colour, mixed
 
 _MOST = 2.0  # of the weight, at the end of the thrust's bar
 _STRONG = 0.5  # N, at the rim of the wind's gauge
-_SMALLEST = 0.6  # of the usual size, below which a picture has no gauges
+_SMALLEST = 0.55  # of the usual size, below which a picture has no gauges
 
 
 def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str, colour: Colour) -> None:
     """Draw them into the corners, the directions as the camera sees them."""
     width, height = surface.get_size()
-    unit = min(height / 480.0, width / 300.0)
+    unit = min(height / 480.0, width / 440.0)
     if unit < _SMALLEST:
         return
     small, large = round(20 * unit), round(26 * unit)
@@ -60,7 +60,7 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
         arrow(surface, middle - half, middle + half, paint.WIND, 4.0 * unit)
 
     bar = np.array([rose[0] - radius - 60.0 * unit, rose[1] - radius])
-    _bar(surface, letters, bar, 12.0 * unit, 2.0 * radius, seen.command[0] / _MOST, small, unit)
+    _bar(surface, letters, bar, 12.0 * unit, 2.0 * radius, seen.thrust / _MOST, small, unit)
 
 
 def _legend(surface: Any, letters: Letters, at: tuple[float, float], size: int, unit: float, colour: Colour) -> None:

@@ -7,16 +7,15 @@ import numpy as np
 import pygame
 
 from quadpend_gym.arrays import Bytes
-from quadpend_gym.film import Snapshot
 from quadpend_gym.viewer import gauges, scene
 from quadpend_gym.viewer import palette as paint
 from quadpend_gym.viewer.brush import Letters
 from quadpend_gym.viewer.camera import Camera
+from quadpend_gym.viewer.film import Snapshot
 from quadpend_gym.viewer.palette import Colour
 
 SIZE = (640, 480)
 _BELOW = 0.24  # of the distance, below the vehicle one looks, so that its shadow is in the picture
-TILES = 64  # of a mosaic, at most
 
 
 class Picture:
@@ -30,7 +29,7 @@ class Picture:
         """Nothing is drawn yet."""
         self.camera = camera or Camera()
         self.letters = Letters()
-        self._backdrop = scene.Backdrop()
+        self._backdrop, self._surface = scene.Backdrop(), pygame.Surface(SIZE)
 
     def draw(self, surface: Any, seen: Snapshot, title: str = "", colour: Colour = paint.BOB) -> None:
         """Draw a snapshot over the whole of a surface.
@@ -47,20 +46,24 @@ class Picture:
         gauges.draw(surface, view, self.letters, seen, title, colour)
 
     def mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
-        """Draw the first 64 snapshots side by side."""
-        shown = snapshots[:TILES]
+        """Draw snapshots side by side; a single one has all of the surface."""
         width, height = surface.get_size()
-        columns = int(np.ceil(np.sqrt(len(shown))))
-        rows = -(-len(shown) // columns)
+        columns = int(np.ceil(np.sqrt(len(snapshots))))
+        rows = -(-len(snapshots) // columns)
         surface.fill(paint.INK)
-        for i, seen in enumerate(shown):
+        for i, seen in enumerate(snapshots):
             left, right = (width * (i % columns + k) // columns for k in (0, 1))
             top, bottom = (height * (i // columns + k) // rows for k in (0, 1))
-            edge = 0 if len(shown) == 1 else 1
+            edge = 0 if len(snapshots) == 1 else 1
             self.draw(surface.subsurface((left, top, max(right - left - edge, 1), max(bottom - top - edge, 1))), seen)
 
-    @staticmethod
-    def pixels(surface: Any) -> Bytes:
-        """What is on a surface, shape (height, width, 3), uint8."""
-        width, height = surface.get_size()
-        return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()
+    def array(self, snapshots: Sequence[Snapshot]) -> Bytes:
+        """The same as an array of shape (480, 640, 3), uint8."""
+        self.mosaic(self._surface, snapshots)
+        return pixels(self._surface)
+
+
+def pixels(surface: Any) -> Bytes:
+    """What is on a surface, shape (height, width, 3), uint8."""
+    width, height = surface.get_size()
+    return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()

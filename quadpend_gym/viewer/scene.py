@@ -10,10 +10,10 @@ import pygame
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.arrays import Floats
-from quadpend_gym.film import Snapshot
 from quadpend_gym.viewer import palette as paint
 from quadpend_gym.viewer.brush import area, arrow, disc, line, outline, ring
 from quadpend_gym.viewer.camera import NEAR, View
+from quadpend_gym.viewer.film import Snapshot
 from quadpend_gym.viewer.palette import Colour, mixed
 
 ARM, ROTOR, BODY, BOB = 0.2, 0.11, 0.055, 0.045  # m: arm's length, radii
@@ -154,9 +154,7 @@ def _vehicle(surface: Any, view: View, seen: Snapshot, size: float, colour: Colo
     px = view.focal / pixels[:, 2].clip(NEAR)
     for i, hub in enumerate(hubs):
         add(0.5 * (body + hub), lambda i=i: line(surface, pixels[0], pixels[2 + i], paint.ARM, 0.022 * px[0]))
-        add(
-            hub + 0.06 * turn[:, 2], lambda i=i, hub=hub: _rotor(surface, view, hub, turn, i, float(seen.spin[i]), size)
-        )
+        add(hub + 0.06 * turn[:, 2], lambda i=i, hub=hub: _rotor(surface, view, hub, turn, i, seen.spin, size))
     add(body, lambda: _area(surface, view, body + BODY * (_ROUND @ turn.T), paint.BODY))
     middle_px = view.focal / max(float(view.seen(0.5 * (body + bob))[2]), NEAR)
     add(

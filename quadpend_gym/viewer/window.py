@@ -2,22 +2,25 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pygame
+from gymnasium import logger
 from gymnasium.error import Error
 
-from quadpend_gym.film import Snapshot
 from quadpend_gym.viewer import palette as paint
+from quadpend_gym.viewer.camera import Camera
+from quadpend_gym.viewer.film import Snapshot
 from quadpend_gym.viewer.picture import Picture
 
 SIZE = (960, 720)
-HELP = "space pause   . step   R restart   [ ] speed   arrows or mouse orbit   + - zoom   T top   H help   Esc close"
+HELP = (
+    "space pause   . step   R restart   S F slower faster   arrows mouse orbit   + - zoom   T top   V view   Esc close"
+)
 _FRAME = 1.0 / 60.0  # s
 _TURN, _ZOOM = 0.05, 1.1  # rad and factor of one key press
 _DRAG = 0.008  # rad per pixel
-_UNSEEN = ("dummy", "offscreen")  # what SDL falls back to without a screen
 _SLOWEST, _FASTEST = 1.0 / 16.0, 4.0
 
 
@@ -28,8 +31,8 @@ class Controls:
         paused: whether time stands still.
         speed: of the time shown.
         steps: to go although paused.
-        over: whether the episode is to end.
-        closed: whether the window is to close.
+        over: whether the running episode is to end.
+        closed: whether the window is closed, or is to close.
         help: whether the keys are shown.
     """
 
@@ -67,9 +70,10 @@ class Controls:
             self.paused = not self.paused
         elif key == pygame.K_PERIOD:
             self.paused, self.steps = True, self.steps + 1
-        elif key in (pygame.K_LEFTBRACKET, pygame.K_RIGHTBRACKET):
-            factor = 0.5 if key == pygame.K_LEFTBRACKET else 2.0
-            self.speed = min(max(self.speed * factor, _SLOWEST), _FASTEST)
+        elif key in (pygame.K_s, pygame.K_f):
+            self.speed = min(max(self.speed * (0.5 if key == pygame.K_s else 2.0), _SLOWEST), _FASTEST)
+        elif key == pygame.K_v:
+            vars(self._camera).update(vars(Camera()))
         elif key == pygame.K_h:
             self.help = not self.help
         elif key == pygame.K_r:
@@ -82,55 +86,49 @@ class Window:
     """A window that shows snapshots as time passes.
 
     Args:
-        picture: draws them.
         period: s, between two snapshots.
 
     Raises:
         Error: no window can be opened.
     """
 
-    def __init__(self, picture: Picture, period: float) -> None:
+    def __init__(self, period: float) -> None:
         """Open the window."""
-        self._picture, self._period = picture, period
-        self._controls = Controls(picture)
+        self.picture, self._period = Picture(), period
+        self._controls = Controls(self.picture)
         self._screen = open_window("QuadPendulum", SIZE)
+        if unseen():
+            logger.warn(
+                "there is no screen: the window of render_mode='human' is not to be seen; 'rgb_array' needs none"
+            )
         self._due = self._drawn = time.perf_counter()
 
-    @property
-    def over(self) -> bool:
-        """Whether whoever watches wants the episode to end; for good once the window is closed."""
-        return self._controls.over
+    def asked(self) -> bool:
+        """Whether whoever watches wants the running episodes to end; told once."""
+        asked, self._controls.over = self._controls.over, False
+        return asked
 
-    @property
-    def closed(self) -> bool:
-        """Whether the window is closed for good."""
-        return self._controls.closed
-
-    def show(self, snapshots: Sequence[Snapshot]) -> None:
-        """Show the snapshots when it is time for them; return when it is time for the next."""
+    def show(self, snapshots: Callable[[], Sequence[Snapshot]]) -> None:
+        """Show what `snapshots` returns when it is time for it; return when it is time for the next."""
         controls = self._controls
-        if controls.closed:
-            return
-        controls.over = False
-        while True:
+        if not controls.closed and not pygame.display.get_init():
+            controls.closed = True  # somebody else has closed pygame's one window
+        while not (controls.closed or controls.over):
             now = time.perf_counter()
-            waiting = controls.paused and not controls.steps
             if now - self._drawn >= _FRAME or now >= self._due:
                 for event in pygame.event.get():
                     controls.handle(event)
                 if now - self._drawn >= _FRAME or controls.steps:
-                    self._draw(snapshots)
+                    self._draw(snapshots())
                     self._drawn = time.perf_counter()  # so that pictures that take long are left out
-            if controls.over:
-                if controls.closed:
-                    self.close()
-                return
             if controls.steps:
                 controls.steps -= 1
                 break
-            if not waiting and now >= self._due:
+            if not controls.paused and now >= self._due:
                 break
             time.sleep(min(max(self._due - now, 0.001), 0.005))
+        if controls.closed:
+            self.close()
         late = time.perf_counter() - self._due
         self._due += self._period / controls.speed if late < 0.1 else late
 
@@ -140,17 +138,16 @@ class Window:
         pygame.display.quit()
 
     def _draw(self, snapshots: Sequence[Snapshot]) -> None:
-        screen, controls = self._screen, self._controls
-        self._picture.mosaic(screen, snapshots)
-        write_state(screen, self._picture, controls)
+        self.picture.mosaic(self._screen, snapshots)
+        write_state(self._screen, self.picture, self._controls)
         pygame.display.flip()
 
 
 def open_window(title: str, size: tuple[int, int]) -> Any:
-    """A window of pygame that can be resized.
+    """A window of pygame, which has one for each process, that can be resized.
 
     Raises:
-        Error: there is no screen.
+        Error: it cannot be opened.
     """
     try:
         pygame.display.init()
@@ -158,11 +155,14 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
         window = pygame.display.set_mode(size, pygame.RESIZABLE)
     except pygame.error as error:
         raise Error(f"no window can be opened ({error}); the render mode 'rgb_array' needs none") from error
-    driver = pygame.display.get_driver()
-    if driver in _UNSEEN and os.environ.get("SDL_VIDEODRIVER") != driver:
-        pygame.display.quit()
-        raise Error("no window can be opened (there is no screen); the render mode 'rgb_array' needs none")
+    pygame.key.set_repeat(300, 30)
     return window
+
+
+def unseen() -> bool:
+    """Whether the window that is open is one that SDL falls back to without a screen."""
+    driver = pygame.display.get_driver()
+    return driver in ("dummy", "offscreen") and os.environ.get("SDL_VIDEODRIVER") != driver
 
 
 def write_state(surface: Any, picture: Picture, controls: Controls) -> None:

@@ -84,11 +84,7 @@ class Scenario:
         return replace(self, task=replace(task, reward=reward))
 
     def make_vec(
-        self,
-        num_envs: int,
-        autoreset_mode: AutoresetMode,
-        max_episode_steps: int = 1000,
-        render_mode: str | None = None,
+        self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int = 1000
     ) -> VectorEnv[Any, Any, Any]:
         """The scenario as a vector environment."""
         env: VectorEnv[Any, Any, Any] = gym.make_vec(
@@ -98,7 +94,6 @@ class Scenario:
             wind=self.wind,
             autoreset_mode=autoreset_mode,
             max_episode_steps=max_episode_steps,
-            render_mode=render_mode,
             **({} if self.task is None else {"task": self.task}),
         )
         if self.parameters is not None:
