@@ -18,9 +18,10 @@ close to the reference. What its action a ∈ [−1, 1]⁴ means is one of
 with the authority κ. The controller's observer is told what really acted, whoever asked for it.
 
 With a caution γ > 0 it is c a that acts and not a: the learner is trusted less where the observer sees a torque, which
-no wind here exerts but actuators that answer late seem to, or where the pendulum leans far from upright,
+actuators that answer late look like (wind exerts hardly any), or where the pendulum leans far from upright. The doubt q
+fades within a second; the learner does not observe it. In control step k of 10 ms
 
-    (4)  c = 1/(1 + γ² q²),    q = max(|τ̂|/(0.5 N·m), |r_xy|/0.2),  and at least 0.99 of what it was a step before.
+    (4)  c_k = 1/(1 + γ² q_k²),    q_k = max(|τ̂_k|/(0.5 N·m), |r_xy|/0.2, 0.99 q_{k−1}).
 """
 
 from typing import Any, NamedTuple

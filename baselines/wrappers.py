@@ -170,7 +170,7 @@ class ResidualAction(WithCompanion):
         env: a QuadPendulum environment, wrapped or not, with or without velocities in the observation.
         controller: one of `baselines.CONTROLLERS` by name, or a controller.
         authority: factor on the agent's actions, in (0, 3].
-        caution: how soon the agent is trusted less, in [0, 10]; 0: never.
+        caution: how soon the agent is trusted less, γ of equation (4) of `companion`, in [0, 10]; 0: never.
 
     Raises:
         TypeError: the controller estimates no disturbance.
@@ -205,7 +205,7 @@ class PaceAction(WithCompanion):
         env: a QuadPendulum environment, wrapped or not, with or without velocities in the observation.
         controller: ``"flatness"``, or such a controller with gains of its own.
         authority: how far the bandwidths can be moved, in (0, 3].
-        caution: how soon the agent is trusted less, in [0, 10]; 0: never.
+        caution: how soon the agent is trusted less, γ of equation (4) of `companion`, in [0, 10]; 0: never.
 
     Raises:
         TypeError: the controller has no pace.

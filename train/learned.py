@@ -236,7 +236,8 @@ def _check_card(card: Any) -> None:
     bound = card.get("bound", 1.0)
     if not isinstance(bound, float) or not 0.0 < bound < float("inf"):
         raise ValueError(f"bound must be a number above zero, not {bound!r}")
-    view = card.get("view")
+    if isinstance(view := card.get("view"), dict):
+        view.setdefault("caution", 0.0)  # which older cards do not know
     if not isinstance(view, dict) or {name: type(value) for name, value in view.items()} != VIEW:
         raise ValueError(f"its view must have {', '.join(VIEW)}, not {view!r}")
     if view["hold"] < 1 or view["history"] < 1 or view["history_actions"] < 0:

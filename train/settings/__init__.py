@@ -106,7 +106,7 @@ class TrainSettings:
     authority: float = 1.0
     """How much a correction or a pace counts, κ."""
     caution: float = 0.0
-    """How soon a learner that steers is trusted less, γ: where actions come late, or the pendulum leans far."""
+    """How soon a learner that steers is trusted less, γ of equation (4) of `baselines.companion`."""
     hold: int = 1
     """Control steps that an action is held, where the learner steers. But for this and `episode_steps`, steps count the
     learner's decisions."""
