@@ -246,7 +246,6 @@ def test_no_models_change_nothing() -> None:
     assert_same(fly(env, actions), fly(plain, actions))
 
 
-@pytest.mark.filterwarnings("ignore:.*render_mode")  # it asks for pictures first
 @pytest.mark.parametrize("wrapper", [None, SensorWrapper])
 def test_stable_baselines_makes_its_own_vector_of_them(wrapper: Any) -> None:
     kwargs = {"sensors": Noise(position=0.01)} if wrapper else None

@@ -77,7 +77,7 @@ def write(
             comparison=comparison,
             provenance=comparison.provenance(),
             policies=comparison.policies,
-            styles=[_style(i) for i in range(len(comparison.policies))],
+            styles=[style(i) for i in range(len(comparison.policies))],
             least={name: _least(comparison, name) for name in comparison.scenarios},
             standings=standings,
             duels=[duel(comparison, other, comparison.policies[0]) for other in comparison.policies[1:]],
@@ -132,7 +132,7 @@ def _least(comparison: Comparison, scenario: str) -> float:
     return min(comparison.summaries[scenario, policy]["penalised_rmse"].value for policy in comparison.policies)
 
 
-def _style(i: int) -> tuple[str, str]:
+def style(i: int) -> tuple[str, str]:
     """Colour and dashes of contender i on the page, where black is the text's colour."""
     return figures.colour(i).replace("#000000", "currentColor"), _DASHES[figures.LINES.index(figures.line(i))]
 

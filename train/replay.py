@@ -1,7 +1,8 @@
 """Episodes of a comparison that its page can replay in 3-D: which ones, and what happened in them, in few bytes.
 
 `replay.html` beside this module is the page's part, which reads what `recorded` returns. Of each flight it has samples
-at 25 Hz as whole numbers of 16 bits, channel after channel, in base64; times its scale, such a number is the value.
+at 25 Hz, and the last step, as whole numbers of 16 bits, channel after channel, in base64; times its scale, such a
+number is the value. Of a channel whose scale is 0 there are none: it is 0 throughout.
 """
 
 import base64
@@ -12,16 +13,16 @@ import numpy as np
 from markupsafe import Markup
 from tqdm.auto import tqdm
 
-from quadpend_gym.arrays import Floats
+from quadpend_gym.arrays import Floats, Integers
 from train.duel import leaderboard
 from train.evaluate import Comparison
 from train.flights import PERIOD, STEPS
-from train.html_report import Section, embedded, environment
+from train.html_report import Section, embedded, environment, style
 from train.learned import LearnedPolicy
 from train.policies import load_policies
 from train.recording import Recording, record
 
-EVERY = 4  # steps from sample to sample, the first one after the first step
+EVERY = 4  # steps from sample to sample, from the first step on; whatever remains before the last
 # Of a sample: names and how many numbers; m, rad, 1 and N, all vectors in the world frame.
 CHANNELS = {"position": 3, "euler": 3, "direction": 3, "force": 3, "bob_force": 3, "estimate": 3, "error": 1}
 MISSING, _LARGEST = -32768, 32767  # stands for nan; the largest number
@@ -69,8 +70,7 @@ def recorded(comparison: Comparison, given: Mapping[str, str], count: int) -> di
         count: episodes of each scenario.
 
     Returns:
-        What the page's part reads, for JSON; None if there is nothing to see. An episode that ends for a policy with
-        its first step is left out.
+        What the page's part reads, for JSON; None if there is nothing to see.
     """
     names = contenders(comparison) if count else []
     policies = {name: load_policies(given[name]) for name in names}
@@ -84,12 +84,11 @@ def recorded(comparison: Comparison, given: Mapping[str, str], count: int) -> di
                 for policy, members in policies.items():
                     flown.append(record(policy, members[0], comparison.scenarios[name], seed))
                     bar.update()
-                if all(recording.snapshots for recording in flown):
-                    scenarios.setdefault(name, []).append({"title": title, "seed": seed, **_seen(flown)})
+                scenarios.setdefault(name, []).append({"title": title, "seed": seed, **_seen(flown)})
     if not scenarios:
         return None
     return {
-        "policies": [_label(name, seeds) for name, seeds in policies.items()],
+        "policies": [_looks(name, seeds, comparison.policies.index(name)) for name, seeds in policies.items()],
         "rate": 1.0 / (EVERY * PERIOD),
         "start": PERIOD,
         "duration": STEPS * PERIOD,
@@ -107,18 +106,27 @@ def section(data: dict[str, Any]) -> Section:
 
 def packed(values: Floats) -> dict[str, Any]:
     """Channels, shape (T, c), as whole numbers and the scale of each channel."""
-    largest = np.nan_to_num(np.abs(values)).max(axis=0)
-    scales = [float(f"{most / _LARGEST:.6g}") or 1.0 for most in largest]
-    numbers = np.where(np.isnan(values), MISSING, np.round(values / scales)).astype("<i2")
-    return {"scales": scales, "samples": base64.b64encode(numbers.T.tobytes()).decode("ascii")}
+    missing = np.isnan(values)
+    largest = np.where(missing, 0.0, np.abs(values)).max(axis=0)
+    scales = np.array([float(f"{most / _LARGEST:.6g}") for most in largest])
+    scales[(scales == 0.0) & missing.any(axis=0)] = 1.0
+    kept = scales > 0.0
+    numbers = np.where(missing[:, kept], MISSING, np.round(values[:, kept] / scales[kept])).astype("<i2")
+    return {"scales": scales.tolist(), "samples": base64.b64encode(numbers.T.tobytes()).decode("ascii")}
+
+
+def sampled(steps: int) -> Integers:
+    """Which of an episode's steps are kept, counted from 0."""
+    return np.append(np.arange(0, steps - 1, EVERY), steps - 1)
 
 
 def _seen(flown: list[Recording]) -> dict[str, Any]:
     """One episode: its reference, where the bob belongs at 25 Hz, and how each policy flew it."""
     first = flown[0].snapshots[0]
-    times = np.asarray(PERIOD * np.arange(1, STEPS + 1, EVERY), np.float64)
+    times = np.asarray(PERIOD * (sampled(STEPS) + 1.0), np.float64)
     target = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length]
-    flights = [{"fell": _fell(recording), **packed(_samples(recording))} for recording in flown]
+    fell = [recording.fell_at and round(recording.fell_at, 2) for recording in flown]
+    flights = [{"fell": at, **packed(_samples(recording))} for at, recording in zip(fell, flown, strict=True)]
     return {"rod_length": first.rod_length, "reference": packed(target), "flights": flights}
 
 
@@ -133,12 +141,13 @@ def _samples(recording: Recording) -> Floats:
         recording.estimate[:, :3],
         recording.error[:, np.newaxis],
     ]
-    return np.concatenate(channels, axis=1)[::EVERY]
+    return np.concatenate(channels, axis=1)[sampled(len(states))]
 
 
-def _fell(recording: Recording) -> float | None:
-    """When the episode ended early, s."""
-    return None if recording.survived else round((len(recording.snapshots) + 1) * PERIOD, 2)
+def _looks(name: str, seeds: list[Any], place: int) -> dict[str, str]:
+    """How the page tells a policy apart: what `style` says of its place in the comparison."""
+    colour, dashes = style(place)
+    return {"name": _label(name, seeds), "colour": colour, "dashes": dashes}
 
 
 def _label(name: str, seeds: list[Any]) -> str:
