@@ -1,12 +1,9 @@
 """The page replays the very episodes that were compared, chosen as it says, and does so in a real browser."""
 
 import base64
-import fcntl
 import json
 import os
-import select
 import shutil
-import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,12 +13,15 @@ import numpy as np
 import pytest
 
 from quadpend_gym.arrays import Floats
+from tests.browser_helpers import Browser
 from tests.policy_helpers import planted
 from train.cli import main
 from train.evaluate import Comparison, compare
+from train.flights import PERIOD, STEPS
+from train.html_report import style, write
 from train.policies import load_policy
 from train.recording import Recording, record
-from train.replay import CHANNELS, EVERY, MISSING, choose, contenders, packed, recorded, section
+from train.replay import CHANNELS, MISSING, choose, contenders, packed, recorded, sampled, section
 from train.scenarios import SCENARIOS
 
 NAMES = {"paper": "adrc-paper", "matched": "adrc-matched"}
@@ -37,8 +37,11 @@ def constructed(rmse: dict[str, Any], given: tuple[str, ...] | None = None) -> C
 
 def unpacked(data: dict[str, Any]) -> Floats:
     """What the page makes of a recording, shape (T, c)."""
-    numbers = np.frombuffer(base64.b64decode(data["samples"]), "<i2").reshape(len(data["scales"]), -1).T
-    return np.where(numbers == MISSING, np.nan, numbers * np.array(data["scales"]))
+    scales = np.array(data["scales"])
+    numbers = np.frombuffer(base64.b64decode(data["samples"]), "<i2").reshape(np.count_nonzero(scales), -1).T
+    values = np.zeros((len(numbers), len(scales)))
+    values[:, scales > 0.0] = np.where(numbers == MISSING, np.nan, numbers * scales[scales > 0.0])
+    return values
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +73,8 @@ def test_the_typical_episode_is_the_median_and_then_come_the_hardest() -> None:
 
 def test_among_equals_the_first_is_chosen_and_no_episode_twice() -> None:
     fallen = constructed({"a": [1.0, 1.0, 1.0, 1.0]})
-    assert choose(fallen, "calm", ["a"], 9) == [
-        ("typical", 1),
-        ("hardest", 0),
-        ("hardest no. 2", 2),
-        ("hardest no. 3", 3),
-    ]
+    titles = ["typical", "hardest", "hardest no. 2", "hardest no. 3"]
+    assert choose(fallen, "calm", ["a"], 9) == list(zip(titles, [1, 0, 2, 3], strict=True))
     assert choose(constructed({"a": [0.1]}), "calm", ["a"], 2) == [("typical", 0)]
 
 
@@ -84,7 +83,22 @@ def test_of_a_learner_the_first_seed_counts_and_the_label_says_so() -> None:
     assert [choice.episode for choice in choose(comparison, "calm", ["a"], 2)] == [1, 2]
     data = recorded(comparison, {"a": "ppo-pace-1,ppo-pace-0"}, 1)
     assert data is not None
-    assert data["policies"] == ["a, seed 1"]
+    assert [policy["name"] for policy in data["policies"]] == ["a, seed 1"]
+
+
+def test_policies_look_as_in_the_legend_of_the_page() -> None:
+    """They stand at places 0, 9 and 7, of which the first and the last have one colour."""
+    comparison = constructed({f"p{place}": [1.0 - 0.1 * place] for place in range(10)}, ("p0", "p7", "p9"))
+    data = recorded(comparison, dict.fromkeys(comparison.policies, "lqr"), 1)
+    assert data is not None
+    looks = [(policy["colour"], policy["dashes"]) for policy in data["policies"]]
+    assert looks == [style(0), style(9), style(7)]
+    assert style(0)[0] == style(7)[0]
+    assert style(0)[1] != style(7)[1]
+
+
+def test_every_fourth_step_is_kept_and_the_last() -> None:
+    assert [sampled(steps).tolist() for steps in (1, 2, 9, 10)] == [[0], [0, 1], [0, 4, 8], [0, 4, 8, 9]]
 
 
 def test_the_recorded_episode_is_the_very_one_that_was_compared(flown: tuple[Comparison, dict[str, Any]]) -> None:
@@ -95,9 +109,8 @@ def test_the_recorded_episode_is_the_very_one_that_was_compared(flown: tuple[Com
             episode = scene["seed"] - comparison.seed
             for policy, flight in zip(NAMES, scene["flights"], strict=True):
                 flights = comparison.flights[name, policy]
-                error, steps = unpacked(flight)[:, -1], flights.steps[0, episode]
-                assert len(error) == len(range(0, steps - 1, EVERY))
-                exact = flights.error[0, episode, : steps - 1 : EVERY]
+                error, steps = unpacked(flight)[:, -1], int(flights.steps[0, episode])
+                exact = flights.error[0, episode, sampled(steps)]
                 np.testing.assert_allclose(error, exact, atol=0.51 * flight["scales"][-1] + 1e-7)
                 assert flight["fell"] == (None if flights.survived[0, episode] else pytest.approx(0.01 * steps))
     assert any(flight["fell"] for scene in data["scenarios"]["storm"] for flight in scene["flights"])
@@ -106,7 +119,8 @@ def test_the_recorded_episode_is_the_very_one_that_was_compared(flown: tuple[Com
 def test_samples_are_the_recorded_numbers_within_their_rounding(flown: tuple[Comparison, dict[str, Any]]) -> None:
     scene = flown[1]["scenarios"]["windy"][0]
     recording: Recording = record("", load_policy("adrc-matched"), SCENARIOS["windy"], scene["seed"])
-    seen, flight = recording.snapshots[::EVERY], scene["flights"][1]
+    kept = sampled(STEPS)
+    seen, flight = [recording.snapshots[step] for step in kept], scene["flights"][1]
     found = dict(zip(CHANNELS, np.split(unpacked(flight), np.cumsum([*CHANNELS.values()])[:-1], axis=1), strict=True))
     for name, exact, finest in (
         ("position", [one.state.position for one in seen], 2e-4),
@@ -114,20 +128,23 @@ def test_samples_are_the_recorded_numbers_within_their_rounding(flown: tuple[Com
         ("direction", [one.state.direction for one in seen], 3e-5),
         ("force", [one.disturbance[:3] for one in seen], 1e-4),
         ("bob_force", [one.disturbance[3:6] for one in seen], 1e-4),
-        ("estimate", recording.estimate[::EVERY, :3], 1e-4),
+        ("estimate", recording.estimate[kept, :3], 1e-4),
         ("error", [[one.error] for one in seen], 1e-4),
     ):
         np.testing.assert_allclose(found[name], exact, atol=finest, err_msg=name)
-    times = flown[1]["start"] + np.arange(len(seen)) / flown[1]["rate"]
+    times = np.minimum(flown[1]["start"] + np.arange(len(seen)) / flown[1]["rate"], flown[1]["duration"])
     np.testing.assert_allclose(times, [one.time for one in seen])
     bob = seen[-1].reference.derivatives(times[-1])[0, :3] + [0.0, 0.0, scene["rod_length"]]
-    np.testing.assert_allclose(unpacked(scene["reference"])[len(seen) - 1], bob, atol=1e-4)
-    assert len(json.dumps(flight)) < 15_000
+    np.testing.assert_allclose(unpacked(scene["reference"])[-1], bob, atol=1e-4)
+    assert len(json.dumps(flight)) < 12_000
 
 
 def test_what_is_not_known_is_told_apart_from_zero() -> None:
-    values = np.array([[0.0, np.nan, -2.0], [0.0, np.nan, np.nan], [0.0, np.nan, 1.0]])
-    np.testing.assert_allclose(unpacked(packed(values)), values, atol=1e-4)
+    values = np.array([[0.0, np.nan, -2.0, np.nan], [0.0, np.nan, np.nan, 0.0], [0.0, np.nan, 1.0, 0.0]])
+    data = packed(values)
+    np.testing.assert_allclose(unpacked(data), values, atol=1e-4)
+    assert data["scales"][0] == 0.0, "of which nothing is kept"
+    assert len(base64.b64decode(data["samples"])) == 3 * 3 * 2
 
 
 def test_the_command_takes_the_number_of_episodes(tmp_path: Path) -> None:
@@ -139,83 +156,13 @@ def test_the_command_takes_the_number_of_episodes(tmp_path: Path) -> None:
         assert page.count("typical") == page.count('<section id="replay">') == count
 
 
-class Browser:
-    """Headless Chromium, spoken to through pipes in the DevTools protocol."""
-
-    def __init__(self, program: str, folder: Path) -> None:
-        command, self._commands = os.pipe()
-        self._answers, answer = os.pipe()
-        ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (command, answer)]
-        arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"]
-        arguments += ["--remote-debugging-pipe", f"--user-data-dir={folder}", "about:blank"]
-        actions: list[Any] = [(os.POSIX_SPAWN_DUP2, end, number) for end, number in zip(ends, (3, 4), strict=True)]
-        actions += [(os.POSIX_SPAWN_OPEN, 1, str(folder / "log"), os.O_WRONLY | os.O_CREAT, 0o600)]
-        actions += [(os.POSIX_SPAWN_DUP2, 1, 2)]
-        folder.mkdir()
-        self.process = os.posix_spawn(program, [program, *arguments], os.environ, file_actions=actions, setpgroup=0)
-        for end in (command, answer, *ends):
-            os.close(end)
-        self._count, self._received, self._session = 0, b"", {}
-        self.events: list[dict[str, Any]] = []
-        (page,) = [one for one in self.call("Target.getTargets")["targetInfos"] if one["type"] == "page"]
-        attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
-        self._session = {"sessionId": attached["sessionId"]}
-        for domain in ("Page", "Runtime", "Log"):
-            self.call(f"{domain}.enable")
-
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        self._count += 1
-        message = {"id": self._count, "method": method, "params": parameters, **self._session}
-        os.write(self._commands, json.dumps(message).encode() + b"\0")
-        while (received := self._receive()).get("id") != self._count:
-            self.events.append(received)
-        assert "error" not in received, received
-        return dict(received["result"])
-
-    def _receive(self) -> dict[str, Any]:
-        while b"\0" not in self._received:
-            assert select.select([self._answers], [], [], 20.0)[0], "the browser does not answer"
-            got = os.read(self._answers, 1 << 16)
-            assert got, "the browser has ended"
-            self._received += got
-        message, _, self._received = self._received.partition(b"\0")
-        return dict(json.loads(message))
-
-    def open(self, path: Path) -> None:
-        self.call("Page.navigate", url=path.as_uri())
-        while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
-            self.events.append(self._receive())
-
-    def run(self, script: str) -> Any:
-        """The value of an expression in the page."""
-        answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in answer, answer
-        return answer["result"].get("value")
-
-    def wait(self, condition: str) -> None:
-        end = time.monotonic() + 10.0
-        while not self.run(condition):
-            assert time.monotonic() < end, f"never: {condition}"
-            time.sleep(0.02)
-
-    def complaints(self) -> list[Any]:
-        wrong = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
-        return [event["params"] for event in self.events if event.get("method") in wrong]
-
-    def close(self) -> None:
-        os.killpg(self.process, signal.SIGKILL)
-        os.waitpid(self.process, 0)
-        os.close(self._commands)
-        os.close(self._answers)
-
-
 @pytest.fixture(scope="module")
 def page(flown: tuple[Comparison, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    from train.html_report import write
-
     programs = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
     program = next(filter(None, programs), None)
     if program is None:
+        if os.environ.get("CI"):
+            pytest.fail("CI needs Chromium to open the page in")
         pytest.skip("there is no Chromium here to open the page in")
     folder = tmp_path_factory.mktemp("browser")
     write(flown[0], None, folder / "report.html", [section(flown[1])])
@@ -242,9 +189,30 @@ def key(name: str, shift: bool = False) -> str:
     return f"document.getElementById('replay-view').dispatchEvent({event})"
 
 
+def pixels(page: Browser, colour: str, canvas: str = "view") -> Floats:
+    """Where there is exactly this colour, as shares of the width, shape (n,)."""
+    number = int.from_bytes([*bytes.fromhex(colour[1:]), 255], "little")
+    script = f"""(canvas => {{
+        const pen = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {{willReadFrequently: true}});
+        pen.drawImage(canvas, 0, 0);
+        const all = new Uint32Array(pen.getImageData(0, 0, canvas.width, canvas.height).data.buffer);
+        return [...all.keys()].filter(i => all[i] === {number}).map(i => i % canvas.width / canvas.width);
+    }})(document.getElementById("replay-{canvas}"))"""
+    return np.array(page.run(script))
+
+
 def shown(page: Browser, row: str) -> list[str]:
     cells = f"[...document.getElementById('replay-{row}').closest('tr').cells].slice(1).map(cell => cell.textContent)"
     return list(page.run(cells))
+
+
+def assert_shown(page: Browser, sample: Floats) -> None:
+    """The numbers of A are those of a sample."""
+    _, direction, force, _, estimate, error = np.split(sample, [6, 9, 12, 15, 18])
+    tilt = np.degrees(np.arccos(direction[2] / np.linalg.norm(direction)))
+    exact = [1000.0 * error[0], tilt, np.linalg.norm(force), np.linalg.norm(estimate)]
+    for cell, value, finest in zip(shown(page, "one"), exact, (0.5, 0.05, 0.005, 0.005), strict=True):
+        assert float(cell) == pytest.approx(value, abs=1.01 * finest)
 
 
 def test_the_page_opens_quietly_and_does_not_play_by_itself(page: Browser) -> None:
@@ -289,12 +257,7 @@ def test_numbers_beside_the_picture_are_those_of_the_flight(
     samples = unpacked(flown[1]["scenarios"]["windy"][0]["flights"][0])
     for at in (100.0, 100.5):
         page.run(f"replay.seek({0.01 + 0.04 * at})")
-        sample = (samples[int(at)] + samples[int(np.ceil(at))]) / 2.0
-        _, direction, force, _, estimate, error = np.split(sample, [6, 9, 12, 15, 18])
-        tilt = np.degrees(np.arccos(direction[2] / np.linalg.norm(direction)))
-        exact = [1000.0 * error[0], tilt, np.linalg.norm(force), np.linalg.norm(estimate)]
-        for cell, value, finest in zip(shown(page, "one"), exact, (0.5, 0.05, 0.005, 0.005), strict=True):
-            assert float(cell) == pytest.approx(value, abs=1.01 * finest)
+        assert_shown(page, (samples[int(at)] + samples[int(np.ceil(at))]) / 2.0)
 
 
 def test_scenarios_episodes_and_policies_can_be_switched(page: Browser) -> None:
@@ -315,7 +278,21 @@ def test_one_who_fell_is_told(page: Browser, flown: tuple[Comparison, dict[str, 
     page.run(choice("scenario", 1) + ";" + choice("episode", 1))
     told = page.run("document.getElementById('replay-one').closest('tr').cells[0].textContent")
     assert f"fell at {fell:.1f} s" in told
+    samples = unpacked(flown[1]["scenarios"]["storm"][1]["flights"][0])
+    last = PERIOD * (sampled(round(fell / PERIOD))[-2:] + 1)
+    for at, sample in ((last.mean(), samples[-2:].mean(axis=0)), (fell, samples[-1]), (10.0, samples[-1])):
+        page.run(f"replay.seek({at})")
+        assert_shown(page, sample)
     page.run(choice("scenario", 0))
+
+
+def test_policies_have_the_colours_of_the_legend(page: Browser) -> None:
+    page.run("replay.seek(2)")
+    lines = "document.querySelectorAll('[data-toggles] line, #replay th line')"
+    strokes = page.run(f"[...{lines}].map(line => getComputedStyle(line).stroke)")
+    assert strokes[:2] == strokes[2:] == ["rgb(0, 114, 178)", "rgb(213, 94, 0)"]
+    for colour in ("#0072B2", "#D55E00"):
+        assert min(len(pixels(page, colour, canvas)) for canvas in ("view", "errors")) > 30
 
 
 def test_the_view_turns_and_zooms_but_lets_the_page_scroll(page: Browser) -> None:
@@ -353,4 +330,30 @@ def test_it_is_sharp_follows_the_theme_and_prints_its_beginning(page: Browser) -
     page.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
     page.wait("(view => view.width === 2 * view.clientWidth)(document.getElementById('replay-view'))")
     assert page.run("document.documentElement.scrollWidth") <= 400
+    assert page.complaints() == []
+
+
+def test_black_far_targets_and_strong_wind_can_be_seen(
+    page: Browser, flown: tuple[Comparison, dict[str, Any]], tmp_path: Path
+) -> None:
+    """A page on which A is black and flies 30 m off, in a hundred times the storm."""
+    data = json.loads(json.dumps(flown[1]))
+    data["policies"][0] |= {"colour": "currentColor", "dashes": "5 3"}
+    flights = data["scenarios"]["storm"][0]["flights"]
+    values = unpacked(flights[1])
+    values[:, 0] += 30.0
+    values[:, 9:15] *= 100.0
+    flights[0] = {"fell": None, **packed(values)}
+    write(flown[0], None, tmp_path / "page.html", [section(data)])
+    page.open(tmp_path / "page.html")
+    page.run(choice("two", 2) + ";" + choice("scenario", 1))
+    for scheme, black, slate in (("light", "#1b1f24", "#52677e"), ("dark", "#e4e8ec", "#a3b8cd")):
+        page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        page.run("replay.seek(5)")
+        ink, wind = pixels(page, black), pixels(page, slate)
+        assert min(ink) < 0.03, "an arrow points to where the bob belongs"
+        assert np.sum(np.abs(ink - 0.5) < 0.1) > 50, "the bob, in the middle"
+        assert len(wind) > 50
+        assert 0.1 < min(wind) < max(wind) < 0.9
+    assert float(shown(page, "one")[2]) > 50.0
     assert page.complaints() == []
