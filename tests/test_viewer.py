@@ -241,6 +241,15 @@ def test_time_and_return_are_written_legibly(size: tuple[int, int]) -> None:
 
 
 SIGNS = ("REFERENCE", "WIND", "FRONT", "ROTOR", "BODY", "GROUND_NEAR")
+
+
+def test_an_arrow_at_the_edge_points_to_a_target_out_of_view() -> None:
+    for side in (1.0, -1.0):
+        seen = still()._replace(reference=Reference.hover(20.0 * side, 0.0, 2.0))
+        x, _ = middle(like(painted(seen, BESIDE, seen.focus), palette.REFERENCE))
+        assert side * (x - SIZE[0] / 2) > 0.35 * SIZE[0]
+
+
 TELLING = {
     **{name: getattr(palette, name) for name in SIGNS},
     **{f"policy {i}": colour for i, colour in enumerate(board.COLOURS)},

@@ -123,10 +123,15 @@ def _reference(surface: Any, view: View, seen: Snapshot, size: float) -> None:
     for (a, b), shown in zip(ends, visible, strict=True):
         if shown and np.hypot(*(a - b)[:2]) > 0.3:
             line(surface, a, b, paint.REFERENCE, max(1.6 * size, 1.0))
-    (x, y, depth) = view.project(path[-1])
-    if depth > NEAR:
-        radius = view.focal * 1.35 * BOB / depth
-        ring(surface, (x, y), radius, paint.REFERENCE, max(round(2.0 * size), 1))
+    x, y, depth = view.project(path[-1])
+    if depth < NEAR:
+        return
+    ring(surface, (x, y), view.focal * 1.35 * BOB / depth, paint.REFERENCE, max(round(2.0 * size), 1))
+    away = np.array([x, y]) - view.middle
+    share = float((np.abs(away) / view.middle).max())
+    if share > 1.0:  # it is out of the picture: point to it
+        tip = view.middle + 0.9 * away / share
+        arrow(surface, tip - 30.0 * size * away / np.hypot(*away), tip, paint.REFERENCE, 3.0 * size)
 
 
 def _trail(surface: Any, view: View, seen: Snapshot, size: float, colour: Colour) -> None:
