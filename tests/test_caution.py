@@ -13,8 +13,10 @@ from baselines.rollout import rollout
 from quadpend_gym.arrays import Floats
 from tests.companion_helpers import Steered, constant, flown
 from tests.env_helpers import make_rows
+from tests.learned_helpers import card, layers
 from tests.test_bad_input import refused
 from train.flights import VALIDATION_SEED
+from train.learned import LearnedPolicy
 from train.scenarios import find_scenario
 
 SAME_STEP = {"autoreset_mode": "SameStep"}
@@ -90,3 +92,9 @@ def test_late_actions_are_noticed_within_half_a_second_and_wind_is_not_taken_for
 )
 def test_impossible_caution_is_refused(steers: str, caution: float, message: str) -> None:
     refused(lambda: cautious(caution, steers), message, ValueError)
+
+
+def test_a_card_that_knows_no_caution_means_none() -> None:
+    old = card()
+    del old["view"]["caution"]
+    assert LearnedPolicy(layers(36, 8, 4), old).card == card()

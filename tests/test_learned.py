@@ -205,13 +205,6 @@ def test_what_makes_no_policy_is_refused(arrays: dict[str, Any], reason: str, tm
     refused(lambda: LearnedPolicy.load(path), rf"wrong.npz is no learned policy: .*({reason})", ValueError)
 
 
-def test_a_card_that_knows_no_caution_means_none(tmp_path: Path) -> None:
-    old = card()
-    del old["view"]["caution"]
-    np.savez(tmp_path / "old.npz", **{**parts(), "card": np.array(json.dumps(old))})
-    assert LearnedPolicy.load(tmp_path / "old.npz").card == card()
-
-
 def damages(whole: bytes) -> dict[str, bytes]:
     """A file with a flipped byte in many places, cut off in some, or that never was one."""
     every = range(0, len(whole), 29)

@@ -1,5 +1,6 @@
 """`quadpend watch` shows policies side by side in the same episode, in a window or in a file."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -178,6 +179,22 @@ def test_the_window_goes_on_to_the_end_waits_there_and_closes(monkeypatch: pytes
     assert shown[6] == shown[5] + 1, "one step"
     assert shown[9] == 0, "from the beginning"
     assert shown[-1] == 49, "the end"
+
+
+def test_a_window_that_nobody_could_see_is_refused_before_anything_is_flown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
+    monkeypatch.setattr("train.recording.record", lambda *_: pytest.fail("flown"))
+    refused(lambda: watch(("flatness",)), "there is no screen for a window: give --out", ValueError)
+
+
+def test_without_pygame_ce_the_command_names_the_extra(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pygame.draw", None)
+    with pytest.raises(SystemExit, match="2"):
+        main(["watch", "flatness"])
+    assert capsys.readouterr().err == "quadpend: pictures need pygame-ce: pip install 'quadpend-gym[view]'\n"
 
 
 @pytest.mark.parametrize(

@@ -233,14 +233,6 @@ def test_a_display_that_somebody_else_has_closed_is_a_closed_window(env: Any, cl
     env.close()
 
 
-def test_without_a_screen_a_window_that_nobody_sees_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
-    env = make(render_mode="human")
-    with pytest.warns(UserWarning, match="there is no screen"):
-        env.reset(seed=0)
-    env.close()
-
-
 WITHOUT = "import sys; sys.modules['pygame'] = None"
 OTHER = "import pygame, pygame.draw; del pygame.draw.aacircle, pygame.IS_CE"  # the pygame that pygame-ce left
 CODE = """

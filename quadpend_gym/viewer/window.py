@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pygame
-from gymnasium import logger
 from gymnasium.error import Error
 
 from quadpend_gym.viewer import palette as paint
@@ -97,10 +96,6 @@ class Window:
         self.picture, self._period = Picture(), period
         self._controls = Controls(self.picture)
         self._screen = open_window("QuadPendulum", SIZE)
-        if unseen():
-            logger.warn(
-                "there is no screen: the window of render_mode='human' is not to be seen; 'rgb_array' needs none"
-            )
         self._due = self._drawn = time.perf_counter()
 
     def asked(self) -> bool:
