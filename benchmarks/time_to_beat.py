@@ -138,6 +138,11 @@ def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, 
 def markdown(found: dict[str, list[Reached]], rate: float) -> str:
     """Medians and ranges as a Markdown table."""
     lines = [
+        "# Time to beat",
+        "",
+        f"Of {max(map(len, found.values()))} training seeds, each confirmed in a second block of {EPISODES} episodes;"
+        " `make time-to-beat` measures yours.",
+        "What the goals are is in [`time_to_beat.py`](../benchmarks/time_to_beat.py).",
         f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it in the demo's training.",
         "",
         "| goal | training | seconds, median [range] | steps, median [range] | target |",
