@@ -106,9 +106,10 @@ class Window:
     def show(self, snapshots: Callable[[], Sequence[Snapshot]]) -> None:
         """Show what `snapshots` returns when it is time for it; return when it is time for the next."""
         controls = self._controls
-        if not controls.closed and not pygame.display.get_init():
-            controls.closed = True  # somebody else has closed pygame's one window
-        while not (controls.closed or controls.over):
+        controls.closed |= not pygame.display.get_init()  # somebody else may have closed pygame's one window
+        if controls.closed:
+            return
+        while not controls.over:
             now = time.perf_counter()
             if now - self._drawn >= _FRAME or now >= self._due:
                 for event in pygame.event.get():
