@@ -30,11 +30,11 @@ def watch(
 
     Args:
         policies: One to three, as in evaluate; NAME=POLICY gives one a name.
-        scenario: As in evaluate.
+        scenario: By name, TOML or JSON file, or as JSON, as in evaluate.
         seed: Of the episode.
         out: File for a film (.mp4, .gif, .webp) or a picture of its end (.png), instead of a window.
         size: Width and height, in pixels.
-        fps: Pictures per second of a film.
+        fps: Pictures per second of a film; GIF counts hundredths of a second.
         speed: Of the time shown.
         seconds: From when to when to show.
         zoom: How much closer than usual.
