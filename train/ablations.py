@@ -28,12 +28,14 @@ from train.statistics import Interval, mean
 from train.store import code_stamp
 from train.train import POLICY, train
 
-STEPS = 3_000_000
+STEPS = 3_000_000  # of learners that act alone
+BESIDE_STEPS = 1_000_000  # of those that steer a controller, and begin as good as it
 EPISODES = 100
 _HIDDEN = '{"wind": "breeze", "output_feedback": true}'
 # What trainings beside a controller share, whatever of it they steer.
 _BESIDE = {
     "companion": "flatness",
+    "total_steps": BESIDE_STEPS,
     "learning_rate": 1e-3,
     "discount": 0.99,
     "reward_scale": 0.1,
@@ -47,7 +49,7 @@ _HELD = {  # and what follows from it: the same horizons and batches, in decisio
     "hold": 10,
     "discount": 0.92,
     "batch_size": 512,
-    "total_steps": STEPS // 10,
+    "total_steps": BESIDE_STEPS // 10,
     "ppo": {"gae_lambda": 0.95, "rollout_steps": 16},
 }
 
