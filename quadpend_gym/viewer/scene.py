@@ -3,6 +3,7 @@
 Sizes that the model does not have (arms, rotors, the bob's radius) are for the eye only.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -83,21 +84,19 @@ def draw(surface: Any, view: View, backdrop: Backdrop, seen: Snapshot, colour: C
 
 def _ground(surface: Any, view: View, seen: Snapshot) -> None:
     cell = np.array([np.round(seen.focus[0]), np.round(seen.focus[1]), 0.0])
-    ends, visible = view.segments(_GRID + cell)
-    for (a, b), tint, shown in zip(ends.tolist(), _GRID_COLOURS, visible.tolist(), strict=True):
-        if shown:
-            pygame.draw.aaline(surface, tint, a[:2], b[:2])
-    body, hubs, bob = _points(seen)
+    for i, a, b in _pieces(view, _GRID + cell):
+        line(surface, a, b, _GRID_COLOURS[i])
+    body, hubs, bob, _ = _points(seen)
     flat = np.array([1.0, 1.0, 0.0])
     for hub in hubs:
         _area(surface, view, (hub + ROTOR * _ROUND) * flat, paint.SHADOW, 60)
     for shadow, radius in ((body, BODY), (bob, BOB)):
         _area(surface, view, (shadow + 1.2 * radius * _ROUND) * flat, paint.SHADOW, 110)
-    ends, visible = view.segments(np.array([[body * flat, bob * flat], *([body * flat, hub * flat] for hub in hubs)]))
-    for (a, b), shown in zip(ends, visible, strict=True):
-        if shown:
-            line(surface, a, b, paint.SHADOW)
-    _dashed(surface, view, np.linspace(body, body * flat, 2 * min(max(int(body[2] / 0.12), 1), 100)), paint.FAINT)
+    for _, a, b in _pieces(view, np.array([[body, end] for end in (bob, *hubs)]) * flat):
+        line(surface, a, b, paint.SHADOW)
+    plumb = np.linspace(body, body * flat, 2 * min(max(int(body[2] / 0.12), 1), 100))
+    for _, a, b in _pieces(view, np.stack([plumb[:-1:2], plumb[1::2]], axis=1)):  # every other piece: dashes
+        line(surface, a, b, paint.FAINT)
 
 
 def _streaks(surface: Any, view: View, seen: Snapshot, size: float) -> None:
@@ -119,9 +118,8 @@ def _reference(surface: Any, view: View, seen: Snapshot, size: float) -> None:
     time = seen.time + np.linspace(-_AHEAD, _AHEAD, 81)
     path = seen.reference.derivatives(np.append(time, seen.time))[:, 0, :3]
     path[:, 2] += seen.rod_length  # where the bob belongs
-    ends, visible = view.segments(np.stack([path[:-2], path[1:-1]], axis=1))
-    for (a, b), shown in zip(ends, visible, strict=True):
-        if shown and np.hypot(*(a - b)[:2]) > 0.3:
+    for _, a, b in _pieces(view, np.stack([path[:-2], path[1:-1]], axis=1)):
+        if np.hypot(a[0] - b[0], a[1] - b[1]) > 0.3:
             line(surface, a, b, paint.REFERENCE, max(1.6 * size, 1.0))
     x, y, depth = view.project(path[-1])
     if depth < NEAR:
@@ -138,16 +136,14 @@ def _trail(surface: Any, view: View, seen: Snapshot, size: float, colour: Colour
     if len(seen.trail) < 2:
         return
     points = seen.trail[::-3][::-1]
-    ends, visible = view.segments(np.stack([points[:-1], points[1:]], axis=1))
-    for i, ((a, b), shown) in enumerate(zip(ends, visible, strict=True)):
-        if shown:
-            line(surface, a, b, mixed(paint.HORIZON, colour, 0.15 + 0.85 * i / len(ends)), max(1.6 * size, 1.0))
+    for i, a, b in _pieces(view, np.stack([points[:-1], points[1:]], axis=1)):
+        fresh = 0.15 + 0.85 * i / (len(points) - 1)
+        line(surface, a, b, mixed(paint.HORIZON, colour, fresh), max(1.6 * size, 1.0))
 
 
 def _vehicle(surface: Any, view: View, seen: Snapshot, size: float, colour: Colour) -> None:
     """The parts, the farthest first."""
-    body, hubs, bob = _points(seen)
-    turn = Rotation.from_euler("xyz", seen.state.euler).as_matrix()
+    body, hubs, bob, turn = _points(seen)
     parts: list[tuple[float, Any]] = []
 
     def add(where: Floats, paintbrush: Any) -> None:
@@ -180,11 +176,19 @@ def _vehicle(surface: Any, view: View, seen: Snapshot, size: float, colour: Colo
         paintbrush()
 
 
-def _points(seen: Snapshot) -> tuple[Floats, Floats, Floats]:
-    """Centre, hubs and bob, m."""
+def _pieces(view: View, ends: Floats) -> Iterator[tuple[int, list[float], list[float]]]:
+    """Number and ends, in pixels, of those of the line segments, shape (n, 2, 3), that are to be seen."""
+    pixels, visible = view.segments(ends)
+    flat = pixels.tolist()
+    for i in np.flatnonzero(visible).tolist():
+        yield i, *flat[i]
+
+
+def _points(seen: Snapshot) -> tuple[Floats, Floats, Floats, Floats]:
+    """Centre, hubs and bob, m, and the body's rotation, shape (3, 3)."""
     body = seen.state.position
     turn = Rotation.from_euler("xyz", seen.state.euler).as_matrix()
-    return body, body + _HUBS @ turn.T, seen.bob
+    return body, body + _HUBS @ turn.T, seen.bob, turn
 
 
 def _rotor(surface: Any, view: View, hub: Floats, turn: Floats, i: int, angle: float, size: float) -> None:
@@ -211,11 +215,3 @@ def _area(surface: Any, view: View, points: Floats, colour: Colour, opacity: int
     pixels = view.project(points)
     if pixels[:, 2].min() > NEAR:
         area(surface, pixels, colour, opacity)
-
-
-def _dashed(surface: Any, view: View, points: Floats, colour: Colour) -> None:
-    """Every other piece of a line through points."""
-    ends, visible = view.segments(np.stack([points[:-1:2], points[1::2]], axis=1))
-    for (a, b), shown in zip(ends, visible, strict=True):
-        if shown:
-            line(surface, a, b, colour)
