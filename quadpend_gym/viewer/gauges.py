@@ -23,7 +23,8 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
         return
     small, large = round(20 * unit), round(26 * unit)
     margin = 12.0 * unit
-    _box(surface, (margin, margin), (150.0 * unit, (102.0 if title else 74.0) * unit))
+    wide = max(150.0 * unit, letters.width(title, large) + 16.0 * unit)
+    _box(surface, (margin, margin), (wide, (102.0 if title else 74.0) * unit))
     y = margin + 8.0 * unit
     if title:
         letters.write(surface, title, (margin + 8.0 * unit, y), large, mixed(colour, paint.INK, 0.15))
@@ -46,7 +47,7 @@ def draw(surface: Any, view: View, letters: Letters, seen: Snapshot, title: str,
     lean = right @ seen.state.direction[:2]
     if np.hypot(*lean) < 1e-9:  # upright, or hanging
         lean = np.array([1e-9, 0.0])
-    share = min(seen.tilt / seen.tilt_limit, 1.0) / float(np.hypot(*lean))
+    share = min(seen.tilt / max(seen.tilt_limit, 1e-9), 1.0) / float(np.hypot(*lean))
     disc(surface, (level[0] + radius * share * lean[0], level[1] - radius * share * lean[1]), 6.0 * unit, colour)
 
     rose = (width - margin - radius - 8.0 * unit, level[1])
