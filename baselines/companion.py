@@ -47,7 +47,7 @@ class CompanionMemory(NamedTuple):
 
     controller: Any  # the controller's own memory, or what it knows
     action: Floats32  # that the controller would take, (n, 4); of no meaning where it is not asked
-    doubt: Floats  # q of equation (4), (n,)
+    doubt: Floats  # q of equation (4), (n,); zero without caution
 
 
 class Companion:
@@ -98,7 +98,7 @@ class Companion:
             action, known = self.controller.predict(observation, before, started)
         seen = self.controller.estimated_observation(observation, known) if self._whole else observation.copy()
         disturbance = self.controller.estimated_disturbance(known)
-        doubt = self._doubt(seen, disturbance, memory, started)
+        doubt = self._doubt(seen, disturbance, memory, started) if self.caution else np.zeros(len(seen))
         if self.steers != "alone":
             seen[:, : STATE_PART - OBSERVATION_SIZE] *= _CLOSE
         parts = [seen, disturbance]

@@ -163,9 +163,10 @@ class Film:
             DependencyNotInstalled: there is no pygame-ce.
             ResetNeeded: a row has not begun an episode.
         """
-        snapshots = self.snapshots()
         if self.mode == "human":  # which shows by itself
+            self.snapshot(int(self._seen.argmin()))  # raises if this row has not begun
             return None
+        snapshots = self.snapshots()
         if self._picture is None:
             check_pygame()
             from quadpend_gym.viewer.picture import Picture
