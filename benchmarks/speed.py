@@ -23,9 +23,9 @@ from rich.console import Console
 from rich.table import Table
 
 from quadpend_gym import Dryden, OrnsteinUhlenbeck
+from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Noise
-from quadpend_gym.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.wrappers import VectorParameterWrapper, VectorSensorWrapper
 
 ROWS = (1, 64, 1024, 4096, 16384)
@@ -124,13 +124,13 @@ def measure_training(steps: int = 150_000, turns: int = 9) -> dict[str, float]:
     """PPO's environment steps per second on our environment and on one that costs nothing: medians of turns."""
     import torch
 
-    from train.algorithms import make_model
-    from train.environment import make_env
-    from train.sb3_vec_env import SB3VecEnv
-    from train.settings import read_settings
+    from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+    from quadpend_train.training.algorithms import make_model
+    from quadpend_train.training.environment import make_env
+    from quadpend_train.training.settings import read_settings
 
     settings = read_settings("demo")
-    torch.set_num_threads(settings.threads)
+    torch.set_num_threads(settings.torch_threads)
     envs = {
         "PPO on QuadPendulum-v0 in wind": make_env(settings),
         "PPO on a free environment": SB3VecEnv(FreeVectorEnv(settings.num_envs)),
@@ -149,13 +149,13 @@ def measure_policies() -> dict[str, float]:
     """How many times faster `LearnedPolicy` predicts than the model of Stable-Baselines3 it was exported from."""
     import torch
 
-    from train.algorithms import make_model
-    from train.environment import make_env
-    from train.export import export
-    from train.settings import read_settings
+    from quadpend_train.policies.export import export
+    from quadpend_train.training.algorithms import make_model
+    from quadpend_train.training.environment import make_env
+    from quadpend_train.training.settings import read_settings
 
     settings = read_settings("demo")
-    torch.set_num_threads(settings.threads)
+    torch.set_num_threads(settings.torch_threads)
     model = make_model(settings, make_env(settings), None)
     policy = export(model)
     seen = np.random.default_rng(0).normal(size=(256, 36)).astype(np.float32)
@@ -173,7 +173,7 @@ def measure_policies() -> dict[str, float]:
 
 def measure_pictures() -> dict[str, float]:
     """Pictures per second, headless, in the middle of a flight; ours have 640 × 480 pixels, CartPole's 600 × 400."""
-    from baselines import controller
+    from quadpend_baselines import controller
 
     calls: dict[str, tuple[Callable[[], Any], int]] = {}
     for name, wind in (("calm", None), ("storm", "storm")):

@@ -27,15 +27,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
-from baselines import Policy, controller
 from benchmarks import speed
-from train.export import export
-from train.files import plain
-from train.flights import VALIDATION_SEED, fly
-from train.scenarios import SETS
-from train.settings import TrainSettings, read_settings
-from train.statistics import mean
-from train.train import train
+from quadpend_baselines import Policy, controller
+from quadpend_train.common.files import plain
+from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
+from quadpend_train.evaluation.statistics import mean
+from quadpend_train.policies.export import export
+from quadpend_train.scenarios import SETS
+from quadpend_train.training.settings import TrainSettings, read_settings
+from quadpend_train.training.train import train
 
 EPISODES = 100
 SEEDS = (VALIDATION_SEED, VALIDATION_SEED + 10_000)
@@ -45,7 +45,7 @@ Judge = Callable[[Policy], bool]
 class Goal(NamedTuple):
     """What is to be reached."""
 
-    settings: str  # of the training, see `train.settings`
+    settings: str  # of the training, see `quadpend_train.training.settings`
     every: int  # steps between two looks
     target: float  # s
     judge: Callable[[int], Judge]  # in the episodes from a seed on
@@ -59,23 +59,23 @@ class Reached(NamedTuple):
 
 
 def _balanced(seed: int) -> Judge:
-    return lambda policy: bool(fly([policy], "windy", EPISODES, seed).survived.mean() >= 0.95)
+    return lambda policy: bool(run_episodes([policy], "windy", EPISODES, seed).survived.mean() >= 0.95)
 
 
 def _better_than_paper(seed: int) -> Judge:
-    paper = fly([controller("adrc-paper")], "windy", EPISODES, seed)
+    paper = run_episodes([controller("adrc-paper")], "windy", EPISODES, seed)
 
     def judge(policy: Policy) -> bool:
-        return bool(fly([policy], "windy", EPISODES, seed).penalised_rmse.mean() < paper.penalised_rmse.mean())
+        return bool(run_episodes([policy], "windy", EPISODES, seed).penalised_rmse.mean() < paper.penalised_rmse.mean())
 
     return judge
 
 
 def _better_than_classical(seed: int) -> Judge:
-    best = [fly([controller("flatness")], name, EPISODES, seed) for name in SETS["training"]]
+    best = [run_episodes([controller("flatness")], name, EPISODES, seed) for name in SETS["training"]]
 
     def judge(policy: Policy) -> bool:
-        flown = [fly([policy], name, EPISODES, seed) for name in SETS["training"]]
+        flown = [run_episodes([policy], name, EPISODES, seed) for name in SETS["training"]]
         difference = sum(mine.penalised_rmse - its.penalised_rmse for mine, its in zip(flown, best, strict=True))
         survived = sum(mine.survived.mean() - its.survived.mean() for mine, its in zip(flown, best, strict=True))
         return bool(mean(np.asarray(difference)).high < 0.0 and survived >= 0.0)
@@ -125,7 +125,7 @@ def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, 
     for settings in dict.fromkeys(goal.settings for goal in goals.values()):
         asked = {name: (goal.every, judges[name]) for name, goal in goals.items() if goal.settings == settings}
         for seed in range(seeds):
-            run = replace(read_settings(settings), seed=seed, evaluation_steps=0, patience=0)
+            run = replace(read_settings(settings), seed=seed, eval_freq=0, patience=0)
             look = _Look(run, asked)
             with tempfile.TemporaryDirectory() as folder:
                 train(run, Path(folder) / "run", progress=False, more=[look])

@@ -26,7 +26,7 @@ from PIL import Image
 Image.fromarray(env.render()).save(FOLDER / "fallen.png")
 
 # %% 3. The paper's controller flies it, by the `predict` that policies of Stable-Baselines3 have too
-from baselines import controller
+from quadpend_baselines import controller
 
 pilot, memory = controller("adrc-paper"), None
 observation, info = env.reset(seed=1)
@@ -55,7 +55,7 @@ seen = quadpend_gym.read_observation(observation, "tracking_error")
 print("A tracking error of", info["tracking_error"].round(4), "m is seen as", seen.round(4))
 
 # %% 6. Many at once, in one compiled loop, as Stable-Baselines3 likes them
-from train.sb3_vec_env import SB3VecEnv
+from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 
 envs = SB3VecEnv(gym.make_vec("QuadPendulum-v0", num_envs=256, wind="windy", autoreset_mode="SameStep"))
 
@@ -67,20 +67,22 @@ model.learn(100_000)
 model.save(FOLDER / "mine.zip")
 
 # %% 8. A policy that comes with the package, and executes nothing when it is loaded
-from train.learned import LearnedPolicy
+from quadpend_train.policies.mlp_policy import MlpPolicy
 
-learned = LearnedPolicy.load("ppo-pace-0")
-print("Trained in", learned.card["settings"]["scenario"], "for", learned.card["settings"]["total_steps"], "decisions")
+learned = MlpPolicy.load("ppo-pace-0")
+print(
+    "Trained in", learned.card["settings"]["scenario"], "for", learned.card["settings"]["total_timesteps"], "decisions"
+)
 
 # %% 9. Everybody in the same episodes
-from train.evaluate import compare
-from train.report import markdown
+from quadpend_train.evaluation.comparison import compare
+from quadpend_train.reports.tables import markdown
 
 policies = {"adrc": "adrc-paper", "flatness": "flatness", "mine": str(FOLDER / "mine.zip"), "pace": "ppo-pace-0"}
 comparison = compare(policies, {"calm": "calm", "windy": "windy"}, episodes=10, folder=FOLDER / "store")
 print(markdown(comparison))
 
 # %% 10. And side by side, to look at
-from train.watch import watch
+from quadpend_train.cli.watch import watch
 
 watch(("adrc-paper", "ppo-pace-0"), scenario="windy", seconds=(0.0, 2.0), size=(640, 360), out=FOLDER / "windy.gif")

@@ -4,13 +4,13 @@ from typing import Any
 
 import gymnasium as gym
 
-from quadpend_gym.env import QuadPendulumEnv
-from quadpend_gym.observation import OBSERVATION_FIELDS, read_observation
-from quadpend_gym.params import PAPER, Actuators, Parameters, Simulation
-from quadpend_gym.references import Reference
-from quadpend_gym.state import State
+from quadpend_gym.envs.env import QuadPendulumEnv
+from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
+from quadpend_gym.physics.parameters import PAPER, Actuators, Parameters, Simulation
+from quadpend_gym.physics.state import State
 from quadpend_gym.tasks import Limits, ReferenceSettings, RewardWeights, StartSettings, Task
-from quadpend_gym.vector_env import QuadPendulumVectorEnv
+from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, read_observation
+from quadpend_gym.tasks.references import Reference
 from quadpend_gym.wind import (
     Constant,
     Drawn,
@@ -55,8 +55,8 @@ __all__ = [
 def _register(name: str, **kwargs: Any) -> None:
     gym.register(
         id=name,
-        entry_point="quadpend_gym.env:QuadPendulumEnv",
-        vector_entry_point="quadpend_gym.vector_env:QuadPendulumVectorEnv",
+        entry_point="quadpend_gym.envs.env:QuadPendulumEnv",
+        vector_entry_point="quadpend_gym.envs.vector_env:QuadPendulumVectorEnv",
         max_episode_steps=1000,
         kwargs=kwargs,
     )

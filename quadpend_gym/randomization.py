@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.arrays import Floats
-from quadpend_gym.params import PARAMETER_NAMES, Parameters
-from quadpend_gym.records import build, interval, number, tidy
-from quadpend_gym.streams import Streams
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.core.validation import check_interval, check_number, from_plain, to_plain_fields
+from quadpend_gym.physics.parameters import PARAMETER_NAMES, Parameters
 
 Range = tuple[float, float] | None  # (lowest, highest), uniform between; None: the nominal value
 
@@ -37,10 +37,10 @@ class ParameterRanges:
     bob_drag_area: Range = None  # m²
 
     def __post_init__(self) -> None:
-        tidy(self)
+        to_plain_fields(self)
         for item in fields(self):
             if (value := getattr(self, item.name)) is not None:
-                Parameters(**{item.name: interval(value, item.name)[0]})
+                Parameters(**{item.name: check_interval(value, item.name)[0]})
         if all(value is None for value in asdict(self).values()):
             raise ValueError(
                 f"at least one parameter must have a range; the parameters are {', '.join(PARAMETER_NAMES)}"
@@ -78,8 +78,8 @@ class Around:
     names: tuple[str, ...] = ()  # of the uncertain parameters; without, all but gravity
 
     def __post_init__(self) -> None:
-        tidy(self)
-        if number(self.share, "share", 0.0) >= 1.0:
+        to_plain_fields(self)
+        if check_number(self.share, "share", 0.0) >= 1.0:
             raise ValueError(f"share must be below 1, not {self.share!r}")
         if not isinstance(self.names, tuple):
             raise TypeError(f"names must be a sequence of names of parameters, not {self.names!r}")
@@ -103,5 +103,5 @@ def as_ranges(value: Any) -> ParameterRanges | Around:
         ValueError: something in it is unknown or out of range.
     """
     if isinstance(value, Around) or (isinstance(value, Mapping) and "share" in value):
-        return build(Around, value, "ranges")
-    return build(ParameterRanges, value, "ranges")
+        return from_plain(Around, value, "ranges")
+    return from_plain(ParameterRanges, value, "ranges")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_gym.arrays import Floats
+from quadpend_gym.core.arrays import Floats
 
 NEAR = 0.1  # m, depth of the plane behind which nothing is drawn
 _STEEPEST = np.pi / 2

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pygame
 
-from quadpend_gym.arrays import Bytes
-from quadpend_gym.viewer import gauges, scene
+from quadpend_gym.core.arrays import Bytes
+from quadpend_gym.viewer import hud, scene
 from quadpend_gym.viewer import palette as paint
-from quadpend_gym.viewer.brush import Letters
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.film import Snapshot
 from quadpend_gym.viewer.palette import Colour
+from quadpend_gym.viewer.snapshot import Snapshot
+from quadpend_gym.viewer.text import TextRenderer
 
 SIZE = (640, 480)
 _BELOW = 0.24  # of the distance, below the vehicle one looks, so that its shadow is in the picture
@@ -28,7 +28,7 @@ class Picture:
     def __init__(self, camera: Camera | None = None) -> None:
         """Nothing is drawn yet."""
         self.camera = camera or Camera()
-        self.letters = Letters()
+        self.letters = TextRenderer()
         self._backdrop, self._surface = scene.Backdrop(), pygame.Surface(SIZE)
 
     def draw(self, surface: Any, seen: Snapshot, title: str = "", colour: Colour = paint.BOB) -> None:
@@ -43,7 +43,7 @@ class Picture:
         middle = seen.focus - np.array([0.0, 0.0, _BELOW * self.camera.distance * np.cos(self.camera.elevation)])
         view = self.camera.look(middle, *surface.get_size())
         scene.draw(surface, view, self._backdrop, seen, colour)
-        gauges.draw(surface, view, self.letters, seen, title, colour)
+        hud.draw(surface, view, self.letters, seen, title, colour)
 
     def mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
         """Draw snapshots side by side; a single one has all of the surface."""

@@ -10,12 +10,12 @@ import numpy as np
 import pygame
 from scipy.spatial.transform import Rotation
 
-from quadpend_gym.arrays import Floats
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.viewer import palette as paint
-from quadpend_gym.viewer.brush import area, arrow, disc, line, outline, ring
 from quadpend_gym.viewer.camera import NEAR, View
-from quadpend_gym.viewer.film import Snapshot
 from quadpend_gym.viewer.palette import Colour, mixed
+from quadpend_gym.viewer.primitives import area, arrow, disc, line, outline, ring
+from quadpend_gym.viewer.snapshot import Snapshot
 
 ARM, ROTOR, BODY, BOB = 0.2, 0.11, 0.055, 0.045  # m: arm's length, radii
 METRES_PER_NEWTON = 0.7  # of an arrow of force

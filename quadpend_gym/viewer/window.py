@@ -10,8 +10,8 @@ from gymnasium.error import Error
 
 from quadpend_gym.viewer import palette as paint
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.film import Snapshot
 from quadpend_gym.viewer.picture import Picture
+from quadpend_gym.viewer.snapshot import Snapshot
 
 SIZE = (960, 720)
 HELP = (

@@ -9,8 +9,8 @@
 `PRESETS` are winds by name, from the calm to the storm: ``wind="windy"``.
 """
 
+from quadpend_gym.wind.base import KINDS, PRESETS, WIND_FIELDS, WIND_SIZE, Sum, Wind, as_wind
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
-from quadpend_gym.wind.model import KINDS, PRESETS, WIND_FIELDS, WIND_SIZE, Sum, Wind, as_wind
 from quadpend_gym.wind.series import series
 from quadpend_gym.wind.steady import Constant, Drawn, Sinusoid, StillAir
 from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck, VonKarman

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 
-from quadpend_gym.arrays import Floats, Integers
-from quadpend_gym.jit import compiled, inlined
-from quadpend_gym.streams import Keys, Streams, normal_pair
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.streams import Keys, Streams, normal_pair
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.arrays import Floats, Integers
-from quadpend_gym.models import Forgetful
-from quadpend_gym.records import interval, number, positive, tidy, vector
-from quadpend_gym.streams import Streams
-from quadpend_gym.wind.model import TURNED, WIND_FIELDS, Addable, Load, Loads, add_turned
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.models import Stateless
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.core.validation import as_vector, check_interval, check_number, check_positive, to_plain_fields
+from quadpend_gym.wind.base import TURNED, WIND_FIELDS, Addable, Load, Loads, add_turned
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Gusts(Loads):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, low in (("pause", 0.0), ("length", 0.01), ("heading", -np.inf)):
-            interval(getattr(self, name), name, low)
+            check_interval(getattr(self, name), name, low)
         if self.load[WIND_FIELDS["torque"]].any():
             raise ValueError("a gust has no torque: headings turn winds, not the axes of the body")
 
@@ -55,7 +55,7 @@ class Gusts(Loads):
         memory[ended, 1] = length
         memory[ended, 2], memory[ended, 3] = np.cos(heading), np.sin(heading)
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The gust in the middle of the period, over which it is held."""
         time = (step + 0.5) * period
         while (ended := time > memory[:, 0] + memory[:, 1]).any():
@@ -69,7 +69,7 @@ class Gusts(Loads):
 
 
 @dataclass(frozen=True)
-class PaperGusts(Forgetful, Addable):
+class PaperGusts(Stateless, Addable):
     """The paper's random gusts in x, y, z and yaw, calm until the onset (its Section 5).
 
     With the paper's onset of 10 s they never blow in an episode of 10 s: lower the onset, or raise the environment's
@@ -89,16 +89,16 @@ class PaperGusts(Forgetful, Addable):
     kind: str = field(default="paper_gusts", init=False)
 
     def __post_init__(self) -> None:
-        tidy(self)
+        to_plain_fields(self)
         if (self.amplitude < 0.0).any():
             raise ValueError(f"amplitudes must be at least 0, not {self.amplitude.tolist()}")
-        number(self.onset, "onset", 0.0)
-        positive(self.hold, "hold")
+        check_number(self.onset, "onset", 0.0)
+        check_positive(self.hold, "hold")
 
     @cached_property
     def amplitude(self) -> Floats:
         """Largest force in x, y, z (N) and yaw torque (N·m), shape (4,)."""
-        return np.array([*vector(self.force, 3, "force"), number(self.yaw_torque, "yaw_torque")])
+        return np.array([*as_vector(self.force, 3, "force"), check_number(self.yaw_torque, "yaw_torque")])
 
     @property
     def moves_air(self) -> bool:
@@ -109,7 +109,7 @@ class PaperGusts(Forgetful, Addable):
         drawn = 2.0 * streams.uniform(gust, 4) - 1.0
         return np.where(gust[:, np.newaxis] > 0, self.amplitude * drawn, 0.0)
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The gust in the middle of the period, over which it is held."""
         phase = np.maximum((step + 0.5) * period - self.onset, 0.0) / self.hold
         gust = np.floor(phase).astype(np.int64)

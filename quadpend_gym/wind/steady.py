@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.arrays import Floats, Integers
-from quadpend_gym.models import Forgetful
-from quadpend_gym.records import interval, positive, tidy
-from quadpend_gym.streams import Streams
-from quadpend_gym.wind.model import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned, as_wind
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.models import Stateless
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.core.validation import check_interval, check_positive, to_plain_fields
+from quadpend_gym.wind.base import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned, as_wind
 
 
 @dataclass(frozen=True)
-class Constant(Forgetful, Loads):
+class Constant(Stateless, Loads):
     """A steady disturbance."""
 
     kind: str = field(default="constant", init=False)
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The loads, always."""
         for axis in self.axes:
             out[:, axis] += self.load[axis]
@@ -35,7 +35,7 @@ class Sinusoid(Loads):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive(self.frequency, "frequency")
+        check_positive(self.frequency, "frequency")
 
     @property
     def memory_size(self) -> int:
@@ -46,7 +46,7 @@ class Sinusoid(Loads):
         """Phases, uniform in (0, 2π)."""
         return 2.0 * np.pi * streams.uniform(0, len(self.axes))
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The sinusoid in the middle of the period, over which it is held."""
         angle = self.frequency * period * (step + 0.5)
         for column, axis in enumerate(self.axes):
@@ -54,7 +54,7 @@ class Sinusoid(Loads):
 
 
 @dataclass(frozen=True)
-class StillAir(Forgetful, Addable):
+class StillAir(Stateless, Addable):
     """Air that does not move, but brakes what moves. Without it, or a wind with a velocity, there is no drag."""
 
     kind: str = field(default="still_air", init=False)
@@ -64,7 +64,7 @@ class StillAir(Forgetful, Addable):
         """There is air."""
         return True
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Nothing."""
 
 
@@ -83,10 +83,10 @@ class Drawn(Addable):
     kind: str = field(default="drawn", init=False)
 
     def __post_init__(self) -> None:
-        tidy(self)
+        to_plain_fields(self)
         object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
         for name in ("strength", "heading"):
-            interval(getattr(self, name), name)
+            check_interval(getattr(self, name), name)
 
     @property
     def moves_air(self) -> bool:
@@ -108,12 +108,12 @@ class Drawn(Addable):
         below = [model.start(streams.derive(i)) for i, model in enumerate(self.wind.models)]
         return np.column_stack([strength, np.cos(heading), np.sin(heading), *below])
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The wind, turned and scaled."""
         air = np.zeros((WIND_SIZE, step.size)).T
         first = 3
         for i, (model, size) in enumerate(zip(self.wind.models, self._sizes, strict=True)):
-            model.blow(air, memory[:, first : first + size], step, period, streams.derive(i))
+            model.sample(air, memory[:, first : first + size], step, period, streams.derive(i))
             first += size
         strength, cosine, sine = memory[:, :3].T
         for axis in TURNED:

@@ -36,11 +36,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from quadpend_gym.arrays import Floats, Integers
-from quadpend_gym.records import number, positive, tidy
-from quadpend_gym.streams import Streams
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.core.validation import check_number, check_positive, to_plain_fields
+from quadpend_gym.wind.base import WIND_FIELDS, Addable, Load, Loads
 from quadpend_gym.wind.filters import Filter, Sampled, run, sample, side_by_side, square_root, start, transfer
-from quadpend_gym.wind.model import WIND_FIELDS, Addable, Load, Loads
 
 FOOT, KNOT = 0.3048, 0.514444  # m, m/s
 INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # W₂₀, m/s, MIL-F-8785C
@@ -65,7 +65,7 @@ class OrnsteinUhlenbeck(Loads):
         super().__post_init__()
         if (self.load < 0.0).any():
             raise ValueError(f"standard deviations must be at least 0, not {self.load.tolist()}")
-        positive(self.time_constant, "time_constant")
+        check_positive(self.time_constant, "time_constant")
 
     @property
     def memory_size(self) -> int:
@@ -76,7 +76,7 @@ class OrnsteinUhlenbeck(Loads):
         """The stationary distribution."""
         return self.load[self.axes] * streams.normal(0, len(self.axes))
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """The remembered disturbance; then it decays and is stirred."""
         if self.axes:
             sampled, output, axes = _sampled_noise(self, period)
@@ -141,13 +141,13 @@ class _Turbulence(Addable):
     kind: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
-        tidy(self)
+        to_plain_fields(self)
         if isinstance(self.intensity, str) and self.intensity not in INTENSITIES:
             raise ValueError(f"intensity must be {', '.join(INTENSITIES)} or a number, not {self.intensity!r}")
-        positive(self.wind_20_feet, "intensity")
-        number(self.altitude, "altitude", 10.0 * FOOT, 1000.0 * FOOT)
-        positive(self.mean_speed, "mean_wind")
-        number(self.heading, "heading")
+        check_positive(self.wind_20_feet, "intensity")
+        check_number(self.altitude, "altitude", 10.0 * FOOT, 1000.0 * FOOT)
+        check_positive(self.mean_speed, "mean_wind")
+        check_number(self.heading, "heading")
         if not isinstance(self.standard, str) or self.standard not in STANDARDS:
             raise ValueError(f"standard must be one of {', '.join(STANDARDS)}, not {self.standard!r}")
 
@@ -214,7 +214,7 @@ class _Turbulence(Addable):
         """The stationary distribution."""
         return start(_stationary(self), streams)
 
-    def blow(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Mean wind and turbulence at the beginning of the period, over which they are held."""
         sampled, output, mean = _sampled_turbulence(self, period)
         run(sampled, output, _VELOCITY, step, streams, memory, out)

@@ -9,10 +9,10 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from quadpend_gym.arrays import Booleans, Floats32
-from quadpend_gym.env import observation_space
-from quadpend_gym.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
-from quadpend_gym.records import whole
+from quadpend_gym.core.arrays import Booleans, Floats32
+from quadpend_gym.core.validation import check_int
+from quadpend_gym.envs.spaces import observation_space
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
 
 
 def _size(space: Any, name: str) -> int:
@@ -82,8 +82,8 @@ class _Histories:
     """The latest observations and actions of n rows, oldest first."""
 
     def __init__(self, rows: int, observations: int, actions: int, sizes: tuple[int, int]) -> None:
-        whole(observations, "observations", 1)
-        whole(actions, "actions", 0)
+        check_int(observations, "observations", 1)
+        check_int(actions, "actions", 0)
         if observations == 1 and actions == 0:
             raise ValueError("one observation and no action is no history: ask for more of either")
         self._observations = np.zeros((rows, observations, sizes[0]), np.float32)

@@ -12,10 +12,10 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import VectorEnv, VectorWrapper
 
 from quadpend_gym.actuators import as_actuators
+from quadpend_gym.envs.world import World
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import as_wind
-from quadpend_gym.world import World
 
 AnyEnv = gym.Env[Any, Any] | VectorEnv[Any, Any, Any]
 

@@ -1,0 +1,1 @@
+"""Classical controllers: ADRC, flatness-based control, LQR, LQI and MPPI."""

@@ -1,0 +1,1 @@
+"""Observers: estimates of the state and of the disturbance from measurements."""

@@ -1,0 +1,1 @@
+"""Hybrids of a classical controller and a learned policy."""

@@ -1,0 +1,1 @@
+"""Models that controllers are designed with: linearisation, flat outputs, Taylor series."""

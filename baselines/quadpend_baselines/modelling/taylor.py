@@ -1,0 +1,90 @@
+"""Arithmetic of truncated Taylor series, with which derivatives of any order need no formulas of their own.
+
+A jet is an array of shape (k + 1, …) with the coefficients c_i = f⁽ⁱ⁾/i! of f(t + τ) = Σ c_i τⁱ, i = 0 … k.
+"""
+
+from math import factorial
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+
+
+def from_derivatives(*derivatives: Floats) -> Floats:
+    """The jet of a function with these derivatives of order 0, 1, …, each of shape (…)."""
+    return np.stack([d / factorial(i) for i, d in enumerate(derivatives)])
+
+
+def to_derivatives(a: Floats) -> Floats:
+    """The derivatives of order 0 … k of a jet, shape (k + 1, …)."""
+    return np.stack([c * factorial(i) for i, c in enumerate(a)])
+
+
+def derivative(a: Floats, order: int = 1) -> Floats:
+    """The jet of the derivative, as many orders shorter."""
+    return np.stack([c * (factorial(i) // factorial(i - order)) for i, c in enumerate(a) if i >= order])
+
+
+def constant(value: Floats, order: int) -> Floats:
+    """The jet of a constant, to an order."""
+    out = np.zeros((order + 1, *value.shape))
+    out[0] = value
+    return out
+
+
+def product(a: Floats, b: Floats) -> Floats:
+    """a b, to the lower of both orders."""
+    out = a[0] * b[: len(a)]
+    for i in range(1, len(out)):
+        out[i:] += a[i] * b[: len(out) - i]
+    return np.asarray(out)
+
+
+def quotient(a: Floats, b: Floats) -> Floats:
+    """a / b, to the lower of both orders."""
+    out = a[: len(b)] / b[0]
+    ratio = b[: len(out)] / b[0]
+    for i in range(len(out) - 1):
+        out[i + 1 :] -= out[i] * ratio[1 : len(out) - i]
+    return np.asarray(out)
+
+
+def power(a: Floats, exponent: float) -> Floats:
+    """a to a constant power, a > 0."""
+    out = np.empty_like(a)
+    out[0] = a[0] ** exponent
+    for k in range(1, len(a)):
+        out[k] = 0.0
+        for i in range(1, k + 1):
+            out[k] += (exponent * i - (k - i)) * a[i] * out[k - i]
+        out[k] /= k * a[0]
+    return out
+
+
+def arctangent(a: Floats) -> Floats:
+    """Arctan a."""
+    if len(a) == 1:
+        return np.arctan(a)
+    return _integral(np.arctan(a[0]), quotient(derivative(a), _plus_one(product(a, a))))
+
+
+def sine_and_cosine(a: Floats) -> tuple[Floats, Floats]:
+    """Sin a and cos a."""
+    sine, cosine = np.empty_like(a), np.empty_like(a)
+    sine[0], cosine[0] = np.sin(a[0]), np.cos(a[0])
+    for k in range(1, len(a)):
+        sine[k] = cosine[k] = 0.0
+        for i in range(1, k + 1):
+            sine[k] += i / k * a[i] * cosine[k - i]
+            cosine[k] -= i / k * a[i] * sine[k - i]
+    return sine, cosine
+
+
+def _plus_one(a: Floats) -> Floats:
+    out = a.copy()
+    out[0] += 1.0
+    return out
+
+
+def _integral(first: Floats, rate: Floats) -> Floats:
+    return np.stack([first, *(c / (i + 1) for i, c in enumerate(rate))])

@@ -1,0 +1,16 @@
+"""Actuators: what happens to an action before it moves the quadrotor."""
+
+from quadpend_gym.actuators.models import ActionDelay, Actuator, MotorLag, RateLimit, RotorFault, Rotors
+from quadpend_gym.actuators.registry import KINDS, as_actuators, check_chain
+
+__all__ = [
+    "KINDS",
+    "ActionDelay",
+    "Actuator",
+    "MotorLag",
+    "RateLimit",
+    "RotorFault",
+    "Rotors",
+    "as_actuators",
+    "check_chain",
+]

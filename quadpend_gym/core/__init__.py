@@ -1,0 +1,1 @@
+"""What every other room uses: array types, compilation, validation, random streams, model registries."""

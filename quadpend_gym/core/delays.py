@@ -1,0 +1,39 @@
+"""A ring of past values for each row: what delays of sensors and actuators share."""
+
+from typing import Any
+
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.jit import compiled
+
+
+@compiled
+def _exchange(values: Floats, step: Integers, ring: Floats, steps: int) -> None:
+    fields, rows = values.shape
+    for row in range(rows):
+        slot = (step[row] % steps) * fields
+        for field in range(fields):
+            present = values[field, row]
+            values[field, row] = ring[slot + field, row]
+            ring[slot + field, row] = present
+
+
+def delay(values: Floats, step: Integers, memory: Floats, steps: int) -> None:
+    """Replace `values` by those of `steps` control steps ago, and remember them.
+
+    Args:
+        values: shape (n, k), columns contiguous, changed in place.
+        step: control steps since each row's episode began, shape (n,).
+        memory: shape (n, steps · k), columns contiguous, changed in place. It begins with what came before step 0.
+        steps: how many, at least 1.
+    """
+    _exchange(values.T, step, memory.T, steps)
+
+
+def check_steps(steps: Any) -> None:
+    """Check the length of a delay.
+
+    Raises:
+        ValueError: it is not a whole number from 1 to 1000.
+    """
+    if not isinstance(steps, int) or isinstance(steps, bool) or not 1 <= steps <= 1000:
+        raise ValueError(f"steps must be a whole number from 1 to 1000, not {steps!r}")

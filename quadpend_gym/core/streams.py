@@ -1,0 +1,140 @@
+"""Random numbers as a pure function of (seed, episode, stream, index).
+
+A stream is a 64-bit key; its number n = 0, 1, … is ``mix(key + (n + 1)·γ)``: the SplitMix64 generator (Steele, Lea &
+Flood, OOPSLA 2014) read by index instead of in sequence. Keys are derived by the same mixing, so every sub-environment,
+episode and purpose has a stream of its own: what happens in episode k depends on the seed and on k, not on the number
+of rows, the policy, or what else is drawn. Uniform and normal numbers of one stream share its bits: whoever needs both
+derives two.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadpend_gym.core.elementary import log, sincos
+from quadpend_gym.core.jit import compiled, inlined
+
+Keys = NDArray[np.uint64]
+
+# One stream for each purpose, so that adding wind leaves starts and references unchanged.
+START_STREAM, REFERENCE_STREAM, WIND_STREAM, SENSOR_STREAM, ACTUATOR_STREAM, PARAMETER_STREAM = 1, 2, 3, 4, 5, 6
+
+_GAMMA = np.uint64(0x9E3779B97F4A7C15)
+_TWO_PI = 2.0 * np.pi
+
+
+@inlined
+def _mix(x: Any) -> Any:
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
+
+
+@inlined
+def derive(key: Any, number: int) -> Any:
+    """Key of the `number`-th stream that hangs below the stream `key`."""
+    return _mix(_mix(key) + np.uint64(number) * _GAMMA)
+
+
+@inlined
+def uniform(key: Any, index: int) -> float:
+    """The `index`-th number of a stream, uniform in (0, 1)."""
+    bits = _mix(key + (np.uint64(index) + np.uint64(1)) * _GAMMA)
+    return (float(np.int64(bits >> np.uint64(12))) + 0.5) * 2.0**-52
+
+
+@inlined
+def uniform_between(key: Any, index: int, low: float, high: float) -> float:
+    """The `index`-th number of a stream, uniform between `low` and `high`."""
+    return low + (high - low) * uniform(key, index)
+
+
+@inlined
+def normal_pair(key: Any, index: int) -> tuple[float, float]:
+    """The `index`-th pair of independent standard normal numbers of a stream (Box–Muller)."""
+    radius = np.sqrt(-2.0 * log(uniform(key, 2 * index)))
+    sine, cosine = sincos(_TWO_PI * uniform(key, 2 * index + 1))
+    return radius * cosine, radius * sine
+
+
+@compiled
+def _derive_all(keys: Keys, numbers: NDArray[np.int64], out: Keys) -> None:
+    for row in range(keys.shape[0]):
+        out[row] = derive(keys[row], numbers[row])
+
+
+@compiled
+def _derive_same(keys: Keys, number: int, out: Keys) -> None:
+    for row in range(keys.shape[0]):
+        out[row] = derive(keys[row], number)
+
+
+@compiled
+def _fill_uniform(keys: Keys, index: NDArray[np.int64], out: NDArray[np.float64]) -> None:
+    columns, rows = out.shape
+    for column in range(columns):
+        for row in range(rows):
+            out[column, row] = uniform(keys[row], index[row] * columns + column)
+
+
+@compiled
+def _fill_normal(keys: Keys, index: NDArray[np.int64], out: NDArray[np.float64]) -> None:
+    columns, rows = out.shape
+    pairs = columns // 2
+    for pair in range(pairs):
+        for row in range(rows):
+            first, second = normal_pair(keys[row], index[row] * pairs + pair)
+            out[2 * pair, row] = first
+            out[2 * pair + 1, row] = second
+
+
+@dataclass(frozen=True)
+class Streams:
+    """One random stream for each of n rows.
+
+    Attributes:
+        keys: the streams' keys, shape (n,).
+    """
+
+    keys: Keys
+
+    @classmethod
+    def from_seeds(cls, seeds: list[int]) -> "Streams":
+        """Streams for non-negative integer seeds, one for each row."""
+        states = [np.random.SeedSequence(seed).generate_state(1, np.uint64) for seed in seeds]
+        return cls(np.concatenate(states) if states else np.empty(0, np.uint64))
+
+    def derive(self, numbers: int | NDArray[np.int64]) -> "Streams":
+        """The streams numbered `numbers`, an integer or one for each row, below these."""
+        out = np.empty_like(self.keys)
+        if isinstance(numbers, int):
+            _derive_same(self.keys, numbers, out)
+        else:
+            _derive_all(self.keys, numbers, out)
+        return Streams(out)
+
+    def __getitem__(self, rows: Any) -> "Streams":
+        """The streams of some of the rows."""
+        return Streams(self.keys[rows])
+
+    def uniform(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
+        """Numbers uniform in (0, 1), shape (n, columns): the `index`-th such block of each row's stream."""
+        out = np.empty((columns, self.keys.shape[0]))
+        _fill_uniform(self.keys, self._each(index), out)
+        return out.T
+
+    def between(self, index: int | NDArray[np.int64], lowest: Any, highest: Any) -> NDArray[np.float64]:
+        """Numbers uniform between bounds, each of shape (columns,), otherwise as `uniform`."""
+        low, high = np.asarray(lowest), np.asarray(highest)
+        return np.asarray(low + (high - low) * self.uniform(index, low.size))
+
+    def normal(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
+        """Standard normal numbers, shape (n, columns): the `index`-th such block of each row's stream."""
+        out = np.empty((columns + columns % 2, self.keys.shape[0]))
+        _fill_normal(self.keys, self._each(index), out)
+        return out[:columns].T
+
+    def _each(self, index: int | NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.full(self.keys.shape, index) if isinstance(index, int) else index

@@ -1,0 +1,1 @@
+"""The environments: the batch simulation and its two adapters, Env and VectorEnv."""

@@ -1,0 +1,1 @@
+"""Equations of motion, physical parameters, the state and its integration."""

@@ -1,0 +1,48 @@
+"""Aerodynamic drag: how a wind velocity becomes forces.
+
+    (1)  d_Q = ½ ρ A_Q |v − ζ̇| (v − ζ̇)                      on the quadrotor
+    (2)  d_B = ½ ρ A_B |v − ζ̇ − l ṙ| (v − ζ̇ − l ṙ)          on the bob
+
+| symbol   | what it is                | unit  | default                                                              |
+|----------|---------------------------|-------|----------------------------------------------------------------------|
+| ρ        | air density               | kg/m³ | 1.225: ISO standard atmosphere at sea level                          |
+| A_Q      | drag area C_d A, any side | m²    | 0.01: a body of about 10 cm × 10 cm with C_d = 1                     |
+| A_B      | drag area C_d A           | m²    | 0.0005: a steel ball of 0.2 kg, 36 mm in diameter, with C_d = 0.47   |
+| v        | wind velocity, world      | m/s   |                                                                      |
+
+The forces are taken at the beginning of a control period and held over it. The rotors' own drag and the rod's are left
+out. Where no model moves the air there is no air: the paper's calm has no drag.
+"""
+
+from typing import Any
+
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.parameters import BOB_DRAG_AREA, QUADROTOR_DRAG_AREA, ROD_LENGTH
+from quadpend_gym.physics.state import DIRECTION_RATE, VELOCITY
+from quadpend_gym.physics.vectors import Vec3, add, axpy, load, norm, scale, store
+
+AIR_DENSITY = 1.225  # kg/m³
+
+
+@inlined
+def drag_force(area: float, relative: Vec3) -> Vec3:
+    """½ ρ A |v| v, N, of a relative air velocity v in m/s."""
+    return scale(0.5 * AIR_DENSITY * area * norm(relative), relative)
+
+
+@inlined
+def add_drag(wind: Vec3, state: Any, physics: Any, lane: int, out: Any) -> None:
+    """Add the drag (1) and (2) to the forces in column `lane` of a disturbance.
+
+    Args:
+        wind: velocity of the air, m/s.
+        state: shape (18, n).
+        physics: shape (9, n).
+        lane: column.
+        out: shape (9, n).
+    """
+    on_quadrotor = axpy(-1.0, load(state, VELOCITY, lane), wind)
+    on_bob = axpy(-physics[ROD_LENGTH, lane], load(state, DIRECTION_RATE, lane), on_quadrotor)
+    quadrotor_force = drag_force(physics[QUADROTOR_DRAG_AREA, lane], on_quadrotor)
+    store(out, 0, lane, add(load(out, 0, lane), quadrotor_force))
+    store(out, 3, lane, add(load(out, 3, lane), drag_force(physics[BOB_DRAG_AREA, lane], on_bob)))

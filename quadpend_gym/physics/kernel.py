@@ -1,0 +1,164 @@
+"""The compiled loops over sub-environments: integration, measurement, and the start of episodes.
+
+Rows are worked on in blocks of 64, copied into (field, lane) buffers so that each loop over lanes becomes vector
+instructions; a batch of one takes the same path, so its numbers are the same bits.
+
+One substep of length h integrates with the classical Runge–Kutta method (RK4), in coordinates in which most of it is
+done exactly (see `dynamics` for the equations):
+
+    attitude         a quadratic in time, since τ is held over a control period
+    centre of mass   Ẍ depends on time alone: RK4 is Simpson's rule
+    pendulum         RK4 for (r, ṙ), with the pull w at t, t + h/2 and t + h
+
+Afterwards r is normalised and ṙ projected onto its tangent plane. The thrust axis at the end of a substep is kept for
+the start of the next, so a substep takes two evaluations of the angles' sines.
+"""
+
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.physics.dynamics import (
+    centre_acceleration,
+    centre_offset,
+    direction_acceleration,
+    euler_acceleration,
+    load_physics,
+    rod_pull,
+    thrust_axis,
+)
+from quadpend_gym.physics.parameters import PHYSICS_SIZE
+from quadpend_gym.physics.state import (
+    COMMAND_SIZE,
+    DIRECTION,
+    DIRECTION_RATE,
+    DISTURBANCE_SIZE,
+    EULER,
+    EULER_RATE,
+    POSITION,
+    STATE_SIZE,
+    VELOCITY,
+)
+from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, load, norm, scale, store
+
+BLOCK = 64
+
+
+THRUST_AXIS = STATE_SIZE
+
+
+LANE_STATE = STATE_SIZE + 3
+
+
+# Edges of the parts of the buffer of lanes in `advance`.
+_COMMAND, _DISTURBANCE, _PHYSICS, _END = accumulate((LANE_STATE, COMMAND_SIZE, DISTURBANCE_SIZE, PHYSICS_SIZE))
+DIVERGED = 1e6  # a state this large is no longer a state
+
+
+@inlined
+def _euler_after(euler: Vec3, rate: Vec3, acceleration: Vec3, time: float) -> Vec3:
+    return axpy(time, axpy(0.5 * time, acceleration, rate), euler)
+
+
+@inlined
+def _substep(state: Any, command: Any, disturbance: Any, physics_lanes: Any, lane: int, h: float) -> None:
+    physics = load_physics(physics_lanes, lane)
+    thrust = command[0, lane]
+    quadrotor_force, bob_force = load(disturbance, 0, lane), load(disturbance, 3, lane)
+
+    euler, euler_rate = load(state, EULER, lane), load(state, EULER_RATE, lane)
+    euler_ddot = euler_acceleration(add(load(command, 1, lane), load(disturbance, 6, lane)), physics)
+    euler_end = _euler_after(euler, euler_rate, euler_ddot, h)
+    axis_end = thrust_axis(euler_end)
+    force_0 = axpy(thrust, load(state, THRUST_AXIS, lane), quadrotor_force)
+    force_m = axpy(thrust, thrust_axis(_euler_after(euler, euler_rate, euler_ddot, 0.5 * h)), quadrotor_force)
+    force_1 = axpy(thrust, axis_end, quadrotor_force)
+
+    pull_m = rod_pull(force_m, bob_force, physics)
+    r, v1 = load(state, DIRECTION, lane), load(state, DIRECTION_RATE, lane)
+    a1 = direction_acceleration(r, v1, rod_pull(force_0, bob_force, physics))
+    v2 = axpy(0.5 * h, a1, v1)
+    a2 = direction_acceleration(axpy(0.5 * h, v1, r), v2, pull_m)
+    v3 = axpy(0.5 * h, a2, v1)
+    a3 = direction_acceleration(axpy(0.5 * h, v2, r), v3, pull_m)
+    v4 = axpy(h, a3, v1)
+    a4 = direction_acceleration(axpy(h, v3, r), v4, rod_pull(force_1, bob_force, physics))
+    r_end = axpy(h / 6.0, add(add(v1, v4), scale(2.0, add(v2, v3))), r)
+    v_end = axpy(h / 6.0, add(add(a1, a4), scale(2.0, add(a2, a3))), v1)
+    r_end = scale(1.0 / norm(r_end), r_end)
+    v_end = axpy(-dot(r_end, v_end), r_end, v_end)
+
+    offset = centre_offset(physics)
+    centre = axpy(offset, r, load(state, POSITION, lane))
+    centre_rate = axpy(offset, v1, load(state, VELOCITY, lane))
+    c0 = centre_acceleration(force_0, bob_force, physics)
+    cm = centre_acceleration(force_m, bob_force, physics)
+    c1 = centre_acceleration(force_1, bob_force, physics)
+    centre = axpy(h * h / 6.0, axpy(2.0, cm, c0), axpy(h, centre_rate, centre))
+    centre_rate = axpy(h / 6.0, axpy(4.0, cm, add(c0, c1)), centre_rate)
+
+    store(state, POSITION, lane, axpy(-offset, r_end, centre))
+    store(state, VELOCITY, lane, axpy(-offset, v_end, centre_rate))
+    store(state, EULER, lane, euler_end)
+    store(state, EULER_RATE, lane, axpy(h, euler_ddot, euler_rate))
+    store(state, DIRECTION, lane, r_end)
+    store(state, DIRECTION_RATE, lane, v_end)
+    store(state, THRUST_AXIS, lane, axis_end)
+
+
+@inlined
+def gather(rows: Any, first: int, lanes: int, out: Any) -> None:
+    """Copy rows `first` to `first + lanes` of a (row, field) array into a (field, lane) buffer."""
+    for lane in range(lanes):
+        for field in range(rows.shape[1]):
+            out[field, lane] = rows[first + lane, field]
+
+
+@inlined
+def scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
+    """Copy a (field, lane) buffer into rows `first` to `first + lanes` of a (row, field) array."""
+    for lane in range(lanes):
+        for field in range(out.shape[1]):
+            out[first + lane, field] = lanes_in[field, lane]
+
+
+@inlined
+def integrate(
+    state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
+) -> None:
+    """As `advance`, on (field, lane) buffers; three more rows of `state` take the thrust axis, see `LANE_STATE`."""
+    for lane in range(lanes):
+        store(state, THRUST_AXIS, lane, thrust_axis(load(state, EULER, lane)))
+    for _ in range(substeps):
+        for lane in range(lanes):
+            _substep(state, command, disturbance, physics, lane, period / substeps)
+
+
+@compiled
+def advance(
+    state: Floats, command: Floats, disturbance: Floats, parameters: Floats, period: float, substeps: int
+) -> None:
+    """Physics alone: advance n states by `period`, in place.
+
+    Args:
+        state: shape (n, 18), laid out as in `quadpend_gym.physics.state`.
+        command: thrust (N) and torques τφ, τθ, τψ (N·m), held over the period, shape (n, 4).
+        disturbance: d_Q (N), d_B (N), d_τ (N·m), world frame, held over the period, shape (n, 9).
+        parameters: rows of `Parameters.as_array`, shape (n, 9).
+        period: s.
+        substeps: number of Runge–Kutta steps the period is divided into.
+    """
+    buffer = np.empty((_END, BLOCK))
+    state_lanes, command_lanes = buffer[:_COMMAND], buffer[_COMMAND:_DISTURBANCE]
+    disturbance_lanes, physics_lanes = buffer[_DISTURBANCE:_PHYSICS], buffer[_PHYSICS:_END]
+    for first in range(0, state.shape[0], BLOCK):
+        lanes = min(BLOCK, state.shape[0] - first)
+        gather(state, first, lanes, state_lanes)
+        gather(command, first, lanes, command_lanes)
+        gather(disturbance, first, lanes, disturbance_lanes)
+        gather(parameters, first, lanes, physics_lanes)
+        integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+        scatter(state_lanes, first, lanes, state)

@@ -1,0 +1,108 @@
+"""Physical parameters (the paper's Table 1 and drag areas) and the limits of the actuators."""
+
+from dataclasses import astuple, dataclass, field, fields
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.validation import check_number, check_positive, from_plain
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The bodies: a quadrotor of constant diagonal inertia, a massless rod and a bob of no extent.
+
+    Raises:
+        TypeError: a value is not a number.
+        ValueError: a value is not finite or not above zero.
+    """
+
+    quadrotor_mass: float = 0.5  # M, kg, Table 1
+    bob_mass: float = 0.2  # m_c, kg, Table 1
+    rod_length: float = 0.3  # l, m, Table 1
+    gravity: float = 9.8  # g, m/s², Table 1
+    inertia_roll: float = 0.1  # I_φ, kg·m², Table 1
+    inertia_pitch: float = 0.1  # I_θ, kg·m², Table 1
+    inertia_yaw: float = 0.1  # I_ψ, kg·m², Table 1
+    quadrotor_drag_area: float = 0.01  # A_Q, m², see `drag`
+    bob_drag_area: float = 0.0005  # A_B, m², see `drag`
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            if item.name.endswith("drag_area"):
+                check_number(getattr(self, item.name), item.name, 0.0)
+            else:
+                check_positive(getattr(self, item.name), item.name)
+
+    @property
+    def total_mass(self) -> float:
+        """M + m_c, kg."""
+        return self.quadrotor_mass + self.bob_mass
+
+    @property
+    def hover_thrust(self) -> float:
+        """(M + m_c) g, N."""
+        return self.total_mass * self.gravity
+
+    @property
+    def chain_stiffness(self) -> float:
+        """K = (M + m_c) g / (M l), 1/s²: r̈_x = K (r_x − θ) near hover, equation (26)."""
+        return self.hover_thrust / (self.quadrotor_mass * self.rod_length)
+
+    def as_array(self) -> Floats:
+        """The fields in order, shape (9,), SI units: the kernel's view."""
+        return np.array(astuple(self))
+
+
+PAPER = Parameters()
+PARAMETER_NAMES = tuple(item.name for item in fields(Parameters))
+PHYSICS_SIZE = len(PARAMETER_NAMES)
+ROD_LENGTH, QUADROTOR_DRAG_AREA, BOB_DRAG_AREA = 2, 7, 8  # columns that kernels read
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """Torques that an action of ±1 commands; the thrust's range follows from the weight, see `Simulation`.
+
+    Raises:
+        TypeError: a value is not a number.
+        ValueError: a value is not finite or not above zero.
+    """
+
+    roll_pitch_torque: float = 5.0  # N·m; τφ, τθ = 5 a₁, 5 a₂
+    yaw_torque: float = 1.0  # N·m; τψ = a₃
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            check_positive(getattr(self, item.name), item.name)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What is simulated and how finely.
+
+    Raises:
+        TypeError: a value has the wrong type.
+        ValueError: a value is out of range.
+    """
+
+    parameters: Parameters = PAPER
+    actuators: Actuators = field(default_factory=Actuators)
+    period: float = 0.01  # s, of the control loop: 100 Hz
+    substeps: int = 2  # Runge–Kutta steps in a control period
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", from_plain(Parameters, self.parameters, "parameters"))
+        object.__setattr__(self, "actuators", from_plain(Actuators, self.actuators, "actuators"))
+        check_positive(self.period, "period")
+        if not isinstance(self.substeps, int) or self.substeps < 1:
+            raise ValueError(f"substeps must be a whole number of at least 1, not {self.substeps!r}")
+
+    @property
+    def command_scale(self) -> Floats:
+        """What an action a means, shape (4,): thrust scale₀ (1 + a₀) in N, torques scaleᵢ aᵢ in N·m.
+
+        The thrust's scale is the weight, so zero action is hover.
+        """
+        a = self.actuators
+        return np.array([self.parameters.hover_thrust, a.roll_pitch_torque, a.roll_pitch_torque, a.yaw_torque])

@@ -1,0 +1,6 @@
+"""Sensors: what is measured of the state before it is observed."""
+
+from quadpend_gym.sensors.models import Channel, Delay, Dropout, Noise, Sensor
+from quadpend_gym.sensors.registry import KINDS, as_sensors
+
+__all__ = ["KINDS", "Channel", "Delay", "Dropout", "Noise", "Sensor", "as_sensors"]

@@ -1,0 +1,42 @@
+"""The reward: a weighted mean of four bounded terms, 1 only for perfect still tracking.
+
+With the tracking error e (m), the pendulum's direction r, the yaw error ψ_e (rad) and the action a:
+
+    (1)  tracking = (1 − s) / (1 + (|e| / 0.3 m)²) + s / (1 + |e| / 0.02 m)     far and near: a wide hill, a sharp tip
+    (2)  upright  = max(r_z, 0)²
+    (3)  yaw      = 1 / (1 + (ψ_e / 0.2 rad)²)
+    (4)  effort   = 1 / (1 + |a|²)
+
+s, the tip's share, is `RewardWeights.tip`, ½ by default. No term is negative, so ending an episode early never pays.
+"""
+
+from typing import Any, NamedTuple
+
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.vectors import Vec3, dot, norm
+
+_FAR, _NEAR, _YAW = 0.3, 0.02, 0.2  # m, m, rad
+
+
+class Reward(NamedTuple):
+    """The terms (1)–(4), each in [0, 1]."""
+
+    tracking: float
+    upright: float
+    yaw: float
+    effort: float
+
+
+@inlined
+def reward_terms(error: Vec3, upright: float, yaw_error: float, action: Any, lane: int, tip: float) -> Reward:
+    """Terms (1)–(4); `upright` is r_z, the action is in column `lane` of a (4, n) buffer, and `tip` is s."""
+    far = 1.0 / (1.0 + dot(error, error) / _FAR**2)
+    near = 1.0 / (1.0 + norm(error) / _NEAR)
+    above = max(upright, 0.0)
+    effort = action[0, lane] ** 2 + action[1, lane] ** 2 + action[2, lane] ** 2 + action[3, lane] ** 2
+    return Reward(
+        (1.0 - tip) * far + tip * near,
+        above * above,
+        1.0 / (1.0 + (yaw_error / _YAW) ** 2),
+        1.0 / (1.0 + effort),
+    )

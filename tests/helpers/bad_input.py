@@ -1,0 +1,79 @@
+"""Wrong input, and the check that it is refused in one sentence."""
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from tests.helpers.envs import assert_same, draw_actions, fly
+
+ERRORS = (TypeError, ValueError, gym.error.Error)
+
+
+Table = dict[str, tuple[Any, Any, str]]  # value, kind of error, what the message names
+
+
+ROWS = 3
+
+
+ZEROS = np.zeros((ROWS, 4))
+
+
+def refused(call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
+    """`call` raises one sentence that matches `names`."""
+    with pytest.raises(kind, match=names) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def in_row(row: int, *action: Any) -> Any:
+    """Actions of which one row's is special."""
+    actions = ZEROS.copy()
+    actions[row] = action
+    return actions
+
+
+NAN, INF = np.nan, np.inf
+
+
+BAD_ACTIONS: Table = {
+    "nan": ((NAN, 0, 0, 0), ValueError, "action of row 0 .*nan"),
+    "infinite": ((0, 0, INF, 0), ValueError, "action of row 0 .*inf"),
+    "minus infinite": ((0, 0, 0, -INF), ValueError, "action of row 0 .* -inf"),
+    "too large": ((0, 1.001, 0, 0), ValueError, r"action .* \[-1, 1\], not .*1.00"),
+    "too small": ((-1.001, 0, 0, 0), ValueError, r"action .* \[-1, 1\], not .*-1.00"),
+    "overflowing": ((1e300, 0, 0, 0), ValueError, "action of row 0"),
+    "short": ((0, 0, 0), ValueError, r"action must have shape \(4,\), not \(3,\)"),
+    "scalar": (0.0, ValueError, r"action must have shape \(4,\), not \(\)"),
+    "nested": (((0, 0, 0, 0),), ValueError, r"action must have shape \(4,\), not \(1, 4\)"),
+    "text": ("hover", TypeError, "action must be made of numbers, not 'hover'"),
+    "numerals": (("1", "0", "0", "0"), TypeError, "action must be made of numbers"),
+    "nothing": (None, TypeError, "action must be made of numbers, not None"),
+    "nothings": ((None,) * 4, TypeError, "action must be made of numbers"),
+    "complex": (np.zeros(4, complex), TypeError, "action must be made of numbers"),
+    "ragged": (((0, 0), (0,)), TypeError, "action must be made of numbers"),
+    "mapping": ({"thrust": 1.0}, TypeError, "action must be made of numbers"),
+}
+
+
+def cases(table: Table) -> pytest.MarkDecorator:
+    """A table as parameters of a test."""
+    return pytest.mark.parametrize(("value", "kind", "names"), table.values(), ids=table.keys())
+
+
+def refused_without_a_trace(env: Any, call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
+    """`call` is refused, and `env` goes on like a copy from before: this episode, the next, and unseeded ones."""
+    before = copy.deepcopy(env)
+    refused(call, names, kind)
+    assert_array_equal(env.world.state, before.world.state)
+    assert_array_equal(env.world.clock, before.world.clock)
+    assert_array_equal(env.world.episode, before.world.episode)
+    actions = draw_actions(2, 10, *env.action_space.shape[:-1])
+    for _ in range(2):
+        assert_same(fly(env, actions), fly(before, actions))
+        assert_same(env.reset(), before.reset())
+    assert_same(env.np_random.random(), before.np_random.random())

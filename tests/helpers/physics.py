@@ -1,0 +1,56 @@
+"""Random states, inputs and flights for the tests of the physics."""
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.parameters import Parameters
+from quadpend_gym.physics.state import STATE_SIZE, State
+
+# No two values alike, so that a swapped pair shows.
+UNEQUAL = Parameters(
+    quadrotor_mass=0.7,
+    bob_mass=0.25,
+    rod_length=0.4,
+    gravity=9.81,
+    inertia_roll=0.08,
+    inertia_pitch=0.11,
+    inertia_yaw=0.17,
+)
+
+
+def random_states(rows: int, seed: int, spread: float = 1.0) -> Floats:
+    """Tumbling states in all directions, shape (rows, 18); `spread` scales all but the pendulum's direction."""
+    rng = np.random.default_rng([0, seed])
+    state = State(spread * rng.normal(size=(rows, STATE_SIZE)))
+    direction = rng.normal(size=(rows, 3))
+    state.direction[:] = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    # A cross product with r is perpendicular to it.
+    state.direction_rate[:] = 3.0 * np.cross(state.direction_rate, state.direction)
+    return state.array
+
+
+def random_commands(rows: int, seed: int, parameters: Parameters) -> Floats:
+    """Thrust between nothing and twice the weight (N) and torques up to 1 N·m, shape (rows, 4)."""
+    action = np.random.default_rng([1, seed]).uniform(-1.0, 1.0, (rows, 4))
+    action[:, 0] = parameters.hover_thrust * (1.0 + action[:, 0])
+    return action
+
+
+def random_disturbances(rows: int, seed: int) -> Floats:
+    """Forces on both bodies (N) and torques (N·m) of order one, shape (rows, 9)."""
+    return np.random.default_rng([2, seed]).normal(size=(rows, 9))
+
+
+def flown(
+    state: Floats, command: Floats, disturbance: Floats, parameters: Parameters, period: float, substeps: int
+) -> Floats:
+    """The states after `period` seconds of constant inputs, shape (rows, 18)."""
+    state = np.array(np.atleast_2d(state), order="C")
+    rows = state.shape[0]
+    command, disturbance, physics = (
+        np.array(np.broadcast_to(array, (rows, array.shape[-1])), order="C")
+        for array in (command, disturbance, parameters.as_array())
+    )
+    advance(state, command, disturbance, physics, period, substeps)
+    return state

@@ -1,0 +1,65 @@
+"""Policies whose quality is known, for tests of comparisons."""
+
+from typing import Any
+
+import numpy as np
+
+from quadpend_baselines import ADRC
+from quadpend_train.evaluation.episodes import FALL, STEPS, EpisodeResults
+
+
+class Biased:
+    """ADRC that holds the bob a known distance (m) beside the reference in x."""
+
+    def __init__(self, distance: float) -> None:
+        self.distance, self.adrc = distance, ADRC("matched")
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        shifted = observation.copy()
+        shifted[:, 0] -= self.distance / 0.5
+        return self.adrc.predict(shifted, state, episode_start)
+
+
+class Shaky:
+    """ADRC with a little random action on top, of its own kind for each seed."""
+
+    def __init__(self, seed: int) -> None:
+        self.random, self.adrc = np.random.default_rng(seed), ADRC("matched")
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        action, memory = self.adrc.predict(observation, state, episode_start)
+        noise = self.random.normal(0.0, 0.02, action.shape)
+        return np.clip(action + noise, -1.0, 1.0).astype(np.float32), memory
+
+
+class Falling:
+    """No thrust."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        action = np.zeros((len(observation), 4), np.float32)
+        action[:, 0] = -1.0
+        return action, None
+
+
+def planted(rmse: Any, survived: Any = True) -> EpisodeResults:
+    """Flights that nobody flew, with an RMSE (m) for each episode, shape (n,) or (s, n)."""
+    rmse = np.atleast_2d(np.asarray(rmse, np.float64))
+    survived = np.broadcast_to(survived, rmse.shape)
+    one, error = np.ones_like(rmse), np.zeros((*rmse.shape, STEPS), np.float32)
+    return EpisodeResults(
+        survived,
+        one.astype(np.int64),
+        rmse,
+        np.where(survived, rmse, FALL),
+        np.where(survived, rmse, np.nan),
+        one,
+        one,
+        one,
+        error,
+    )

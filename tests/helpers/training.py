@@ -1,0 +1,66 @@
+"""Brief training runs, and what comes out of them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.policies.sb3_models import algorithm_class
+from quadpend_train.training import callbacks
+from quadpend_train.training import train as training
+from quadpend_train.training.settings import PpoSettings, SacSettings, TrainSettings
+
+# Episodes that end after a few steps, whoever flies.
+SHORT = json.dumps({"wind": "windy", "task": {"limits": {"pendulum_angle": 0.06}}})
+OTHER = json.dumps({"wind": "breeze", "task": {"limits": {"pendulum_angle": 0.07}}})
+BRIEF = TrainSettings(
+    scenario=(SHORT,),
+    total_timesteps=1024,
+    num_envs=16,
+    batch_size=128,
+    net_arch=(8,),
+    n_eval_episodes=2,
+    ppo=PpoSettings(n_steps=16, n_epochs=1),
+    sac=SacSettings(gradient_steps=1, buffer_size=1024, learning_starts=64),
+)
+BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32)
+
+
+def trained(settings: TrainSettings, folder: Path, **more: Any) -> MlpPolicy:
+    """The policy of a run from scratch."""
+    return MlpPolicy.load(training.train(settings, folder, progress=False, **more))
+
+
+def model_of(folder: Path, settings: TrainSettings) -> Any:
+    """The model that a finished run has left."""
+    return algorithm_class(settings.algo).load(folder / "model.zip", device="cpu")
+
+
+def numbers_of(model: Any) -> list[Any]:
+    """All that a model has learned: networks, target networks, optimizers, and the entropy's weight."""
+    found: list[Any] = [*model.policy.state_dict().values()]
+    optimizers = [model.policy.optimizer] if hasattr(model.policy, "optimizer") else []
+    for part in ("actor", "critic"):
+        optimizers += [getattr(model.policy, part).optimizer] if hasattr(model.policy, part) else []
+    if (entropy := getattr(model, "ent_coef_optimizer", None)) is not None:
+        optimizers.append(entropy)
+        found.append(model.log_ent_coef.detach())
+    for optimizer in optimizers:
+        for state in optimizer.state_dict()["state"].values():
+            found += [value for value in state.values() if isinstance(value, torch.Tensor)]
+    return [item.numpy() for item in found]
+
+
+def interrupt_at(steps: int, patch: pytest.MonkeyPatch) -> None:
+    """Let training be interrupted as soon as it has taken so many steps."""
+
+    def interrupted(watch: callbacks.StopConditions) -> bool:
+        if watch.num_timesteps >= steps:
+            raise KeyboardInterrupt
+        return True
+
+    patch.setattr(callbacks.StopConditions, "_on_step", interrupted)

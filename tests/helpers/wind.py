@@ -1,0 +1,57 @@
+"""What the tests of the wind share: what models blow, a model of every kind, and how far chance may reach."""
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadpend_gym import Constant, Drawn, Dryden, Gusts, OrnsteinUhlenbeck, PaperGusts, Sinusoid, VonKarman
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.models import ModelBatch
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.wind import WIND_SIZE, Sum, Wind, as_wind
+
+PERIOD = 0.01
+# One model of every kind, all of which blow from the first steps on.
+EXAMPLES: dict[str, Any] = {
+    "constant": Constant(force=0.5, bob_force=(0.0, 0.1, 0.0), torque=0.02, velocity=(1.0, -2.0, 0.5)),
+    "sinusoid": Sinusoid(force=0.3, torque=(0.0, 0.05, 0.01), velocity=2.0, frequency=3.0),
+    "drawn": Drawn(Dryden("moderate") + Constant(torque=0.02), strength=(0.5, 1.5)),
+    "gusts": Gusts(force=(0.5, 0.1, 0.2), velocity=(4.0, 0.0, 1.0), pause=(0.0, 0.05), length=(0.05, 0.1)),
+    "paper_gusts": PaperGusts(force=0.4, onset=0.02, hold=0.1),
+    "ornstein_uhlenbeck": OrnsteinUhlenbeck(force=0.3, torque=(0.02, 0.0, 0.0), velocity=1.0, time_constant=0.5),
+    "dryden": Dryden("moderate", altitude=30.0, heading=0.5),
+    "von_karman": VonKarman(8.0, mean_wind=5.0, heading=-2.0),
+    "sum": Sum((OrnsteinUhlenbeck(bob_force=0.1), Gusts(velocity=3.0, pause=(0.0, 0.1)), Dryden())),
+}
+every_kind = pytest.mark.parametrize("wind", EXAMPLES.values(), ids=EXAMPLES.keys())
+
+
+def blowing(wind: Any, rows: int, period: float = PERIOD) -> Iterator[Floats]:
+    """What blows in each row of an episode, step after step without end, shape (rows, 12)."""
+    process = ModelBatch(as_wind(wind), rows)
+    out, step = np.zeros((WIND_SIZE, rows)).T, np.zeros(rows, np.int64)
+
+    def sample(model: Wind, memory: Floats, streams: Streams) -> None:
+        model.sample(out, memory, step, period, streams)
+
+    process.begin(np.arange(rows), Streams.from_seeds(list(range(rows))), sample)
+    while True:
+        yield out
+        out, step = np.zeros((WIND_SIZE, rows)).T, step + 1
+        process.work(sample)
+
+
+def blown(wind: Any, steps: int, rows: int, period: float = PERIOD, columns: slice = slice(None)) -> Floats:
+    """What blows in the first steps of an episode, shape (steps, rows, 12) or some of these columns."""
+    return np.array([out[:, columns] for out in islice(blowing(wind, rows, period), steps)])
+
+
+def chance(rows: int) -> float:
+    """Five standard errors of the mean of `rows` independent standard normal numbers: one in two million is larger.
+
+    That of their standard deviation is smaller by √2, that of a product of two correlated ones larger by up to √2.
+    """
+    return float(5.0 / np.sqrt(rows))

@@ -1,0 +1,28 @@
+"""The tour runs as it stands, cell by cell, and shows what it says."""
+
+import re
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from tests.helpers.sources import ROOT
+
+TOUR = ROOT / "docs" / "tour.py"
+
+
+def test_the_tour_runs_cell_by_cell_from_make_to_a_comparison(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    cells = re.split(r"^# %% ", TOUR.read_text(encoding="utf-8"), flags=re.MULTILINE)[2:]
+    assert len(cells) == 10
+    names: dict[str, object] = {}
+    for cell in cells:
+        exec(compile("# " + cell, cell.splitlines()[0], "exec"), names)
+    said = capsys.readouterr().out
+    assert "leans 6" in said
+    assert "| windy | pace | 100.0 [" in said
+    with Image.open("tour/flying.png") as picture, Image.open("tour/windy.gif") as film:
+        assert picture.size == (640, 480)
+        assert film.n_frames > 40  # equal ones are one

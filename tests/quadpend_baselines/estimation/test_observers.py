@@ -1,0 +1,82 @@
+"""The observers' error poles lie where they were designed, and their switching term does what its data says."""
+
+import numpy as np
+import pytest
+
+from quadpend_baselines.estimation.observers import (
+    ESO_INPUT,
+    LUENBERGER_INPUT,
+    ObserverBank,
+    chain,
+    characteristic_polynomial,
+    current_gain,
+    input_gain,
+)
+from quadpend_baselines.gains import ObserverGains
+
+GAINS = [ObserverGains(500.0), ObserverGains(50.0), ObserverGains(15.0, damping=0.7)]
+
+
+@pytest.mark.parametrize("gains", GAINS)
+def test_polynomial_is_the_papers(gains: ObserverGains) -> None:
+    """λ₃ = 4ζω, λ₂ = 4ζ²ω² + 2ω², λ₁ = 4ζω³ as printed in Section 5, and λ₀ = ω⁴ where ω² is printed."""
+    w, z = gains.bandwidth, gains.damping
+    expected = [1.0, 4 * z * w, 4 * z**2 * w**2 + 2 * w**2, 4 * z * w**3, w**4]
+    np.testing.assert_allclose(characteristic_polynomial(gains), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("gains", GAINS)
+@pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2, 2e-2])
+def test_sampled_error_poles_are_the_exponentials_of_the_continuous_ones(gains: ObserverGains, period: float) -> None:
+    gain = current_gain(gains, period)
+    error_matrix = (np.eye(4) - np.outer(gain, [1, 0, 0, 0])) @ chain(period)
+    designed = np.poly(np.exp(np.roots(characteristic_polynomial(gains)) * period))
+    np.testing.assert_allclose(np.poly(error_matrix), designed, atol=1e-8)
+    assert np.max(np.abs(np.linalg.eigvals(error_matrix))) < 1.0
+
+
+@pytest.mark.parametrize("driven", [ESO_INPUT, LUENBERGER_INPUT])
+def test_prediction_is_exact_for_a_held_input(driven: int) -> None:
+    """A chain driven by a constant is a polynomial in time: an observer that starts right stays right."""
+    period, known_input = 0.01, 3.0
+    bank = ObserverBank.design([(driven, ObserverGains())], period)
+    start = np.array([1.0, -2.0, 0.5, 4.0])
+    estimate = start.reshape(1, 1, 4)
+    for step in range(1, 50):
+        powers = np.array([(step * period) ** i for i in range(5)])
+        true = np.array([np.sum(start[i:] * powers[: 4 - i] / _factorials(4 - i)) for i in range(4)])
+        true += known_input * input_gain(driven, step * period)
+        estimate = bank.update(estimate, np.full((1, 1), known_input), true[:1].reshape(1, 1))
+        np.testing.assert_allclose(estimate[0, 0], true, rtol=1e-7, atol=1e-7)
+
+
+def _factorials(count: int) -> np.ndarray:
+    return np.cumprod([1.0, *range(1, count)])
+
+
+def test_constant_disturbance_is_estimated() -> None:
+    period, disturbance = 0.01, 2.5
+    bank = ObserverBank.design([(ESO_INPUT, ObserverGains(100.0))], period)
+    estimate = np.zeros((1, 1, 4))
+    for step in range(1, 60):
+        measured = np.full((1, 1), 0.5 * disturbance * (step * period) ** 2)
+        estimate = bank.update(estimate, np.zeros((1, 1)), measured)
+    np.testing.assert_allclose(estimate[0, 0, 2], disturbance, rtol=1e-6)
+
+
+def _last_correction(gains: ObserverGains, error: float) -> float:
+    bank = ObserverBank.design([(ESO_INPUT, gains)], 0.01)
+    return float(bank.update(np.zeros((1, 1, 4)), np.zeros((1, 1)), np.full((1, 1), error))[0, 0, 3])
+
+
+def test_switching_term_is_linear_inside_its_layer_and_saturates_outside() -> None:
+    linear, saturated = ObserverGains(50.0), ObserverGains(50.0, switching=10.0)
+    assert _last_correction(saturated, 1e-9) == _last_correction(linear, 1e-9)
+    assert _last_correction(saturated, 1.0) == pytest.approx(10.0 * 0.01)
+    assert _last_correction(linear, 1.0) > 1.0
+
+
+def test_layer_zero_is_the_sign_function() -> None:
+    sign = ObserverGains(50.0, switching=10.0, layer=0.0)
+    for error, expected in ((1e-9, 0.1), (-3.0, -0.1), (0.0, 0.0)):
+        assert _last_correction(sign, error) == pytest.approx(expected)

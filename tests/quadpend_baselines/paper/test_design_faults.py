@@ -1,0 +1,136 @@
+"""Faults of the paper's design that are no misprints: where the wind enters, what the torques must do."""
+
+import numpy as np
+import pytest
+
+from quadpend_baselines.estimation.observers import characteristic_polynomial
+from quadpend_baselines.gains import ADRC_GAINS
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.parameters import PAPER
+from tests.helpers.symbolic import (
+    FORCE_ON_BOB,
+    FORCE_ON_QUADROTOR,
+    I_theta,
+    K,
+    M,
+    g,
+    length,
+    linearise,
+    m_c,
+    r_x,
+    tau_theta,
+    theta,
+    vanishes,
+    x,
+)
+
+GAINS = ADRC_GAINS["paper"]
+STIFFNESS = PAPER.gravity * PAPER.chain_stiffness  # gK
+PER_NEWTON = PAPER.gravity / (PAPER.quadrotor_mass * PAPER.rod_length)  # g/(M l): F⁽⁴⁾ per newton on the quadrotor
+_SLOW = [GAINS.horizontal_bandwidth**2, 2.0 * GAINS.damping * GAINS.horizontal_bandwidth, 1.0]
+FEEDBACK = np.polynomial.polynomial.polypow(_SLOW, 3)[:-1]  # k₀ … k₅
+
+
+def test_wind_enters_at_the_fourth_derivative_not_at_the_sixth() -> None:
+    """F⁽⁴⁾ = F₅ − g d/(M l) while ϑ = −gK d/(M l): the observer of F₅ sees the wind, and F₅ + ϑ/K is F⁽⁴⁾."""
+    chain = linearise()
+    d = FORCE_ON_QUADROTOR[0]
+    fifth = g * K * (r_x - theta)  # what the paper calls F⁽⁴⁾, (36)
+    known = -g * K / I_theta * tau_theta + K * fifth
+    on_quadrotor = dict.fromkeys((*FORCE_ON_QUADROTOR[1:], *FORCE_ON_BOB), 0)
+    vartheta = chain.derivative(fifth, 2).subs(on_quadrotor) - known
+    fourth = chain.derivative(x + length * r_x, 4).subs(on_quadrotor)
+    assert vanishes(vartheta + g * K * d / (M * length))
+    assert vanishes(fourth - (fifth - g * d / (M * length)))
+    assert vanishes(fourth - (fifth + vartheta / K))
+
+
+def test_wind_on_the_bob_enters_at_the_second_derivative() -> None:
+    """F̈ = g r_x + b/m_c; while b is constant, F₅ + ϑ/K is F⁽⁴⁾ all the same."""
+    chain = linearise()
+    b = FORCE_ON_BOB[0]
+    on_bob = dict.fromkeys((*FORCE_ON_QUADROTOR, *FORCE_ON_BOB[1:]), 0)
+    second, fourth = (chain.derivative(x + length * r_x, order).subs(on_bob) for order in (2, 4))
+    fifth = g * K * (r_x - theta)
+    vartheta = chain.derivative(fifth, 2).subs(on_bob) - (-g * K / I_theta * tau_theta + K * fifth)
+    assert vanishes(second - (g * r_x + b / m_c))
+    assert vanishes(fourth - (fifth + vartheta / K))
+
+
+def stationary_offset(observer: Floats) -> float:
+    """Steady error of F, m, under 1 N: k₀ e = (k₄ + (k₀ + k₁λ₃ + k₂λ₂ + k₃λ₁)/λ₀) g/(M l), by (46) and (51)."""
+    _, l3, l2, l1, l0 = observer
+    from_observer = FEEDBACK[:4] @ [1.0, l3, l2, l1] / l0
+    return float((FEEDBACK[4] + from_observer) / FEEDBACK[0] * PER_NEWTON)
+
+
+def closed_loop(observer: Floats, mismatch: float) -> tuple[Floats, Floats]:
+    """(A, b) of ẋ = A x + b d for one horizontal channel at rest: F … F⁽³⁾, F₅, F₆, Luenberger stage, linear DESO."""
+    size, luenberger, deso = 14, 6, 10
+    A, b = np.zeros((size, size)), np.zeros(size)
+    row = np.eye(size)
+    fourth_feedback = row[4] + mismatch / PAPER.chain_stiffness * row[deso + 2]
+    fifth_feedback = row[deso + 1] + mismatch / PAPER.chain_stiffness * row[deso + 3]
+    v = -FEEDBACK[:4] @ row[luenberger : luenberger + 4] - FEEDBACK[4] * fourth_feedback - FEEDBACK[5] * fifth_feedback
+    v = v - row[deso + 2]
+    A[0:3] = row[1:4]
+    A[3], b[3] = row[4], -PER_NEWTON
+    A[4] = row[5]
+    A[5], b[5] = v, -PAPER.chain_stiffness * PER_NEWTON
+    gains = observer[1:, np.newaxis]
+    A[luenberger : luenberger + 4] = gains * (row[0] - row[luenberger])
+    A[luenberger : luenberger + 3] += row[luenberger + 1 : luenberger + 4]
+    A[luenberger + 3] += fourth_feedback
+    right = characteristic_polynomial(GAINS.horizontal)[1:, np.newaxis]
+    A[deso : deso + 4] = right * (row[4] - row[deso])
+    A[deso : deso + 3] += row[deso + 1 : deso + 4]
+    A[deso + 1] += v
+    return A, b
+
+
+def test_papers_law_keeps_an_offset_and_the_mended_one_does_not() -> None:
+    """0.346 m per newton by (51) alone, 0.369 m with the Luenberger stage, and none with F₅ + ϑ̂/K for F⁽⁴⁾."""
+    observer = characteristic_polynomial(GAINS.luenberger)
+    assert FEEDBACK[4] / FEEDBACK[0] * PER_NEWTON == pytest.approx(0.346, abs=5e-4)
+    assert stationary_offset(observer) == pytest.approx(0.369, abs=5e-4)
+    for mismatch, expected in ((0.0, -stationary_offset(observer)), (1.0, 0.0)):
+        A, b = closed_loop(observer, mismatch)
+        assert np.max(np.linalg.eigvals(A).real) < -5.0
+        assert np.linalg.solve(A, -b)[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_printed_lambda_0_turns_the_offset_into_a_drift() -> None:
+    """λ₀ = ω²: a steady wind carries the quadrotor away by 3.2 m per second and newton, for half an hour."""
+    observer = characteristic_polynomial(GAINS.luenberger).copy()
+    observer[-1] = GAINS.luenberger.bandwidth**2
+    A, b = closed_loop(observer, 0.0)
+    assert np.max(np.linalg.eigvals(A).real) == pytest.approx(-5.6e-4, rel=0.01)
+    rest = np.linalg.solve(A, -b)
+    values, vectors = np.linalg.eig(A)
+    share = np.linalg.solve(vectors, rest.astype(complex))
+
+    def error(time: float) -> float:
+        return float((rest - np.real(vectors @ (np.exp(values * time) * share)))[0])
+
+    assert (error(12.0) - error(10.0)) / 2.0 == pytest.approx(-3.2, rel=0.02)
+
+
+def test_a_metre_of_error_asks_for_26_newton_metres() -> None:
+    """k₀ I/(gK) at ω_nc = 7, with Table 1's inertia."""
+    torque = FEEDBACK[0] * PAPER.inertia_pitch / STIFFNESS
+    assert torque == pytest.approx(26.25, abs=0.05)
+
+
+def test_mending_multiplies_the_noise_of_the_estimate() -> None:
+    """ϑ̂ enters v with 1 + k₄/K = 14.6 instead of 1."""
+    A, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 1.0)
+    plain, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 0.0)
+    assert plain[5, 12] == -1.0
+    assert A[5, 12] == pytest.approx(-14.6, abs=0.05)
+
+
+def test_a_slower_law_trades_torque_for_offset() -> None:
+    """ω_nc = 5 asks an eighth of the torque that 7 does (ω_nc⁶), and keeps four times the offset (ω_nc⁻⁴)."""
+    slower = np.polynomial.polynomial.polypow([5.0**2, 2.0 * GAINS.damping * 5.0, 1.0], 3)[:-1]
+    assert FEEDBACK[0] / slower[0] == pytest.approx(7.5, abs=0.05)
+    assert (slower[4] / slower[0]) / (FEEDBACK[4] / FEEDBACK[0]) == pytest.approx(3.8, abs=0.05)

@@ -1,0 +1,360 @@
+"""Actuators: late, lagging and limited actions, rotors that mix and fail, and an order in which all of it happens."""
+
+import copy
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import solve_ivp
+
+from quadpend_gym import PAPER, Actuators, Constant, Parameters, Simulation
+from quadpend_gym.actuators import KINDS, ActionDelay, MotorLag, RateLimit, RotorFault, Rotors, as_actuators
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.models import ModelBatch
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.physics.dynamics import momentum
+from quadpend_gym.sensors import Noise
+from quadpend_gym.wrappers import ActuatorWrapper, VectorActuatorWrapper
+from tests.helpers.bad_input import BAD_ACTIONS, cases, refused, refused_without_a_trace
+from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, fly, make_bare, make_rows
+from tests.helpers.physics import UNEQUAL
+
+PERIOD = Simulation().period
+CHAINS: dict[str, Any] = {
+    "delay": ActionDelay(3),
+    "lag": MotorLag(0.02),
+    "rate limit": RateLimit(30.0),
+    "rotors": Rotors(),
+    "all": [ActionDelay(2), RateLimit(50.0), MotorLag(0.03), RotorFault(2, 0.5, onset=0.05), Rotors()],
+}
+chains = pytest.mark.parametrize("actuators", CHAINS.values(), ids=CHAINS.keys())
+
+
+def passed(actuators: Any, actions: Any, simulation: Simulation | None = None) -> Floats:
+    """What comes out of actuators for actions of an episode, both of shape (steps, rows, 4)."""
+    steps, rows = actions.shape[:2]
+    process, simulation = ModelBatch(as_actuators(actuators), rows), simulation or Simulation()
+    process.begin(np.arange(rows), Streams.from_seeds(list(range(rows))), lambda *_: None)
+    out = np.zeros((steps, 4, rows)).swapaxes(1, 2)
+    out[:] = actions
+    for k in range(steps):
+        process.work(lambda model, *rest, k=k: model.act(out[k], rest[0], np.full(rows, k), simulation, rest[1]))
+    return out
+
+
+def held(value: float, steps: int) -> Floats:
+    """The same action for some steps, shape (steps, 1, 4)."""
+    return np.full((steps, 1, 4), value)
+
+
+def uncommanded(returned: list[Any]) -> list[Any]:
+    """What an environment has returned, without the commands that only actuators put into its info."""
+    for *_, info in returned:
+        del info["command"]
+        info.pop("_command", None)
+    return returned
+
+
+@chains
+def test_a_flight_is_that_of_the_actions_that_come_out(actuators: Any) -> None:
+    """Physics, observation and reward, the effort too, to the last bit."""
+    env, plain = VectorActuatorWrapper(make_rows(3, task=ENDLESS), actuators), make_rows(3, task=ENDLESS)
+    assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
+    actions = draw_actions(0, 40, 3)
+    assert_same(uncommanded(fly(env, actions)), fly(plain, passed(actuators, actions).astype(np.float32)))
+
+
+def test_the_info_tells_thrust_and_torques() -> None:
+    env = ActuatorWrapper(make_bare(), ActionDelay(1))
+    _, info = env.reset(seed=0)
+    hover = [PAPER.hover_thrust, 0.0, 0.0, 0.0]
+    assert_allclose(info["command"], hover)
+    action = np.array([0.5, 0.1, -0.2, 0.3], np.float32)
+    first, second = (env.step(action)[4]["command"] for _ in range(2))
+    assert_allclose(first, hover)
+    assert_allclose(second, [1.5 * PAPER.hover_thrust, 0.5, -1.0, 0.3], rtol=1e-6)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7])
+def test_a_delayed_flight_is_the_flight_of_shifted_actions_with_hover_before(steps: int) -> None:
+    env, plain = ActuatorWrapper(make_bare(wind=WINDY), ActionDelay(steps)), make_bare(wind=WINDY)
+    actions = draw_actions(0, 30)
+    for seed in (0, None):  # nothing is left of the first episode in the second
+        assert_same(uncommanded([env.reset(seed=seed)]), [plain.reset(seed=seed)])
+        assert_same(uncommanded(fly(env, actions)), fly(plain, [np.zeros(4)] * steps + list(actions[:-steps])))
+
+
+@pytest.mark.parametrize("period", [0.005, 0.02])
+@pytest.mark.parametrize("time_constant", [0.003, 0.05, 1.0])
+def test_lagging_motors_follow_their_differential_equation(time_constant: float, period: float) -> None:
+    """What acts is the mean of y over each period, with T ẏ = a − y, solved numerically."""
+    actions, y, means = draw_actions(0, 12, 1), np.zeros(4), []
+    for action in actions[:, 0].astype(np.float64):
+
+        def rates(_: float, values: Floats, a: Floats = action) -> Floats:
+            return np.concatenate([(a - values[:4]) / time_constant, values[:4]])
+
+        solution = solve_ivp(rates, (0.0, period), np.concatenate([y, np.zeros(4)]), rtol=1e-10, atol=1e-12)
+        y, integral = np.split(solution.y[:, -1], 2)
+        means.append(integral / period)
+    assert_allclose(passed(MotorLag(time_constant), actions, Simulation(period=period))[:, 0], means, atol=1e-8)
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
+def test_the_time_constant_and_the_impulse_of_a_lag_do_not_depend_on_the_control_period(period: float) -> None:
+    time_constant, simulation = 0.04, Simulation(period=period)
+    step = passed(MotorLag(time_constant), held(1.0, round(2.0 / period)), simulation)
+    # ∫ (1 − y) dt = T for the response to a step.
+    assert_allclose(period * np.sum(1.0 - step, axis=0), time_constant, rtol=1e-9)
+    pulse = np.concatenate([held(0.7, 5), held(0.0, round(2.0 / period))])
+    assert_allclose(passed(MotorLag(time_constant), pulse, simulation).sum(axis=0), pulse.sum(axis=0), rtol=1e-9)
+
+
+def test_a_limited_action_keeps_to_its_slope_and_arrives() -> None:
+    most = 12.0 * PERIOD
+    actions = np.concatenate([draw_actions(0, 40, 5), held(0.9, 20) + np.zeros((20, 5, 4))])
+    out = passed(RateLimit(12.0), actions)
+    slopes = np.diff(out, axis=0, prepend=np.zeros((1, 5, 4)))  # from hover
+    assert np.abs(slopes).max() <= most + 1e-15
+    assert_allclose(out[-1], 0.9, rtol=1e-15)
+    # Where it has not arrived, it goes as fast as it may.
+    missed = np.abs(out - actions) > 1e-12
+    assert_allclose(np.abs(slopes[missed]), most, rtol=1e-12)
+    assert 0.2 < missed.mean() < 0.9
+
+
+def test_an_action_that_is_slow_enough_passes_a_rate_limit() -> None:
+    slow = np.linspace(0.0, 0.8, 50)[:, np.newaxis, np.newaxis] * np.ones((1, 2, 4))
+    assert_allclose(passed(RateLimit(2.0), slow), slow, atol=1e-15)
+
+
+# A rotor's place (m) and the sense in which its drag turns the body: front, left, back, right.
+ARM, DRAG_RATIO = 0.15, 0.03
+PLACES = ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+SENSES = np.array([1.0, -1.0, 1.0, -1.0])
+
+
+def thrust_and_torques(forces: Floats) -> Floats:
+    """Of four upward forces at the rotors' places (N): sum, and moments about the centre, shape (4,)."""
+    upward = np.multiply.outer(forces, [0.0, 0.0, 1.0])
+    moments = np.cross(PLACES, upward) + (SENSES * DRAG_RATIO)[:, np.newaxis] * upward
+    return np.array([forces.sum(), *moments.sum(axis=0)])
+
+
+@pytest.mark.parametrize("action", [*np.eye(4), *-np.eye(4), *draw_actions(1, 4)])
+def test_rotors_push_and_turn_the_body_as_forces_at_their_places_do(action: Floats) -> None:
+    """Measured as what a short moment at rest does to momentum and body rates."""
+    simulation = Simulation(UNEQUAL, Actuators(roll_pitch_torque=4.0, yaw_torque=0.7), period=1e-4)
+    env = ActuatorWrapper(make_bare(simulation=simulation), Rotors(ARM, DRAG_RATIO))
+    env.reset(seed=0, options={"state": AT_REST})
+    env.step(action)
+    p, state = UNEQUAL, env.unwrapped.state  # type: ignore[attr-defined]
+    lift = momentum(state.array, p)[2] / simulation.period + p.hover_thrust
+    torques = state.euler_rate / simulation.period * [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]
+    forces = p.hover_thrust / 4.0 * (1.0 + action)  # 0 … W/2 each
+    assert_allclose([lift, *torques], thrust_and_torques(forces), rtol=1e-6, atol=1e-6)
+
+
+def test_one_rotor_at_full_thrust_turns_the_body_away_from_it() -> None:
+    """The paper's τφ = (f₂ − f₄) d, τθ = (f₃ − f₁) d, τψ = κ (f₁ − f₂ + f₃ − f₄)."""
+    signs = np.sign(np.round(passed(Rotors(), np.eye(4)[:, np.newaxis]), 12))[:, 0]
+    assert signs.tolist() == [[1, 0, -1, 1], [1, 1, 0, -1], [1, 0, 1, 1], [1, -1, 0, -1]]
+
+
+def test_rotors_at_zero_hover() -> None:
+    env = ActuatorWrapper(make_bare(), Rotors())
+    env.reset(seed=0, options={"state": AT_REST})
+    fly(env, np.zeros((20, 4)))
+    assert_allclose(env.unwrapped.state.array, np.concatenate(list(AT_REST.values())), atol=1e-12)  # type: ignore[attr-defined]
+
+
+def test_the_rotors_range_from_no_thrust_to_twice_the_weight() -> None:
+    assert_allclose(passed(Rotors(), held(-1.0, 1))[0, 0], [-1.0, 0.0, 0.0, 0.0], atol=1e-15)
+    assert_allclose(passed(Rotors(), held(1.0, 1))[0, 0], [1.0, 0.0, 0.0, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("rotor", [1, 2, 3, 4])
+def test_a_weak_rotor_gives_its_part_of_the_thrust_from_its_onset_on(rotor: int) -> None:
+    begun, part = 6, 0.6
+    actions = draw_actions(0, 20, 2).astype(np.float64)
+    thrusts = 1.0 + actions  # in quarters of the weight
+    thrusts[begun:, :, rotor - 1] *= part
+    weak = passed([RotorFault(rotor, part, onset=begun * PERIOD), Rotors()], actions)
+    assert_allclose(weak, passed(Rotors(), thrusts - 1.0), atol=1e-14)
+
+
+@pytest.mark.parametrize("onset", [0.0, 0.07, 0.29, 0.57])
+def test_hover_ends_with_the_step_in_which_a_rotor_weakens(onset: float) -> None:
+    env: Any = ActuatorWrapper(make_bare(), [RotorFault(1, 0.9, onset), Rotors()])
+    env.reset(seed=0, options={"state": AT_REST})
+    still = []
+    for action in np.zeros((round(onset / PERIOD) + 1, 4)):
+        env.step(action)
+        still.append(np.abs(env.unwrapped.state.euler_rate).max() < 1e-9)
+    assert all(still[:-1])
+    assert not still[-1]
+
+
+def test_an_action_passes_actuators_in_the_order_in_which_they_stand() -> None:
+    actions, one, other = draw_actions(0, 30, 2), RateLimit(20.0), MotorLag(0.05)
+    there, back = passed([one, other], actions), passed([other, one], actions)
+    assert_array_equal(there, passed(other, passed(one, actions)))
+    assert_array_equal(back, passed(one, passed(other, actions)))
+    assert np.abs(there - back).max() > 0.1
+
+
+def test_an_action_passes_the_actuators_of_an_outer_wrapper_first() -> None:
+    one, *others = CHAINS["all"]
+    nested = ActuatorWrapper(ActuatorWrapper(make_bare(), others), one)
+    flat = ActuatorWrapper(make_bare(), [one, *others])
+    assert_same(nested.reset(seed=0), flat.reset(seed=0))
+    actions = draw_actions(0, 30)
+    assert_same(fly(nested, actions), fly(flat, actions))
+
+
+def test_the_reward_counts_the_effort_that_comes_out_of_the_actuators() -> None:
+    env = ActuatorWrapper(make_bare(), [ActionDelay(1), MotorLag(0.02)])
+    env.reset(seed=0)
+    efforts = [info["reward_terms"]["effort"] for *_, info in fly(env, np.full((3, 4), 0.5))]
+    mean = 0.5 * (1.0 - (0.02 / PERIOD) * (1.0 - np.exp(-PERIOD / 0.02)))  # over the first period that moves
+    assert efforts[0] == 1.0
+    assert efforts[1] == pytest.approx(1.0 / (1.0 + 4.0 * mean**2), rel=1e-6)
+    assert efforts[2] < efforts[1]
+
+
+@dataclass(frozen=True)
+class Backwards:
+    """The opposite of what is asked for, in every other step."""
+
+    memory_size: int = 1
+
+    def start(self, streams: Any) -> Floats:
+        return np.ones((streams.keys.size, 1))
+
+    def act(self, action: Floats, memory: Floats, step: Any, simulation: Any, streams: Any) -> None:
+        action *= memory
+        memory *= -1.0
+
+
+def test_an_actuator_needs_no_base_class() -> None:
+    env, plain = ActuatorWrapper(make_bare(), Backwards()), make_bare()
+    assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
+    actions = draw_actions(0, 10)
+    assert_same(uncommanded(fly(env, actions)), fly(plain, actions * np.tile([[1.0], [-1.0]], (5, 1))))
+
+
+@cases(BAD_ACTIONS)
+def test_a_bad_action_is_refused_before_the_actuators_have_moved(value: Any, kind: Any, names: str) -> None:
+    env = ActuatorWrapper(make_bare(task=ENDLESS), CHAINS["all"]).unwrapped
+    env.reset(seed=0)
+    fly(env, draw_actions(0, 5))
+    refused_without_a_trace(env, lambda: env.step(value), names, kind)
+
+
+@chains
+def test_actuators_are_plain_data(actuators: Any) -> None:
+    models = as_actuators(actuators)
+    assert as_actuators(json.loads(json.dumps([asdict(model) for model in models]))) == models
+
+
+def test_every_kind_can_be_made_of_its_name() -> None:
+    for kind, model in KINDS.items():
+        assert as_actuators({"kind": kind}) == (model(),)
+
+
+BAD_MODELS = {
+    "no delay": (lambda: ActionDelay(0), "steps .* 1 to 1000, not 0"),
+    "half a step": (lambda: ActionDelay(0.5), "steps .* not 0.5"),
+    "no lag": (lambda: MotorLag(0.0), "time_constant must be above zero, not 0.0"),
+    "a lag in words": (lambda: MotorLag("slow"), "time_constant must be a number, not 'slow'"),
+    "no rate": (lambda: RateLimit(0.0), "rate must be above zero, not 0.0"),
+    "infinite rate": (lambda: RateLimit(np.inf), "rate must be a finite number .* not inf"),
+    "no arm": (lambda: Rotors(arm=-0.1), "arm must be above zero, not -0.1"),
+    "no drag": (lambda: Rotors(drag_ratio=0.0), "drag_ratio must be above zero, not 0.0"),
+    "rotor 0": (lambda: RotorFault(0), "rotor must be 1, 2, 3 or 4, not 0"),
+    "rotor 5": (lambda: RotorFault(5), "rotor must be 1, 2, 3 or 4, not 5"),
+    "rotor 1.0": (lambda: RotorFault(1.0), "rotor must be 1, 2, 3 or 4, not 1.0"),  # type: ignore[arg-type]
+    "rotor in words": (lambda: RotorFault("front"), "rotor must be 1, 2, 3 or 4, not 'front'"),  # type: ignore[arg-type]
+    "true rotor": (lambda: RotorFault(True), "rotor must be 1, 2, 3 or 4, not True"),
+    "too strong": (lambda: RotorFault(1, 1.2), r"effectiveness .* \[0, 1\], not 1.2"),
+    "too early": (lambda: RotorFault(1, onset=-1.0), "onset .* not -1.0"),
+    "unknown kind": (lambda: as_actuators({"kind": "propeller"}), "no kind 'propeller'; the kinds are action_delay"),
+    "unknown field": (lambda: as_actuators({"kind": "rotors", "legs": 1}), "actuator has no field 'legs'"),
+    "a name": (lambda: as_actuators("rotor"), "no actuator 'rotor'"),
+    "a class": (lambda: as_actuators(Rotors), "actuator must be an? actuator model"),
+    "a sensor": (lambda: as_actuators(Noise(0.1)), "actuator must be an? actuator model"),
+    "a sum of winds": (lambda: as_actuators(Constant() + Constant()), "actuator must be an? actuator model"),
+}
+
+
+@pytest.mark.parametrize(("call", "names"), BAD_MODELS.values(), ids=BAD_MODELS.keys())
+def test_an_impossible_actuator_is_refused(call: Any, names: str) -> None:
+    refused(call, names, (TypeError, ValueError))
+
+
+BAD_CHAINS: dict[str, tuple[Any, str]] = {
+    "rotors twice": ([Rotors(), Rotors(0.1)], "only once"),
+    "a fault without rotors": (RotorFault(), "a RotorFault needs rotors"),
+    "a fault behind rotors": ([Rotors(), RotorFault()], "a RotorFault needs rotors"),
+    "long arms": (Rotors(arm=2.0), r"torque of up to 6.86 N·m passes the simulation's limit of 5 N·m"),
+    "strong drag": (Rotors(drag_ratio=0.5), r"torque of up to 3.43 N·m passes the simulation's limit of 1 N·m"),
+}
+
+
+@pytest.mark.parametrize(("chain", "names"), BAD_CHAINS.values(), ids=BAD_CHAINS.keys())
+def test_actuators_that_make_no_sense_together_are_refused(chain: Any, names: str) -> None:
+    single, rows = make_bare(), make_rows(2)
+    single.reset(seed=0), rows.reset(seed=0)
+    refused_without_a_trace(single, lambda: ActuatorWrapper(single, chain), names, ValueError)
+    refused_without_a_trace(rows, lambda: VectorActuatorWrapper(rows, chain), names, ValueError)
+
+
+def test_wrappers_together_make_sense_or_are_refused() -> None:
+    env = ActuatorWrapper(make_bare(), [MotorLag(), Rotors()])
+    refused(lambda: ActuatorWrapper(copy.deepcopy(env), Rotors()), "only once", ValueError)
+    inside = ActuatorWrapper(make_bare(), MotorLag())
+    refused(lambda: ActuatorWrapper(inside, RotorFault()), "needs rotors", ValueError)
+    ActuatorWrapper(env, RotorFault()).reset(seed=0)
+
+
+def test_arms_may_be_as_long_as_the_torques_allow() -> None:
+    """The limit is the nominal weight's: 2 f d with f = W/4 at a full and an empty rotor."""
+    limit = 2.0 * 5.0 / Parameters().hover_thrust
+    ActuatorWrapper(make_bare(), Rotors(arm=limit))
+    refused(lambda: ActuatorWrapper(make_bare(), Rotors(arm=1.01 * limit)), "passes the simulation's limit", ValueError)
+    raised = Simulation(actuators=Actuators(roll_pitch_torque=6.0))
+    ActuatorWrapper(make_bare(simulation=raised), Rotors(arm=1.01 * limit))
+
+
+@dataclass(frozen=True)
+class Shaky:
+    """Adds what it draws in every step."""
+
+    memory_size: int = 0
+
+    def start(self, streams: Streams) -> Floats:
+        return np.empty((streams.keys.size, 0))
+
+    def act(self, action: Floats, memory: Floats, step: Any, simulation: Simulation, streams: Streams) -> None:
+        action[:] = 0.1 * streams.uniform(step + 1, 4)
+
+
+def test_an_actuator_put_before_leaves_the_random_numbers_of_the_others_alone() -> None:
+    alone = ActuatorWrapper(make_bare(), Shaky())
+    behind = ActuatorWrapper(ActuatorWrapper(make_bare(), Shaky()), MotorLag())
+    for env in (alone, behind):
+        env.reset(seed=0)
+    assert_same(fly(behind, draw_actions(0, 5)), fly(alone, draw_actions(0, 5)))
+
+
+def test_models_of_numpy_numbers_are_plain_data() -> None:
+    for model, like in (
+        (MotorLag(np.float32(0.5)), MotorLag(0.5)),
+        (ActionDelay(np.int64(2)), ActionDelay(2)),
+        (RotorFault(np.int64(2), np.float64(0.5)), RotorFault(2, 0.5)),
+    ):
+        assert model == like
+        assert json.dumps(asdict(model)) == json.dumps(asdict(like))

@@ -1,0 +1,119 @@
+"""How episodes end: each limit by itself, divergence, and the time limit apart from them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadpend_gym import Constant, Limits, QuadPendulumVectorEnv, Reference, Task
+from tests.helpers.envs import AT_REST, ENDLESS, fly, make, make_bare, make_rows
+
+HANGING = {"direction": (0.0, 0.0, -1.0)}
+
+
+def lean(degrees: float) -> dict[str, Any]:
+    """The pendulum leans by an angle towards −y."""
+    return {"direction": (0.0, -np.sin(np.radians(degrees)), np.cos(np.radians(degrees)))}
+
+
+def tilt(roll: float, pitch: float) -> dict[str, Any]:
+    """The body is rolled and pitched by angles in degrees."""
+    return {"euler": (*np.radians((roll, pitch)), 0.0)}
+
+
+def at(x: float, y: float, z: float) -> dict[str, Any]:
+    """The quadrotor is elsewhere."""
+    return {"position": (x, y, z)}
+
+
+def ends(start: dict[str, Any], task: Task | str = "track") -> bool:
+    """Whether a step from rest, but for `start`, at the hovering point terminates the episode."""
+    env = make_bare(task=task)
+    env.reset(seed=0, options={"state": {**AT_REST, **start}, "reference": Reference.hover()})
+    _, _, terminated, truncated, _ = env.step(np.zeros(4))
+    assert not truncated
+    return terminated
+
+
+@pytest.mark.parametrize(
+    ("inside", "past"),
+    [
+        pytest.param(lean(59.5), lean(60.5), id="pendulum past 60 degrees"),
+        pytest.param(tilt(79.5, 0.0), tilt(80.5, 0.0), id="roll past 80 degrees"),
+        pytest.param(tilt(0.0, -79.5), tilt(0.0, -80.5), id="pitch past 80 degrees"),
+        pytest.param(tilt(60.0, 69.0), tilt(60.0, 71.0), id="roll and pitch past 80 degrees together"),
+        pytest.param(at(2.99, 0.0, 2.0), at(3.01, 0.0, 2.0), id="error past 3 m in x"),
+        pytest.param(at(0.0, -2.99, 2.0), at(0.0, -3.01, 2.0), id="error past 3 m in y"),
+        pytest.param(at(0.0, 0.0, 4.99), at(0.0, 0.0, 5.01), id="error past 3 m in z"),
+        pytest.param(at(2.0, 2.0, 2.9), at(2.0, 2.0, 3.1), id="error past 3 m altogether"),
+        pytest.param(at(0.0, 0.0, 0.01), at(0.0, 0.0, -0.01), id="quadrotor on the ground"),
+    ],
+)
+def test_each_limit_alone_ends_the_episode(inside: dict[str, Any], past: dict[str, Any]) -> None:
+    assert not ends(inside)
+    assert ends(past)
+
+
+def test_the_bob_alone_ends_the_episode_on_the_ground() -> None:
+    task = Task(limits=Limits(pendulum_angle=np.pi))
+    assert not ends({**HANGING, **at(0.0, 0.0, 0.31)}, task)
+    assert ends({**HANGING, **at(0.0, 0.0, 0.29)}, task)
+
+
+def test_nothing_ends_an_episode_without_limits() -> None:
+    for start in (lean(180.0), tilt(180.0, 0.0), tilt(0.0, 90.0), at(100.0, 0.0, 0.0), at(0.0, 0.0, -100.0)):
+        assert not ends(start, ENDLESS)
+
+
+@pytest.mark.parametrize("wind", [{"force": 1e12}, {"bob_force": 1e12}, {"torque": 1e12}, {"force": 1e300}])
+def test_a_diverging_state_terminates_and_the_observation_stays_finite(wind: dict[str, float]) -> None:
+    env = make_bare(task=ENDLESS, wind=Constant(**wind))
+    env.reset(seed=0)
+    for observation, reward, terminated, _, _ in fly(env, np.zeros((3, 4))):
+        assert terminated
+        assert env.observation_space.contains(observation)
+        assert 0.0 <= reward <= 1.0
+        assert np.isfinite(env.state.array).all()
+
+
+def test_a_diverging_row_leaves_the_others_alone() -> None:
+    rows = make_rows(3, task=ENDLESS, autoreset_mode="Disabled")
+    calm = make_rows(3, task=ENDLESS, autoreset_mode="Disabled")
+    fast = np.zeros((3, 3))
+    fast[1] = 9e5
+    rows.reset(seed=0, options={"state": {"velocity": fast}})
+    calm.reset(seed=0, options={"state": {"velocity": np.zeros((3, 3))}})
+    observation, _, terminated, _, _ = rows.step(np.zeros((3, 4)))
+    assert terminated.tolist() == [False, True, False]
+    assert np.isfinite(observation).all()
+    np.testing.assert_array_equal(observation[[0, 2]], calm.step(np.zeros((3, 4)))[0][[0, 2]])
+
+
+def endings(env: Any, steps: int) -> list[tuple[bool, bool]]:
+    """(terminated, truncated) of the first sub-environment at each step of a flight without control."""
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape)
+    return [tuple(bool(np.ravel(flag)[0]) for flag in env.step(action)[2:4]) for _ in range(steps)]  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("env", [make, lambda **kwargs: make_rows(2, **kwargs)], ids=["single", "vector"])
+def test_an_episode_is_truncated_after_1000_steps_and_not_terminated(env: Any) -> None:
+    assert endings(env(task=ENDLESS), 1000) == [(False, False)] * 999 + [(False, True)]
+
+
+@pytest.mark.parametrize("env", [make, lambda **kwargs: make_rows(2, **kwargs)], ids=["single", "vector"])
+def test_termination_is_not_truncation(env: Any) -> None:
+    flags = endings(env(), 200)
+    steps = flags.index((True, False)) + 1
+    assert flags[: steps - 1] == [(False, False)] * (steps - 1)
+
+
+@pytest.mark.parametrize("env", [make, lambda **kwargs: make_rows(2, **kwargs)], ids=["single", "vector"])
+def test_an_episode_can_end_in_both_ways_at_once(env: Any) -> None:
+    steps = endings(env(), 200).index((True, False)) + 1
+    assert endings(env(max_episode_steps=steps), steps)[-1] == (True, True)
+
+
+def test_a_vector_env_without_a_time_limit_never_truncates() -> None:
+    env = QuadPendulumVectorEnv(2, task=ENDLESS, max_episode_steps=None)
+    assert endings(env, 1100) == [(False, False)] * 1100

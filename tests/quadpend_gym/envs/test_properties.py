@@ -1,0 +1,89 @@
+"""Properties that hold whatever the actions, the seed and the wind."""
+
+from typing import Any
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from quadpend_gym import Constant, OrnsteinUhlenbeck, PaperGusts, Sinusoid
+from quadpend_gym.core.arrays import Floats32
+from tests.helpers.envs import ENDLESS, assert_same, draw_actions, fly, make_bare, make_rows
+
+STEPS, ROWS = 40, 5
+unhurried = settings(deadline=None, max_examples=100)
+
+mostly_constant = arrays(
+    np.float32, (STEPS, ROWS, 4), elements=st.floats(-1.0, 1.0, width=32), fill=st.floats(-1.0, 1.0, width=32)
+)
+restless = st.integers(0, 2**32).map(lambda seed: draw_actions(seed, STEPS, ROWS))
+bang_bang = restless.map(np.sign)
+action_sequences = mostly_constant | restless | bang_bang
+seeds = st.integers(0, 2**64)
+strengths = st.floats(-10.0, 10.0) | st.floats(-1e12, 1e12)
+loads = st.fixed_dictionaries({"force": strengths, "bob_force": strengths, "torque": strengths})
+winds = st.one_of(
+    st.none(),
+    loads.map(lambda load: Constant(**load)),
+    loads.map(lambda load: Sinusoid(**load, frequency=20.0)),
+    loads.map(lambda load: OrnsteinUhlenbeck(**{key: abs(value) for key, value in load.items()}, time_constant=0.1)),
+    strengths.map(lambda force: PaperGusts(force=abs(force), yaw_torque=abs(force), onset=0.0, hold=0.1)),
+)
+
+
+@unhurried
+@given(actions=action_sequences, seed=seeds, wind=winds, task=st.sampled_from(["track", "hover", ENDLESS]))
+def test_observations_are_finite_and_rewards_between_zero_and_one(
+    actions: Floats32, seed: int, wind: Any, task: Any
+) -> None:
+    env = make_rows(ROWS, wind=wind, task=task)
+    assert env.observation_space.contains(env.reset(seed=seed)[0])
+    for observation, reward, *_, info in fly(env, actions):
+        assert env.observation_space.contains(observation)
+        assert np.isfinite(observation).all()
+        assert ((reward >= 0.0) & (reward <= 1.0)).all()
+        assert np.isfinite(info["disturbance"]).all()
+        assert ((info["tilt"] >= 0.0) & (info["tilt"] <= np.pi)).all()
+
+
+@unhurried
+@given(actions=action_sequences, seed=seeds, wind=winds)
+def test_the_pendulum_keeps_its_length(actions: Floats32, seed: int, wind: Any) -> None:
+    env = make_rows(ROWS, wind=wind)
+    env.reset(seed=seed)
+    fly(env, actions)
+    direction, rate = env.state.direction, env.state.direction_rate
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.sum(direction * rate, axis=-1) / (1.0 + np.linalg.norm(rate, axis=-1)), 0.0, atol=1e-12
+    )
+
+
+@unhurried
+@given(actions=action_sequences, seed=seeds, wind=winds)
+def test_the_same_seed_and_actions_give_the_same_bits(actions: Floats32, seed: int, wind: Any) -> None:
+    one, other = make_rows(ROWS, wind=wind), make_rows(ROWS, wind=wind)
+    assert_same(one.reset(seed=seed), other.reset(seed=seed))
+    assert_same(fly(one, actions), fly(other, actions))
+
+
+@unhurried
+@given(actions=action_sequences, seed=seeds, wind=winds)
+def test_one_row_is_the_single_environment(actions: Floats32, seed: int, wind: Any) -> None:
+    env, rows = make_bare(wind=wind), make_rows(ROWS, wind=wind, autoreset_mode="Disabled", max_episode_steps=STEPS + 1)
+    env.reset(seed=seed + 2)
+    rows.reset(seed=seed)
+    for action in actions:
+        observation, reward, terminated, _, _ = env.step(action[2])
+        observations, many, ended, *_ = rows.step(action)
+        assert_same((observations[2], many[2], ended[2]), (observation, reward, terminated))
+        if ended.any():
+            break
+
+
+@unhurried
+@given(seed=seeds)
+def test_seeds_that_differ_give_episodes_that_differ(seed: int) -> None:
+    starts = make_rows(ROWS).reset(seed=seed)[0]
+    assert len({start.tobytes() for start in starts}) == ROWS

@@ -1,0 +1,88 @@
+"""An environment's specification goes to JSON and comes back as the same environment."""
+
+from typing import Any
+
+import gymnasium as gym
+import pytest
+from gymnasium.envs.registration import EnvSpec
+
+from quadpend_gym import Actuators, Limits, OrnsteinUhlenbeck, Parameters, ReferenceSettings, Simulation, Task
+from quadpend_gym.wrappers import WindWrapper
+from tests.helpers.envs import IDS, WINDY, assert_same, draw_actions, fly, make, make_rows
+
+TASK = Task(references=ReferenceSettings(hover=0.0, height=(3.0, 4.0)), limits=Limits(tracking_error=0.5))
+SIMULATION = Simulation(Parameters(bob_mass=0.3), Actuators(yaw_torque=2.0), period=0.02, substeps=3)
+SETTINGS: dict[str, dict[str, Any]] = {
+    "defaults": {},
+    "a wind": {"wind": OrnsteinUhlenbeck(force=(0.1, 0.2, 0.3))},
+    "a sum of winds": {"wind": WINDY},
+    "a wind as a mapping": {"wind": {"kind": "constant", "force": [1.0, 0.0, 0.0]}},
+    "a task by name": {"task": "hover"},
+    "a task": {"task": TASK},
+    "a task as a mapping": {"task": {"references": {"height": [3.0, 4.0]}, "start": {"position": 0.5}}},
+    "a simulation": {"simulation": SIMULATION},
+    "a simulation as a mapping": {"simulation": {"parameters": {"bob_mass": 0.3}, "period": 0.02}},
+    "a time limit": {"max_episode_steps": 7},
+    "all": {"wind": WINDY, "task": TASK, "simulation": SIMULATION, "max_episode_steps": 7},
+}
+settings = pytest.mark.parametrize("kwargs", SETTINGS.values(), ids=SETTINGS.keys())
+
+
+def remade(spec: EnvSpec | None) -> EnvSpec:
+    """The specification after a journey through JSON."""
+    assert spec is not None
+    return EnvSpec.from_json(spec.to_json())
+
+
+@settings
+def test_a_spec_survives_json(kwargs: dict[str, Any]) -> None:
+    env = make(**kwargs)
+    twin = gym.make(remade(env.spec))
+    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    actions = draw_actions(3, 10)
+    assert_same(fly(twin, actions), fly(env, actions))
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@settings
+def test_the_spec_of_a_vector_env_survives_json(kwargs: dict[str, Any], mode: str) -> None:
+    env = make_rows(3, autoreset_mode=mode, **kwargs)
+    twin = gym.make_vec(remade(env.spec))
+    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    actions = draw_actions(3, 10, 3)
+    assert_same(fly(twin, actions), fly(env, actions))
+
+
+def test_the_spec_of_a_wrapped_env_survives_json() -> None:
+    env = WindWrapper(make(wind={"kind": "constant", "torque": 0.1}), WINDY)
+    twin = gym.make(remade(env.spec))
+    assert isinstance(twin, WindWrapper)
+    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    actions = draw_actions(3, 10)
+    assert_same(fly(twin, actions), fly(env, actions))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_registered_specs_survive_json(name: str) -> None:
+    assert remade(gym.spec(name)) == gym.spec(name)
+
+
+def test_mappings_and_objects_make_the_same_environment() -> None:
+    objects = make(task=TASK, simulation=SIMULATION, wind=OrnsteinUhlenbeck(force=0.2))
+    mappings = make(
+        task={"references": {"hover": 0.0, "height": [3.0, 4.0]}, "limits": {"tracking_error": 0.5}},
+        simulation={
+            "parameters": {"bob_mass": 0.3},
+            "actuators": {"yaw_torque": 2.0},
+            "period": 0.02,
+            "substeps": 3,
+        },
+        wind={"kind": "ornstein_uhlenbeck", "force": 0.2},
+    )
+    assert_same(mappings.reset(seed=0), objects.reset(seed=0))
+    actions = draw_actions(0, 10)
+    assert_same(fly(mappings, actions), fly(objects, actions))
+
+
+def test_the_ids_are_tasks_by_name() -> None:
+    assert_same(make(task="hover").reset(seed=0), gym.make("QuadPendulumHover-v0").reset(seed=0))

@@ -1,0 +1,226 @@
+"""Conservation laws, symmetries and the order of the integrator."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.dynamics import accelerations, energy, momentum
+from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.parameters import PAPER, Parameters
+from quadpend_gym.physics.state import STATE_SIZE, State
+from tests.helpers.physics import UNEQUAL, flown, random_commands, random_disturbances, random_states
+
+ROWS = 50
+NO_COMMAND, NO_DISTURBANCE = np.zeros(4), np.zeros(9)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def wild(seed: int, parameters: Parameters = UNEQUAL) -> tuple[Floats, Floats, Floats]:
+    """States, commands and disturbances of `ROWS` tumbling sub-environments."""
+    return random_states(ROWS, seed), random_commands(ROWS, seed, parameters), random_disturbances(ROWS, seed)
+
+
+def state_rate(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Floats:
+    """Time derivative of the state, shape (n, 18)."""
+    s, rate = State(state), State(np.empty_like(state))
+    second = accelerations(state, command, disturbance, parameters)
+    rate.position[:], rate.velocity[:] = s.velocity, second.position
+    rate.euler[:], rate.euler_rate[:] = s.euler_rate, second.euler
+    rate.direction[:], rate.direction_rate[:] = s.direction_rate, second.direction
+    return rate.array
+
+
+def thrust_force(state: Floats, command: Floats) -> Floats:
+    """u R e₃ from the product of the three rotations, N, shape (n, 3)."""
+    (s1, s2, s3), (c1, c2, c3) = np.sin(State(state).euler).T, np.cos(State(state).euler).T
+    zero, one = np.zeros_like(s1), np.ones_like(s1)
+    roll = np.array([[one, zero, zero], [zero, c1, -s1], [zero, s1, c1]])
+    pitch = np.array([[c2, zero, s2], [zero, one, zero], [-s2, zero, c2]])
+    yaw = np.array([[c3, -s3, zero], [s3, c3, zero], [zero, zero, one]])
+    axis = np.einsum("ijn,jkn,kln,l->ni", yaw, pitch, roll, UP)
+    return np.asarray(command[:, :1] * axis)
+
+
+def test_energy_grows_by_the_power_of_the_inputs() -> None:
+    """dE/dt = F·ζ̇ + d_B·ṗ + (τ + d_τ)·η̇."""
+    state, command, disturbance = wild(0)
+    s = State(state)
+    rate = state_rate(state, command, disturbance, UNEQUAL)
+    # The energy is a quadratic function of the state, so this difference is its derivative exactly.
+    growth = (energy(state + rate, UNEQUAL) - energy(state - rate, UNEQUAL)) / 2.0
+    bob_velocity = s.velocity + UNEQUAL.rod_length * s.direction_rate
+    powers = np.concatenate(
+        [
+            (thrust_force(state, command) + disturbance[:, 0:3]) * s.velocity,
+            disturbance[:, 3:6] * bob_velocity,
+            (command[:, 1:4] + disturbance[:, 6:9]) * s.euler_rate,
+        ],
+        axis=-1,
+    )
+    assert_allclose(growth, powers.sum(-1), rtol=0.0, atol=1e-10 * np.abs(powers).max())
+
+
+def test_energy_is_conserved_without_inputs() -> None:
+    state = random_states(ROWS, 1)
+    after = flown(state, NO_COMMAND, NO_DISTURBANCE, UNEQUAL, period=10.0, substeps=8000)
+    assert_allclose(energy(after, UNEQUAL), energy(state, UNEQUAL), rtol=0.0, atol=1e-8)
+
+
+def test_energy_is_conserved_in_a_constant_field_of_force() -> None:
+    """Forces and torques held constant have a potential: −d_Q·ζ − d_B·p − d_τ·η."""
+    state, _, disturbance = wild(2)
+
+    def total(state: Floats) -> Floats:
+        s = State(state)
+        bob = s.position + UNEQUAL.rod_length * s.direction
+        work = np.concatenate([s.position, bob, s.euler], axis=-1) * disturbance
+        return np.asarray(energy(state, UNEQUAL) - work.sum(-1))
+
+    after = flown(state, NO_COMMAND, disturbance, UNEQUAL, period=2.0, substeps=2000)
+    assert_allclose(total(after), total(state), rtol=0.0, atol=1e-9)
+
+
+def test_momentum_changes_by_the_impulse_of_the_external_forces() -> None:
+    state, command, disturbance = wild(3)
+    period, intervals = 1.0, 400
+    times = np.linspace(0.0, period, 2 * intervals + 1)
+    weights = np.array([1.0, *[4.0, 2.0] * (intervals - 1), 4.0, 1.0]) / (6.0 * intervals)
+    path = [flown(state, command, disturbance, UNEQUAL, time, 200) for time in times]
+    thrust = sum(w * thrust_force(point, command) for w, point in zip(weights, path, strict=True))
+    weight = UNEQUAL.total_mass * UNEQUAL.gravity * UP
+    impulse = thrust + period * (disturbance[:, 0:3] + disturbance[:, 3:6] - weight)
+    assert_allclose(momentum(path[-1], UNEQUAL) - momentum(state, UNEQUAL), impulse, rtol=0.0, atol=1e-7)
+
+
+def test_direction_stays_a_unit_vector_perpendicular_to_its_rate() -> None:
+    """Over 10⁵ control periods of random inputs."""
+    state = random_states(4, 4)
+    physics = np.tile(PAPER.as_array(), (4, 1))
+    s = State(state)
+    worst_length = worst_angle = 0.0
+    for seed in range(100):
+        commands = random_commands(4 * 1000, seed, PAPER).reshape(1000, 4, 4)
+        disturbance = random_disturbances(4, seed)
+        for command in commands:
+            advance(state, command, disturbance, physics, 0.01, 2)
+        s.euler[:], s.euler_rate[:] = s.euler % (2.0 * np.pi), 0.1 * s.euler_rate
+        worst_length = max(worst_length, np.abs(np.linalg.norm(s.direction, axis=-1) - 1.0).max())
+        worst_angle = max(worst_angle, np.abs(np.sum(s.direction * s.direction_rate, -1)).max())
+    assert worst_length <= 1e-12
+    assert worst_angle <= 1e-12
+
+
+def test_integrator_is_of_fourth_order() -> None:
+    state, command, disturbance = wild(5)
+    substeps = np.array([40, 80, 160, 320])
+    exact = flown(state, command, disturbance, UNEQUAL, period=0.2, substeps=5000)
+    errors = [State(np.abs(flown(state, command, disturbance, UNEQUAL, 0.2, int(n)) - exact)) for n in substeps]
+    for field in ("position", "velocity", "direction", "direction_rate"):
+        largest = [getattr(error, field).max() for error in errors]
+        slope = np.polyfit(np.log(0.2 / substeps), np.log(largest), 1)[0]
+        assert slope == pytest.approx(4.0, abs=0.15), field
+
+
+def test_attitude_is_exact() -> None:
+    """η̈ is constant over a period, so one substep and many give the parabola."""
+    state, command, disturbance = wild(6)
+    s = State(state)
+    euler_ddot = (command[:, 1:4] + disturbance[:, 6:9]) / UNEQUAL.as_array()[4:7]
+    for substeps in (1, 20):
+        after = State(flown(state, command, disturbance, UNEQUAL, 0.5, substeps))
+        assert_allclose(after.euler, s.euler + 0.5 * s.euler_rate + 0.125 * euler_ddot, rtol=0.0, atol=1e-13)
+        assert_allclose(after.euler_rate, s.euler_rate + 0.5 * euler_ddot, rtol=0.0, atol=1e-13)
+
+
+def turned(array: Floats, rotation: Floats) -> Floats:
+    """An array of world vectors, shape (n, 3 k), with each of them rotated."""
+    return np.asarray((array.reshape(len(array), -1, 3) @ rotation.T).reshape(array.shape))
+
+
+def turned_state(state: Floats, rotation: Floats, yaw: float = 0.0) -> Floats:
+    """The same situation seen after a rotation of the world, which adds `yaw` to ψ."""
+    result = turned(state, rotation)
+    State(result).euler[:] = State(state).euler + np.array([0.0, 0.0, yaw])
+    State(result).euler_rate[:] = State(state).euler_rate
+    return result
+
+
+def turned_disturbance(disturbance: Floats, rotation: Floats) -> Floats:
+    """The same with both forces rotated; the torque belongs to φ, θ, ψ."""
+    return np.concatenate([turned(disturbance[:, 0:6], rotation), disturbance[:, 6:9]], axis=-1)
+
+
+@pytest.mark.parametrize("yaw", [0.3, np.pi / 2, -2.0])
+def test_turning_the_world_about_the_vertical_turns_accelerations_and_flights(yaw: float) -> None:
+    state, command, disturbance = wild(7)
+    rotation = Rotation.from_euler("z", yaw).as_matrix()
+    there = turned_state(state, rotation, yaw), command, turned_disturbance(disturbance, rotation), UNEQUAL
+
+    here = accelerations(state, command, disturbance, UNEQUAL)
+    after = accelerations(*there)
+    assert_allclose(after.position, turned(here.position, rotation), rtol=0.0, atol=1e-12)
+    assert_allclose(after.euler, here.euler, rtol=0.0, atol=1e-12)
+    assert_allclose(after.direction, turned(here.direction, rotation), rtol=0.0, atol=1e-11)
+
+    flight = flown(state, command, disturbance, UNEQUAL, period=0.5, substeps=100)
+    assert_allclose(flown(*there, 0.5, 100), turned_state(flight, rotation, yaw), rtol=0.0, atol=1e-11)
+
+
+def test_moving_the_world_moves_flights() -> None:
+    state, command, disturbance = wild(8)
+    shift = np.zeros(STATE_SIZE)
+    State(shift).position[:] = 5.0, -7.0, 11.0
+    moved, still = (flown(start, command, disturbance, UNEQUAL, 0.5, 100) for start in (state + shift, state))
+    assert_allclose(moved, still + shift, rtol=0.0, atol=1e-12)
+
+
+def swing(direction: ArrayLike, rate: ArrayLike) -> Floats:
+    """A quadrotor at rest and level, its pendulum moving; shape (1, 18)."""
+    state = np.zeros((1, STATE_SIZE))
+    State(state).direction[:], State(state).direction_rate[:] = direction, rate
+    return state
+
+
+def test_a_swing_through_upright_is_no_different_from_one_elsewhere() -> None:
+    """Constant forces, no thrust: the pendulum knows no vertical, so a rotated swing is the same swing rotated."""
+    disturbance = np.array([[3.0, 0.0, 4.0, 1.0, 0.0, -0.5, 0.0, 0.0, 0.0]])
+    through = swing([-np.sin(0.5), 0.0, np.cos(0.5)], [4.0 * np.cos(0.5), 0.0, 4.0 * np.sin(0.5)])
+    elsewhere = Rotation.from_rotvec([0.7, -0.4, 0.2]).as_matrix()
+    tilt = []
+    for time in np.linspace(0.01, 0.5, 50):
+        here = State(flown(through, NO_COMMAND, disturbance, UNEQUAL, time, 100))
+        there = State(
+            flown(
+                turned_state(through, elsewhere),
+                NO_COMMAND,
+                turned_disturbance(disturbance, elsewhere),
+                UNEQUAL,
+                time,
+                100,
+            )
+        )
+        assert_allclose(there.direction, turned(here.direction, elsewhere), rtol=0.0, atol=1e-12)
+        assert_allclose(there.direction_rate, turned(here.direction_rate, elsewhere), rtol=0.0, atol=1e-12)
+        assert here.direction[0, 1] == 0.0
+        tilt.append(here.alpha_x[0])
+    assert tilt[0] < 0.0 < tilt[-1]
+
+
+@pytest.mark.parametrize("beta", [0.0, 1.0, 2.5, -2.0])
+def test_motion_is_smooth_through_upright_in_every_direction(beta: float) -> None:
+    """Exactly upright lies between its neighbours, whichever way it is passed."""
+    heading = np.array([np.cos(beta), np.sin(beta), 0.0])
+    command, disturbance = np.array([8.0, 0.1, -0.2, 0.05]), np.array([0.5, -0.3, 0.2, 0.1, 0.4, -0.2, 0.0, 0.0, 0.0])
+    tilt = 1e-4
+    states = [
+        swing(np.sin(angle) * heading + np.cos(angle) * UP, 5.0 * (np.cos(angle) * heading - np.sin(angle) * UP))
+        for angle in (-tilt, 0.0, tilt)
+    ]
+    flights = [flown(state, command, disturbance, UNEQUAL, 0.2, 40) for state in states]
+    rates = [state_rate(state, command, disturbance, UNEQUAL) for state in states]
+    for before, at, after in (flights, rates):
+        assert_allclose(at, (before + after) / 2.0, rtol=0.0, atol=1e3 * tilt**2)
+        assert np.abs(after - before).max() < 1e3 * tilt

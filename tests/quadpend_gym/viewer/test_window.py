@@ -1,0 +1,259 @@
+"""The window of the render mode ``human``, by a clock of the test's own; and what happens without pygame."""
+
+import dataclasses
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import pygame
+import pytest
+from gymnasium.error import Error
+
+from quadpend_gym.viewer import window
+from quadpend_gym.viewer.camera import Camera
+from quadpend_gym.viewer.picture import Picture, pixels
+from tests.helpers.envs import ENDLESS, make, make_bare, make_rows
+from tests.helpers.sources import ROOT
+from tests.helpers.viewer import Clock, lasted
+
+ZERO = np.zeros(4, np.float32)
+
+
+@pytest.fixture(autouse=True)
+def _no_screen(monkeypatch: pytest.MonkeyPatch) -> Any:
+    pygame.display.quit()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    yield
+    pygame.display.quit()
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(window, "time", clock)
+    monkeypatch.setattr(pygame.event, "get", clock.events)
+    monkeypatch.setattr(pygame.display, "flip", clock.flip)
+    return clock
+
+
+@pytest.fixture
+def env(clock: Clock) -> Any:
+    """An environment in its window, whose episodes do not end by themselves."""
+    env = make_bare(render_mode="human", task=ENDLESS)
+    env.reset(seed=0)
+    yield env
+    env.close()
+
+
+def fly(env: Any, steps: int) -> None:
+    for _ in range(steps):
+        assert not env.step(ZERO)[3]
+
+
+def test_time_passes_as_in_reality(env: Any, clock: Clock) -> None:
+    assert lasted(clock, lambda: fly(env, 30)) == pytest.approx(0.3, abs=0.015)
+    assert 0.25 * 50 < len(clock.shown) <= 0.3 * 61 + 2
+
+
+def test_time_passes_as_in_reality_by_a_real_clock() -> None:
+    env = make_bare(render_mode="human", task=ENDLESS)
+    env.reset(seed=0)
+    began = time.perf_counter()
+    fly(env, 30)
+    assert 0.25 < time.perf_counter() - began < 3.0
+    env.close()
+
+
+def test_render_shows_by_itself_and_takes_no_time_of_its_own(env: Any, clock: Clock) -> None:
+    """As loops have it that call `render` after each step, whatever the mode."""
+    began = clock.now
+    for _ in range(30):
+        env.step(ZERO)
+        assert env.render() is None
+    assert clock.now - began == pytest.approx(0.3, abs=0.015)
+
+
+def test_slow_pictures_are_left_out_rather_than_time_slowed(env: Any, clock: Clock) -> None:
+    clock.drawing = 0.03
+    assert lasted(clock, lambda: fly(env, 60)) == pytest.approx(0.6, abs=0.05)
+    assert len(clock.shown) > 8
+
+
+@pytest.mark.parametrize(("keys", "seconds"), [("s", 0.4), ("ss", 0.8), ("sf", 0.2), ("f", 0.1), ("f" * 9, 0.05)])
+def test_speed_is_halved_and_doubled(env: Any, clock: Clock, keys: str, seconds: float) -> None:
+    clock.press(0.0, *map(ord, keys))
+    fly(env, 3)
+    assert lasted(clock, lambda: fly(env, 20)) == pytest.approx(seconds, abs=0.015)
+
+
+def test_space_stops_time_and_starts_it_again(env: Any, clock: Clock) -> None:
+    clock.press(0.05, pygame.K_SPACE)
+    clock.press(1.05, pygame.K_SPACE)
+    assert lasted(clock, lambda: fly(env, 30)) == pytest.approx(1.3, abs=0.05)
+    assert len(clock.shown) > 50, "a paused window is drawn, so that one can look around"
+
+
+def test_the_full_stop_makes_one_step_at_a_time(env: Any, clock: Clock) -> None:
+    clock.press(0.0, pygame.K_SPACE)
+    for second in (0.2, 0.4, 0.6):
+        clock.press(second, pygame.K_PERIOD)
+    for _ in range(3):
+        assert lasted(clock, lambda: fly(env, 1)) == pytest.approx(0.2, abs=0.03)
+
+
+def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
+    camera = env.recorder._window.picture.camera
+
+    def after(event: Any) -> tuple[float, float, float]:
+        before = dataclasses.replace(camera)
+        clock.press(0.0, event) if isinstance(event, int) else clock.post(0.0, event)
+        fly(env, 3)
+        turned = camera.azimuth - before.azimuth, camera.elevation - before.elevation
+        return *turned, camera.distance / before.distance
+
+    assert after(pygame.K_RIGHT)[0] > 0 > after(pygame.K_LEFT)[0]
+    assert after(pygame.K_UP)[1] > 0 > after(pygame.K_DOWN)[1]
+    assert after(pygame.K_MINUS)[2] > 1 > after(pygame.K_PLUS)[2]
+    assert after(pygame.event.Event(pygame.MOUSEWHEEL, y=1))[2] < 1
+    drag = {"rel": (10, 5), "pos": (0, 0)}
+    assert after(pygame.event.Event(pygame.MOUSEMOTION, buttons=(0, 0, 0), **drag)) == (0.0, 0.0, 1.0)
+    azimuth, elevation, _ = after(pygame.event.Event(pygame.MOUSEMOTION, buttons=(1, 0, 0), **drag))
+    assert azimuth < 0 < elevation
+    after(pygame.K_t)
+    assert camera.elevation == pytest.approx(np.pi / 2)
+    after(pygame.K_v)
+    assert camera == Camera()
+
+
+def test_h_shows_what_the_keys_do(env: Any, clock: Clock) -> None:
+    def written() -> int:
+        fly(env, 3)
+        lower_edge = pixels(pygame.display.get_surface())[-20:]
+        return int((lower_edge.max(axis=-1) < 100).sum())
+
+    few = written()
+    clock.press(0.0, pygame.K_h)
+    assert written() > 5 * few
+    assert all(
+        word in window.HELP for word in ("pause", "step", "restart", "slower", "faster", "orbit", "zoom", "close")
+    )
+
+
+@pytest.mark.parametrize("size", [(960, 720), (800, 600)])
+def test_the_help_fits_into_the_window(size: tuple[int, int]) -> None:
+    surface, controls = pygame.Surface(size), window.Controls(Picture())
+    controls.paused, controls.speed = True, 0.0625
+    surface.fill((255, 255, 255))
+    window.write_state(surface, Picture(), controls)
+    columns = np.flatnonzero((pixels(surface) < 200).any(axis=(0, 2)))
+    assert columns[0] > 2
+    assert columns[-1] < size[0] - 3
+
+
+def test_r_truncates_the_episode_and_the_next_one_runs(env: Any, clock: Clock) -> None:
+    clock.press(0.0, pygame.K_r)
+    assert any(env.step(ZERO)[3] for _ in range(3))
+    env.reset()
+    fly(env, 20)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_r_truncates_every_row(clock: Clock, mode: str) -> None:
+    env = make_rows(3, render_mode="human", autoreset_mode=mode)
+    env.reset(seed=0)
+    clock.press(0.02, pygame.K_r)
+    truncated = np.array([env.step(np.zeros((3, 4)))[3] for _ in range(20)])
+    assert (truncated.sum(axis=0) == 1).all()
+    assert (env.world.clock < 20).all()
+    assert (env.world.episode == 1).all()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    "event", [pygame.event.Event(pygame.QUIT), pygame.event.Event(pygame.KEYDOWN, key=pygame.K_ESCAPE)]
+)
+def test_a_closed_window_truncates_the_running_episode_and_the_next_ones_run_unseen(
+    env: Any, clock: Clock, event: Any
+) -> None:
+    clock.post(0.0, event)
+    assert any(env.step(ZERO)[3] for _ in range(3))
+    assert not pygame.display.get_init()
+    env.reset()
+    assert lasted(clock, lambda: fly(env, 20)) == 0.0
+    assert not env.step(ZERO)[3]
+    assert not pygame.display.get_init()
+    env.close()
+    env.close()
+    env.reset()
+    assert pygame.display.get_init()
+    fly(env, 5)
+
+
+def test_a_closed_window_costs_no_more_than_its_film(env: Any, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock.press(0.0, pygame.K_ESCAPE)
+    assert any(env.step(ZERO)[3] for _ in range(3))
+    looked: list[int] = []
+    monkeypatch.setattr(env.recorder, "snapshot", lambda *row: looked.append(1))
+    env.step(ZERO)
+    assert not looked
+
+
+def test_a_paused_window_can_be_closed_and_restarted(env: Any, clock: Clock) -> None:
+    for second, key in ((0.0, pygame.K_SPACE), (0.1, pygame.K_r), (0.2, pygame.K_ESCAPE)):
+        clock.press(second, key)
+    assert any(env.step(ZERO)[3] for _ in range(3))
+    env.reset()
+    assert any(env.step(ZERO)[3] for _ in range(3))
+    assert not pygame.display.get_init()
+
+
+def test_posted_events_reach_the_window() -> None:
+    env = make(render_mode="human")
+    env.reset(seed=0)
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_ESCAPE))
+    assert any(env.step(ZERO)[3] for _ in range(5))
+    env.close()
+
+
+def test_without_a_screen_one_sentence_names_rgb_array(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nonsense")
+    env = make(render_mode="human")
+    with pytest.raises(Error, match="rgb_array") as caught:
+        env.reset(seed=0)
+    assert "\n" not in str(caught.value)
+    env.close()
+
+
+def test_a_display_that_somebody_else_has_closed_is_a_closed_window(env: Any, clock: Clock) -> None:
+    pygame.display.quit()
+    fly(env, 5)
+    env.close()
+
+
+WITHOUT = "import sys; sys.modules['pygame'] = None"
+OTHER = "import pygame, pygame.draw; del pygame.draw.aacircle, pygame.IS_CE"  # the pygame that pygame-ce left
+CODE = """
+import sys, warnings
+import quadpend_gym.envs.recorder
+assert not [name for name in sys.modules if name.startswith('pygame')]
+PREAMBLE
+import gymnasium as gym
+env = gym.make('QuadPendulum-v0', render_mode='rgb_array')
+env.reset(seed=0)
+env.step(env.action_space.sample())
+try:
+    env.render()
+except gym.error.DependencyNotInstalled as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("preamble", [WITHOUT, OTHER], ids=["no pygame", "not pygame-ce"])
+def test_a_missing_pygame_ce_is_noticed_by_the_first_picture_and_names_the_extra(preamble: str) -> None:
+    code = CODE.replace("PREAMBLE", preamble)
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    (*_, last) = ran.stdout.strip().splitlines()
+    assert "pygame-ce" in last
+    assert "quadpend-gym[view]" in last

@@ -1,0 +1,147 @@
+"""Every wrong setting of a wind is refused in one sentence that names it and says what it was or may be."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadpend_gym import Constant, Drawn, Dryden, Gusts, OrnsteinUhlenbeck, PaperGusts, Sinusoid, VonKarman
+from quadpend_gym.wind import KINDS, Sum, as_wind
+from quadpend_gym.wrappers import WindWrapper
+from tests.helpers.bad_input import INF, NAN, refused
+from tests.helpers.envs import make, make_rows
+
+NOT_NUMBERS = ("strong", None, True, [1.0], {"x": 1.0})
+NOT_FINITE = (NAN, INF, -INF)
+NOT_PAIRS = (1.0, "wide", None, (1.0,), (1.0, 2.0, 3.0), ("a", "b"), (True, 2.0), (None, 1.0))
+LOADS = ("force", "bob_force", "torque", "velocity")
+WITH_LOADS = (Constant, Sinusoid, Gusts, OrnsteinUhlenbeck)
+
+Case = tuple[Any, str, Any, str]  # model, field, value, what the message says of it
+BAD: list[Case] = []
+for model in WITH_LOADS:
+    for load in LOADS:
+        BAD += [(model, load, value, f"{load} must be a number") for value in ("strong", None, True, (), (1.0, 2.0))]
+        BAD += [(model, load, (1.0, 2.0, value), f"{load} must be a number, not") for value in ("strong", None, True)]
+        BAD += [(model, load, value, f"{load} must be a finite number .* not -?(nan|inf)") for value in NOT_FINITE]
+        BAD += [(model, load, (0.0, 0.0, NAN), f"{load} must be a finite number .* not nan")]
+for model, name in ((Sinusoid, "frequency"), (OrnsteinUhlenbeck, "time_constant"), (PaperGusts, "hold")):
+    BAD += [(model, name, value, f"{name} must be a number, not") for value in NOT_NUMBERS]
+    BAD += [(model, name, value, f"{name} must be a finite number") for value in NOT_FINITE]
+    BAD += [(model, name, value, f"{name} must be above zero, not") for value in (0.0, -1.0)]
+BAD += [(PaperGusts, "force", value, "force must be a number or 3 numbers, not") for value in ("strong", None, (1.0,))]
+BAD += [(PaperGusts, "yaw_torque", value, "yaw_torque must be a number, not") for value in ("a", None, (0.1, 0.1, 0.1))]
+BAD += [(PaperGusts, "onset", -1.0, r"onset must be a finite number in \[0, inf\], not -1")]
+for model, names in ((Gusts, ("pause", "length", "heading")), (Drawn, ("strength", "heading"))):
+    for name in names:
+        BAD += [(model, name, value, f"{name} must be ") for value in NOT_PAIRS]
+        BAD += [(model, name, (1.0, value), f"{name} must be a finite number .* not") for value in NOT_FINITE]
+        BAD += [(model, name, (2.0, 1.0), f"{name} must be in order, not .2.0, 1.0")]
+BAD += [
+    (Gusts, "pause", (-0.1, 1.0), r"pause must be a finite number in \[0, inf\], not -0.1"),
+    (Gusts, "length", (0.0, 1.0), r"length must be a finite number in \[0.01, inf\], not 0.0"),
+    (Gusts, "length", (-1.0, 1.0), r"length must be a finite number in \[0.01, inf\], not -1.0"),
+    (Gusts, "torque", 0.1, "no torque"),
+    (Drawn, "wind", 3.0, "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0"),
+    (
+        Drawn,
+        "wind",
+        Constant,
+        "wind must be a wind model, the name of a wind or a mapping with its kind, not .*Constant",
+    ),
+    (Drawn, "wind", "gale", "no wind 'gale'; there are calm"),
+    (Drawn, "wind", {"kind": "gale"}, "no kind 'gale'; the kinds are constant"),
+    (Drawn, "wind", {"kind": "constant", "gust": 1.0}, "wind has no field 'gust'; its fields are force"),
+    (Drawn, "wind", {"kind": "constant", "force": NAN}, "force must be a finite number"),
+    (
+        Sum,
+        "models",
+        (Constant(), 3.0),
+        "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0",
+    ),
+    (Sum, "models", (Constant(), "gale"), "no wind 'gale'; there are calm"),
+]
+for model in (Dryden, VonKarman):
+    BAD += [
+        (model, "intensity", "mild", "intensity must be light, moderate, severe or a number, not 'mild'"),
+        *((model, "intensity", value, "intensity must be a number, not") for value in (None, True, ["light"])),
+        *((model, "intensity", value, "intensity must be a finite number") for value in NOT_FINITE),
+        *((model, "intensity", value, "intensity must be above zero, not") for value in (0.0, -1.0)),
+        *((model, "altitude", value, "altitude must be a number, not") for value in NOT_NUMBERS),
+        *((model, "altitude", value, r"altitude must be .* \[3.048, 304.8\], not") for value in (0.0, 3.0, 305.0, NAN)),
+        *((model, "mean_wind", value, "mean_wind must be a number, not") for value in ("strong", True, [1.0])),
+        *((model, "mean_wind", value, "mean_wind must be a finite number") for value in NOT_FINITE),
+        *((model, "mean_wind", value, "mean_wind must be above zero, not") for value in (0.0, -1.0)),
+        *((model, "heading", value, "heading must be a number, not") for value in NOT_NUMBERS),
+        *((model, "heading", value, "heading must be a finite number") for value in NOT_FINITE),
+        (model, "standard", "MIL-STD-1797A", "standard must be one of MIL-F-8785C, MIL-HDBK-1797, not 'MIL-STD-1797A'"),
+        (model, "standard", None, "standard must be one of .* not None"),
+    ]
+NEEDED: dict[Any, dict[str, Any]] = {Drawn: {"wind": Constant()}}  # what a model cannot do without
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value", "message"), BAD, ids=[f"{case[0].__name__}({case[1]}={case[2]!r})" for case in BAD]
+)
+def test_a_bad_setting_is_refused(model: Any, name: str, value: Any, message: str) -> None:
+    refused(lambda: model(**{**NEEDED.get(model, {}), name: value}), message, (TypeError, ValueError))
+
+
+def test_no_field_is_forgotten_above() -> None:
+    tried = {(case[0], case[1]) for case in BAD}
+    for model in KINDS.values():
+        fields = [field.name for field in model.__dataclass_fields__.values() if field.init]
+        assert {(model, name) for name in fields} <= tried
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "still_air"])  # which has no settings
+def test_a_bad_setting_in_a_mapping_is_refused_when_an_environment_is_made(kind: str) -> None:
+    """For every kind, its first bad setting from the table above, and one that is not there."""
+    model, name, value, message = next(case for case in BAD if case[0] is KINDS[kind])
+    mapping = {"kind": kind, **dict.fromkeys(NEEDED.get(model, {}), "calm"), name: value}
+    unknown = {**mapping, name: None, "gust_factor": 2.0}
+    for attach in (
+        lambda wind: make(wind=wind),
+        lambda wind: make_rows(2, wind=wind),
+        lambda w: WindWrapper(make(), w),
+    ):
+        refused(lambda attach=attach: attach(mapping), message, (TypeError, ValueError))
+        refused(lambda attach=attach: attach(unknown), "wind has no field 'gust_factor'; its fields are", ValueError)
+
+
+def test_a_drawn_wind_needs_a_wind() -> None:
+    refused(lambda: as_wind({"kind": "drawn"}), "wind misses the field 'wind'", TypeError)
+
+
+class Silent:
+    """What a user may forget: it does not say whether it moves the air."""
+
+    memory_size = 0
+
+    def start(self, streams: Any) -> Any:
+        return np.empty((streams.keys.size, 0))
+
+    def sample(self, *_: Any) -> None:
+        pass
+
+
+def test_a_model_of_ones_own_that_misses_something_is_refused() -> None:
+    refused(lambda: make(wind=Silent()), "wind must be a wind model, the name of a wind .* not .*Silent", TypeError)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Sum(3), "(wind|models) must be .* not 3"),
+        (lambda: as_wind({"kind": "sum", "models": 3}), "(wind|models) must be .* not 3"),
+        (lambda: as_wind({"kind": ["sum"]}), "no kind"),
+        (lambda: as_wind({"kind": "constant", "gust": 1.0, 3: 1.0}), "no field"),
+        (lambda: Dryden(standard=["MIL-F-8785C"]), "standard must be"),
+    ],
+)
+def test_stranger_things_are_refused_as_clearly(call: Any, message: str) -> None:
+    refused(call, message, (TypeError, ValueError))
+
+
+def test_a_name_is_a_member_of_a_sum_and_not_its_letters() -> None:
+    assert Sum("windy").models == as_wind("windy")

@@ -1,0 +1,330 @@
+"""Wind: it blows the same however it is attached, and changes nothing but what it acts on."""
+
+import copy
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from itertools import chain
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, PaperGusts, Sinusoid, StillAir, Task
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.physics.dynamics import momentum
+from quadpend_gym.physics.kernel import advance
+from quadpend_gym.wind import KINDS, PRESETS, Sum, Wind, as_wind
+from quadpend_gym.wrappers import VectorWindWrapper, WindWrapper
+from tests.helpers.bad_input import refused
+from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, fly, make, make_bare, make_rows, pick
+from tests.helpers.wind import EXAMPLES, PERIOD, blown, every_kind
+
+every_preset = pytest.mark.parametrize("name", PRESETS)
+# Every wind in which the environments are compared.
+EVERYTHING = {**EXAMPLES, "windy sum": WINDY, **{name: name for name in PRESETS}}
+every_wind = pytest.mark.parametrize("wind", EVERYTHING.values(), ids=EVERYTHING.keys())
+
+
+def test_every_kind_has_an_example_that_blows_at_once() -> None:
+    assert {**{name: type(model) for name, model in EXAMPLES.items()}, "still_air": StillAir} == KINDS
+    for model in EXAMPLES.values():
+        assert (blown(model, 10, 3) != 0.0).any(axis=(0, 2)).all()
+
+
+def test_winds_are_added_from_either_side_and_by_sum() -> None:
+    one, other = OrnsteinUhlenbeck(force=0.5), Sinusoid(force=1.0)
+    assert "breeze" + one == Sum(("breeze", one))
+    assert sum([one, other, other]) == one + other + other
+    assert {"kind": "constant", "force": 0.1} + one == Sum((Constant(force=0.1), one))
+
+
+@pytest.mark.parametrize(
+    ("model", "like"),
+    [
+        (Constant(force=np.array([0.1, 0.2, 0.3])), Constant(force=(0.1, 0.2, 0.3))),
+        (Constant(force=np.float64(0.1)), Constant(force=0.1)),
+        (Sinusoid(force=[1, 0, 0], frequency=np.int64(2)), Sinusoid(force=(1, 0, 0), frequency=2)),
+        (PaperGusts(force=np.ones(3)), PaperGusts(force=(1.0, 1.0, 1.0))),
+    ],
+)
+def test_a_model_is_plain_data_whatever_it_was_made_from(model: Any, like: Any) -> None:
+    assert model == like
+    assert hash(model) == hash(like)
+    assert json.dumps(asdict(model)) == json.dumps(asdict(like))
+
+
+def test_a_sum_is_the_sum_of_its_members() -> None:
+    one, other = OrnsteinUhlenbeck(force=0.5), Constant(force=1.0, torque=0.1)
+    assert_allclose(blown(one + other, 50, 4), blown(one, 50, 4) + blown(other, 50, 4), rtol=1e-15)
+    assert_same(blown(one + other, 50, 4), blown(Sum((one, other)), 50, 4))
+    assert_same(blown(one + (other + other), 50, 4), blown(one + other + other, 50, 4))
+
+
+@every_kind
+def test_models_presets_and_mappings_add_up(wind: Any) -> None:
+    assert as_wind(wind + "windy") == (*as_wind(wind), *as_wind("windy"))
+    assert as_wind(wind + {"kind": "constant", "force": 1.0}) == (*as_wind(wind), Constant(force=1.0))
+    assert as_wind(["windy", wind, None]) == (*as_wind("windy"), *as_wind(wind))
+
+
+@every_kind
+def test_adding_a_model_leaves_the_numbers_of_the_others_alone(wind: Any) -> None:
+    added = OrnsteinUhlenbeck(force=0.0, torque=(0.1, 0.0, 0.0))
+    both, alone = blown(wind + added, 50, 4), blown(wind, 50, 4)
+    assert (both != alone)[..., 6].all()
+    assert_array_equal(np.delete(both, 6, axis=-1), np.delete(alone, 6, axis=-1))
+
+
+def test_equal_models_in_a_sum_blow_independently() -> None:
+    wind = OrnsteinUhlenbeck(force=0.5)
+    assert_allclose(blown(wind + wind, 1, 5000).std(axis=1)[0, :3], 0.5 * np.sqrt(2.0), rtol=0.04)
+
+
+def test_every_row_and_every_episode_has_a_wind_of_its_own() -> None:
+    env = make_rows(3, wind=WINDY)
+    seen = []
+    for seed in (0, None, None):
+        env.reset(seed=seed)
+        seen += list(env.step(np.zeros((3, 4)))[4]["disturbance"][:, 0])
+    assert len(set(seen)) == 9
+
+
+@every_wind
+def test_keyword_and_wrapper_blow_the_same_for_one_and_for_many(wind: Any) -> None:
+    # Long enough for the gusts of every preset to set in.
+    actions = 0.1 * draw_actions(0, 230 if isinstance(wind, str) else 20)
+    calm = {"task": ENDLESS}
+    flights = [
+        [env.reset(seed=3)[0], *(step[:2] for step in fly(env, actions))]
+        for env in (make(wind=wind, **calm), WindWrapper(make(**calm), wind))
+    ]
+    for rows in (make_rows(4, wind=wind, **calm), VectorWindWrapper(make_rows(4, **calm), wind)):
+        first = rows.reset(seed=0)[0][3]
+        flight = fly(rows, np.repeat(actions[:, np.newaxis], 4, axis=1))
+        flights.append([first, *((step[0][3], step[1][3]) for step in flight)])
+    for flight in flights[1:]:
+        assert_same(flight, flights[0])
+
+
+def test_a_wrapper_blows_besides_what_blows_already() -> None:
+    wrapped, summed = WindWrapper(make(wind=Constant(force=1.0)), WINDY), make(wind=Constant(force=1.0) + WINDY)
+    wrapped.reset(seed=0), summed.reset(seed=0)
+    actions = draw_actions(0, 10)
+    assert_same(fly(wrapped, actions), fly(summed, actions))
+
+
+@every_preset
+def test_a_preset_is_the_model_it_names(name: str) -> None:
+    by_name, model = make(wind=name), make(wind=PRESETS[name])
+    assert_same(by_name.reset(seed=0), model.reset(seed=0))
+    actions = draw_actions(0, 20)
+    assert_same(fly(by_name, actions), fly(model, actions))
+
+
+@pytest.mark.parametrize(
+    "attach",
+    [
+        lambda: make(wind="gale"),
+        lambda: make_rows(2, wind="gale"),
+        lambda: WindWrapper(make(), "gale"),
+        lambda: VectorWindWrapper(make_rows(2), "gale"),
+        lambda: Constant() + "gale",
+        lambda: make(wind=["windy", "gale"]),
+        lambda: make(wind={"kind": "drawn", "wind": "gale"}),
+    ],
+)
+def test_an_unknown_preset_is_refused_with_the_names_of_the_known_ones(attach: Callable[[], Any]) -> None:
+    refused(attach, f"there is no wind 'gale'; there are {', '.join(PRESETS)}", ValueError)
+
+
+def tunnel(env: Any, row: int, actions: Any, episodes: int) -> list[list[bytes]]:
+    """What blows in a row in each step of its first episodes, for a vector environment with same-step autoreset."""
+    seen: list[list[bytes]] = [[] for _ in range(episodes + 1)]
+    for action in actions:
+        episode = env.world.episode[row]
+        if episode == episodes:
+            return seen[:-1]
+        seen[episode].append(env.world.wind[row].tobytes())
+        env.step(action)
+    raise AssertionError("the flight is too short")
+
+
+@every_kind
+def test_what_blows_in_episode_k_does_not_depend_on_the_policy_the_rows_or_their_autoresets(wind: Any) -> None:
+    """Episodes of different lengths, with other actions, among other rows: the same wind as far as both go."""
+    flights = []
+    for rows, policy, tilt in ((1, 0, 0.4), (5, 1, 0.6)):
+        task = Task(limits=Limits(body_angle=tilt))
+        env = make_rows(rows, wind=wind, task=task, max_episode_steps=20, autoreset_mode="SameStep")
+        env.reset(seed=10 - (rows - 1))
+        flights.append(tunnel(env, rows - 1, draw_actions(policy, 200, rows), 4))
+    for one, other in zip(*flights, strict=True):
+        assert all(a == b for a, b in zip(one, other, strict=False))
+    # The test tests something: lengths differ, and no two numbers of different episodes are the same …
+    assert any(len(one) != len(other) for one, other in zip(*flights, strict=True))
+    if not isinstance(wind, Constant):  # … of the winds that change.
+        firsts = [episode[3] for episode in flights[0]]
+        assert len(set(firsts)) == len(firsts)
+
+
+@every_kind
+def test_a_row_has_the_wind_and_the_info_of_the_single_environment_to_the_last_bit(wind: Any) -> None:
+    rows = make_rows(3, wind=wind, max_episode_steps=9, autoreset_mode="SameStep")
+    single = make(wind=wind, max_episode_steps=9)
+    rows.reset(seed=5), single.reset(seed=7)
+    for action in draw_actions(0, 40):
+        assert_same(rows.world.wind[2], single.unwrapped.world.wind[0])
+        *_, info = rows.step(np.tile(action, (3, 1)))
+        *_, terminated, truncated, expected = single.step(action)
+        if terminated or truncated:
+            info = info["final_info"]
+            single.reset()
+        assert_same(pick(info, 2), expected)
+
+
+@every_kind
+@pytest.mark.parametrize("rows", [None, 3], ids=["single", "vector"])
+def test_a_copy_in_mid_episode_is_blown_on_identically(wind: Any, rows: int | None) -> None:
+    env: Any = make_rows(3, wind=wind, max_episode_steps=15) if rows else make(wind=wind)
+    shape = (10, rows) if rows else (10,)
+    env.reset(seed=5)
+    fly(env, draw_actions(0, *shape))
+    twin = copy.deepcopy(env)
+    assert_same(fly(twin, draw_actions(1, *shape)), fly(env, draw_actions(1, *shape)))
+
+
+@every_wind
+def test_no_wind_changes_starts_and_references(wind: Any) -> None:
+    calm, windy = make_rows(5), make_rows(5, wind=wind)
+    for seed in (0, None, None):
+        (observation, info), (expected, expected_info) = windy.reset(seed=seed), calm.reset(seed=seed)
+        assert_same((observation, {name: info[name] for name in expected_info}), (expected, expected_info))
+        assert_array_equal(windy.world.reference, calm.world.reference)
+        fly(windy, draw_actions(0, 10, 5)), fly(calm, draw_actions(1, 3, 5))
+
+
+@every_kind
+def test_a_model_as_plain_data_survives_json(wind: Any) -> None:
+    mapping = json.loads(json.dumps(asdict(wind)))
+    assert mapping["kind"] in KINDS
+    assert as_wind(mapping) == as_wind(wind)
+    assert_same(blown(mapping, 30, 3), blown(wind, 30, 3))
+
+
+@every_wind
+def test_a_spec_with_wind_survives_json(wind: Any) -> None:
+    env = make(wind=wind)
+    assert env.spec is not None
+    twin = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    assert_same(fly(twin, draw_actions(0, 10)), fly(env, draw_actions(0, 10)))
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A model of a user's own: a force in x that grows from a random number with time."""
+
+    slope: float = 1.0
+    memory_size: int = 1
+    moves_air: bool = False
+
+    def start(self, streams: Streams) -> Floats:
+        """A random first force."""
+        return streams.uniform(np.zeros(streams.keys.size, np.int64), 1)
+
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """The force, which grows."""
+        out[:, 0] += memory[:, 0]
+        memory[:, 0] += self.slope * period
+
+
+def test_a_model_of_ones_own_in_plain_numpy_blows() -> None:
+    assert isinstance(Ramp(), Wind)
+    env, rows = make_bare(wind=Ramp()), make_rows(3, wind=Sum((Ramp(), Constant(torque=0.1))))
+    env.reset(seed=2), rows.reset(seed=0)
+    single = [step[4]["disturbance"] for step in fly(env, np.zeros((10, 4)))]
+    many = [step[4]["disturbance"][2] for step in fly(rows, np.zeros((10, 3, 4)))]
+    assert_allclose(np.diff([disturbance[0] for disturbance in single]), 0.01, rtol=1e-12)
+    assert_array_equal([disturbance[0] for disturbance in many], [disturbance[0] for disturbance in single])
+
+
+STORMY = WINDY + "storm" + Constant(velocity=(3.0, -4.0, 1.0))
+
+
+@pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])
+def test_the_disturbance_in_info_is_what_acted(wind: Any) -> None:
+    """The state follows from the state before, the action and `info["disturbance"]`."""
+    env = make_bare(wind=wind)
+    env.reset(seed=0)
+    parameters = PAPER.as_array()[np.newaxis]
+    for action in draw_actions(0, 10):
+        state = env.state.array[np.newaxis].copy()
+        info = env.step(action)[4]
+        command = np.array([[PAPER.hover_thrust, 5.0, 5.0, 1.0]]) * (action + np.eye(4)[0])
+        advance(state, command, info["disturbance"][np.newaxis], parameters, PERIOD, 2)
+        assert_allclose(env.state.array, state[0], atol=1e-14)
+
+
+@pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])
+def test_forces_change_the_momentum_and_torques_the_spin_as_info_says(wind: Any) -> None:
+    env = make_bare(task=ENDLESS, wind=wind)
+    env.reset(seed=0)
+    no_thrust = (-1.0, 0.0, 0.0, 0.0)
+    for _ in range(10):
+        before, spin = momentum(env.state.array, PAPER), env.state.euler_rate.copy()
+        disturbance = env.step(no_thrust)[4]["disturbance"]
+        force = disturbance[0:3] + disturbance[3:6] - (0.0, 0.0, PAPER.hover_thrust)
+        assert_allclose(momentum(env.state.array, PAPER) - before, PERIOD * force, rtol=1e-9)
+        assert_allclose(env.state.euler_rate - spin, PERIOD * disturbance[6:9] / PAPER.inertia_roll, rtol=1e-9)
+
+
+def test_the_air_velocity_in_info_is_what_blew() -> None:
+    env, rows = make_bare(wind=STORMY), make_rows(4, wind=STORMY)
+    env.reset(seed=0), rows.reset(seed=0)
+    for action in draw_actions(0, 5):
+        blew, blew_in_rows = env.world.wind[0, 9:12].copy(), rows.world.wind[:, 9:12].copy()
+        assert_array_equal(env.step(action)[4]["air_velocity"], blew)
+        assert_array_equal(rows.step(np.tile(action, (4, 1)))[4]["air_velocity"], blew_in_rows)
+        assert (blew_in_rows != 0.0).all()
+
+
+@every_kind
+def test_info_has_an_air_velocity_where_the_wind_has_one(wind: Any) -> None:
+    velocities = (blown(wind, 10, 3)[..., 9:12] != 0.0).any()
+    env, rows = make(wind=wind), make_rows(2, wind=wind)
+    for info in (env.reset(seed=0)[1], env.step(np.zeros(4))[4]):
+        assert ("air_velocity" in info) == velocities
+    for info in (rows.reset(seed=0)[1], rows.step(np.zeros((2, 4)))[4]):
+        assert ("air_velocity" in info) == ("_air_velocity" in info) == velocities
+    assert "air_velocity" not in make().reset(seed=0)[1]
+
+
+def test_no_wind_blows_at_a_reset() -> None:
+    info = make(wind=STORMY).reset(seed=0)[1]
+    assert_array_equal(info["disturbance"], np.zeros(9))
+    assert_array_equal(info["air_velocity"], np.zeros(3))
+
+
+@pytest.mark.parametrize("nothing", [None, "calm", (), Sum(), [None, "calm"]], ids=repr)
+def test_calm_has_many_names(nothing: Any) -> None:
+    actions = draw_actions(0, 5)
+    calm, empty = make_bare(task=Task()), make_bare(task=Task(), wind=nothing)
+    assert_same(empty.reset(seed=0), calm.reset(seed=0))
+    flight = fly(calm, actions)
+    assert_same(fly(empty, actions), flight)
+    assert_array_equal(list(chain.from_iterable(step[4]["disturbance"] for step in flight)), 0.0)
+
+
+def test_wind_that_is_not_a_number_is_refused_and_not_taken_for_a_crash() -> None:
+    env = make_rows(3, wind=Ramp(slope=np.nan))
+    env.reset(seed=0)
+    env.step(np.zeros((3, 4)))
+    before = env.world.state.copy()
+    with pytest.raises(ValueError, match=r"wind must blow finite numbers, not \[nan, 0.0, .*\] in row 0"):
+        env.step(np.zeros((3, 4)))
+    assert_array_equal(env.world.state, before)

@@ -1,0 +1,256 @@
+"""What a policy gets to see: outputs without velocities, and histories of what was observed and done."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from stable_baselines3 import PPO
+
+from quadpend_baselines import ADRC
+from quadpend_gym import OBSERVATION_FIELDS, Reference, read_observation
+from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.wrappers import (
+    HistoryWrapper,
+    OutputFeedbackWrapper,
+    SensorWrapper,
+    VectorHistoryWrapper,
+    VectorOutputFeedbackWrapper,
+)
+from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from tests.helpers.bad_input import refused
+from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, fly, make_bare, make_rows
+from tests.helpers.wrappers import (
+    ACTUATORS,
+    HISTORY,
+    NOISE,
+    OUTPUTS,
+    SENSORS,
+    SHORT,
+    WIND,
+    gymnasiums,
+    lopsided_actions,
+    make_wrapped,
+    make_wrapped_rows,
+)
+
+HIDDEN = ("tracking_error_rate", "direction_rate", "euler_rate")
+SIZES = [(4, 0), (3, 2), (1, 3), (2, 5)]  # observations and actions of a history
+sizes = pytest.mark.parametrize(("observations", "actions"), SIZES)
+modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
+
+
+def test_output_feedback_has_every_field_but_the_velocities() -> None:
+    env, whole = make_wrapped([OUTPUTS]), make_wrapped([])
+    actions = draw_actions(0, 3)
+    seen, observations = ([one.reset(seed=0), *fly(one, actions)] for one in (env, whole))
+    assert env.observation_space.shape == (27,)
+    for (outputs, *_), (observation, *_) in zip(seen, observations, strict=True):
+        assert env.observation_space.contains(outputs)
+        for name in OBSERVATION_FIELDS:
+            if name not in HIDDEN:
+                assert_array_equal(read_observation(outputs, name), read_observation(observation, name))
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_velocity_that_is_hidden_cannot_be_read(name: str) -> None:
+    outputs, _ = make_wrapped_rows(3, [OUTPUTS]).reset(seed=0)
+    refused(lambda: read_observation(outputs, name), f"no '{name}'; it has tracking_error, direction,", ValueError)
+
+
+def test_states_that_differ_in_velocities_only_look_the_same() -> None:
+    env: Any = OutputFeedbackWrapper(make_bare())
+    still, moving = (
+        env.reset(
+            seed=0,
+            options={
+                "reference": Reference.circle(1.0, 1.0),
+                "state": dict.fromkeys(("velocity", "euler_rate", "direction_rate"), rate),
+            },
+        )[0]
+        for rate in ((0.0, 0.0, 0.0), (1.0, -2.0, 3.0))
+    )
+    assert_array_equal(moving, still)
+
+
+def test_an_observation_of_another_size_cannot_be_read() -> None:
+    refused(lambda: read_observation(np.zeros((2, 30)), "direction"), "has 36 or 27 numbers, not 30", ValueError)
+
+
+def test_velocities_are_hidden_once_and_inside_a_history() -> None:
+    once = "from the whole observation of 36 numbers, not from 27: put OutputFeedbackWrapper once, and inside History"
+    refused(lambda: OutputFeedbackWrapper(make_wrapped([OUTPUTS])), once, ValueError)
+    refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_rows(2, [OUTPUTS])), once, ValueError)
+    refused(lambda: OutputFeedbackWrapper(make_wrapped([HISTORY])), "not from 116", ValueError)
+    refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_rows(2, [HISTORY])), "not from 116", ValueError)
+    refused(lambda: OutputFeedbackWrapper(gym.make("CartPole-v1")), "not from 4", ValueError)
+
+
+@pytest.mark.parametrize("gains", ["paper", "matched"])
+def test_the_papers_controller_sees_no_velocities(gains: str) -> None:
+    """On 27 numbers it does what it does on 36."""
+    layers = [("WindWrapper", "breeze"), ("SensorWrapper", NOISE)]
+    whole, outputs = make_wrapped_rows(3, layers), make_wrapped_rows(3, [*layers, OUTPUTS])
+    controller, memories = ADRC(gains), [None, None]
+    observations = [whole.reset(seed=0)[0], outputs.reset(seed=0)[0]]
+    for _ in range(100):
+        actions: Any
+        actions, memories = zip(*map(controller.predict, observations, memories), strict=True)
+        assert_array_equal(actions[0], actions[1])
+        observations = [env.step(action)[0] for env, action in zip((whole, outputs), actions, strict=True)]
+
+
+def last(items: list[Any], count: int, before: Any) -> list[Any]:
+    """The last so many, oldest first, with `before` where there are too few."""
+    return [before] * max(count - len(items), 0) + items[max(len(items) - count, 0) :]
+
+
+@sizes
+def test_a_history_is_the_latest_observations_and_actions_oldest_first(observations: int, actions: int) -> None:
+    """Of actions, those that were given, whatever comes out of the actuators; before the first, hover."""
+    env = make_wrapped([ACTUATORS, SENSORS, ("HistoryWrapper", observations, actions)])
+    plain = make_wrapped([ACTUATORS, SENSORS])
+    assert env.observation_space.shape == (36 * observations + 4 * actions,)
+    for seed in (0, None):
+        history, (first, _) = env.reset(seed=seed)[0], plain.reset(seed=seed)
+        seen: list[Floats32] = [first]
+        done: list[Any] = []
+        for action in draw_actions(0, 10):
+            expected = [*last(seen, observations, first), *last(done, actions, np.zeros(4))]
+            assert history.dtype == np.float32
+            assert_array_equal(history, np.concatenate(expected))
+            history = env.step(action)[0]
+            seen.append(plain.step(action)[0])
+            done.append(action)
+
+
+@modes
+@sizes
+def test_the_histories_of_many_rows_are_those_of_single_environments(
+    observations: int, actions: int, mode: str
+) -> None:
+    """At an end, too: the last observation completes the old history, the first begins a new one."""
+    layers = [WIND, OUTPUTS, ("HistoryWrapper", observations, actions)]
+    env, theirs = make_wrapped_rows(4, layers, autoreset_mode=mode, **SHORT), gymnasiums(4, layers, mode, **SHORT)
+    assert_array_equal(env.reset(seed=0)[0], theirs.reset(seed=0)[0])
+    ended = 0
+    for action in lopsided_actions(50, 4):
+        observation, _, terminated, truncated, info = env.step(action)
+        their_observation, *_, their_info = theirs.step(action)
+        assert_array_equal(observation, their_observation)
+        over = terminated | truncated
+        ended += over.sum()
+        if mode == "SameStep" and over.any():
+            for row in np.flatnonzero(over):
+                assert_array_equal(info["final_obs"][row], their_info["final_obs"][row])
+        if mode == "Disabled" and over.any():
+            mask = {"reset_mask": over}
+            assert_array_equal(env.reset(options=mask)[0], theirs.reset(options=mask)[0])
+    assert ended >= 8
+
+
+@modes
+def test_the_vector_environments_of_gymnasium_have_histories_too(mode: str) -> None:
+    env = VectorHistoryWrapper(gymnasiums(3, [], mode, **SHORT), 3, 2)
+    native = make_wrapped_rows(3, [HISTORY], autoreset_mode=mode, **SHORT)
+    assert_array_equal(env.reset(seed=0)[0], native.reset(seed=0)[0])
+    for action in lopsided_actions(50, 3):
+        observation, _, terminated, truncated, _ = env.step(action)
+        assert_array_equal(observation, native.step(action)[0])
+        if mode == "Disabled" and (over := terminated | truncated).any():
+            again = (one.reset(options={"reset_mask": over})[0] for one in (env, native))
+            assert_array_equal(*again)
+
+
+def test_a_reset_of_some_rows_leaves_the_histories_of_the_others() -> None:
+    env, untouched = (make_wrapped_rows(3, [HISTORY]) for _ in range(2))
+    env.reset(seed=0), untouched.reset(seed=0)
+    actions = draw_actions(0, 4, 3)
+    history = fly(env, actions)[-1][0]
+    fly(untouched, actions)
+    mask = np.array([False, True, False])
+    begun = env.reset(options={"reset_mask": mask})[0]
+    assert_array_equal(begun[~mask], history[~mask])
+    assert_array_equal(begun[1], np.concatenate([*[begun[1, :36]] * 3, np.zeros(8)]))
+    assert_array_equal(env.step(actions[0])[0][~mask], untouched.step(actions[0])[0][~mask])
+
+
+def test_of_rows_that_have_ended_those_that_were_reset_go_on_and_the_others_begin() -> None:
+    """As their episodes do, with next-step autoreset."""
+    env = make_wrapped_rows(3, [("HistoryWrapper", 2)], max_episode_steps=2)
+    env.reset(seed=0)
+    fly(env, np.zeros((2, 3, 4)))
+    mask, halves = np.array([True, False, True]), (3, 2, 36)
+    first = env.reset(options={"reset_mask": mask})[0].reshape(halves)[:, 1]
+    before, present = env.step(np.zeros((3, 4)))[0].reshape(halves).swapaxes(0, 1)
+    assert_array_equal(before[mask], first[mask])
+    assert_array_equal(before[1], present[1])
+
+
+@pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
+def test_a_history_once_given_does_not_change(rows: tuple[int, ...]) -> None:
+    env: Any = make_wrapped_rows(3, [HISTORY]) if rows else make_wrapped([HISTORY])
+    given = [env.reset(seed=0)[0], *(step[0] for step in fly(env, draw_actions(0, 3, *rows)))]
+    kept = [history.copy() for history in given]
+    fly(env, draw_actions(1, 5, *rows))
+    env.reset()
+    assert_same(given, kept)
+
+
+@pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
+def test_an_action_that_is_refused_leaves_no_trace_in_the_history(rows: tuple[int, ...]) -> None:
+    env, twin = (make_wrapped_rows(3, [HISTORY]) if rows else make_wrapped([HISTORY]) for _ in range(2))
+    env.reset(seed=0), twin.reset(seed=0)
+    refused(lambda: env.step(np.full((*rows, 4), 1.5)), "must be four numbers", ValueError)
+    actions = draw_actions(0, 3, *rows)
+    assert_same(fly(env, actions), fly(twin, actions))
+
+
+def test_other_environments_have_histories_too() -> None:
+    env = HistoryWrapper(gym.make("Pendulum-v1"), 2, 1)
+    first, _ = env.reset(seed=0)
+    second = env.step(np.array([0.5]))[0]
+    assert_array_equal(first, [*first[:3], *first[:3], 0.0])
+    assert_array_equal(second[[0, 1, 2, 6]], [*first[:3], 0.5])
+
+
+BAD: dict[str, tuple[Callable[..., Any], str]] = {
+    "no observation": (lambda wrap, env: wrap(env, 0), "observations must be a whole number of at least 1, not 0"),
+    "half an observation": (lambda wrap, env: wrap(env, 1.5), "observations must .* not 1.5"),
+    "a true observation": (lambda wrap, env: wrap(env, True, 1), "observations must .* not True"),
+    "less than no action": (lambda wrap, env: wrap(env, 2, -1), "actions must be .* at least 0, not -1"),
+    "actions in words": (lambda wrap, env: wrap(env, 2, "two"), "actions must .* not 'two'"),
+    "the present alone": (lambda wrap, env: wrap(env, 1, 0), "no history"),
+}
+
+
+@pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
+def test_an_impossible_history_is_refused(call: Callable[..., Any], names: str) -> None:
+    refused(lambda: call(HistoryWrapper, make_bare()), names, ValueError)
+    refused(lambda: call(VectorHistoryWrapper, make_rows(2)), names, ValueError)
+
+
+def test_a_history_needs_vectors() -> None:
+    refused(lambda: HistoryWrapper(gym.make("CartPole-v1")), "action must be a vector .* not Discrete", TypeError)
+    refused(
+        lambda: HistoryWrapper(gym.make("FrozenLake-v1")), "observation must be a vector .* not Discrete", TypeError
+    )
+
+
+def test_a_learner_learns_from_histories_of_measured_outputs() -> None:
+    layers = [("SensorWrapper", NOISE), OUTPUTS, ("HistoryWrapper", 4, 2)]
+    env = SB3VecEnv(make_wrapped_rows(4, layers, autoreset_mode="SameStep", max_episode_steps=6))
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu", seed=0).learn(64)
+    single = make_wrapped(layers)
+    action, _ = model.predict(single.reset(seed=0)[0])
+    assert single.step(action)[0].shape == (27 * 4 + 4 * 2,)
+
+
+def test_sensors_and_histories_see_each_other_in_any_order() -> None:
+    one = HistoryWrapper(SensorWrapper(make_bare(), NOISE), 2)
+    other = SensorWrapper(HistoryWrapper(make_bare(), 2), NOISE)
+    assert_same(one.reset(seed=0), other.reset(seed=0))
+    actions = draw_actions(0, 5)
+    assert_same(fly(one, actions), fly(other, actions))

@@ -1,0 +1,245 @@
+"""Wrappers: one real world around one environment and around many, in any sensible order, as data and as objects."""
+
+import copy
+import pickle
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env as check_with_gymnasium
+from numpy.testing import assert_array_equal
+from stable_baselines3.common.env_checker import check_env as check_with_sb3
+from stable_baselines3.common.env_util import make_vec_env
+
+from quadpend_gym import wrappers
+from quadpend_gym.core import streams
+from quadpend_gym.core.arrays import Booleans
+from quadpend_gym.sensors import Noise
+from quadpend_gym.wrappers import SensorWrapper
+from tests.helpers.bad_input import refused
+from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, fly, make, make_bare, make_rows, pick
+from tests.helpers.wrappers import (
+    ACTUATORS,
+    HISTORY,
+    OUTPUTS,
+    PARAMETERS,
+    SENSORS,
+    SHORT,
+    STACKS,
+    WIND,
+    Layers,
+    gymnasiums,
+    lopsided_actions,
+    make_wrapped,
+    make_wrapped_rows,
+    wrapped,
+)
+from tests.quadpend_gym.envs.test_vector_env import assert_same_info
+
+ROWS, STEPS = 5, 50
+EVERY_ROW = np.ones(ROWS, np.bool_)
+stacks = pytest.mark.parametrize("layers", STACKS.values(), ids=STACKS.keys())
+modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
+WORLD = {"wind": WIND, "sensors": SENSORS, "actuators": ACTUATORS, "parameters": PARAMETERS}
+world_wrappers = pytest.mark.parametrize("layer", WORLD.values(), ids=WORLD.keys())
+
+
+@modes
+@stacks
+def test_many_rows_are_what_gymnasium_makes_of_single_environments(layers: Layers, mode: str) -> None:
+    """To the last bit, `final_obs` and `final_info` too, through several ends of both sorts."""
+    env = make_wrapped_rows(ROWS, layers, autoreset_mode=mode, **SHORT)
+    theirs = gymnasiums(ROWS, layers, mode, **SHORT)
+    assert env.observation_space == theirs.observation_space
+    assert env.single_observation_space == theirs.single_observation_space
+    assert env.action_space == theirs.action_space
+    (observation, info), (their_observation, their_info) = env.reset(seed=9), theirs.reset(seed=9)
+    assert_same(observation, their_observation)
+    assert_same_info(info, their_info, EVERY_ROW)
+    ends = []
+    for actions in lopsided_actions(STEPS, ROWS):
+        *returned, info = env.step(actions)
+        *their_return, their_info = theirs.step(actions)
+        assert_same(returned, their_return)
+        assert_same_info(info, their_info, EVERY_ROW)
+        over: Booleans = returned[2] | returned[3]
+        ends.append(np.array(returned[2:]))
+        if mode == "Disabled" and over.any():
+            observation, info = env.reset(options={"reset_mask": over})
+            their_observation, their_info = theirs.reset(options={"reset_mask": over})
+            assert_same(observation, their_observation)
+            assert_same_info(info, their_info, EVERY_ROW)
+    terminated, truncated = np.sum(ends, axis=(0, 2))
+    assert terminated > 0
+    assert truncated > 0
+    assert np.sum(ends, axis=(0, 1)).min() >= 2
+
+
+@stacks
+def test_the_number_of_rows_does_not_matter(layers: Layers) -> None:
+    many, few = (make_wrapped_rows(rows, layers, autoreset_mode="SameStep", **SHORT) for rows in (130, 3))
+    assert_same(many.reset(seed=0)[0][:3], few.reset(seed=0)[0])
+    actions = draw_actions(0, 30, 130)
+    for one, other in zip(fly(many, actions), fly(few, actions[:, :3]), strict=True):
+        assert_same([part[:3] for part in one[:4]], other[:4])
+        for row in range(3):
+            assert_same(pick(one[4], row), pick(other[4], row))
+
+
+@stacks
+def test_an_episode_depends_on_its_seed_and_number_only(layers: Layers) -> None:
+    """Not on what was done in earlier episodes."""
+    env, twin = make_wrapped(layers), make_wrapped(layers)
+    for k, seed in enumerate((5, None, None)):
+        assert_same(env.reset(seed=seed), twin.reset(seed=seed))
+        fly(env, draw_actions(k, 5 * k + 3))
+    assert_same(env.reset(), twin.reset())
+    actions = draw_actions(9, 10)
+    assert_same(fly(env, actions), fly(twin, actions))
+
+
+@stacks
+def test_the_checker_of_stable_baselines_has_nothing_to_remark(layers: Layers) -> None:
+    with warnings.catch_warnings(action="error"):
+        check_with_sb3(make_wrapped(layers))
+
+
+@stacks
+def test_the_checker_of_gymnasium_only_remarks_that_it_is_wrapped(layers: Layers) -> None:
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        check_with_gymnasium(make_wrapped(layers), skip_render_check=True)
+    (remark,) = caught
+    assert "is different from the unwrapped version" in str(remark.message)
+
+
+@stacks
+def test_the_spec_of_a_wrapped_env_survives_json(layers: Layers) -> None:
+    env = make_wrapped(layers, max_episode_steps=7)
+    assert env.spec is not None
+    twin = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert str(twin) == str(env)
+    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    actions = draw_actions(3, 10)
+    assert_same(fly(twin, actions), fly(env, actions))
+
+
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
+@stacks
+def test_a_copy_in_mid_episode_continues_identically(layers: Layers, clone: Callable[[Any], Any]) -> None:
+    env: Any
+    for env, rows in ((make_wrapped(layers), ()), (make_wrapped_rows(3, layers, **SHORT), (3,))):
+        env.reset(seed=5)
+        fly(env, draw_actions(0, 10, *rows))
+        twin = clone(env)
+        actions = draw_actions(1, 20, *rows)
+        assert_same(fly(twin, actions), fly(env, actions))
+        assert_same(twin.reset(), env.reset())
+
+
+@world_wrappers
+def test_the_same_models_serve_several_environments(layer: tuple[Any, ...]) -> None:
+    one, other, alone = make_wrapped([layer]), make_wrapped([layer]), make_wrapped(copy.deepcopy([layer]))
+    expected = [alone.reset(seed=1), *fly(alone, draw_actions(1, 15))]
+    seen = [one.reset(seed=1)]
+    other.reset(seed=2)
+    for action in draw_actions(1, 15):
+        seen.append(one.step(action))  # type: ignore[arg-type]
+        other.step(-action)
+    assert_same(seen, expected)
+
+
+@pytest.mark.parametrize(("name", "models"), [SENSORS, ACTUATORS])
+def test_wrappers_one_around_the_other_are_one_wrapper_with_the_list(name: str, models: list[Any]) -> None:
+    """What is measured goes outwards, an action inwards."""
+    inside_out = models if name == "SensorWrapper" else models[::-1]
+    nested = make_wrapped([(name, model) for model in inside_out])
+    flat = make_wrapped([(name, models)])
+    assert_same(nested.reset(seed=0), flat.reset(seed=0))
+    actions = draw_actions(0, 30)
+    assert_same(fly(nested, actions), fly(flat, actions))
+
+
+def test_the_order_in_which_different_wrappers_of_the_world_stand_does_not_matter() -> None:
+    one, other = (make_wrapped(list(order), **SHORT) for order in (WORLD.values(), reversed(WORLD.values())))
+    assert_same(one.reset(seed=0), other.reset(seed=0))
+    actions = draw_actions(0, 15)
+    assert_same(fly(one, actions), fly(other, actions))
+
+
+def test_sensors_and_actuators_leave_starts_references_parameters_and_wind_unchanged() -> None:
+    plain: Any = make_wrapped_rows(5, [WIND, PARAMETERS])
+    real: Any = make_wrapped_rows(5, [WIND, PARAMETERS, ACTUATORS, SENSORS])
+    for seed in (0, None):
+        info = real.reset(seed=seed)[1]
+        assert_same({key: info[key] for key in info if "command" not in key}, plain.reset(seed=seed)[1])
+        for attribute in ("state", "reference", "parameters", "wind"):
+            assert_array_equal(getattr(real.unwrapped.world, attribute), getattr(plain.unwrapped.world, attribute))
+        for (*_, info), (*_, expected) in zip(
+            fly(real, np.ones((5, 5, 4))), fly(plain, np.ones((5, 5, 4))), strict=True
+        ):
+            assert_array_equal(info["air_velocity"], expected["air_velocity"])
+
+
+def test_every_purpose_has_a_random_stream_of_its_own() -> None:
+    numbers = [number for name, number in vars(streams).items() if name.endswith("_STREAM")]
+    assert len(numbers) == 6
+    assert len(set(numbers)) == 6
+
+
+@world_wrappers
+def test_a_wrapper_in_mid_episode_asks_for_a_reset(layer: tuple[Any, ...]) -> None:
+    env: Any
+    for env, rows in ((make_bare(), ()), (make_rows(3), (3,))):
+        env.reset(seed=0)
+        fly(env, draw_actions(0, 3, *rows))
+        refused(lambda env=env, rows=rows: wrapped(env, [layer]).step(np.zeros((*rows, 4))), "call reset", ResetNeeded)
+        env.reset()
+        fly(env, draw_actions(0, 3, *rows))
+
+
+@world_wrappers
+def test_only_these_environments_can_be_wrapped(layer: tuple[Any, ...]) -> None:
+    only = "only a QuadPendulum environment can be wrapped so, not .*CartPole"
+    refused(lambda: wrapped(gym.make("CartPole-v1"), [layer]), only, TypeError)
+    refused(lambda: wrapped(gym.make_vec("CartPole-v1", 2), [layer]), only, TypeError)
+
+
+@pytest.mark.parametrize("layer", [*WORLD.values(), OUTPUTS, HISTORY], ids=[*WORLD, "outputs", "history"])
+def test_a_wrapper_for_one_environment_and_one_for_many_are_not_taken_for_each_other(layer: tuple[Any, ...]) -> None:
+    name, *arguments = layer
+    refused(lambda: getattr(wrappers, f"Vector{name}")(make_bare(), *arguments), "Expected env to be", TypeError)
+    refused(lambda: getattr(wrappers, name)(make_rows(2), *arguments), "Expected env to be", TypeError)
+
+
+def test_gymnasiums_wrappers_go_in_between() -> None:
+    env = wrapped(gym.wrappers.TimeLimit(wrapped(make(), [SENSORS]), 4), [ACTUATORS, HISTORY])
+    env.reset(seed=0)
+    assert [truncated for *_, truncated, _ in fly(env, np.zeros((4, 4)))] == [False, False, False, True]
+
+
+def test_refused_models_leave_the_environment_as_it_was() -> None:
+    for name in ("SensorWrapper", "ActuatorWrapper", "ParameterWrapper", "WindWrapper"):
+        env, twin = make(), make()
+        env.reset(seed=0), twin.reset(seed=0)
+        refused(lambda name=name, env=env: getattr(wrappers, name)(env, 3.0), "not 3.0", TypeError)
+        actions = draw_actions(0, 5)
+        assert_same(fly(env, actions), fly(twin, actions))
+
+
+def test_no_models_change_nothing() -> None:
+    env, plain = make_wrapped([("SensorWrapper", []), ("ActuatorWrapper", None), ("WindWrapper", "calm")]), make()
+    assert_same(env.reset(seed=0), plain.reset(seed=0))
+    actions = draw_actions(0, 10)
+    assert_same(fly(env, actions), fly(plain, actions))
+
+
+@pytest.mark.parametrize("wrapper", [None, SensorWrapper])
+def test_stable_baselines_makes_its_own_vector_of_them(wrapper: Any) -> None:
+    kwargs = {"sensors": Noise(position=0.01)} if wrapper else None
+    envs = make_vec_env("QuadPendulum-v0", 2, wrapper_class=wrapper, wrapper_kwargs=kwargs)
+    assert envs.reset().shape == (2, 36)

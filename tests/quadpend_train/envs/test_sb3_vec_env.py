@@ -1,0 +1,127 @@
+"""The adapter gives Stable-Baselines3 what its own vector environments would."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from quadpend_gym import OrnsteinUhlenbeck, QuadPendulumVectorEnv
+from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+
+ROWS, STEPS = 3, 150
+
+
+def single() -> gym.Env[Any, Any]:
+    return Monitor(gym.make("quadpend_gym:QuadPendulum-v0", wind=OrnsteinUhlenbeck(), max_episode_steps=60))
+
+
+def test_it_does_exactly_what_dummy_vec_env_with_monitors_does() -> None:
+    """Observations, rewards, ends, terminal observations, truncation and episode statistics, row by row."""
+    reference = DummyVecEnv([single] * ROWS)
+    env = SB3VecEnv(
+        QuadPendulumVectorEnv(
+            ROWS, wind=OrnsteinUhlenbeck(), max_episode_steps=60, autoreset_mode=AutoresetMode.SAME_STEP
+        )
+    )
+    reference.seed(5), env.seed(5)
+    np.testing.assert_array_equal(reference.reset(), env.reset())
+    actions = np.random.default_rng(0).normal(scale=0.03, size=(STEPS, ROWS, 4)).clip(-1, 1).astype(np.float32)
+    ended = 0
+    for action in actions:
+        expected, given = reference.step(action), env.step(action)
+        for a, b in zip(expected[:3], given[:3], strict=True):
+            np.testing.assert_array_equal(a, b)
+        for row in np.flatnonzero(given[2]):
+            info, other = expected[3][row], given[3][row]
+            np.testing.assert_array_equal(info["terminal_observation"], other["terminal_observation"])
+            assert info["TimeLimit.truncated"] == other["TimeLimit.truncated"]
+            assert info["episode"]["l"] == other["episode"]["l"]
+            assert info["episode"]["r"] == pytest.approx(other["episode"]["r"], abs=1e-5)
+            ended += 1
+    assert ended > ROWS
+
+
+def test_rows_whose_episode_goes_on_have_an_empty_info() -> None:
+    env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
+    env.reset()
+    assert env.step(np.zeros((2, 4), np.float32))[3] == [{}, {}]
+
+
+def test_any_vector_env_with_same_step_autoreset_will_do() -> None:
+    cartpole = gym.make_vec(
+        "CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
+    )
+    env = SB3VecEnv(cartpole)
+    env.reset()
+    ends = [env.step(np.ones(2, np.int64)) for _ in range(30)]
+    assert any("episode" in info for _, _, _, infos in ends for info in infos)
+
+
+def test_scaled_rewards_leave_the_episode_statistics_alone() -> None:
+    plain, scaled = (
+        SB3VecEnv(QuadPendulumVectorEnv(2, max_episode_steps=3, autoreset_mode="SameStep"), scale)
+        for scale in (1.0, 0.01)
+    )
+    plain.seed(0), scaled.seed(0)
+    plain.reset(), scaled.reset()
+    for _ in range(3):
+        expected, given = plain.step(np.zeros((2, 4), np.float32)), scaled.step(np.zeros((2, 4), np.float32))
+        np.testing.assert_allclose(given[1], 0.01 * expected[1], rtol=1e-6)
+    assert given[3][0]["episode"]["r"] == expected[3][0]["episode"]["r"]
+
+
+def test_another_autoreset_mode_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"must have autoreset_mode AutoresetMode.SAME_STEP, not AutoresetMode.NEXT"):
+        SB3VecEnv(QuadPendulumVectorEnv(2))
+
+
+def test_options_and_seeds_reach_the_environment_once() -> None:
+    env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
+    env.seed(1)
+    env.set_options({"state": {"position": [1.0, 2.0, 3.0]}})
+    env.reset()
+    np.testing.assert_array_equal(env.env.unwrapped.state.position, [[1.0, 2.0, 3.0]] * 2)  # type: ignore[attr-defined]
+    env.reset()
+    assert not np.any(env.env.unwrapped.state.position == [1.0, 2.0, 3.0])  # type: ignore[attr-defined]
+
+
+def test_attributes_and_wrappers_are_those_of_the_vector_environment() -> None:
+    env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
+    assert env.get_attr("num_envs") == [2, 2]
+    assert env.env_is_wrapped(Monitor) == [True, True]
+    assert env.env_is_wrapped(gym.Wrapper) == [False, False]
+    with pytest.raises(ValueError, match="can only be set for all rows"):
+        env.set_attr("num_envs", 3, indices=[0])
+
+
+def test_means_are_of_all_rows_and_the_steps_since_the_last() -> None:
+    inner, twin = (QuadPendulumVectorEnv(3, wind=OrnsteinUhlenbeck(), autoreset_mode="SameStep") for _ in range(2))
+    env = SB3VecEnv(inner, 0.01)
+    env.seed(0)
+    env.reset()
+    assert env.take_means() == {}
+    twin.reset(seed=0)
+    for steps in (1, 4):
+        told = [twin.step(np.zeros((3, 4), np.float32))[4] for _ in range(steps)]
+        for _ in range(steps):
+            env.step(np.zeros((3, 4), np.float32))
+        means = env.take_means()
+        assert means.keys() == {"tracking", "upright", "yaw", "effort", "tracking_error"}
+        error = np.mean([np.linalg.norm(info["tracking_error"], axis=1) for info in told])
+        assert means.pop("tracking_error") == pytest.approx(error)
+        for name, value in means.items():
+            assert value == pytest.approx(np.mean([info["reward_terms"][name] for info in told]))
+    assert env.take_means() == {}
+
+
+def test_other_environments_have_no_means() -> None:
+    env = SB3VecEnv(
+        gym.make_vec("CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": "SameStep"})
+    )
+    env.reset()
+    env.step(np.ones(2, np.int64))
+    assert env.take_means() == {}

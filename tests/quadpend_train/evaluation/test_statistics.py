@@ -1,0 +1,214 @@
+"""Intervals cover what they say, and tests claim no more than they may."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from quadpend_baselines import ADRC
+from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.evaluation.statistics import (
+    Interval,
+    holm,
+    improvement,
+    improvement_unpaired,
+    interquartile_mean,
+    mean,
+    p_proportion,
+    p_value,
+    paired_proportion,
+    proportion,
+    wilcoxon,
+)
+
+
+def test_intervals_are_those_of_the_books() -> None:
+    successes = np.arange(100)[np.newaxis] < 93
+    expected = stats.binomtest(93, 100).proportion_ci(method="wilson")
+    assert proportion(successes)[1:] == (expected.low, expected.high)
+    values = np.random.default_rng(0).normal(size=(1, 400))
+    _, low, high = mean(values)
+    half = stats.norm.ppf(0.975) * values.std() / 20.0
+    assert (low, high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.01)
+
+
+def test_paired_survival_is_never_certain() -> None:
+    """Two policies that fall in the same episodes may still differ; Agresti and Min's interval says by how much."""
+    survived = np.arange(200)[np.newaxis] > 3
+    value, low, high = paired_proportion(survived, survived)
+    assert value == 0.0
+    assert (low, high) == pytest.approx((-0.0097, 0.0097), abs=1e-4)
+    better = paired_proportion(survived | True, survived)
+    assert better.value == pytest.approx(4 / 200)
+
+
+def test_intervals_of_a_learner_cover_its_training_seeds() -> None:
+    """Five seeds that differ by 10 mm have a wider interval than one of them, in however many episodes."""
+    random = np.random.default_rng(0)
+    seeds = random.normal(0.1, 0.01, (5, 1)) + random.normal(0.0, 0.01, (5, 1000))
+    one, five = mean(seeds[:1]), mean(seeds)
+    assert one.high - one.low < 0.0015
+    assert five.high - five.low > 0.005
+    learner = run_episodes([ADRC("paper"), ADRC("matched")], "windy", 4)
+    np.testing.assert_array_equal(learner.error[1:], run_episodes([ADRC("matched")], "windy", 4).error)
+
+
+def test_values_that_are_nan_are_left_out() -> None:
+    values = np.random.default_rng(0).normal(size=(1, 60))
+    some = values.copy()
+    some[0, ::3] = np.nan
+    assert mean(some).value == pytest.approx(np.nanmean(some))
+    assert mean(some).high - mean(some).low > mean(values).high - mean(values).low
+    assert np.isnan(mean(np.full((1, 5), np.nan))).all()
+    only = mean(np.array([[1.0, np.nan, np.nan]]))
+    assert only == Interval(1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("estimate", "draw", "truth"),
+    [
+        (mean, lambda random: random.gamma(2.0, 1.0, (1, 100)), 2.0),
+        (interquartile_mean, lambda random: random.normal(2.0, 1.0, (1, 100)), 2.0),
+        (proportion, lambda random: random.random((1, 100)) < 0.9, 0.9),
+        (lambda x: paired_proportion(*x), lambda random: random.random((2, 1, 100)) < [[[0.9]], [[0.7]]], 0.2),
+        (lambda x: improvement(*x), lambda random: random.normal(0.0, 1.0, (2, 1, 100)), 0.5),
+    ],
+    ids=["mean", "iqm", "proportion", "paired proportion", "improvement"],
+)
+def test_intervals_cover_the_truth_as_often_as_they_say(
+    estimate: Callable[[Any], Interval], draw: Callable[[np.random.Generator], Any], truth: float
+) -> None:
+    random = np.random.default_rng(1)
+    intervals = [estimate(draw(random)) for _ in range(200)]
+    covered = np.mean([low <= truth <= high for _, low, high in intervals])
+    assert 0.90 <= covered <= 0.99
+
+
+@pytest.mark.parametrize("seeds", [2, 3, 5, 10])
+def test_however_few_seeds_intervals_cover_the_learner_and_tests_claim_no_more_than_they_may(seeds: int) -> None:
+    """The truth is that of all seeds there could be, which differ as much as episodes do."""
+    random = np.random.default_rng([2, seeds])
+    trials = 600
+    hits = claims = 0
+    for _ in range(trials):
+        own, common = random.normal(0.0, 1.0, (seeds, 1)), random.normal(0.0, 1.0, (1, 50))
+        values = own + common + random.normal(0.0, 1.0, (seeds, 50))
+        _, low, high = mean(values)
+        hits += low <= 0.0 <= high
+        claims += p_value(values) < 0.05
+    assert hits >= 0.93 * trials
+    assert claims <= 0.07 * trials
+    assert claims == trials - hits  # one standard of evidence
+
+
+@pytest.mark.parametrize("rate", [0.005, 0.1])
+def test_a_learner_survives_neither_more_nor_less_often_than_its_equal(rate: float) -> None:
+    """However rarely both fall, and though its many seeds meet one controller's few falls."""
+    random = np.random.default_rng(10)
+    claims = covered = 0
+    for _ in range(200):
+        learner, controller = random.random((10, 200)) > rate, random.random((1, 200)) > rate
+        claims += p_proportion(learner, controller) < 0.05
+        _, low, high = paired_proportion(learner, controller)
+        covered += low <= 0.0 <= high
+    assert claims <= 14
+    assert covered >= 186
+
+
+def test_survival_over_seeds_is_never_certain_nor_impossible() -> None:
+    value, low, high = proportion(np.ones((5, 100), np.bool_))
+    assert (value, low, high) == (1.0, stats.binomtest(500, 500).proportion_ci(method="wilson").low, 1.0)
+    one_falls = np.arange(500).reshape(5, 100) >= 60
+    low, high = proportion(one_falls)[1:]
+    assert low < 0.6
+    assert high == 1.0
+    value, low, high = paired_proportion(np.ones((5, 100), np.bool_), np.ones((1, 100), np.bool_))
+    assert low < value == 0.0 < high
+
+
+def test_seeds_and_episodes_without_a_value_are_left_out() -> None:
+    values = np.random.default_rng(0).normal(1.0, 1.0, (4, 30))
+    missing = np.vstack([values, np.full((1, 30), np.nan)])
+    missing = np.hstack([missing, np.full((5, 2), np.nan)])
+    assert mean(missing) == pytest.approx(mean(values))
+    assert p_value(missing) == pytest.approx(p_value(values))
+    only = np.full((3, 30), np.nan)
+    only[1] = values[0]
+    assert mean(only) == mean(values[:1])
+    assert p_value(only) == p_value(np.full((3, 30), np.nan)) == 1.0
+    assert np.isnan(mean(np.full((3, 5), np.nan))).all()
+    uneven = values.copy()
+    uneven[0, 1:] = np.nan
+    assert mean(uneven).value == pytest.approx(np.mean([uneven[0, 0], *values[1:].mean(axis=1)]))
+    assert mean(values[:, :1]).low < mean(values[:, :1]).value
+
+
+@pytest.mark.parametrize("shape", [(1, 5), (1, 40), (5, 30), (2, 3)])
+def test_the_interquartile_mean_is_scipys_trimmed_mean(shape: tuple[int, int]) -> None:
+    values = np.random.default_rng(3).gamma(1.0, 1.0, shape)
+    assert interquartile_mean(values).value == pytest.approx(stats.trim_mean(values, 0.25, axis=None))
+    fallen = values.copy()
+    fallen[0, 0] = 1e6
+    assert interquartile_mean(fallen).value < 10.0
+
+
+def test_the_interquartile_means_interval_agrees_with_a_plain_loop() -> None:
+    values = np.random.default_rng(4).gamma(1.0, 1.0, (3, 40))
+    random = np.random.default_rng(5)
+    means = []
+    for _ in range(2000):
+        drawn = values[random.integers(3, size=3)][:, random.integers(40, size=40)]
+        means.append(stats.trim_mean(drawn, 0.25, axis=None))
+    assert interquartile_mean(values)[1:] == pytest.approx(tuple(np.quantile(means, [0.025, 0.975])), abs=0.06)
+
+
+def test_the_probability_of_improvement_counts_pairs() -> None:
+    random = np.random.default_rng(6)
+    first, second = random.integers(0, 5, (3, 8)) / 1.0, random.integers(0, 5, (3, 8)) / 1.0
+    paired = [np.mean([(x < y) + 0.5 * (x == y) for x, y in zip(first.ravel(), second.ravel(), strict=True)])]
+    assert improvement(first, second).value == pytest.approx(paired[0])
+    everyone = [(x < y) + 0.5 * (x == y) for x, y in itertools.product(first.ravel(), second.ravel())]
+    assert improvement_unpaired(first, second) == pytest.approx(np.mean(everyone))
+    assert improvement(first, first) == (0.5, 0.5, 0.5)
+
+
+def test_the_randomisation_test_of_survival_is_mcnemars() -> None:
+    successes, others = np.ones((1, 100), np.bool_), np.ones((1, 100), np.bool_)
+    others[0, :9], successes[0, 9:11] = False, False
+    assert p_proportion(successes, others) == pytest.approx(stats.binomtest(9, 11).pvalue)
+    assert p_value(successes.astype(np.float64) - others) == pytest.approx(stats.binomtest(9, 11).pvalue, abs=0.01)
+    assert p_proportion(successes, successes) == p_value(np.zeros((1, 100))) == p_value(np.zeros((3, 100))) == 1.0
+
+
+def test_p_values_are_small_enough_for_many_tests_but_never_smaller_than_the_exact_ones() -> None:
+    assert p_value(np.full((1, 5), 0.1)) == pytest.approx(2 / 32, abs=0.01)
+    for size in (20, 30, 60):
+        assert 2.0**-size < p_value(np.full((1, size), 0.1)) <= 1e-4
+    assert p_value(np.random.default_rng(0).normal(0.5, 1.0, (1, 200))) < 1e-7
+    assert p_value(np.random.default_rng(0).normal(0.5, 0.1, (5, 200))) < 1e-4
+
+
+@pytest.mark.parametrize("power", [1, 3], ids=["normal", "heavy tails"])
+@pytest.mark.parametrize("size", [10, 60])
+def test_equals_are_told_apart_no_more_often_than_allowed(power: int, size: int) -> None:
+    random = np.random.default_rng(7)
+    p = [p_value(random.normal(0.0, 1.0, (1, size)) ** power) for _ in range(400)]
+    assert np.mean(np.array(p) < 0.05) <= 0.07
+
+
+def test_holms_correction_is_that_of_the_books() -> None:
+    """Holm 1979: the smallest p times the number of tests, the next times one less, never falling."""
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.6]) == [1.0, 1.0]
+    assert holm([0.02]) == [0.02]
+    random = np.random.default_rng(8)
+    assert sum(min(holm(list(random.random(20)))) < 0.05 for _ in range(1000)) <= 70
+
+
+def test_wilcoxons_test_is_scipys() -> None:
+    differences = np.random.default_rng(9).normal(0.2, 1.0, (3, 50))
+    assert wilcoxon(differences) == stats.wilcoxon(differences.mean(axis=0)).pvalue
+    assert wilcoxon(np.zeros((1, 5))) == 1.0

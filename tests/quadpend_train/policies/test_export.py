@@ -1,0 +1,210 @@
+"""From Stable-Baselines3's models to policies in files: the same actions, or a sentence why not."""
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose
+from sb3_contrib import TQC, RecurrentPPO
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.torch_layers import FlattenExtractor
+
+from quadpend_gym.core.arrays import Floats32
+from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.policies.export import export, export_zip
+from quadpend_train.policies.mlp_policy import MlpPolicy, difference
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, output_layer, read_zip
+from tests.helpers.bad_input import refused
+from tests.helpers.envs import make_rows
+from tests.helpers.wrappers import HISTORY, make_wrapped_rows
+
+KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
+    "ppo": (PPO, {"n_steps": 4, "batch_size": 8}),
+    "sac": (SAC, {"buffer_size": 8}),
+    "tqc": (TQC, {"buffer_size": 8}),
+}
+algorithms = pytest.mark.parametrize("algo", KINDS)
+
+
+def env() -> SB3VecEnv:
+    return SB3VecEnv(make_rows(2, autoreset_mode="SameStep"))
+
+
+def model(algo: str, around: Any = None, gain: float = 1.0, sde: bool = False, **policy: Any) -> Any:
+    """An untrained model whose last weights are `gain` times as large."""
+    kind, more = KINDS[algo]
+    torch.set_num_threads(1)
+    policy = {"net_arch": [8, 6], "activation_fn": torch.nn.ReLU, **policy}
+    made = kind("MlpPolicy", around or env(), policy_kwargs=policy, use_sde=sde, seed=0, device="cpu", **more)
+    with torch.no_grad():
+        for parameter in output_layer(made).parameters():
+            parameter *= gain
+    return made
+
+
+def observations(size: int = 36) -> Floats32:
+    return np.random.default_rng(1).normal(size=(50, size)).astype(np.float32)
+
+
+def assert_flies_alike(policy: MlpPolicy, made: Any) -> None:
+    seen = observations()
+    expected, _ = made.predict(seen, deterministic=True)
+    action, _ = policy.predict(seen)
+    assert action.dtype == np.float32
+    assert_allclose(action, expected, atol=1e-5)
+    for row in range(3):
+        assert_allclose(policy.predict(seen[row])[0], made.predict(seen[row], deterministic=True)[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("activation", ACTIVATION_MODULES)
+@algorithms
+def test_the_policy_does_what_the_model_does(algo: str, activation: str, tmp_path: Path) -> None:
+    """Alone and among others, and after a journey through a file."""
+    made = model(algo, activation_fn=ACTIVATION_MODULES[activation])
+    policy = export(made, note="x")
+    assert policy.card["activation"] == activation
+    assert policy.card["squashed"] == (algo != "ppo")
+    assert policy.card["note"] == "x"
+    policy.save(tmp_path / "policy.npz")
+    assert_flies_alike(policy, made)
+    assert_flies_alike(MlpPolicy.load(tmp_path / "policy.npz"), made)
+
+
+@algorithms
+def test_networks_of_any_depth_are_exported(algo: str) -> None:
+    for depth in ([], [5], [9, 7, 5]):
+        policy = export(model(algo, net_arch=depth))
+        assert [weights.shape[1] for weights, _ in policy.layers] == [*depth, 4]
+
+
+def test_the_policys_network_is_taken_not_the_critics() -> None:
+    made = model("ppo", net_arch={"pi": [7], "vf": [9, 9]})
+    assert_flies_alike(export(made), made)
+
+
+@pytest.mark.parametrize("sde", [False, True], ids=["", "gSDE"])
+@algorithms
+def test_large_actions_are_limited_as_the_model_limits_them(algo: str, sde: bool) -> None:
+    """PPO's are clipped; those of SAC and TQC squashed, and with gSDE clipped before."""
+    made = model(algo, gain=300.0 if algo == "ppo" else 60.0, sde=sde)
+    seen = observations()
+    assert np.mean(np.abs(made.predict(seen, deterministic=True)[0]) > 0.95) > 0.2
+    assert_flies_alike(export(made), made)
+
+
+@algorithms
+def test_states_that_explore_together_are_exported_too(algo: str) -> None:
+    made = model(algo, sde=True)
+    assert_flies_alike(export(made), made)
+
+
+def test_an_exported_policy_does_not_change_when_its_model_learns_on() -> None:
+    made = model("ppo")
+    policy = export(made)
+    before = [weights.copy() for weights, _ in policy.layers]
+    biases = [bias.copy() for _, bias in policy.layers]
+    with torch.no_grad():
+        for parameter in made.policy.parameters():
+            parameter += 1.0
+    for (weights, bias), old, old_bias in zip(policy.layers, before, biases, strict=True):
+        np.testing.assert_array_equal(weights, old)
+        np.testing.assert_array_equal(bias, old_bias)
+
+
+def test_a_view_of_more_is_kept() -> None:
+    around = SB3VecEnv(make_wrapped_rows(2, [HISTORY], autoreset_mode="SameStep"))
+    made = model("ppo", around)
+    view = {**export(model("ppo")).card["view"], "history": 3, "history_actions": 2}
+    policy = export(made, view)
+    seen = observations(116)
+    assert_allclose(policy.act(seen), made.predict(seen, deterministic=True)[0], atol=1e-5)
+    refused(lambda: export(made), "takes 116 numbers, not the 36 or 27", ValueError)
+
+
+class Tenfold(FlattenExtractor):
+    """Features that are more than the observation."""
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        return 10.0 * super().forward(observations)
+
+
+class Pictures(gym.Env[Any, Any]):
+    observation_space = gym.spaces.Box(0, 255, (36, 36, 1), np.uint8)
+    action_space = gym.spaces.Box(-1.0, 1.0, (4,))
+
+
+class Wide(gym.Env[Any, Any]):
+    observation_space = gym.spaces.Box(-1.0, 1.0, (36,))
+    action_space = gym.spaces.Box(-2.0, 2.0, (4,))
+
+
+MORE: dict[str, tuple[Any, str]] = {
+    "silu": (
+        lambda: model("ppo", activation_fn=torch.nn.SiLU),
+        "only networks of linear layers with relu, tanh or elu",
+    ),
+    "leaky relu": (lambda: model("sac", activation_fn=torch.nn.LeakyReLU), "only networks of linear layers"),
+    "features": (lambda: model("ppo", features_extractor_class=Tenfold), "does more than its network"),
+    "pictures": (
+        lambda: PPO("CnnPolicy", Pictures(), n_steps=4, batch_size=4, device="cpu"),
+        "takes 512 numbers, not the 36 or 27",
+    ),
+    "memory": (
+        lambda: RecurrentPPO("MlpLstmPolicy", env(), n_steps=4, batch_size=8, device="cpu"),
+        "takes 256 numbers, not the 36 or 27",
+    ),
+    "other actions": (
+        lambda: PPO("MlpPolicy", gym.make("CartPole-v1"), n_steps=4, batch_size=4, device="cpu"),
+        "puts out 2 numbers, not an action's 4",
+    ),
+    "a wider range": (lambda: model("sac", Wide()), "does more than its network"),
+    "another squashing": (
+        lambda: model("ppo", gain=300.0, sde=True, squash_output=True),
+        "does more than its network",
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore:You are trying to run PPO on the GPU")
+@pytest.mark.parametrize(("make", "message"), MORE.values(), ids=MORE.keys())
+def test_what_is_more_than_a_network_is_refused(make: Any, message: str) -> None:
+    refused(lambda: export(make()), message, ValueError)
+
+
+@algorithms
+def test_a_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
+    made = model(algo)
+    made.save(tmp_path / "model.zip")
+    assert type(read_zip(tmp_path / "model.zip")) is KINDS[algo][0]
+    policy = export_zip(tmp_path / "model.zip", source="me")
+    assert policy.card["source"] == "me"
+    assert difference(policy, export(made)) == 0.0
+
+
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.zip"
+    refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
+    path.write_bytes(b"weights")
+    refused(lambda: export_zip(path), "model.zip is no model saved by Stable-Baselines3", ValueError)
+    for data in ("[]", "{", json.dumps({"policy_class": 3})):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data", data)
+        refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("data", json.dumps({"policy_class": {"__module__": "stable_baselines3.common.policies"}}))
+    refused(lambda: export_zip(path), "is no model of PPO, SAC or TQC", ValueError)
+    made = model("ppo")
+    made.save(path)
+    whole = path.read_bytes()
+    for i in range(10, len(whole), len(whole) // 12):
+        path.write_bytes(whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :])
+        try:
+            policy = export_zip(path)
+        except ValueError:
+            continue
+        assert difference(policy, export(made)) == 0.0

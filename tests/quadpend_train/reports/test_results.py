@@ -1,0 +1,74 @@
+"""One command writes everything of a comparison, twice the same, and fills in its part of a document."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from quadpend_train.cli.main import main
+from quadpend_train.reports.results import PARTS
+from tests.helpers.sources import ROOT
+
+RESULTS = ROOT / "docs/results.md"
+
+
+@pytest.fixture
+def brief_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    from quadpend_train.studies import robustness
+
+    axes = {name: robustness.AXES[name] for name in ("tilt", "wind")}
+    monkeypatch.setattr(
+        robustness.measure_robustness, "__defaults__", (axes, {}, *robustness.measure_robustness.__defaults__[2:])
+    )  # type: ignore[index]
+
+
+def test_evaluate_writes_everything_and_the_same_again(tmp_path: Path, brief_axes: None) -> None:
+    document = tmp_path / "results.md"
+    empty = "".join(f"<!-- begin {part} -->\n<!-- end {part} -->\n" for part in PARTS)
+    document.write_text(f"# Title\n{empty}The end\n", encoding="utf-8")
+    command = ["evaluate", "--policies", "adrc-paper", "lqr", "--scenarios", "calm", "steady", "--episodes", "4"]
+    command += ["--robustness", "4", "--replay", "1", "--document", str(document), "--store", str(tmp_path / "store")]
+    folder = tmp_path / "out"
+    written = []
+    for _ in range(2):
+        main([*command, "--out", str(folder)])
+        files = {file.name: file.read_bytes() for file in sorted(folder.iterdir())}
+        page = files["report.html"].decode()
+        files["report.html"] = re.sub(r"\d{4}-\d\d-\d\d", "", page).encode()
+        written.append({**files, "document": document.read_bytes()})
+    assert written[0] == written[1]
+    assert b'<section id="replay">' in written[0]["report.html"]
+    assert set(written[0]) == {
+        "report.html",
+        "comparison.json",
+        "comparison.csv",
+        "comparison.md",
+        "comparison.png",
+        "robustness.json",
+        "curves.png",
+        "document",
+    }
+    text = document.read_text(encoding="utf-8")
+    assert text.startswith("# Title\n")
+    assert text.endswith("The end\n")
+    assert "| lqr |" in text
+    assert "steady force" in text.lower() or "wind" in text.lower()
+
+
+def test_a_document_without_a_place_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = tmp_path / "results.md"
+    document.write_text("nothing\n", encoding="utf-8")
+    command = ["evaluate", "--policies", "adrc-paper", "lqr", "--scenarios", "calm", "--episodes", "2"]
+    command += ["--store", str(tmp_path / "store"), "--out", str(tmp_path / "out"), "--document", str(document)]
+    with pytest.raises(SystemExit):
+        main(command)
+    assert "must have one place for 'provenance'" in capsys.readouterr().err
+
+
+def test_the_published_results_have_all_parts_and_their_files() -> None:
+    text = RESULTS.read_text(encoding="utf-8")
+    for part in PARTS:
+        (filled,) = re.findall(rf"<!-- begin {part} -->\n(.*?)<!-- end {part} -->", text, re.DOTALL)
+        assert filled.strip(), part
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)\)", text):
+        assert (RESULTS.parent / link).exists(), link

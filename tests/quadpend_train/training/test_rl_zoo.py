@@ -1,0 +1,84 @@
+"""What RL Baselines3 Zoo reads in `train/rl_zoo` is what Stable-Baselines3 and the environments accept."""
+
+import inspect
+import shlex
+from typing import Any
+
+import gymnasium as gym
+import pytest
+import yaml
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from torch import nn
+
+from quadpend_train.policies.sb3_models import algorithm_class
+from quadpend_train.training.settings import ALGORITHMS
+from tests.helpers.envs import IDS
+from tests.helpers.sources import ROOT
+
+FOLDER = ROOT / "train/quadpend_train/rl_zoo"
+ZOO = {"n_timesteps", "n_envs", "normalize"}  # what the Zoo takes out before it makes the model
+algorithms = pytest.mark.parametrize("algo", ALGORITHMS)
+
+
+def read(algo: str) -> dict[str, dict[str, Any]]:
+    """The entries for an algorithm, by environment."""
+    entries = yaml.safe_load((FOLDER / f"{algo}.yml").read_text(encoding="utf-8"))
+    assert isinstance(entries, dict)
+    return entries
+
+
+def python(text: str) -> Any:
+    """What the Zoo makes of Python in a string."""
+    return eval(text, {"nn": nn})
+
+
+def make_model(algo: str, name: str, entry: dict[str, Any]) -> Any:
+    """The model that the Zoo would make, at a constant learning rate."""
+    entry = dict(entry)
+    entry["policy_kwargs"] = python(entry["policy_kwargs"])
+    schedule, rate = entry["learning_rate"].split("_")
+    assert schedule == "lin"
+    env: Any = DummyVecEnv([lambda: Monitor(gym.make(name))] * entry["n_envs"])
+    if entry["normalize"]:
+        env = VecNormalize(env, gamma=entry["gamma"], **python(entry["normalize"]))
+    given = {key: value for key, value in entry.items() if key not in ZOO} | {"learning_rate": float(rate)}
+    return algorithm_class(algo)(env=env, seed=0, device="cpu", **given)
+
+
+def test_there_is_a_file_for_every_algorithm() -> None:
+    assert {path.stem for path in FOLDER.glob("*.yml")} == set(ALGORITHMS)
+
+
+@algorithms
+def test_every_environment_has_an_entry_under_the_name_that_the_zoo_looks_up(algo: str) -> None:
+    assert set(read(algo)) == set(IDS)
+
+
+@algorithms
+def test_every_key_is_an_argument_of_the_algorithm_or_of_the_zoo(algo: str) -> None:
+    known = ZOO | set(inspect.signature(algorithm_class(algo)).parameters)
+    for entry in read(algo).values():
+        assert set(entry) <= known
+
+
+@algorithms
+@pytest.mark.parametrize("name", IDS)
+def test_the_models_can_be_made_and_learn(algo: str, name: str) -> None:
+    entry = read(algo)[name]
+    assert isinstance(entry["n_timesteps"], int)  # YAML reads 5e6 as a string
+    model = make_model(algo, name, entry)
+    assert model.learn(1).num_timesteps == entry["n_envs"] * entry.get("n_steps", 1)
+
+
+@algorithms
+def test_the_command_at_the_top_is_for_the_file(algo: str) -> None:
+    comments = (FOLDER / f"{algo}.yml").read_text(encoding="utf-8").splitlines()
+    (command,) = (line for line in comments if "rl_zoo3.train" in line)
+    words = shlex.split(command.removeprefix("#"))
+    given = dict(zip(words[3::2], words[4::2], strict=True))
+    assert words[:3] == ["python", "-m", "rl_zoo3.train"]
+    assert given["--algo"] == algo
+    assert given["--env"] in IDS
+    assert given["--gym-packages"] == "quadpend_gym"
+    assert FOLDER.parents[1] / given["--conf-file"] == FOLDER / f"{algo}.yml"

@@ -1,0 +1,1 @@
+"""Files and provenance, which every other room uses."""

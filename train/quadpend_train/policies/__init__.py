@@ -1,0 +1,1 @@
+"""Policies in files: networks, their export, and loading by name."""

@@ -1,0 +1,239 @@
+"""Pictures of models: a wind's series, histogram and spectrum beside theory; what sensors and actuators do to a signal.
+
+So that one sees what one trains in.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import signal, stats
+
+from quadpend_gym import Simulation
+from quadpend_gym.actuators import KINDS as ACTUATORS
+from quadpend_gym.actuators import as_actuators
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.models import ModelBatch
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.physics.drag import AIR_DENSITY
+from quadpend_gym.sensors import KINDS as SENSORS
+from quadpend_gym.sensors import as_sensors
+from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, series
+from quadpend_train.common.files import parse_mapping
+from quadpend_train.reports.figures import COLOURS
+from quadpend_train.scenarios import find_scenario
+
+_PERIOD = 0.01  # s
+_EPISODES, _LONG, _SEGMENT = 24, 62.0, 2048  # episodes, seconds and samples behind histogram and spectrum
+_UNITS = {"force": "N", "bob_force": "N", "torque": "N·m", "velocity": "m/s"}
+
+# One of each kind, for docs/models.md: picture and model.
+GALLERY = {
+    "constant": '{"kind": "drawn", "wind": {"kind": "constant", "force": [0.3, 0, 0]}, "strength": [0.5, 1.5]}',
+    "sinusoid": '{"kind": "sinusoid", "force": [0.3, 0.2, 0], "frequency": 2.0}',
+    "gusts": '{"kind": "gusts", "velocity": [6, 0, 0]}',
+    "ornstein_uhlenbeck": '{"kind": "ornstein_uhlenbeck", "force": 0.3}',
+    "dryden": "dryden",
+    "von_karman": "von_karman",
+    "paper_gusts": "paper",
+    "storm": "storm",
+    "noise": '{"kind": "noise", "position": {"white": 0.001, "bias": 0.003}, "direction": {"quantum": 0.01}}',
+    "delay": '{"kind": "delay", "steps": 10}',
+    "dropout": '{"kind": "dropout", "probability": 0.7}',
+    "action_delay": '{"kind": "action_delay", "steps": 5}',
+    "motor_lag": "motor_lag",
+    "rate_limit": '{"kind": "rate_limit", "rate": 10.0}',
+    "rotors": "rotors",
+}
+
+
+def draw(title: str, name: str, seconds: float, seed: int, path: Path) -> None:
+    """Draw the model that `name` stands for into a PNG file.
+
+    Args:
+        title: of the picture.
+        name: a preset or kind of wind, a kind of sensor or actuator with its defaults, JSON with a kind, or the file of
+            a scenario, for its wind.
+        seconds: how much of the series to show.
+        seed: of the episode shown.
+        path: of the picture.
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    family, models = _find(name)
+    figure = Figure(figsize=(9.0, 5.2 if family == "wind" else 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title.replace("_", " "), fontsize=11)
+    _DRAWN[family](figure, models, seconds, seed)
+    figure.savefig(path, dpi=80)
+
+
+def _find(name: str) -> tuple[str, tuple[Any, ...]]:
+    """Family and models of a name."""
+    if name.lstrip().startswith("{"):
+        data = parse_mapping(name, "the model")
+    elif name in PRESETS:
+        return "wind", as_wind(name)
+    elif Path(name).suffix in (".toml", ".json"):
+        return "wind", find_scenario(name).wind.models
+    else:
+        data = {"kind": name}
+    for family, (kinds, as_models) in _FAMILIES.items():
+        if data.get("kind") in kinds:
+            return family, as_models(data)
+    known = ", ".join([*PRESETS, *(kind for kinds, _ in _FAMILIES.values() for kind in kinds if kind != "sum")])
+    raise ValueError(f"there is no model {name!r}; there are {known}; or give JSON with a kind")
+
+
+def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
+    """Above the series of one episode, below histogram and spectrum over many, with theory where there is one."""
+    blown = series(models, round(max(seconds, _LONG) / _PERIOD), _EPISODES, seed, _PERIOD)
+    if models and not blown.any():
+        raise ValueError("this wind blows nothing: give its loads, as JSON with a kind")
+    order = ("velocity", "force", "bob_force", "torque")
+    field = next((name for name in order if blown[..., WIND_FIELDS[name]].any()), "force")
+    columns = WIND_FIELDS[field]
+    theory = _theory(models, columns)
+    grid = figure.add_gridspec(2, 2)
+    time = _PERIOD * np.arange(round(seconds / _PERIOD))
+    above, histogram, spectrum = (figure.add_subplot(place) for place in (grid[0, :], grid[1, 0], grid[1, 1]))
+    frequency, density = signal.welch(blown[..., columns], 1.0 / _PERIOD, nperseg=_SEGMENT, noverlap=0, axis=0)
+    omega = 2.0 * np.pi * frequency[1:]
+    averages = _EPISODES * (blown.shape[0] // _SEGMENT)
+    for i, axis in enumerate("xyz"):
+        values, colour = blown[..., columns][..., i], COLOURS[i]
+        if not values.any():
+            continue
+        above.plot(time, values[: time.size, 0], color=colour, linewidth=1.0, label=axis)
+        histogram.hist(values.ravel(), 40, density=True, histtype="step", color=colour)
+        spectrum.loglog(omega, density[1:, :, i].mean(axis=1) / (2.0 * np.pi), color=colour, linewidth=1.0)
+        if theory is not None:
+            expected = theory(omega)[i]
+            deviation = np.sqrt(np.trapezoid(*_fine(theory, i)))
+            x = np.linspace(values.min(), values.max(), 200)
+            histogram.plot(x, stats.norm(values.mean(), deviation).pdf(x), "--", color=colour, linewidth=1.0)
+            low, high = stats.chi2(2 * averages).ppf([0.025, 0.975]) / (2 * averages)
+            spectrum.loglog(omega, expected, "--", color=colour, linewidth=1.0)
+            spectrum.fill_between(omega, low * expected, high * expected, color=colour, alpha=0.25, linewidth=0)
+    unit = _UNITS[field]
+    words = field.replace("_", " ")
+    above.set(xlabel="time (s)", ylabel=f"{words} ({unit})", xlim=(0.0, seconds))
+    if above.lines:
+        above.margins(y=0.2)
+        above.legend(frameon=False, ncols=3, loc="upper right")
+    if field == "velocity":
+        _force_axis(above)
+    histogram.set(xlabel=f"{words} ({unit})", ylabel="density")
+    spectrum.set(xlabel="frequency (rad/s)", ylabel=f"({unit})² per rad/s", xlim=(omega[0], 100.0))
+    spectrum.set_ylim(bottom=max(spectrum.get_ylim()[0], 1e-9 * spectrum.get_ylim()[1]))
+    if density[1:].max() < 1e-12:
+        spectrum.set(title="nothing fluctuates", ylim=(1e-6, 1.0))
+    if theory is not None:
+        histogram.set_title("dashed: theory, around the mean", fontsize=9)
+        spectrum.set_title("dashed: theory, with the 95 % band of this estimate", fontsize=9)
+    for axes in (above, histogram, spectrum):
+        axes.grid(alpha=0.3)
+
+
+def _fine(theory: Callable[[Floats], Floats], axis: int) -> tuple[Floats, Floats]:
+    """Density and frequency, finely enough to integrate."""
+    omega = np.concatenate([[0.0], np.geomspace(1e-5, 1e5, 4000)])
+    return theory(omega)[axis], omega
+
+
+def _force_axis(axes: Any) -> None:
+    """A second scale: the drag of such a wind on the quadrotor at rest."""
+    factor = 0.5 * AIR_DENSITY * Simulation().parameters.quadrotor_drag_area
+    force = axes.secondary_yaxis(
+        "right",
+        functions=(lambda v: factor * np.abs(v) * v, lambda f: np.sign(f) * np.sqrt(np.abs(f) / factor)),
+    )
+    force.set_ylabel("drag on the quadrotor (N)")
+
+
+def _theory(models: tuple[Any, ...], columns: slice) -> Callable[[Floats], Floats] | None:
+    """The spectral density along x, y, z as a function of frequency, of a single model that has one."""
+    if len(models) != 1 or not hasattr(models[0], "density") or getattr(models[0], "heading", 0.0) != 0.0:
+        return None
+    model = models[0]
+
+    def density(omega: Floats) -> Floats:
+        found = model.density(omega)
+        return np.asarray(found if found.shape[0] == 3 else found[columns])
+
+    return density
+
+
+def _through(models: tuple[Any, ...], values: Floats, seed: int, call: Callable[..., None]) -> Floats:
+    """What models make of a signal, shape (steps, k); `call` gets sample, number, model, memory and streams."""
+    process, out = ModelBatch(models, 1), np.empty(values.shape)
+    row, streams = np.zeros(1, np.int64), Streams.from_seeds([seed])
+    process.begin(row, streams, lambda *_: None)
+    for k, value in enumerate(values):
+        sample = np.array(value[np.newaxis], order="F")
+        process.work(partial(call, sample, row + k))
+        out[k] = sample[0]
+    return out
+
+
+def _draw_sensors(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
+    """A position and a direction that swing, as they are and as they are measured."""
+    seconds = min(seconds, 3.0)
+    time = np.arange(0.0, seconds, _PERIOD)
+    true = np.zeros((time.size, 18))
+    true[:, 0], true[:, 12] = 0.02 * np.sin(2.0 * time), np.sin(0.05 * np.sin(4.0 * time))
+    true[:, 14] = np.sqrt(1.0 - true[:, 12] ** 2)
+
+    def sense(sample: Floats, step: Integers, model: Any, memory: Floats, streams: Streams) -> None:
+        model.sense(sample, memory, step, _PERIOD, streams)
+
+    measured = _through(models, true, seed, sense)
+    for axes, column, label in zip(figure.subplots(1, 2), (0, 12), ("position x (m)", "direction r_x"), strict=True):
+        axes.step(time, measured[:, column], where="post", color=COLOURS[1], linewidth=0.8, label="measured")
+        axes.plot(time, true[:, column], color=COLOURS[0], linewidth=1.5, label="true")
+        axes.set(xlabel="time (s)", ylabel=label, xlim=(0.0, seconds))
+        axes.margins(y=0.2)
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, ncols=2, loc="upper right")
+
+
+def _draw_actuators(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
+    """A pulse on one component of the action after the other, and what becomes of the four components."""
+    time = np.arange(0.0, 1.0, _PERIOD)
+    action = np.zeros((time.size, 4))
+    for i in range(4):
+        action[10 + 22 * i : 22 + 22 * i, i] = 0.5
+
+    def act(sample: Floats, step: Integers, model: Any, memory: Floats, streams: Streams) -> None:
+        model.act(sample, memory, step, Simulation(), streams)
+
+    acted = _through(models, action, seed, act)
+    for axes, values, title in zip(
+        figure.subplots(1, 2, sharey=True),
+        (action, acted),
+        ("action", "what acts: thrust, roll, pitch, yaw"),
+        strict=True,
+    ):
+        for i in range(4):
+            axes.step(time, values[:, i], where="post", color=COLOURS[i], linewidth=1.2, label=f"a{'₀₁₂₃'[i]}")
+        axes.set(xlabel="time (s)", title=title, ylim=(-0.1, 0.7))
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, ncols=4, loc="upper center", fontsize=8)
+
+
+_FAMILIES: dict[str, tuple[Any, Callable[[Any], tuple[Any, ...]]]] = {
+    "wind": (KINDS, as_wind),
+    "sensors": (SENSORS, as_sensors),
+    "actuators": (ACTUATORS, as_actuators),
+}
+_DRAWN: dict[str, Callable[[Any, tuple[Any, ...], float, int], None]] = {
+    "wind": _draw_wind,
+    "sensors": _draw_sensors,
+    "actuators": _draw_actuators,
+}

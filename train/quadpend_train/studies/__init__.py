@@ -1,0 +1,1 @@
+"""Studies made of many evaluations: robustness, recovery regions, ablations, tuning."""

@@ -1,0 +1,1 @@
+"""Training with Stable-Baselines3: settings, callbacks, runs."""

@@ -1,0 +1,77 @@
+"""PPO, SAC and TQC of Stable-Baselines3 and sb3-contrib, made from settings."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, algorithm_class, output_layer
+from quadpend_train.training.settings import TrainSettings
+
+
+def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> Any:
+    """An untrained model; with a `folder`, TensorBoard's events go there."""
+    own = _ppo(settings) if settings.algo == "ppo" else _sac(settings)
+    policy = own.pop("policy_kwargs", {})
+    model = algorithm_class(settings.algo)(
+        "MlpPolicy",
+        env,
+        learning_rate=_falling(settings.learning_rate, settings.final_learning_rate),
+        batch_size=settings.batch_size,
+        gamma=settings.gamma,
+        use_sde=settings.sde_sample_freq > 0,
+        sde_sample_freq=settings.sde_sample_freq or -1,
+        policy_kwargs={
+            "net_arch": list(settings.net_arch),
+            "activation_fn": ACTIVATION_MODULES[settings.activation_fn],
+            **policy,
+        },
+        tensorboard_log=None if folder is None else str(folder),
+        seed=settings.seed,
+        device="cpu",
+        **own,
+    )
+    if settings.steers != "alone":
+        _begin_at_zero(model, settings)
+    return model
+
+
+def _ppo(settings: TrainSettings) -> dict[str, Any]:
+    return {
+        "n_steps": settings.ppo.n_steps,
+        "n_epochs": settings.ppo.n_epochs,
+        "gae_lambda": settings.ppo.gae_lambda,
+        "clip_range": settings.ppo.clip_range,
+        "ent_coef": settings.ppo.ent_coef,
+        "policy_kwargs": {"log_std_init": settings.ppo.log_std_init},
+    }
+
+
+def _sac(settings: TrainSettings) -> dict[str, Any]:
+    return {
+        "train_freq": (settings.sde_sample_freq or 1, "step"),
+        "gradient_steps": settings.sac.gradient_steps * (settings.sde_sample_freq or 1),
+        "buffer_size": settings.sac.buffer_size,
+        "learning_starts": settings.sac.learning_starts,
+        "tau": settings.sac.tau,
+        "ent_coef": f"auto_{settings.sac.ent_coef_init}",
+        "target_entropy": settings.sac.target_entropy,
+    }
+
+
+def _falling(first: float, last: float) -> Callable[[float], float]:
+    return lambda remaining: last + (first - last) * max(remaining, 0.0)
+
+
+def _begin_at_zero(model: Any, settings: TrainSettings) -> None:
+    """Steer nothing at the beginning, and expect nothing more than the companion earns."""
+    with torch.no_grad():
+        layer: Any = output_layer(model)
+        if isinstance(layer, torch.nn.Sequential):  # of a state-dependent exploration
+            layer = layer[0]
+        layer.weight *= 0.1
+        layer.bias.zero_()
+        if settings.paired and settings.algo == "ppo":
+            model.policy.value_net.weight.zero_()
