@@ -23,9 +23,9 @@ evidence: .venv/.installed  ## the results table of the README: five training se
 LEARNERS := ppo-pace sac-pace ppo-pace-hover sac-pace-hover
 learners: .venv/.installed  ## the learned policies of the package: five training seeds each
 	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
-	mkdir -p train/shipped
+	mkdir -p train/quadpend_train/policies/shipped
 	$(foreach name,$(LEARNERS),$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings $(name) --seed $(seed) --out runs/$(name)-$(seed) && \
-		cp runs/$(name)-$(seed)/policy.npz train/shipped/$(name)-$(seed).npz &&)) true
+		cp runs/$(name)-$(seed)/policy.npz train/quadpend_train/policies/shipped/$(name)-$(seed).npz &&)) true
 
 ablations: .venv/.installed  ## the part of docs/results.md that says what each part of a learner is worth
 	$(BIN)/quadpend ablate --document docs/results.md

@@ -7,7 +7,7 @@
 | `log`    | x = 2ᵏ·m with m in [√½, √2), series in s = (m−1)/(m+1) | ≤ 2 ulp for normal x > 0 |
 
 Coefficients: the minimax polynomials of FDLIBM (Sun Microsystems, 1993). The errors are measured in
-``tests/test_elementary.py``.
+``tests/quadpend_gym/core/test_elementary.py``.
 """
 
 import numpy as np

@@ -10,8 +10,8 @@ w = (d_B/m_c − F/M) / l:
     (5)  ζ̈    = Ẍ − μ r̈                                             quadrotor
 
 (3) is the bob's acceleration relative to the quadrotor with the rod's force projected out; (4) holds because that
-force is internal. They are the Euler–Lagrange equations (7) of the paper, proven in ``tests/test_lagrangian.py``
-against a Lagrangian derived by sympy and in ``tests/test_mujoco.py`` against a rigid-body engine.
+force is internal. They are the Euler–Lagrange equations (7) of the paper, proven in ``tests/quadpend_gym/physics/test_lagrangian.py``
+against a Lagrangian derived by sympy and in ``tests/quadpend_gym/physics/test_mujoco.py`` against a rigid-body engine.
 
 | symbol   | code name          | unit        | frame        | shape  |
 |----------|--------------------|-------------|--------------|--------|

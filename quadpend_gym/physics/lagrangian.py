@@ -17,7 +17,7 @@ C holds the Christoffel symbols of M, so Ṁ − 2C is skew-symmetric. The deter
     det M = I_φ I_θ I_ψ M² m_c² l⁴ (M+m_c) sin²α
 
 is zero exactly where the pendulum stands upright: (7) cannot be solved for q̈ there, which is why the simulation uses
-the equations of `quadpend_gym.physics.dynamics` instead. ``tests/test_lagrangian.py`` derives everything here again by sympy.
+the equations of `quadpend_gym.physics.dynamics` instead. ``tests/quadpend_gym/physics/test_lagrangian.py`` derives everything here again by sympy.
 
 | symbol       | code name                     | unit         | frame          | shape |
 |--------------|-------------------------------|--------------|----------------|-------|

@@ -19,6 +19,6 @@ def test_an_edit_in_an_inlined_function_of_another_file_is_noticed(tmp_path: Pat
         return float(run.stdout)
 
     assert shown() == 0.0
-    edited = tmp_path / "quadpend_gym/elementary.py"
+    edited = tmp_path / "quadpend_gym/core/elementary.py"
     edited.write_text(edited.read_text().replace("return sine, cosine", "return sine + 1.0, cosine"))
     assert shown() == 1.0

@@ -1,4 +1,4 @@
-"""What RL Baselines3 Zoo reads in `train/rl_zoo` is what Stable-Baselines3 and the environments accept."""
+"""What RL Baselines3 Zoo reads in `train/quadpend_train/rl_zoo` is what Stable-Baselines3 and the environments accept."""
 
 import inspect
 import shlex

@@ -30,7 +30,7 @@ def train(
 
     Args:
         run: Settings that differ from those of the file.
-        settings: Settings file: a name in train/settings, the path of a TOML or JSON file, or a policy file (.npz),
+        settings: Settings file: a name in train/quadpend_train/training/presets, the path of a TOML or JSON file, or a policy file (.npz),
             whose card has those it was trained with. Without it --algo chooses: ppo, sac or tqc.
         out: Folder of the run.
         resume: Folder of an interrupted run to go on with, under the settings in it.
@@ -118,7 +118,7 @@ def evaluate(
     Args:
         policies: Classical controllers (adrc-paper, …), run folders or model files; NAME=POLICY gives one a name, and
             NAME=POLICY,POLICY,… puts the training seeds of one learner under it.
-        scenarios: Scenarios by name, TOML or JSON file, or as JSON, see train/scenarios; NAME=SCENARIO gives one a
+        scenarios: Scenarios by name, TOML or JSON file, or as JSON, see train/quadpend_train/scenarios; NAME=SCENARIO gives one a
             name; test and training stand for all of these sets.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode. Gains are tuned from 2000000 on, and the published results are from 1000000 on:
@@ -127,7 +127,7 @@ def evaluate(
         jobs: Processes that fly; the result is the same.
         store: Folder where flights are kept, so that only those missing are flown.
         fresh: Fly all of them again.
-        robustness: Episodes at each value of the axes of trouble, see train/axes.py, of a learner the first seed's; 0:
+        robustness: Episodes at each value of the axes of trouble, see train/quadpend_train/studies/axes.py, of a learner the first seed's; 0:
             no curves and no maps.
         replay: Episodes of each scenario that the page can replay; 0: none.
         document: Markdown file whose generated parts to fill in.
@@ -216,10 +216,10 @@ def tune(
 ) -> None:
     """Tune classical controllers on the training scenarios: penalised RMSE, so survival first, then accuracy.
 
-    Interrupted, it goes on where it was. What it finds is put into baselines/gains.py by hand.
+    Interrupted, it goes on where it was. What it finds is put into baselines/quadpend_baselines/gains.py by hand.
 
     Args:
-        controllers: Of those that have something to tune, see train/tune.py.
+        controllers: Of those that have something to tune, see .train/quadpend_train/studies/tuning.py
         trials: Gains to try for each.
         episodes: Episodes in each scenario.
         seed: Of the search.
@@ -277,7 +277,7 @@ def ablate(
     """Train with and without each part of a learner, and tabulate what it is worth.
 
     Args:
-        names: Of ablations, see train/ablations.py; all of them without.
+        names: Of ablations, see train/quadpend_train/studies/ablations.py; all of them without.
         seeds: Training seeds, from 0 on.
         out: Folder of the runs, of which those that are there are not trained again, and of ablations.json.
         document: Markdown file whose part "ablations" to fill in.

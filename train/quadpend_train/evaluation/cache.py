@@ -23,11 +23,11 @@ _ROOT = Path(__file__).parents[4]
 _SOURCES = [
     "quadpend_gym",
     "baselines",
-    "train/flights.py",
-    "train/learned.py",
-    "train/policies.py",
-    "train/scenarios/__init__.py",
-    "train/velocities.py",
+    "train/quadpend_train/evaluation/episodes.py",
+    "train/quadpend_train/policies/mlp_policy.py",
+    "train/quadpend_train/policies/loading.py",
+    "train/quadpend_train/scenarios/scenario.py",
+    "train/quadpend_train/policies/finite_differences.py",
 ]
 
 
