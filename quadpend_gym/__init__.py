@@ -23,7 +23,7 @@ from quadpend_gym.wind import (
     VonKarman,
 )
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "OBSERVATION_FIELDS",
     "PAPER",

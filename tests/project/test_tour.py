@@ -1,4 +1,4 @@
-"""The tour runs as it stands, cell by cell, and shows what it says."""
+"""The tour runs cell by cell and prints what its text says."""
 
 import re
 from pathlib import Path
@@ -20,9 +20,9 @@ def test_the_tour_runs_cell_by_cell_from_make_to_a_comparison(
     names: dict[str, object] = {}
     for cell in cells:
         exec(compile("# " + cell, cell.splitlines()[0], "exec"), names)
-    said = capsys.readouterr().out
-    assert "leans 6" in said
-    assert "| windy | pace | 100.0 [" in said
-    with Image.open("tour/flying.png") as picture, Image.open("tour/windy.gif") as film:
+    printed = capsys.readouterr().out
+    assert "leans 6" in printed
+    assert "| windy | hybrid | 100.0 [" in printed
+    with Image.open("tour/flying.png") as picture, Image.open("tour/windy.gif") as video:
         assert picture.size == (640, 480)
-        assert film.n_frames > 40  # equal ones are one
+        assert video.n_frames > 40  # equal frames are merged
