@@ -13,7 +13,6 @@ from quadpend_gym.actuators import check_chain
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
-from quadpend_gym.core.validation import as_float_array
 from quadpend_gym.envs import step_kernel
 from quadpend_gym.envs.outcome import (
     AIR_VELOCITY,

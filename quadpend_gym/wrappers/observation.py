@@ -13,6 +13,7 @@ from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.core.validation import check_int
 from quadpend_gym.envs.spaces import observation_space
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
+from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
 
 def _size(space: Any, name: str) -> int:
@@ -73,8 +74,10 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """As the environment's, without velocities."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        for row in np.flatnonzero(info.get("_final_obs", [])):
-            info["final_obs"][row] = info["final_obs"][row][OUTPUT_COLUMNS]
+        if "final_obs" in info:
+            ended = terminated | truncated
+            last = last_observations(observation, info, ended)
+            replace_final_observations(info, ended, last[:, OUTPUT_COLUMNS])
         return observation[:, OUTPUT_COLUMNS], reward, terminated, truncated, info
 
 
@@ -174,15 +177,10 @@ class VectorHistoryWrapper(VectorWrapper):
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:
         """Act, and remember."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        ended, last = terminated | truncated, observation
-        if "final_obs" in info:  # same-step autoreset: the observation is of the next episode already
-            last = observation.copy()
-            last[ended] = np.stack(info["final_obs"][ended])
-        self._histories.push(last, np.asarray(actions, np.float32))
+        ended = terminated | truncated
+        self._histories.push(last_observations(observation, info, ended), np.asarray(actions, np.float32))
         if "final_obs" in info:
-            final = self._histories.flat()
-            for row in np.flatnonzero(ended):
-                info["final_obs"][row] = final[row]
+            replace_final_observations(info, ended, self._histories.flat())
             self._histories.begin(ended, observation)
         elif self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP and self._ended.any():
             self._histories.begin(self._ended, observation)

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 
+from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
+
 
 class ActionRepeat(VectorWrapper):
     """Hold every action for several steps of `env`, and add up the rewards.
@@ -26,7 +28,7 @@ class ActionRepeat(VectorWrapper):
         """Step every row several times."""
         earned, deciding = np.zeros(self.num_envs), np.ones(self.num_envs, np.bool_)
         terminated, truncated = np.zeros(self.num_envs, np.bool_), np.zeros(self.num_envs, np.bool_)
-        final_obs = np.empty(self.num_envs, object)
+        last = np.zeros(self.observation_space.shape or (), np.float32)
         observation: Any = None
         info: dict[str, Any] = {}
         for _ in range(self._steps):
@@ -34,8 +36,10 @@ class ActionRepeat(VectorWrapper):
             observation, reward, fell, ran_out, info = self.env.step(held)
             earned += deciding * reward
             if (ended := deciding & (fell | ran_out)).any():
-                final_obs[ended] = info["final_obs"][ended]
+                last[ended] = last_observations(observation, info, fell | ran_out)[ended]
                 terminated |= ended & fell
                 truncated |= ended & ran_out
                 deciding &= ~ended
-        return observation, earned, terminated, truncated, {**info, "final_obs": final_obs, "_final_obs": ~deciding}
+        info = dict(info)
+        replace_final_observations(info, ~deciding, last)
+        return observation, earned, terminated, truncated, info

@@ -10,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.envs.spaces import check_action
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
+from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
 
 class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
@@ -80,12 +81,10 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
         info = _merged([result[4] for result in stepped])
         ended = terminated | truncated
         if ended.any():
-            final = np.empty(self.num_envs, object)
-            for (*_, part), rows in zip(stepped, self._rows, strict=True):
-                if "final_obs" in part:
-                    final[rows] = part["final_obs"]
+            last = [last_observations(first, part, fell | ran_out) for first, _, fell, ran_out, part in stepped]
+            replace_final_observations(info, ended, np.concatenate(last))
             finals = [part.get("final_info", part) for *_, part in stepped]  # where none ended, none is read
-            info |= {"final_obs": final, "final_info": _merged(finals), "_final_obs": ended, "_final_info": ended}
+            info |= {"final_info": _merged(finals), "_final_info": ended}
         return observation, reward, terminated, truncated, info
 
     def close(self, **kwargs: Any) -> None:

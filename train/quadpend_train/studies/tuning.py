@@ -213,7 +213,9 @@ def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict
         "command": f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}",
         "gains": values,
         "score": round(float(np.mean([rmse for _, rmse in after.values()])), 2),
-        "score of the gains in baselines/quadpend_baselines/gains.py": round(float(np.mean([rmse for _, rmse in before.values()])), 2),
+        "score of the gains in baselines/quadpend_baselines/gains.py": round(
+            float(np.mean([rmse for _, rmse in before.values()])), 2
+        ),
         "survival and penalised rmse": {scenario: [round(x, 1) for x in pair] for scenario, pair in after.items()},
     }
     (folder / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
