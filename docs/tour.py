@@ -91,4 +91,10 @@ print(markdown(comparison))
 # %% 10. A video of three policies side by side
 from quadpend_train.cli.watch import watch
 
-watch(("adrc-paper", "ppo-gain-scheduling-0"), scenario="windy", seconds=(0.0, 2.0), size=(640, 360), out=FOLDER / "windy.gif")
+watch(
+    ("adrc-paper", "ppo-gain-scheduling-0"),
+    scenario="windy",
+    seconds=(0.0, 2.0),
+    size=(640, 360),
+    out=FOLDER / "windy.gif",
+)

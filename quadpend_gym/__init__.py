@@ -7,8 +7,8 @@ import gymnasium as gym
 from quadpend_gym.envs.env import QuadPendulumEnv
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.physics.parameters import PAPER, Actuators, Parameters, Simulation
-from quadpend_gym.physics.state import State
-from quadpend_gym.tasks import Limits, ReferenceSettings, RewardWeights, StartSettings, Task
+from quadpend_gym.physics.state import Disturbance, State
+from quadpend_gym.tasks import EPISODE_STEPS, Limits, ReferenceSettings, RewardWeights, StartSettings, Task
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.wind import (
@@ -29,6 +29,7 @@ __all__ = [
     "PAPER",
     "Actuators",
     "Constant",
+    "Disturbance",
     "Drawn",
     "Dryden",
     "Gusts",
@@ -57,7 +58,7 @@ def _register(name: str, **kwargs: Any) -> None:
         id=name,
         entry_point="quadpend_gym.envs.env:QuadPendulumEnv",
         vector_entry_point="quadpend_gym.envs.vector_env:QuadPendulumVectorEnv",
-        max_episode_steps=1000,
+        max_episode_steps=EPISODE_STEPS,
         kwargs=kwargs,
     )
 

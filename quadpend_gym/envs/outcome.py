@@ -2,7 +2,7 @@
 
 from itertools import accumulate
 
-from quadpend_gym.physics.parameters import PHYSICS_SIZE
+from quadpend_gym.physics.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.tasks.observation import (
     TARGET_SIZE,
@@ -10,7 +10,7 @@ from quadpend_gym.tasks.observation import (
 
 # Rows of the outcome of a step, of which it has as many as are asked for: the four reward terms, the tracking error and
 # so on, and what acted.
-_ROWS = (4, 3, 1, 1, 1, DISTURBANCE_SIZE, 3, PHYSICS_SIZE, COMMAND_SIZE)
+_ROWS = (4, 3, 1, 1, 1, DISTURBANCE_SIZE, 3, PARAMETERS_SIZE, COMMAND_SIZE)
 
 
 _, TRACKING_ERROR, TILT, REWARD, TERMINATED, DISTURBANCE, AIR_VELOCITY, PARAMETERS, COMMAND, OUTCOME_SIZE = (

@@ -39,12 +39,12 @@ from quadpend_gym.physics.dynamics import (
     thrust_axis,
 )
 from quadpend_gym.physics.kernel import BLOCK, DIVERGED, LANE_STATE, THRUST_AXIS, gather, integrate, scatter
-from quadpend_gym.physics.parameters import PHYSICS_SIZE, ROD_LENGTH
+from quadpend_gym.physics.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, POSITION, STATE_SIZE
 from quadpend_gym.physics.vectors import Vec3, load, norm, store
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
-    STATE_PART,
+    REFERENCE_START,
     TARGET_SIZE,
     Target,
     Tracking,
@@ -58,7 +58,7 @@ from quadpend_gym.tasks.references import REFERENCE_SIZE, reference_point
 from quadpend_gym.tasks.rewards import reward_terms
 
 # A row's memory: state, parameters and reference, from edge to edge.
-MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PHYSICS_SIZE, REFERENCE_SIZE)))
+MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PARAMETERS_SIZE, REFERENCE_SIZE)))
 
 # Edges of the parts of one buffer of lanes: outcome, target and rod's length, state with the thrust axis, action,
 # reference, time.
@@ -209,7 +209,7 @@ def _step(
         _copy(buffer, lanes, outcome[:, first:])
         if sensed.shape[1] > 0:
             _copy(buffer[_TARGET:], lanes, sensed[:, first:])
-            scatter(observation_lanes[STATE_PART:], first, lanes, observation[:, STATE_PART:])
+            scatter(observation_lanes[REFERENCE_START:], first, lanes, observation[:, REFERENCE_START:])
         else:
             for lane in range(lanes):
                 tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], load_target(target_lanes, lane))
@@ -273,7 +273,7 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
         sensed: as `step_sensed` writes it, its state then changed by sensors, shape (26, n).
         observation: changed, shape (n, 36).
     """
-    state, lanes = sensed[SEEN_STATE:], np.empty((STATE_PART, BLOCK), np.float32)
+    state, lanes = sensed[SEEN_STATE:], np.empty((REFERENCE_START, BLOCK), np.float32)
     for first in range(0, sensed.shape[1], BLOCK):
         size = min(BLOCK, sensed.shape[1] - first)
         for lane in range(size):
@@ -281,5 +281,5 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
             tracking = track(state, column, sensed[TARGET_SIZE, column], load_target(sensed, column))
             observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
-            for field in range(STATE_PART):
+            for field in range(REFERENCE_START):
                 observation[first + lane, field] = lanes[field, lane]

@@ -17,7 +17,7 @@ from quadpend_gym.envs.spaces import action_space, check_action, check_options, 
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import State
-from quadpend_gym.tasks import as_task
+from quadpend_gym.tasks import EPISODE_STEPS, as_task
 
 
 class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
@@ -50,7 +50,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         task: Any = "track",
         simulation: Any = None,
         wind: Any = None,
-        max_episode_steps: int | None = 1000,
+        max_episode_steps: int | None = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:

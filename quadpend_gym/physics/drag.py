@@ -18,7 +18,7 @@ from typing import Any
 
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.parameters import BOB_DRAG_AREA, QUADROTOR_DRAG_AREA, ROD_LENGTH
-from quadpend_gym.physics.state import DIRECTION_RATE, VELOCITY
+from quadpend_gym.physics.state import BOB_FORCE, DIRECTION_RATE, FORCE, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, load, norm, scale, store
 
 AIR_DENSITY = 1.225  # kg/m³
@@ -44,5 +44,5 @@ def add_drag(wind: Vec3, state: Any, physics: Any, lane: int, out: Any) -> None:
     on_quadrotor = axpy(-1.0, load(state, VELOCITY, lane), wind)
     on_bob = axpy(-physics[ROD_LENGTH, lane], load(state, DIRECTION_RATE, lane), on_quadrotor)
     quadrotor_force = drag_force(physics[QUADROTOR_DRAG_AREA, lane], on_quadrotor)
-    store(out, 0, lane, add(load(out, 0, lane), quadrotor_force))
-    store(out, 3, lane, add(load(out, 3, lane), drag_force(physics[BOB_DRAG_AREA, lane], on_bob)))
+    store(out, FORCE, lane, add(load(out, FORCE, lane), quadrotor_force))
+    store(out, BOB_FORCE, lane, add(load(out, BOB_FORCE, lane), drag_force(physics[BOB_DRAG_AREA, lane], on_bob)))

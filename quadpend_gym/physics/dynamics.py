@@ -31,8 +31,28 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.parameters import PHYSICS_SIZE, Parameters
-from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, State
+from quadpend_gym.physics.parameters import (
+    BOB_MASS,
+    GRAVITY,
+    INERTIA_PITCH,
+    INERTIA_ROLL,
+    INERTIA_YAW,
+    PARAMETERS_SIZE,
+    QUADROTOR_MASS,
+    ROD_LENGTH,
+    Parameters,
+)
+from quadpend_gym.physics.state import (
+    BOB_FORCE,
+    COMMAND_TORQUE,
+    DIRECTION,
+    DIRECTION_RATE,
+    EULER,
+    FORCE,
+    THRUST,
+    TORQUE,
+    State,
+)
 from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, scale
 
 
@@ -52,7 +72,13 @@ class Physics(NamedTuple):
 def load_physics(lanes: Any, lane: int) -> Physics:
     """The parameters in column `lane` of a (9, n) buffer."""
     return Physics(
-        lanes[0, lane], lanes[1, lane], lanes[2, lane], lanes[3, lane], lanes[4, lane], lanes[5, lane], lanes[6, lane]
+        lanes[QUADROTOR_MASS, lane],
+        lanes[BOB_MASS, lane],
+        lanes[ROD_LENGTH, lane],
+        lanes[GRAVITY, lane],
+        lanes[INERTIA_ROLL, lane],
+        lanes[INERTIA_PITCH, lane],
+        lanes[INERTIA_YAW, lane],
     )
 
 
@@ -110,9 +136,9 @@ def centre_offset(physics: Physics) -> float:
 def _accelerations(state: Floats, command: Floats, disturbance: Floats, parameters: Floats, out: Floats) -> None:
     for row in range(state.shape[1]):
         physics = load_physics(parameters, row)
-        torque = axpy(1.0, load(disturbance, 6, row), load(command, 1, row))
-        force = axpy(command[0, row], thrust_axis(load(state, EULER, row)), load(disturbance, 0, row))
-        bob_force = load(disturbance, 3, row)
+        torque = axpy(1.0, load(disturbance, TORQUE, row), load(command, COMMAND_TORQUE, row))
+        force = axpy(command[THRUST, row], thrust_axis(load(state, EULER, row)), load(disturbance, FORCE, row))
+        bob_force = load(disturbance, BOB_FORCE, row)
         pull = rod_pull(force, bob_force, physics)
         r_ddot = direction_acceleration(load(state, DIRECTION, row), load(state, DIRECTION_RATE, row), pull)
         position_ddot = axpy(-centre_offset(physics), r_ddot, centre_acceleration(force, bob_force, physics))
@@ -148,7 +174,7 @@ def accelerations(state: Floats, command: Floats, disturbance: Floats, parameter
         return np.ascontiguousarray(full.reshape(-1, array.shape[-1]).T, dtype=np.float64)
 
     out = np.empty((9, int(np.prod(shape))))
-    physics = np.broadcast_to(parameters.as_array(), (*shape, PHYSICS_SIZE))
+    physics = np.broadcast_to(parameters.as_array(), (*shape, PARAMETERS_SIZE))
     _accelerations(columns(state), columns(command), columns(disturbance), columns(physics), out)
     rows = np.ascontiguousarray(out.T).reshape(*shape, 9)
     return Accelerations(rows[..., 0:3], rows[..., 3:6], rows[..., 6:9])

@@ -30,16 +30,21 @@ from quadpend_gym.physics.dynamics import (
     rod_pull,
     thrust_axis,
 )
-from quadpend_gym.physics.parameters import PHYSICS_SIZE
+from quadpend_gym.physics.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import (
+    BOB_FORCE,
     COMMAND_SIZE,
+    COMMAND_TORQUE,
     DIRECTION,
     DIRECTION_RATE,
     DISTURBANCE_SIZE,
     EULER,
     EULER_RATE,
+    FORCE,
     POSITION,
     STATE_SIZE,
+    THRUST,
+    TORQUE,
     VELOCITY,
 )
 from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, load, norm, scale, store
@@ -54,7 +59,7 @@ LANE_STATE = STATE_SIZE + 3
 
 
 # Edges of the parts of the buffer of lanes in `advance`.
-_COMMAND, _DISTURBANCE, _PHYSICS, _END = accumulate((LANE_STATE, COMMAND_SIZE, DISTURBANCE_SIZE, PHYSICS_SIZE))
+_COMMAND, _DISTURBANCE, _PHYSICS, _END = accumulate((LANE_STATE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE))
 DIVERGED = 1e6  # a state this large is no longer a state
 
 
@@ -66,11 +71,11 @@ def _euler_after(euler: Vec3, rate: Vec3, acceleration: Vec3, time: float) -> Ve
 @inlined
 def _substep(state: Any, command: Any, disturbance: Any, physics_lanes: Any, lane: int, h: float) -> None:
     physics = load_physics(physics_lanes, lane)
-    thrust = command[0, lane]
-    quadrotor_force, bob_force = load(disturbance, 0, lane), load(disturbance, 3, lane)
+    thrust = command[THRUST, lane]
+    quadrotor_force, bob_force = load(disturbance, FORCE, lane), load(disturbance, BOB_FORCE, lane)
 
     euler, euler_rate = load(state, EULER, lane), load(state, EULER_RATE, lane)
-    euler_ddot = euler_acceleration(add(load(command, 1, lane), load(disturbance, 6, lane)), physics)
+    euler_ddot = euler_acceleration(add(load(command, COMMAND_TORQUE, lane), load(disturbance, TORQUE, lane)), physics)
     euler_end = _euler_after(euler, euler_rate, euler_ddot, h)
     axis_end = thrust_axis(euler_end)
     force_0 = axpy(thrust, load(state, THRUST_AXIS, lane), quadrotor_force)

@@ -56,8 +56,20 @@ class Parameters:
 
 PAPER = Parameters()
 PARAMETER_NAMES = tuple(item.name for item in fields(Parameters))
-PHYSICS_SIZE = len(PARAMETER_NAMES)
-ROD_LENGTH, QUADROTOR_DRAG_AREA, BOB_DRAG_AREA = 2, 7, 8  # columns that kernels read
+PARAMETERS_SIZE = len(PARAMETER_NAMES)
+# Position of each parameter in `Parameters.as_array`, as constants that compiled functions can read.
+(
+    QUADROTOR_MASS,
+    BOB_MASS,
+    ROD_LENGTH,
+    GRAVITY,
+    INERTIA_ROLL,
+    INERTIA_PITCH,
+    INERTIA_YAW,
+    QUADROTOR_DRAG_AREA,
+    BOB_DRAG_AREA,
+) = range(PARAMETERS_SIZE)
+CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
 
 
 @dataclass(frozen=True)
@@ -88,7 +100,7 @@ class Simulation:
 
     parameters: Parameters = PAPER
     actuators: Actuators = field(default_factory=Actuators)
-    period: float = 0.01  # s, of the control loop: 100 Hz
+    period: float = CONTROL_PERIOD  # s, control period
     substeps: int = 2  # Runge–Kutta steps in a control period
 
     def __post_init__(self) -> None:

@@ -1,18 +1,30 @@
-"""Layout of the state, 18 numbers.
+"""Layout of the state, disturbance and command arrays.
 
-World frame: z up. Body frame: R = Rz(ψ) Ry(θ) Rx(φ) takes body vectors to the world.
+World frame: z up. Body frame: the rotation R = Rz(ψ) Ry(θ) Rx(φ) maps body vectors to world vectors.
+
+The state has 18 numbers (`State`):
 
 | symbol | name           | fields | unit  | frame                          |
 |--------|----------------|--------|-------|--------------------------------|
 | ζ      | position       | 0–2    | m     | world, quadrotor's centre      |
 | ζ̇      | velocity       | 3–5    | m/s   | world                          |
 | η      | euler          | 6–8    | rad   | roll φ, pitch θ, yaw ψ         |
-| η̇      | euler_rate     | 9–11   | rad/s |                                |
+| η̇      | euler_rate     | 9–11   | rad/s | φ̇, θ̇, ψ̇                        |
 | r      | direction      | 12–14  | 1     | world, unit, pivot to bob      |
 | ṙ      | direction_rate | 15–17  | 1/s   | world, perpendicular to r      |
 
-The paper's spherical angles (α, β) are views of r: r = (sin α cos β, sin α sin β, cos α). They cannot be states: the
-mass matrix in these coordinates is singular at α = 0, which is where the pendulum is meant to stand.
+The disturbance has 9 numbers (`Disturbance`):
+
+| symbol | name      | fields | unit | frame                    |
+|--------|-----------|--------|------|--------------------------|
+| d_Q    | force     | 0–2    | N    | world, on the quadrotor  |
+| d_B    | bob_force | 3–5    | N    | world, on the bob        |
+| d_τ    | torque    | 6–8    | N·m  | φ, θ, ψ axes             |
+
+The command has 4 numbers: the thrust u (N) and the torques τφ, τθ, τψ (N·m).
+
+The paper's spherical angles (α, β) are views of r: r = (sin α cos β, sin α sin β, cos α). They cannot be state
+variables: in these coordinates the mass matrix is singular at α = 0, which is the upright equilibrium.
 """
 
 from dataclasses import dataclass
@@ -21,16 +33,29 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 
-STATE_SIZE = 18
-DISTURBANCE_SIZE, COMMAND_SIZE, ACTION_SIZE = 9, 4, 4
+STATE_SIZE, DISTURBANCE_SIZE, COMMAND_SIZE, ACTION_SIZE = 18, 9, 4, 4
+# First number of each vector in the arrays, as constants that compiled functions can read.
 POSITION, VELOCITY, EULER, EULER_RATE, DIRECTION, DIRECTION_RATE = 0, 3, 6, 9, 12, 15
+FORCE, BOB_FORCE, TORQUE = 0, 3, 6
+THRUST, COMMAND_TORQUE = 0, 1
+
+
+def _vector(first: int) -> slice:
+    return slice(first, first + 3)
+
+
 STATE_FIELDS = {
-    "position": slice(0, 3),
-    "velocity": slice(3, 6),
-    "euler": slice(6, 9),
-    "euler_rate": slice(9, 12),
-    "direction": slice(12, 15),
-    "direction_rate": slice(15, 18),
+    "position": _vector(POSITION),
+    "velocity": _vector(VELOCITY),
+    "euler": _vector(EULER),
+    "euler_rate": _vector(EULER_RATE),
+    "direction": _vector(DIRECTION),
+    "direction_rate": _vector(DIRECTION_RATE),
+}
+DISTURBANCE_FIELDS = {
+    "force": _vector(FORCE),
+    "bob_force": _vector(BOB_FORCE),
+    "torque": _vector(TORQUE),
 }
 
 
@@ -94,3 +119,29 @@ class State:
     def alpha_y(self) -> Floats:
         """Angle of the pendulum's projection on the y–z plane from upright, rad, shape (...)."""
         return np.asarray(np.arctan2(self.direction[..., 1], self.direction[..., 2]))
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Named views of a disturbance array; writing into a view writes into the array.
+
+    Attributes:
+        array: shape (..., 9), float64.
+    """
+
+    array: Floats
+
+    @property
+    def force(self) -> Floats:
+        """Force d_Q on the quadrotor in the world frame, N, shape (..., 3)."""
+        return self.array[..., DISTURBANCE_FIELDS["force"]]
+
+    @property
+    def bob_force(self) -> Floats:
+        """Force d_B on the bob in the world frame, N, shape (..., 3)."""
+        return self.array[..., DISTURBANCE_FIELDS["bob_force"]]
+
+    @property
+    def torque(self) -> Floats:
+        """Torque d_τ about the φ, θ and ψ axes, N·m, shape (..., 3)."""
+        return self.array[..., DISTURBANCE_FIELDS["torque"]]

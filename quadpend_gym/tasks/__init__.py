@@ -1,6 +1,7 @@
 """Tasks: references to track, random starts, rewards, limits and the observation, all as data."""
 
 from quadpend_gym.tasks.task import (
+    EPISODE_STEPS,
     TASKS,
     Limits,
     ReferenceSettings,
@@ -12,6 +13,7 @@ from quadpend_gym.tasks.task import (
 )
 
 __all__ = [
+    "EPISODE_STEPS",
     "TASKS",
     "Limits",
     "ReferenceSettings",

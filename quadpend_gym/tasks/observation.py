@@ -45,15 +45,16 @@ OBSERVATION_FIELDS = {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(_SC
 OBSERVATION_SCALE: Floats = np.array(list(_SCALES.values())).ravel()
 OBSERVATION_SIZE = OBSERVATION_SCALE.size
 # Of an output-feedback observation: all but the rates, which nobody measures there.
-OUTPUT_FIELDS = {
+OUTPUT_FEEDBACK_FIELDS = {
     name: slice(3 * i, 3 * i + 3)
     for i, name in enumerate(
         name for name in _SCALES if name not in ("tracking_error_rate", "direction_rate", "euler_rate")
     )
 }
-OUTPUT_COLUMNS = np.concatenate([np.r_[OBSERVATION_FIELDS[name]] for name in OUTPUT_FIELDS])
-_LAYOUTS = {OBSERVATION_SIZE: OBSERVATION_FIELDS, OUTPUT_COLUMNS.size: OUTPUT_FIELDS}
-STATE_PART = OBSERVATION_FIELDS["reference_2"].start  # what comes of the state stands before it
+OUTPUT_FEEDBACK_COLUMNS = np.concatenate([np.r_[OBSERVATION_FIELDS[name]] for name in OUTPUT_FEEDBACK_FIELDS])
+OUTPUT_FEEDBACK_SIZE = OUTPUT_FEEDBACK_COLUMNS.size
+_LAYOUTS = {OBSERVATION_SIZE: OBSERVATION_FIELDS, OUTPUT_FEEDBACK_SIZE: OUTPUT_FEEDBACK_FIELDS}
+REFERENCE_START = OBSERVATION_FIELDS["reference_2"].start  # what comes of the state stands before it
 
 _TRACKING_ERROR = OBSERVATION_FIELDS["tracking_error"].start
 _TRACKING_ERROR_RATE = OBSERVATION_FIELDS["tracking_error_rate"].start

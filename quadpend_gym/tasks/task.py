@@ -11,6 +11,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import check_interval, check_number, from_plain
 
+EPISODE_STEPS = 1000  # control steps of an episode that is not terminated early: 10 s at the default period
 Range = tuple[float, float]
 
 

@@ -7,10 +7,11 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import WIND_STREAM, Streams
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.wind.base import WIND_SIZE
 
 
-def series(models: tuple[Any, ...], steps: int, rows: int = 1, seed: int = 0, period: float = 0.01) -> Floats:
+def series(models: tuple[Any, ...], steps: int, rows: int = 1, seed: int = 0, period: float = CONTROL_PERIOD) -> Floats:
     """What blows in each step of the first episodes of the seeds `seed`, `seed` + 1, …, shape (steps, rows, 12).
 
     The numbers are those of an environment with these seeds and this wind.

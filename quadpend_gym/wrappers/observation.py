@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.core.validation import check_int
 from quadpend_gym.envs.spaces import observation_space
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
 
@@ -49,11 +49,11 @@ class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstru
         RecordConstructorArgs.__init__(self)
         gym.ObservationWrapper.__init__(self, env)
         _check_layout(env.observation_space)
-        self.observation_space = observation_space(OUTPUT_COLUMNS.size)
+        self.observation_space = observation_space(OUTPUT_FEEDBACK_SIZE)
 
     def observation(self, observation: Floats32) -> Floats32:
         """The observation without velocities, shape (27,)."""
-        return np.asarray(observation[OUTPUT_COLUMNS])
+        return np.asarray(observation[OUTPUT_FEEDBACK_COLUMNS])
 
 
 class VectorOutputFeedbackWrapper(VectorWrapper):
@@ -63,13 +63,13 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         _check_layout(env.single_observation_space)
-        self.single_observation_space = observation_space(OUTPUT_COLUMNS.size)
+        self.single_observation_space = observation_space(OUTPUT_FEEDBACK_SIZE)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """As the environment's, without velocities."""
         observation, info = self.env.reset(seed=seed, options=options)
-        return observation[:, OUTPUT_COLUMNS], info
+        return observation[:, OUTPUT_FEEDBACK_COLUMNS], info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """As the environment's, without velocities."""
@@ -77,8 +77,8 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
         if "final_obs" in info:
             ended = terminated | truncated
             last = last_observations(observation, info, ended)
-            replace_final_observations(info, ended, last[:, OUTPUT_COLUMNS])
-        return observation[:, OUTPUT_COLUMNS], reward, terminated, truncated, info
+            replace_final_observations(info, ended, last[:, OUTPUT_FEEDBACK_COLUMNS])
+        return observation[:, OUTPUT_FEEDBACK_COLUMNS], reward, terminated, truncated, info
 
 
 class _Histories:

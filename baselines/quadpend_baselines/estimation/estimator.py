@@ -36,7 +36,7 @@ from quadpend_gym import Simulation, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
-from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, STATE_PART
+from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, REFERENCE_START
 
 _GAINS = 100  # steps after which the gain is constant
 _FLATTEST = 0.95  # |r_xy| of an estimate at most: 72° from upright, where no episode is
@@ -102,7 +102,7 @@ def write(state: Floats, observation: Floats32, rod_length: float) -> Floats32:
     }.items():
         place = OBSERVATION_FIELDS[name]
         out[:, place] = value / OBSERVATION_SCALE[place]
-    out[:, STATE_PART:] = observation[:, STATE_PART - OBSERVATION_SIZE :]
+    out[:, REFERENCE_START:] = observation[:, REFERENCE_START - OBSERVATION_SIZE :]
     return out
 
 

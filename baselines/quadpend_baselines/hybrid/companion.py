@@ -33,7 +33,7 @@ from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.validation import check_number
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, STATE_PART, read_observation
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START, read_observation
 
 STEERS = ("alone", "action", "pace")
 _CLOSE = np.float32(10.0)  # how much larger small deviations are seen
@@ -100,7 +100,7 @@ class Companion:
         disturbance = self.controller.estimated_disturbance(known)
         doubt = self._doubt(seen, disturbance, memory, started) if self.caution else np.zeros(len(seen))
         if self.steers != "alone":
-            seen[:, : STATE_PART - OBSERVATION_SIZE] *= _CLOSE
+            seen[:, : REFERENCE_START - OBSERVATION_SIZE] *= _CLOSE
         parts = [seen, disturbance]
         if self.steers == "action":
             parts.append(_CLOSE * action)

@@ -24,9 +24,9 @@ from quadpend_baselines.controllers.registry import controller as by_name
 from quadpend_baselines.hybrid.companion import Companion, CompanionMemory
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.spaces import check_action, observation_space
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 
-_SIZES = (OBSERVATION_SIZE, OUTPUT_COLUMNS.size)
+_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 
 
 def _companion(env: Any, space: Any, controller: Any, steers: str, authority: float, caution: float) -> Companion:

@@ -24,7 +24,12 @@ from quadpend_gym import (
 )
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import STATE_FIELDS
-from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, OUTPUT_COLUMNS
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_FIELDS,
+    OBSERVATION_SCALE,
+    OBSERVATION_SIZE,
+    OUTPUT_FEEDBACK_COLUMNS,
+)
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.controllers import turned_state, turned_vectors
 
@@ -178,7 +183,7 @@ def absurd(sound: Floats32) -> Floats32:
 def test_absurd_observations_give_actions_in_range(name: str, outputs: bool) -> None:
     """100 m away, the pendulum or the body lying, at 20 m/s, or along a reference of 3 g: for 20 steps on end."""
     policy, memory = controller(name), None
-    wild = absurd(make(20).reset(seed=6)[0])[:, OUTPUT_COLUMNS if outputs else np.arange(OBSERVATION_SIZE)]
+    wild = absurd(make(20).reset(seed=6)[0])[:, OUTPUT_FEEDBACK_COLUMNS if outputs else np.arange(OBSERVATION_SIZE)]
     for _ in range(20):
         action, memory = policy.predict(wild, memory)
         assert np.isfinite(action).all()
@@ -241,7 +246,7 @@ def test_a_few_mad_readings_are_no_lasting_harm(name: str, outputs: bool) -> Non
         if 10 <= step < 14:
             seen[0, OBSERVATION_FIELDS["tracking_error"]] += 50.0 * (-1) ** step
             seen[1, OBSERVATION_FIELDS["direction"]] = [4.0, 0.0, -1.0]
-        action, memory = policy.predict(seen[:, OUTPUT_COLUMNS] if outputs else seen, memory)
+        action, memory = policy.predict(seen[:, OUTPUT_FEEDBACK_COLUMNS] if outputs else seen, memory)
         assert np.isfinite(action).all()
         assert (np.abs(action) <= 1.0).all()
         observation, *_ = env.step(action)

@@ -16,7 +16,7 @@ from quadpend_baselines.modelling.linear_model import FORCES, SIZE, linearise
 from quadpend_gym import PAPER, Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
-from quadpend_gym.tasks.observation import OUTPUT_COLUMNS
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from tests.helpers.controllers import (
     CALM,
     HOVER,
@@ -92,7 +92,7 @@ def test_an_observation_is_read_in_the_references_frame(size: int) -> None:
         observation = env.step(np.full((5, 4), 0.05, np.float32))[0]
     true = reading_of(env.world.state, CIRCLE, 0.1)
     if size == 27:
-        observation, true = observation[:, OUTPUT_COLUMNS], hidden(true)
+        observation, true = observation[:, OUTPUT_FEEDBACK_COLUMNS], hidden(true)
     for actual, wanted in zip(read(observation, UNEQUAL.rod_length), true, strict=True):
         assert_allclose(actual, wanted, rtol=1e-6, atol=1e-6)
 

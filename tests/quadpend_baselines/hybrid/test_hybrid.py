@@ -17,7 +17,7 @@ from quadpend_baselines.policy.protocol import replace_rows, to_action, to_comma
 from quadpend_gym import OBSERVATION_FIELDS, Actuators, Constant, Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import STATE_SIZE, State
-from quadpend_gym.tasks.observation import OUTPUT_COLUMNS, STATE_PART
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, REFERENCE_START
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.bad_input import refused
 from tests.helpers.envs import assert_same, draw_actions, make_rows
@@ -42,7 +42,7 @@ def random_states(rows: int) -> Floats:
 def random_observations(rows: int, outputs: bool) -> Floats32:
     """Observations, of which the reference counts, shape (rows, 36) or (rows, 27)."""
     observation = np.random.default_rng(1).normal(size=(rows, 36)).astype(np.float32)
-    return observation[:, OUTPUT_COLUMNS] if outputs else observation
+    return observation[:, OUTPUT_FEEDBACK_COLUMNS] if outputs else observation
 
 
 @feedbacks
@@ -304,4 +304,4 @@ def test_rows_are_placed_through_tuples_of_arrays() -> None:
 
 def test_the_layout_of_the_state_part_is_that_of_the_table() -> None:
     """What is seen ten times as large is what comes of the state, and nothing of the reference."""
-    assert STATE_PART == OBSERVATION_FIELDS["reference_2"].start == 18
+    assert REFERENCE_START == OBSERVATION_FIELDS["reference_2"].start == 18

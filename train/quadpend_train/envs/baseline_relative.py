@@ -24,7 +24,7 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_COLUMNS
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
 from quadpend_train.envs.concatenated import worlds
 
 
@@ -55,8 +55,8 @@ class BaselineRelativeReward(VectorWrapper):
             for *worlds_of_both, edge in zip(worlds(env), worlds(twin), pairwise(edges), strict=True)
         ]
         self._controller, self._ahead, self._fall_cost = controller, gamma / (1.0 - gamma), failure_penalty
-        hidden = twin.single_observation_space.shape == (OUTPUT_COLUMNS.size,)
-        self._columns = OUTPUT_COLUMNS if hidden else np.arange(OBSERVATION_SIZE)
+        hidden = twin.single_observation_space.shape == (OUTPUT_FEEDBACK_SIZE,)
+        self._columns = OUTPUT_FEEDBACK_COLUMNS if hidden else np.arange(OBSERVATION_SIZE)
         self._observation = np.empty((self.num_envs, OBSERVATION_SIZE), np.float32)
         self._memory: Any = None
         self._begun = np.ones(self.num_envs, np.bool_)

@@ -13,6 +13,8 @@ from gymnasium.vector import AutoresetMode
 from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import Step, rollout
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, find_scenario
 
@@ -20,8 +22,7 @@ from quadpend_train.scenarios import Scenario, find_scenario
 TEST_SEED = 1_000_000  # the published results'
 TUNING_SEED = 2_000_000  # those that classical gains are searched on
 VALIDATION_SEED = 3_000_000  # for everybody's daily use: neither tuned on nor published
-STEPS = 1000  # control steps of an episode that is survived
-PERIOD = 0.01  # s, of a control step
+STEPS, PERIOD = EPISODE_STEPS, CONTROL_PERIOD
 SETTLED = 500  # steps after which the start should no longer matter
 FALL = 1.0  # m, the tracking error that a fall counts as, and nothing counts more
 

@@ -8,7 +8,7 @@ from quadpend_baselines import Policy
 from quadpend_baselines.policy.protocol import started_rows
 from quadpend_gym import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OBSERVATION_SIZE, OUTPUT_COLUMNS
+from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS
 
 # what is measured, and its rate
 _RATES = {"tracking_error": "tracking_error_rate", "direction": "direction_rate", "attitude": "euler_rate"}
@@ -41,7 +41,7 @@ class FiniteDifferencePolicy:
         started = started_rows(episode_start, state is None, len(observation))[:, np.newaxis]
         measured = {name: read_observation(observation, name) for name in _RATES}
         whole = np.empty((len(observation), OBSERVATION_SIZE), np.float32)
-        whole[:, OUTPUT_COLUMNS] = observation
+        whole[:, OUTPUT_FEEDBACK_COLUMNS] = observation
         for name, value in measured.items():
             last = value if state is None else np.where(started, value, state.measured[name])
             rate = (value - last) / self.period

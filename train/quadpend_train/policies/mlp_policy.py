@@ -17,12 +17,12 @@ import numpy as np
 
 from quadpend_baselines.policy.protocol import select_rows, started_rows
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 1"
-OBSERVATION_SIZES = (36, 27)
-ACTION_SIZE = 4
+OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 _LARGEST = 64 * 2**20  # bytes
 VIEW = {
     "companion": str,
