@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tests.helpers.envs import assert_same, draw_actions, fly
+from tests.helpers.envs import assert_same, draw_actions, run_actions
 
 ERRORS = (TypeError, ValueError, gym.error.Error)
 
@@ -23,7 +23,7 @@ ROWS = 3
 ZEROS = np.zeros((ROWS, 4))
 
 
-def refused(call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
+def assert_refused(call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
     """`call` raises one sentence that matches `names`."""
     with pytest.raises(kind, match=names) as caught:
         call()
@@ -65,15 +65,15 @@ def cases(table: Table) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(("value", "kind", "names"), table.values(), ids=table.keys())
 
 
-def refused_without_a_trace(env: Any, call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
-    """`call` is refused, and `env` goes on like a copy from before: this episode, the next, and unseeded ones."""
+def assert_refused_unchanged(env: Any, call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
+    """`call` is assert_refused, and `env` goes on like a copy from before: this episode, the next, and unseeded ones."""
     before = copy.deepcopy(env)
-    refused(call, names, kind)
+    assert_refused(call, names, kind)
     assert_array_equal(env.world.state, before.world.state)
     assert_array_equal(env.world.clock, before.world.clock)
     assert_array_equal(env.world.episode, before.world.episode)
     actions = draw_actions(2, 10, *env.action_space.shape[:-1])
     for _ in range(2):
-        assert_same(fly(env, actions), fly(before, actions))
+        assert_same(run_actions(env, actions), run_actions(before, actions))
         assert_same(env.reset(), before.reset())
     assert_same(env.np_random.random(), before.np_random.random())

@@ -46,14 +46,14 @@ def make(**kwargs: Any) -> gym.Env[Any, Any]:
     return gym.make("QuadPendulum-v0", **kwargs)
 
 
-def make_bare(**kwargs: Any) -> QuadPendulumEnv:
+def make_unwrapped(**kwargs: Any) -> QuadPendulumEnv:
     """The tracking environment without wrappers and time limit."""
     env = make(**kwargs).unwrapped
     assert isinstance(env, QuadPendulumEnv)
     return env
 
 
-def make_rows(num_envs: int, **kwargs: Any) -> QuadPendulumVectorEnv:
+def make_vec(num_envs: int, **kwargs: Any) -> QuadPendulumVectorEnv:
     """The native vector environment of the tracking task."""
     env = gym.make_vec("QuadPendulum-v0", num_envs=num_envs, **kwargs)
     assert isinstance(env, QuadPendulumVectorEnv)
@@ -65,7 +65,7 @@ def draw_actions(seed: int, *shape: int) -> Floats32:
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (*shape, 4)).astype(np.float32)
 
 
-def fly(env: Any, actions: Iterable[Any]) -> list[Any]:
+def run_actions(env: Any, actions: Iterable[Any]) -> list[Any]:
     """Everything that `env`, an Env or a VectorEnv, returns while it takes one action after the other."""
     return [env.step(action) for action in actions]
 
@@ -89,10 +89,10 @@ def assert_same(one: Any, other: Any) -> None:
         assert_array_equal(one, other)
 
 
-def pick(info: dict[str, Any], row: Any) -> dict[str, Any]:
+def select_info(info: dict[str, Any], row: Any) -> dict[str, Any]:
     """Row `row` of a vector environment's info, as the single environment would give it."""
     return {
-        key: pick(value, row) if isinstance(value, dict) else value[row]
+        key: select_info(value, row) if isinstance(value, dict) else value[row]
         for key, value in info.items()
         if not key.startswith("_") and info[f"_{key}"][row]
     }

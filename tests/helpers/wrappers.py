@@ -10,7 +10,7 @@ from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, RotorFault,
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Delay, Dropout, Noise
-from tests.helpers.envs import AUTORESET_MODES, draw_actions, make, make_rows
+from tests.helpers.envs import AUTORESET_MODES, draw_actions, make, make_vec
 
 Layers = list[tuple[Any, ...]]  # from the inside out: the name of a wrapper, then its arguments
 
@@ -76,17 +76,17 @@ def make_wrapped(layers: Layers, **kwargs: Any) -> gym.Env[Any, Any]:
     return wrapped(make(**kwargs), layers)
 
 
-def make_wrapped_rows(rows: int, layers: Layers, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
+def make_wrapped_vec(rows: int, layers: Layers, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
     """The native vector environment in wrappers."""
-    return wrapped(make_rows(rows, **kwargs), layers)
+    return wrapped(make_vec(rows, **kwargs), layers)
 
 
-def gymnasiums(rows: int, layers: Layers, mode: str, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
+def make_sync_vec(rows: int, layers: Layers, mode: str, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
     """What Gymnasium makes of wrapped single environments: the oracle of the wrapped vector environment."""
     assert mode in AUTORESET_MODES
     return SyncVectorEnv([lambda: make_wrapped(layers, **kwargs)] * rows, autoreset_mode=mode)
 
 
-def lopsided_actions(steps: int, rows: int) -> Floats32:
+def biased_actions(steps: int, rows: int) -> Floats32:
     """Actions with a bias of each row's own, shape (steps, rows, 4): rows end at different times."""
     return 0.3 * draw_actions(0, steps, rows) + 0.7 * draw_actions(1, rows)

@@ -15,8 +15,18 @@ from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.parameters import PARAMETER_NAMES
 from quadpend_gym.randomization import Around, ParameterRanges, as_ranges
 from quadpend_gym.wrappers import ParameterWrapper, VectorParameterWrapper
-from tests.helpers.bad_input import refused, refused_without_a_trace
-from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, fly, make_bare, make_rows, pick
+from tests.helpers.bad_input import assert_refused, assert_refused_unchanged
+from tests.helpers.envs import (
+    AT_REST,
+    ENDLESS,
+    WINDY,
+    assert_same,
+    draw_actions,
+    make_unwrapped,
+    make_vec,
+    run_actions,
+    select_info,
+)
 from tests.helpers.physics import UNEQUAL
 
 RANGES = ParameterRanges(
@@ -36,7 +46,7 @@ ROWS = 2000
 
 def told(ranges: Any, rows: int = ROWS, seed: int | None = 0, **kwargs: Any) -> Floats:
     """The parameters in the `info` of a first reset, shape (rows, 9)."""
-    env = VectorParameterWrapper(make_rows(rows, **kwargs), ranges)
+    env = VectorParameterWrapper(make_vec(rows, **kwargs), ranges)
     return np.array(env.reset(seed=seed)[1]["parameters"])
 
 
@@ -53,7 +63,7 @@ def test_each_parameter_is_uniform_in_its_range() -> None:
 
 
 def test_parameters_are_independent_of_each_other_in_all_rows_and_episodes() -> None:
-    env = VectorParameterWrapper(make_rows(ROWS), RANGES)
+    env = VectorParameterWrapper(make_vec(ROWS), RANGES)
     episodes = [env.reset(seed=seed)[1]["parameters"].copy() for seed in (0, None, None)]
     correlations = np.corrcoef(np.concatenate(episodes, axis=1), rowvar=False)
     assert np.abs(correlations - np.eye(27)).max() < 5.0 / np.sqrt(ROWS)
@@ -77,8 +87,8 @@ def test_a_range_leaves_the_values_of_other_parameters_alone(name: str) -> None:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_every_episode_of_every_row_has_parameters_of_its_own_and_keeps_them(mode: str) -> None:
-    env: Any = VectorParameterWrapper(make_rows(3, autoreset_mode=mode, max_episode_steps=5), RANGES)
-    single = ParameterWrapper(make_bare(), RANGES)
+    env: Any = VectorParameterWrapper(make_vec(3, autoreset_mode=mode, max_episode_steps=5), RANGES)
+    single = ParameterWrapper(make_unwrapped(), RANGES)
     seeds = ([7, *[None] * 9], [8, *[None] * 9], [9, *[None] * 9])
     expected = np.array([[single.reset(seed=seed)[1]["parameters"].copy() for seed in row] for row in seeds])
     assert len(np.unique(expected)) == expected.size
@@ -90,9 +100,9 @@ def test_every_episode_of_every_row_has_parameters_of_its_own_and_keeps_them(mod
 
 
 def test_final_info_tells_the_parameters_of_the_episode_that_ended() -> None:
-    env: Any = VectorParameterWrapper(make_rows(3, autoreset_mode="SameStep", max_episode_steps=4), RANGES)
+    env: Any = VectorParameterWrapper(make_vec(3, autoreset_mode="SameStep", max_episode_steps=4), RANGES)
     before = env.reset(seed=0)[1]["parameters"].copy()
-    *_, info = fly(env, np.zeros((4, 3, 4)))[-1]
+    *_, info = run_actions(env, np.zeros((4, 3, 4)))[-1]
     assert_array_equal(info["final_info"]["parameters"], before)
     assert_array_equal(info["parameters"], env.unwrapped.world.parameters)
     assert (info["parameters"] != before).all()
@@ -100,7 +110,7 @@ def test_final_info_tells_the_parameters_of_the_episode_that_ended() -> None:
 
 def test_what_info_tells_is_the_callers_own() -> None:
     """Neither the next episode writes into it, nor writing into it changes the physics."""
-    for env in (ParameterWrapper(make_bare(), RANGES), VectorParameterWrapper(make_rows(2), RANGES)):
+    for env in (ParameterWrapper(make_unwrapped(), RANGES), VectorParameterWrapper(make_vec(2), RANGES)):
         world: Any = env.unwrapped.world  # type: ignore[attr-defined]
         _, info = env.reset(seed=0)
         kept, parameters = info["parameters"].copy(), world.parameters.copy()
@@ -114,24 +124,22 @@ def test_what_info_tells_is_the_callers_own() -> None:
 def test_the_start_is_that_of_an_environment_with_these_parameters() -> None:
     """The same deviations from the same reference."""
     for seed in range(5):
-        uncertain = ParameterWrapper(make_bare(), RANGES)
+        uncertain = ParameterWrapper(make_unwrapped(), RANGES)
         _, info = uncertain.reset(seed=seed)
-        certain = make_bare(simulation={"parameters": true_parameters(info)})
+        certain = make_unwrapped(simulation={"parameters": true_parameters(info)})
         certain.reset(seed=seed)
         assert_array_equal(uncertain.unwrapped.state.array, certain.state.array)  # type: ignore[attr-defined]
         assert_array_equal(uncertain.unwrapped.world.reference, certain.world.reference)  # type: ignore[attr-defined]
 
 
 def test_starts_references_and_wind_are_drawn_as_without() -> None:
-    plain = make_rows(5, wind=WINDY)
-    uncertain: Any = VectorParameterWrapper(
-        make_rows(5, wind=WINDY), {"inertia_yaw": (0.05, 0.2), "bob_mass": (0.1, 1)}
-    )
+    plain = make_vec(5, wind=WINDY)
+    uncertain: Any = VectorParameterWrapper(make_vec(5, wind=WINDY), {"inertia_yaw": (0.05, 0.2), "bob_mass": (0.1, 1)})
     for seed in (0, None):
         plain.reset(seed=seed), uncertain.reset(seed=seed)
         assert_array_equal(uncertain.unwrapped.world.reference, plain.world.reference)
         assert_array_equal(uncertain.unwrapped.world.state[:, :6], plain.world.state[:, :6])
-        pushed, expected = (fly(env, np.zeros((9, 5, 4))) for env in (uncertain, plain))
+        pushed, expected = (run_actions(env, np.zeros((9, 5, 4))) for env in (uncertain, plain))
         assert_same([step[4]["disturbance"] for step in pushed], [step[4]["disturbance"] for step in expected])
 
 
@@ -139,18 +147,18 @@ def test_a_flight_is_that_of_an_environment_with_these_parameters() -> None:
     """To the last bit, but for the weight, whose nominal value says what an action means."""
     ranges = replace(RANGES, quadrotor_mass=None, bob_mass=None, gravity=None)
     wind = OrnsteinUhlenbeck(force=0.2, velocity=3.0)
-    uncertain = ParameterWrapper(make_bare(wind=wind), ranges)
+    uncertain = ParameterWrapper(make_unwrapped(wind=wind), ranges)
     _, info = uncertain.reset(seed=2)
-    certain = make_bare(wind=wind, simulation={"parameters": true_parameters(info)})
+    certain = make_unwrapped(wind=wind, simulation={"parameters": true_parameters(info)})
     certain.reset(seed=2)
     actions = draw_actions(2, 20)
-    flight, expected = fly(uncertain, actions), fly(certain, actions)
+    flight, expected = run_actions(uncertain, actions), run_actions(certain, actions)
     assert {info.pop("parameters").tobytes() for *_, info in flight} == {certain.world.parameters.tobytes()}
     assert_same(flight, expected)
 
 
 def test_parameters_that_are_not_drawn_are_not_told() -> None:
-    env = make_bare()
+    env = make_unwrapped()
     assert "parameters" not in env.reset(seed=0)[1]
     assert "parameters" not in env.step(np.zeros(4))[4]
 
@@ -159,7 +167,7 @@ def test_the_physics_obeys_the_drawn_parameters_and_an_action_means_what_it_did(
     simulation = Simulation(UNEQUAL, period=1e-6)
     action = np.array([0.3, 0.2, -0.4, 0.5], np.float32)
     command = (np.array([1.0, 0.0, 0.0, 0.0]) + action) * simulation.command_scale  # the nominal weight's
-    env = ParameterWrapper(make_bare(simulation=simulation, task=ENDLESS), RANGES)
+    env = ParameterWrapper(make_unwrapped(simulation=simulation, task=ENDLESS), RANGES)
     for seed in range(5):
         _, info = env.reset(seed=seed, options={"state": {"velocity": (0.0, 0.0, 0.0), "direction": (0.3, -0.2, 0.9)}})
         state: State = env.unwrapped.state  # type: ignore[attr-defined]
@@ -176,19 +184,19 @@ def test_the_physics_obeys_the_drawn_parameters_and_an_action_means_what_it_did(
 
 
 def test_a_heavier_quadrotor_sinks_at_zero_action_and_a_lighter_one_rises() -> None:
-    env: Any = VectorParameterWrapper(make_rows(50), MASS)
+    env: Any = VectorParameterWrapper(make_vec(50), MASS)
     _, info = env.reset(seed=0, options={"state": AT_REST})
-    fly(env, np.zeros((10, 50, 4)))
+    run_actions(env, np.zeros((10, 50, 4)))
     heavier = info["parameters"][:, 0] > PAPER.quadrotor_mass
     assert_array_equal(np.sign(env.unwrapped.world.state[:, 5]), np.where(heavier, -1.0, 1.0))
 
 
 def test_single_and_vector_environments_draw_the_same() -> None:
-    env = VectorParameterWrapper(make_rows(3), RANGES)
-    single = ParameterWrapper(make_bare(), RANGES)
+    env = VectorParameterWrapper(make_vec(3), RANGES)
+    single = ParameterWrapper(make_unwrapped(), RANGES)
     _, info = env.reset(seed=4)
     for row in range(3):
-        assert_same(pick(info, row), single.reset(seed=4 + row)[1])
+        assert_same(select_info(info, row), single.reset(seed=4 + row)[1])
 
 
 def test_ranges_around_the_nominal_values() -> None:
@@ -217,7 +225,7 @@ def test_ranges_are_plain_data() -> None:
 
 def test_a_share_is_of_the_environments_own_parameters() -> None:
     simulation = Simulation(Parameters(inertia_roll=0.004))
-    env = ParameterWrapper(make_bare(simulation=simulation), Around(0.2))
+    env = ParameterWrapper(make_unwrapped(simulation=simulation), Around(0.2))
     drawn = [env.reset(seed=seed)[1]["parameters"][PARAMETER_NAMES.index("inertia_roll")] for seed in range(20)]
     assert 0.0032 <= min(drawn) < max(drawn) <= 0.0048
 
@@ -240,7 +248,7 @@ BAD = {
 
 @pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
 def test_impossible_ranges_are_refused(call: Any, names: str) -> None:
-    refused(call, names, (TypeError, ValueError))
+    assert_refused(call, names, (TypeError, ValueError))
 
 
 BAD_WRAPPINGS: dict[str, tuple[Any, str]] = {
@@ -252,14 +260,14 @@ BAD_WRAPPINGS: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize(("ranges", "names"), BAD_WRAPPINGS.values(), ids=BAD_WRAPPINGS.keys())
 def test_what_are_no_ranges_is_refused(ranges: Any, names: str) -> None:
-    single, rows = make_bare(), make_rows(2)
+    single, rows = make_unwrapped(), make_vec(2)
     single.reset(seed=0), rows.reset(seed=0)
-    refused_without_a_trace(single, lambda: ParameterWrapper(single, ranges), names, (TypeError, ValueError))
-    refused_without_a_trace(rows, lambda: VectorParameterWrapper(rows, ranges), names, (TypeError, ValueError))
+    assert_refused_unchanged(single, lambda: ParameterWrapper(single, ranges), names, (TypeError, ValueError))
+    assert_refused_unchanged(rows, lambda: VectorParameterWrapper(rows, ranges), names, (TypeError, ValueError))
 
 
 def test_parameters_are_drawn_once() -> None:
-    env = ParameterWrapper(make_bare(), MASS)
+    env = ParameterWrapper(make_unwrapped(), MASS)
     env.reset(seed=0)
     again = {"rod_length": (0.2, 0.3)}
-    refused_without_a_trace(env.unwrapped, lambda: ParameterWrapper(env, again), "drawn already", ValueError)
+    assert_refused_unchanged(env.unwrapped, lambda: ParameterWrapper(env, again), "drawn already", ValueError)

@@ -14,8 +14,8 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import find_scenario
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import make_vec
 from tests.helpers.hybrid import Steered, constant, flown
 from tests.helpers.mlp_policies import card, layers
 
@@ -28,7 +28,7 @@ def cautious(caution: float = 1.0, steers: str = "pace") -> Companion:
 
 
 def watched(companion: Companion, **reset: Any) -> CompanionMemory:
-    observation, _ = make_rows(3, **SAME_STEP).reset(seed=0, **reset)
+    observation, _ = make_vec(3, **SAME_STEP).reset(seed=0, **reset)
     return companion.watch(observation, None, BEGINNING)[1]
 
 
@@ -49,7 +49,7 @@ def test_without_caution_it_is_trusted_whatever_happens() -> None:
     learner = constant(1.0, 1.0, 1.0, 1.0)
     env = {"wind": "storm", **SAME_STEP}
     trusting, bare = (
-        flown(Steered(companion, learner), make_rows(3, **env), 40)[0]
+        flown(Steered(companion, learner), make_vec(3, **env), 40)[0]
         for companion in (cautious(0.0), Companion(controller("flatness"), "pace", 0.5))
     )
     assert_array_equal(trusting, bare)
@@ -59,7 +59,7 @@ def test_a_pendulum_that_leans_far_is_a_doubt_that_fades_by_one_in_a_hundred_a_s
     companion = cautious()
     leaning = watched(companion, options={"state": {"direction": (0.3, 0.4, np.sqrt(0.75))}})
     assert_allclose(leaning.doubt, 0.5 / 0.2, rtol=1e-6)
-    env = make_rows(3, **SAME_STEP)
+    env = make_vec(3, **SAME_STEP)
     observation, _ = env.reset(seed=0)
     _, memory = companion.watch(observation, None, BEGINNING)
     action, memory = companion.act(np.zeros((3, 4), np.float32), memory._replace(doubt=np.full(3, 5.0)))
@@ -91,7 +91,7 @@ def test_late_actions_are_noticed_within_half_a_second_and_wind_is_not_taken_for
     ],
 )
 def test_impossible_caution_is_refused(steers: str, caution: float, message: str) -> None:
-    refused(lambda: cautious(caution, steers), message, ValueError)
+    assert_refused(lambda: cautious(caution, steers), message, ValueError)
 
 
 def test_a_card_that_knows_no_caution_means_none() -> None:

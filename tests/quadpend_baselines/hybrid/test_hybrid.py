@@ -19,8 +19,8 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, REFERENCE_START
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import assert_same, draw_actions, make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import assert_same, draw_actions, make_vec
 from tests.helpers.hybrid import Steered, constant, flown, idle
 from tests.helpers.wrappers import SHORT
 
@@ -69,7 +69,7 @@ def test_writing_changes_none_of_what_is_written_from() -> None:
 @pytest.mark.parametrize("name", ["flatness", "lqr", "lqi"])
 def test_perfect_sensors_in_calm_air_are_believed(name: str) -> None:
     policy: Any = controller(name)
-    env = make_rows(6, **SAME_STEP, **SHORT)
+    env = make_vec(6, **SAME_STEP, **SHORT)
     observation, memory, started = env.reset(seed=0)[0], None, np.ones(6, np.bool_)
     for _ in range(60):
         action, memory = policy.predict(observation, memory, started)
@@ -80,8 +80,8 @@ def test_perfect_sensors_in_calm_air_are_believed(name: str) -> None:
 
 def test_velocities_that_are_not_measured_are_estimated() -> None:
     policy: Any = controller("flatness")
-    whole = make_rows(4)
-    hidden = VectorOutputFeedbackWrapper(make_rows(4))
+    whole = make_vec(4)
+    hidden = VectorOutputFeedbackWrapper(make_vec(4))
     true, observation, memory = whole.reset(seed=0)[0], hidden.reset(seed=0)[0], None
     for _ in range(200):
         action, memory = policy.predict(observation, memory)
@@ -93,7 +93,7 @@ def test_velocities_that_are_not_measured_are_estimated() -> None:
 @observers
 @feedbacks
 def test_the_learner_sees_state_disturbance_and_where_it_corrects_the_action(name: str, outputs: bool) -> None:
-    env: Any = make_rows(5, wind="windy", **SAME_STEP)
+    env: Any = make_vec(5, wind="windy", **SAME_STEP)
     env = VectorOutputFeedbackWrapper(env) if outputs else env
     observation, _ = env.reset(seed=0)
     policy: Any = controller(name)
@@ -117,7 +117,7 @@ def test_the_learner_sees_state_disturbance_and_where_it_corrects_the_action(nam
 
 
 def test_the_disturbance_is_seen_as_the_info_has_it() -> None:
-    env = make_rows(3, wind=Constant(FORCES, torque=0.02), max_episode_steps=None)
+    env = make_vec(3, wind=Constant(FORCES, torque=0.02), max_episode_steps=None)
     policy = Steered(Companion(controller("flatness")), lambda seen: bare)
     bare = np.zeros((3, 4), np.float32)
     teacher, observation, memories = controller("flatness"), env.reset(seed=0)[0], [None, None]
@@ -135,7 +135,7 @@ def test_a_learner_that_corrects_nothing_leaves_the_flight_as_it_is(name: str, o
     """To the bit, row by row, through the ends of episodes."""
     flights = []
     for policy in (controller(name), Steered(Companion(controller(name), "action", 0.7))):
-        env: Any = make_rows(6, wind="windy", **SAME_STEP, **SHORT)
+        env: Any = make_vec(6, wind="windy", **SAME_STEP, **SHORT)
         flights.append(flown(policy, VectorOutputFeedbackWrapper(env) if outputs else env, 70))
     assert_same(flights[0][0], flights[1][0])
     assert_same([part[:4] for part in flights[0][1]], [part[:4] for part in flights[1][1]])
@@ -144,7 +144,7 @@ def test_a_learner_that_corrects_nothing_leaves_the_flight_as_it_is(name: str, o
 
 def test_a_learner_that_hurries_nothing_leaves_the_flight_as_it_is() -> None:
     flights = [
-        flown(policy, make_rows(6, wind="windy", **SAME_STEP, **SHORT), 70)
+        flown(policy, make_vec(6, wind="windy", **SAME_STEP, **SHORT), 70)
         for policy in (controller("flatness"), Steered(Companion(controller("flatness"), "pace", 2.0)))
     ]
     assert_allclose(flights[1][0], flights[0][0], atol=1e-12)
@@ -153,7 +153,7 @@ def test_a_learner_that_hurries_nothing_leaves_the_flight_as_it_is() -> None:
 
 @observers
 def test_a_correction_is_added_with_its_authority_and_keeps_to_the_limits(name: str) -> None:
-    observation, _ = make_rows(4).reset(seed=0)
+    observation, _ = make_vec(4).reset(seed=0)
     bare, _ = controller(name).predict(observation)
     for learner, authority in (((0.5, -0.5, 1.0, -1.0), 0.2), ((1.0, -1.0, 1.0, -1.0), 3.0)):
         action, memory = Steered(Companion(controller(name), "action", authority), constant(*learner)).predict(
@@ -171,7 +171,7 @@ def test_the_observer_is_told_what_acted(name: str, told: bool, monkeypatch: pyt
     policy: Any = controller(name)
     if not told:
         monkeypatch.setattr(policy, "acted", lambda memory, action: memory)
-    env = make_rows(2, wind=Constant(FORCES), max_episode_steps=None)
+    env = make_vec(2, wind=Constant(FORCES), max_episode_steps=None)
     steered = Steered(Companion(policy, "action", 1.0), constant(0.02, 0.0, 0.0, 0.2))
     observation, memory = env.reset(seed=0, options={"reference": Reference.hover()})[0], None
     for _ in range(400):
@@ -190,7 +190,7 @@ def test_a_learner_that_flies_alone_is_followed_by_the_observer() -> None:
     pilot = controller("flatness")
     policy: Any = controller("adrc-matched")
     companion = Companion(policy)
-    env = make_rows(3, wind=Constant(FORCES), max_episode_steps=None)
+    env = make_vec(3, wind=Constant(FORCES), max_episode_steps=None)
     memories: list[Any] = [None, None]
     observation, _ = env.reset(seed=0, options={"reference": Reference.hover()})
     for _ in range(400):
@@ -223,16 +223,16 @@ def test_a_pace_multiplies_a_bandwidth(number: int, names: list[str], asked: flo
         OutputFeedback(Flatness, scaled),
         OutputFeedback(Flatness, gains),
     ]
-    steered, by_hand, bare = (flown(pilot, make_rows(3, wind="windy", **SAME_STEP), 30)[0] for pilot in pilots)
+    steered, by_hand, bare = (flown(pilot, make_vec(3, wind="windy", **SAME_STEP), 30)[0] for pilot in pilots)
     assert_allclose(steered, by_hand, atol=1e-5)
     assert np.abs(np.subtract(steered, bare)).max() > 1e-3
 
 
 def test_rows_that_begin_anew_do_and_the_others_go_on() -> None:
     companion = Companion(controller("flatness"), "action")
-    observation, _ = make_rows(4, wind="windy").reset(seed=0)
+    observation, _ = make_vec(4, wind="windy").reset(seed=0)
     _, memory = companion.act(idle(observation), companion.watch(observation, None, np.ones(4, np.bool_))[1])
-    later, _ = make_rows(4).reset(seed=9)
+    later, _ = make_vec(4).reset(seed=9)
     started = np.array([False, True, False, True])
     seen, _ = companion.watch(later, memory, started)
     fresh, _ = companion.watch(later, None, started)
@@ -274,7 +274,7 @@ class Mute:
     ],
 )
 def test_an_impossible_companion_is_refused(make: Any, message: str, kind: Any) -> None:
-    refused(make, message, kind)
+    assert_refused(make, message, kind)
 
 
 def test_a_command_is_what_an_action_stands_for() -> None:
@@ -292,7 +292,7 @@ def test_a_command_is_what_an_action_stands_for() -> None:
 
 def test_rows_are_placed_through_tuples_of_arrays() -> None:
     policy: Any = controller("flatness")
-    memories = [policy.predict(make_rows(rows).reset(seed=rows)[0])[1] for rows in (5, 2)]
+    memories = [policy.predict(make_vec(rows).reset(seed=rows)[0])[1] for rows in (5, 2)]
     kept = [tuple(memory.estimate) for memory in memories]
     whole = replace_rows(np.array([3, 1]), memories[1], memories[0])
     assert type(whole) is type(memories[0])

@@ -27,10 +27,10 @@ from quadpend_baselines.hybrid.wrappers import (
 )
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, fly, make, make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make, make_vec, run_actions
 from tests.helpers.hybrid import Steered, constant, flown
-from tests.helpers.wrappers import HISTORY, OUTPUTS, SENSORS, SHORT, WIND, Layers, make_wrapped, make_wrapped_rows
+from tests.helpers.wrappers import HISTORY, OUTPUTS, SENSORS, SHORT, WIND, Layers, make_wrapped, make_wrapped_vec
 
 Kind = tuple[Any, ...]  # the name of a wrapper, then its arguments
 KINDS: dict[str, Kind] = {
@@ -72,7 +72,7 @@ def learners(steps: int, rows: int) -> Floats32:
 def test_the_rows_are_what_single_environments_are(kind: Kind, layers: Layers, mode: str) -> None:
     """To the bit, through the ends of several episodes; the last observation of one ends the old episode."""
     rows = 3
-    env = accompanied(make_wrapped_rows(rows, layers, autoreset_mode=mode, **BRIEF), kind)
+    env = accompanied(make_wrapped_vec(rows, layers, autoreset_mode=mode, **BRIEF), kind)
     theirs = singles(rows, layers, kind, mode)
     assert env.single_observation_space == theirs.single_observation_space
     assert env.observation_space == theirs.observation_space
@@ -99,8 +99,8 @@ def test_the_rows_are_what_single_environments_are(kind: Kind, layers: Layers, m
 @kinds
 def test_the_last_observation_goes_on_with_the_old_episode(kind: Kind) -> None:
     """It is what would have been seen if the episode had not ended; the controller has not forgotten."""
-    short = accompanied(make_rows(3, wind="windy", max_episode_steps=15, autoreset_mode="SameStep"), kind)
-    long = accompanied(make_rows(3, wind="windy", max_episode_steps=None, autoreset_mode="Disabled"), kind)
+    short = accompanied(make_vec(3, wind="windy", max_episode_steps=15, autoreset_mode="SameStep"), kind)
+    long = accompanied(make_vec(3, wind="windy", max_episode_steps=None, autoreset_mode="Disabled"), kind)
     assert_array_equal(short.reset(seed=0)[0], long.reset(seed=0)[0])
     for action in 0.1 * draw_actions(0, 15, 3):
         observation, _, _, truncated, info = short.step(action)
@@ -113,28 +113,28 @@ def test_the_last_observation_goes_on_with_the_old_episode(kind: Kind) -> None:
 @kinds
 def test_a_new_episode_begins_as_if_there_had_been_none_before(kind: Kind) -> None:
     envs = [
-        accompanied(make_rows(3, wind="windy", max_episode_steps=15, autoreset_mode="SameStep"), kind) for _ in range(2)
+        accompanied(make_vec(3, wind="windy", max_episode_steps=15, autoreset_mode="SameStep"), kind) for _ in range(2)
     ]
     actions = 0.1 * draw_actions(0, 30, 3)
     flights = []
     for env, first in zip(envs, (actions[:15], -actions[:15]), strict=True):
         env.reset(seed=0)
-        fly(env, first)
-        flights.append([step[0] for step in fly(env, actions[15:29])])
+        run_actions(env, first)
+        flights.append([step[0] for step in run_actions(env, actions[15:29])])
     assert_same(*flights)
 
 
 @each
 def test_a_reset_of_some_rows_leaves_the_companions_of_the_others(kind: Kind) -> None:
-    env, untouched = (accompanied(make_rows(3, wind="windy"), kind) for _ in range(2))
+    env, untouched = (accompanied(make_vec(3, wind="windy"), kind) for _ in range(2))
     env.reset(seed=0), untouched.reset(seed=0)
     actions = 0.2 * draw_actions(0, 6, 3)
-    seen = fly(env, actions)[-1][0]
-    fly(untouched, actions)
+    seen = run_actions(env, actions)[-1][0]
+    run_actions(untouched, actions)
     mask = np.array([False, True, False])
     begun, _ = env.reset(options={"reset_mask": mask})
     assert_array_equal(begun[~mask], seen[~mask])
-    after, beside = fly(env, actions)[-1][0], fly(untouched, actions)[-1][0]
+    after, beside = run_actions(env, actions)[-1][0], run_actions(untouched, actions)[-1][0]
     assert_array_equal(after[~mask], beside[~mask])
     assert (after[mask] != beside[mask]).any()
 
@@ -142,11 +142,11 @@ def test_a_reset_of_some_rows_leaves_the_companions_of_the_others(kind: Kind) ->
 @each
 def test_of_rows_that_have_ended_those_that_were_reset_go_on_and_the_others_begin(kind: Kind) -> None:
     """As their episodes do, with next-step autoreset."""
-    env = accompanied(make_rows(3, wind="windy", max_episode_steps=4), kind)
-    twin = accompanied(make_rows(3, wind="windy", max_episode_steps=4, autoreset_mode="Disabled"), kind)
+    env = accompanied(make_vec(3, wind="windy", max_episode_steps=4), kind)
+    twin = accompanied(make_vec(3, wind="windy", max_episode_steps=4, autoreset_mode="Disabled"), kind)
     env.reset(seed=0), twin.reset(seed=0)
     actions = 0.1 * draw_actions(0, 6, 3)
-    fly(env, actions[:4]), fly(twin, actions[:4])
+    run_actions(env, actions[:4]), run_actions(twin, actions[:4])
     mask = np.array([True, False, True])
     first = env.reset(options={"reset_mask": mask})[0][mask]
     assert_array_equal(first, twin.reset(options={"reset_mask": mask})[0][mask])
@@ -163,10 +163,10 @@ def test_the_observation_is_what_the_companion_shows(kind: Kind, layers: Layers)
     steers = {"DisturbanceEstimateObservation": "alone", "ResidualAction": "action", "PaceAction": "pace"}[kind[0]]
     learner = constant(0.02, -0.01, 0.03, 0.1)
     companion = Companion(controller(kind[1]), steers, *kind[2:])
-    plain = make_wrapped_rows(3, layers, autoreset_mode="SameStep", **SHORT)
+    plain = make_wrapped_vec(3, layers, autoreset_mode="SameStep", **SHORT)
     policy = Steered(companion, learner)
     _, returns = flown(policy, plain, 30)
-    env = accompanied(make_wrapped_rows(3, layers, autoreset_mode="SameStep", **SHORT), kind)
+    env = accompanied(make_wrapped_vec(3, layers, autoreset_mode="SameStep", **SHORT), kind)
     observation, _ = env.reset(seed=5)
     for seen, expected in zip(policy.seen, returns, strict=True):
         assert_array_equal(observation, seen)
@@ -187,26 +187,26 @@ def test_the_spaces_have_the_sizes_of_the_table(name: str) -> None:
 @each
 def test_the_controller_is_that_of_the_environments_simulation(kind: Kind) -> None:
     heavy = Simulation({"bob_mass": 0.3})  # type: ignore[arg-type]
-    for env in (make(simulation=heavy), make_rows(2, simulation=heavy)):
+    for env in (make(simulation=heavy), make_vec(2, simulation=heavy)):
         assert accompanied(env, kind).companion.controller.simulation == heavy
 
 
 @each
 def test_a_controller_may_be_given_instead_of_its_name(kind: Kind) -> None:
     name, of, *rest = kind
-    by_name, given = (accompanied(make_rows(2), (name, which, *rest)) for which in (of, controller(of)))
+    by_name, given = (accompanied(make_vec(2), (name, which, *rest)) for which in (of, controller(of)))
     assert_array_equal(by_name.reset(seed=0)[0], given.reset(seed=0)[0])
     actions = 0.1 * draw_actions(0, 5, 2)
-    assert_same(fly(by_name, actions), fly(given, actions))
+    assert_same(run_actions(by_name, actions), run_actions(given, actions))
 
 
 @pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
 @each
 def test_an_observation_once_given_does_not_change(kind: Kind, rows: tuple[int, ...]) -> None:
-    env = accompanied(make_rows(3, autoreset_mode="SameStep", **SHORT) if rows else make(), kind)
-    given = [env.reset(seed=0)[0], *(step[0] for step in fly(env, 0.1 * draw_actions(0, 3, *rows)))]
+    env = accompanied(make_vec(3, autoreset_mode="SameStep", **SHORT) if rows else make(), kind)
+    given = [env.reset(seed=0)[0], *(step[0] for step in run_actions(env, 0.1 * draw_actions(0, 3, *rows)))]
     kept = [seen.copy() for seen in given]
-    fly(env, 0.1 * draw_actions(1, 25 if rows else 5, *rows))
+    run_actions(env, 0.1 * draw_actions(1, 25 if rows else 5, *rows))
     env.reset()
     assert_same(given, kept)
 
@@ -225,18 +225,18 @@ BAD_ACTIONS = {
 @each
 def test_an_action_that_is_refused_leaves_no_trace(kind: Kind, rows: tuple[int, ...], action: Any, names: str) -> None:
     """The learner's actions are from −1 to 1, whatever becomes of them, as in the environment without companion."""
-    env, twin = (accompanied(make_rows(3) if rows else make(), kind) for _ in range(2))
+    env, twin = (accompanied(make_vec(3) if rows else make(), kind) for _ in range(2))
     env.reset(seed=0), twin.reset(seed=0)
     bad = np.tile(action, (3, 1)) if rows else action
-    refused(lambda: env.step(bad), names, (ValueError, TypeError))
+    assert_refused(lambda: env.step(bad), names, (ValueError, TypeError))
     actions = 0.1 * draw_actions(0, 3, *rows)
-    assert_same(fly(env, actions), fly(twin, actions))
+    assert_same(run_actions(env, actions), run_actions(twin, actions))
 
 
 @pytest.mark.parametrize("rows", [False, True], ids=["one", "many"])
 @each
 def test_a_step_before_the_first_reset_is_refused(kind: Kind, rows: bool) -> None:
-    env = accompanied(make_rows(3) if rows else make(), kind)
+    env = accompanied(make_vec(3) if rows else make(), kind)
     with pytest.raises(ResetNeeded):
         env.step(np.zeros((3, 4)) if rows else np.zeros(4))
 
@@ -260,7 +260,7 @@ def test_the_spec_survives_json(kind: Kind, layers: Layers) -> None:
     assert str(twin) == str(env)
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = 0.1 * draw_actions(3, 7)
-    assert_same(fly(twin, actions), fly(env, actions))
+    assert_same(run_actions(twin, actions), run_actions(env, actions))
 
 
 def test_the_single_ones_have_the_defaults_of_the_many() -> None:
@@ -269,7 +269,7 @@ def test_the_single_ones_have_the_defaults_of_the_many() -> None:
         (ResidualAction, VectorResidualAction),
         (PaceAction, VectorPaceAction),
     ):
-        single, vector = one(make()).companion, many(make_rows(2)).companion  # type: ignore[operator]
+        single, vector = one(make()).companion, many(make_vec(2)).companion  # type: ignore[operator]
         for name in ("steers", "authority"):
             assert getattr(single, name) == getattr(vector, name)
         assert type(single.controller) is type(vector.controller)
@@ -279,13 +279,13 @@ def test_the_single_ones_have_the_defaults_of_the_many() -> None:
 BAD: dict[str, tuple[Callable[[Any], Any], str, Any]] = {
     "inside a history": (
         lambda prefix: accompanied(
-            make_wrapped_rows(2, [HISTORY]) if prefix else make_wrapped([HISTORY]), KINDS["pace"]
+            make_wrapped_vec(2, [HISTORY]) if prefix else make_wrapped([HISTORY]), KINDS["pace"]
         ),
         "observation of 36 or 27 numbers, not from .*116.*: put its wrapper inside",
         ValueError,
     ),
     "twice": (
-        lambda prefix: accompanied(accompanied(make_rows(2) if prefix else make(), KINDS["pace"]), KINDS["pace"]),
+        lambda prefix: accompanied(accompanied(make_vec(2) if prefix else make(), KINDS["pace"]), KINDS["pace"]),
         "36 or 27 numbers, not from .*45",
         ValueError,
     ),
@@ -297,17 +297,17 @@ BAD: dict[str, tuple[Callable[[Any], Any], str, Any]] = {
         ValueError,
     ),
     "an unknown controller": (
-        lambda prefix: accompanied(make_rows(2) if prefix else make(), ("ResidualAction", "nix")),
+        lambda prefix: accompanied(make_vec(2) if prefix else make(), ("ResidualAction", "nix")),
         "there is no controller 'nix'; there are adrc-paper",
         ValueError,
     ),
     "no authority": (
-        lambda prefix: accompanied(make_rows(2) if prefix else make(), ("ResidualAction", "flatness", 0.0)),
+        lambda prefix: accompanied(make_vec(2) if prefix else make(), ("ResidualAction", "flatness", 0.0)),
         "authority must be above zero",
         ValueError,
     ),
     "no pace": (
-        lambda prefix: accompanied(make_rows(2) if prefix else make(), ("PaceAction", "adrc-matched")),
+        lambda prefix: accompanied(make_vec(2) if prefix else make(), ("PaceAction", "adrc-matched")),
         "only the flatness-based controller has a pace",
         TypeError,
     ),
@@ -317,4 +317,4 @@ BAD: dict[str, tuple[Callable[[Any], Any], str, Any]] = {
 @pytest.mark.parametrize("many", [False, True], ids=["one", "many"])
 @pytest.mark.parametrize(("call", "names", "kind"), BAD.values(), ids=BAD.keys())
 def test_an_impossible_companion_is_refused(call: Callable[[Any], Any], names: str, kind: Any, many: bool) -> None:
-    refused(lambda: call(many), names, kind)
+    assert_refused(lambda: call(many), names, kind)

@@ -12,7 +12,7 @@ from quadpend_gym.physics.state import State
 from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks import StartSettings, Task
 from tests.helpers.controllers import CALM, HOVER, flat_flight
-from tests.helpers.envs import make_bare
+from tests.helpers.envs import make_unwrapped
 from tests.helpers.physics import UNEQUAL, flown
 
 TIME = 0.3
@@ -138,7 +138,7 @@ def test_starts_without_deviation_are_flat_to_first_order() -> None:
             frequency=(1.5, 2.0, 1.0, 1.2),
             phase=(1.0, 0.2, 0.5, 0.4),
         )
-        env = make_bare(task=Task(start=exact))
+        env = make_unwrapped(task=Task(start=exact))
         env.reset(seed=0, options={"reference": reference})
         flat, _ = flat_flight(reference, 0.0, CALM, PAPER)
         apart[size] = float(np.abs(env.state.array - flat[0]).max())

@@ -18,8 +18,8 @@ from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.dynamics import momentum
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wrappers import ActuatorWrapper, VectorActuatorWrapper
-from tests.helpers.bad_input import BAD_ACTIONS, cases, refused, refused_without_a_trace
-from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, fly, make_bare, make_rows
+from tests.helpers.bad_input import BAD_ACTIONS, assert_refused, assert_refused_unchanged, cases
+from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.physics import UNEQUAL
 
 PERIOD = Simulation().period
@@ -61,14 +61,16 @@ def uncommanded(returned: list[Any]) -> list[Any]:
 @chains
 def test_a_flight_is_that_of_the_actions_that_come_out(actuators: Any) -> None:
     """Physics, observation and reward, the effort too, to the last bit."""
-    env, plain = VectorActuatorWrapper(make_rows(3, task=ENDLESS), actuators), make_rows(3, task=ENDLESS)
+    env, plain = VectorActuatorWrapper(make_vec(3, task=ENDLESS), actuators), make_vec(3, task=ENDLESS)
     assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
     actions = draw_actions(0, 40, 3)
-    assert_same(uncommanded(fly(env, actions)), fly(plain, passed(actuators, actions).astype(np.float32)))
+    assert_same(
+        uncommanded(run_actions(env, actions)), run_actions(plain, passed(actuators, actions).astype(np.float32))
+    )
 
 
 def test_the_info_tells_thrust_and_torques() -> None:
-    env = ActuatorWrapper(make_bare(), ActionDelay(1))
+    env = ActuatorWrapper(make_unwrapped(), ActionDelay(1))
     _, info = env.reset(seed=0)
     hover = [PAPER.hover_thrust, 0.0, 0.0, 0.0]
     assert_allclose(info["command"], hover)
@@ -80,11 +82,13 @@ def test_the_info_tells_thrust_and_torques() -> None:
 
 @pytest.mark.parametrize("steps", [1, 2, 7])
 def test_a_delayed_flight_is_the_flight_of_shifted_actions_with_hover_before(steps: int) -> None:
-    env, plain = ActuatorWrapper(make_bare(wind=WINDY), ActionDelay(steps)), make_bare(wind=WINDY)
+    env, plain = ActuatorWrapper(make_unwrapped(wind=WINDY), ActionDelay(steps)), make_unwrapped(wind=WINDY)
     actions = draw_actions(0, 30)
     for seed in (0, None):  # nothing is left of the first episode in the second
         assert_same(uncommanded([env.reset(seed=seed)]), [plain.reset(seed=seed)])
-        assert_same(uncommanded(fly(env, actions)), fly(plain, [np.zeros(4)] * steps + list(actions[:-steps])))
+        assert_same(
+            uncommanded(run_actions(env, actions)), run_actions(plain, [np.zeros(4)] * steps + list(actions[:-steps]))
+        )
 
 
 @pytest.mark.parametrize("period", [0.005, 0.02])
@@ -148,7 +152,7 @@ def thrust_and_torques(forces: Floats) -> Floats:
 def test_rotors_push_and_turn_the_body_as_forces_at_their_places_do(action: Floats) -> None:
     """Measured as what a short moment at rest does to momentum and body rates."""
     simulation = Simulation(UNEQUAL, Actuators(roll_pitch_torque=4.0, yaw_torque=0.7), period=1e-4)
-    env = ActuatorWrapper(make_bare(simulation=simulation), Rotors(ARM, DRAG_RATIO))
+    env = ActuatorWrapper(make_unwrapped(simulation=simulation), Rotors(ARM, DRAG_RATIO))
     env.reset(seed=0, options={"state": AT_REST})
     env.step(action)
     p, state = UNEQUAL, env.unwrapped.state  # type: ignore[attr-defined]
@@ -165,9 +169,9 @@ def test_one_rotor_at_full_thrust_turns_the_body_away_from_it() -> None:
 
 
 def test_rotors_at_zero_hover() -> None:
-    env = ActuatorWrapper(make_bare(), Rotors())
+    env = ActuatorWrapper(make_unwrapped(), Rotors())
     env.reset(seed=0, options={"state": AT_REST})
-    fly(env, np.zeros((20, 4)))
+    run_actions(env, np.zeros((20, 4)))
     assert_allclose(env.unwrapped.state.array, np.concatenate(list(AT_REST.values())), atol=1e-12)  # type: ignore[attr-defined]
 
 
@@ -188,7 +192,7 @@ def test_a_weak_rotor_gives_its_part_of_the_thrust_from_its_onset_on(rotor: int)
 
 @pytest.mark.parametrize("onset", [0.0, 0.07, 0.29, 0.57])
 def test_hover_ends_with_the_step_in_which_a_rotor_weakens(onset: float) -> None:
-    env: Any = ActuatorWrapper(make_bare(), [RotorFault(1, 0.9, onset), Rotors()])
+    env: Any = ActuatorWrapper(make_unwrapped(), [RotorFault(1, 0.9, onset), Rotors()])
     env.reset(seed=0, options={"state": AT_REST})
     still = []
     for action in np.zeros((round(onset / PERIOD) + 1, 4)):
@@ -208,17 +212,17 @@ def test_an_action_passes_actuators_in_the_order_in_which_they_stand() -> None:
 
 def test_an_action_passes_the_actuators_of_an_outer_wrapper_first() -> None:
     one, *others = CHAINS["all"]
-    nested = ActuatorWrapper(ActuatorWrapper(make_bare(), others), one)
-    flat = ActuatorWrapper(make_bare(), [one, *others])
+    nested = ActuatorWrapper(ActuatorWrapper(make_unwrapped(), others), one)
+    flat = ActuatorWrapper(make_unwrapped(), [one, *others])
     assert_same(nested.reset(seed=0), flat.reset(seed=0))
     actions = draw_actions(0, 30)
-    assert_same(fly(nested, actions), fly(flat, actions))
+    assert_same(run_actions(nested, actions), run_actions(flat, actions))
 
 
 def test_the_reward_counts_the_effort_that_comes_out_of_the_actuators() -> None:
-    env = ActuatorWrapper(make_bare(), [ActionDelay(1), MotorLag(0.02)])
+    env = ActuatorWrapper(make_unwrapped(), [ActionDelay(1), MotorLag(0.02)])
     env.reset(seed=0)
-    efforts = [info["reward_terms"]["effort"] for *_, info in fly(env, np.full((3, 4), 0.5))]
+    efforts = [info["reward_terms"]["effort"] for *_, info in run_actions(env, np.full((3, 4), 0.5))]
     mean = 0.5 * (1.0 - (0.02 / PERIOD) * (1.0 - np.exp(-PERIOD / 0.02)))  # over the first period that moves
     assert efforts[0] == 1.0
     assert efforts[1] == pytest.approx(1.0 / (1.0 + 4.0 * mean**2), rel=1e-6)
@@ -240,18 +244,18 @@ class Backwards:
 
 
 def test_an_actuator_needs_no_base_class() -> None:
-    env, plain = ActuatorWrapper(make_bare(), Backwards()), make_bare()
+    env, plain = ActuatorWrapper(make_unwrapped(), Backwards()), make_unwrapped()
     assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
     actions = draw_actions(0, 10)
-    assert_same(uncommanded(fly(env, actions)), fly(plain, actions * np.tile([[1.0], [-1.0]], (5, 1))))
+    assert_same(uncommanded(run_actions(env, actions)), run_actions(plain, actions * np.tile([[1.0], [-1.0]], (5, 1))))
 
 
 @cases(BAD_ACTIONS)
 def test_a_bad_action_is_refused_before_the_actuators_have_moved(value: Any, kind: Any, names: str) -> None:
-    env = ActuatorWrapper(make_bare(task=ENDLESS), CHAINS["all"]).unwrapped
+    env = ActuatorWrapper(make_unwrapped(task=ENDLESS), CHAINS["all"]).unwrapped
     env.reset(seed=0)
-    fly(env, draw_actions(0, 5))
-    refused_without_a_trace(env, lambda: env.step(value), names, kind)
+    run_actions(env, draw_actions(0, 5))
+    assert_refused_unchanged(env, lambda: env.step(value), names, kind)
 
 
 @chains
@@ -292,7 +296,7 @@ BAD_MODELS = {
 
 @pytest.mark.parametrize(("call", "names"), BAD_MODELS.values(), ids=BAD_MODELS.keys())
 def test_an_impossible_actuator_is_refused(call: Any, names: str) -> None:
-    refused(call, names, (TypeError, ValueError))
+    assert_refused(call, names, (TypeError, ValueError))
 
 
 BAD_CHAINS: dict[str, tuple[Any, str]] = {
@@ -306,27 +310,29 @@ BAD_CHAINS: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize(("chain", "names"), BAD_CHAINS.values(), ids=BAD_CHAINS.keys())
 def test_actuators_that_make_no_sense_together_are_refused(chain: Any, names: str) -> None:
-    single, rows = make_bare(), make_rows(2)
+    single, rows = make_unwrapped(), make_vec(2)
     single.reset(seed=0), rows.reset(seed=0)
-    refused_without_a_trace(single, lambda: ActuatorWrapper(single, chain), names, ValueError)
-    refused_without_a_trace(rows, lambda: VectorActuatorWrapper(rows, chain), names, ValueError)
+    assert_refused_unchanged(single, lambda: ActuatorWrapper(single, chain), names, ValueError)
+    assert_refused_unchanged(rows, lambda: VectorActuatorWrapper(rows, chain), names, ValueError)
 
 
 def test_wrappers_together_make_sense_or_are_refused() -> None:
-    env = ActuatorWrapper(make_bare(), [MotorLag(), Rotors()])
-    refused(lambda: ActuatorWrapper(copy.deepcopy(env), Rotors()), "only once", ValueError)
-    inside = ActuatorWrapper(make_bare(), MotorLag())
-    refused(lambda: ActuatorWrapper(inside, RotorFault()), "needs rotors", ValueError)
+    env = ActuatorWrapper(make_unwrapped(), [MotorLag(), Rotors()])
+    assert_refused(lambda: ActuatorWrapper(copy.deepcopy(env), Rotors()), "only once", ValueError)
+    inside = ActuatorWrapper(make_unwrapped(), MotorLag())
+    assert_refused(lambda: ActuatorWrapper(inside, RotorFault()), "needs rotors", ValueError)
     ActuatorWrapper(env, RotorFault()).reset(seed=0)
 
 
 def test_arms_may_be_as_long_as_the_torques_allow() -> None:
     """The limit is the nominal weight's: 2 f d with f = W/4 at a full and an empty rotor."""
     limit = 2.0 * 5.0 / Parameters().hover_thrust
-    ActuatorWrapper(make_bare(), Rotors(arm=limit))
-    refused(lambda: ActuatorWrapper(make_bare(), Rotors(arm=1.01 * limit)), "passes the simulation's limit", ValueError)
+    ActuatorWrapper(make_unwrapped(), Rotors(arm=limit))
+    assert_refused(
+        lambda: ActuatorWrapper(make_unwrapped(), Rotors(arm=1.01 * limit)), "passes the simulation's limit", ValueError
+    )
     raised = Simulation(actuators=Actuators(roll_pitch_torque=6.0))
-    ActuatorWrapper(make_bare(simulation=raised), Rotors(arm=1.01 * limit))
+    ActuatorWrapper(make_unwrapped(simulation=raised), Rotors(arm=1.01 * limit))
 
 
 @dataclass(frozen=True)
@@ -343,11 +349,11 @@ class Shaky:
 
 
 def test_an_actuator_put_before_leaves_the_random_numbers_of_the_others_alone() -> None:
-    alone = ActuatorWrapper(make_bare(), Shaky())
-    behind = ActuatorWrapper(ActuatorWrapper(make_bare(), Shaky()), MotorLag())
+    alone = ActuatorWrapper(make_unwrapped(), Shaky())
+    behind = ActuatorWrapper(ActuatorWrapper(make_unwrapped(), Shaky()), MotorLag())
     for env in (alone, behind):
         env.reset(seed=0)
-    assert_same(fly(behind, draw_actions(0, 5)), fly(alone, draw_actions(0, 5)))
+    assert_same(run_actions(behind, draw_actions(0, 5)), run_actions(alone, draw_actions(0, 5)))
 
 
 def test_models_of_numpy_numbers_are_plain_data() -> None:

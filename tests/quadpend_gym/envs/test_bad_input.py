@@ -34,12 +34,12 @@ from tests.helpers.bad_input import (
     ROWS,
     ZEROS,
     Table,
+    assert_refused,
+    assert_refused_unchanged,
     cases,
     in_row,
-    refused,
-    refused_without_a_trace,
 )
-from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, fly, make, make_bare, make_rows
+from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make, make_unwrapped, make_vec, run_actions
 
 BAD_ROW_ACTIONS: Table = {
     "nan in the first row": (in_row(0, NAN, 0, 0, 0), ValueError, "action of row 0 .*nan"),
@@ -106,59 +106,59 @@ BAD_ROW_SEEDS = {
 @pytest.fixture
 def single() -> Any:
     """A windy environment in mid-episode."""
-    env = make_bare(wind=WINDY, task=ENDLESS)
+    env = make_unwrapped(wind=WINDY, task=ENDLESS)
     env.reset(seed=1)
-    fly(env, draw_actions(0, 5))
+    run_actions(env, draw_actions(0, 5))
     return env
 
 
 @pytest.fixture
 def rows() -> Any:
     """A windy vector environment in mid-episode."""
-    env = make_rows(ROWS, wind=WINDY)
+    env = make_vec(ROWS, wind=WINDY)
     env.reset(seed=1)
-    fly(env, draw_actions(0, 5, ROWS))
+    run_actions(env, draw_actions(0, 5, ROWS))
     return env
 
 
 @cases(BAD_ACTIONS)
 def test_a_bad_action_is_refused(single: Any, value: Any, kind: Any, names: str) -> None:
-    refused_without_a_trace(single, lambda: single.step(value), names, kind)
+    assert_refused_unchanged(single, lambda: single.step(value), names, kind)
 
 
 @cases(BAD_ROW_ACTIONS)
 def test_a_bad_action_in_a_row_is_refused(rows: Any, value: Any, kind: Any, names: str) -> None:
-    refused_without_a_trace(rows, lambda: rows.step(value), names, kind)
+    assert_refused_unchanged(rows, lambda: rows.step(value), names, kind)
 
 
 @pytest.mark.parametrize("seed", [None, 9])
 @cases(BAD_OPTIONS)
 def test_a_bad_option_is_refused(single: Any, seed: Any, value: Any, kind: Any, names: str) -> None:
-    refused_without_a_trace(single, lambda: single.reset(seed=seed, options=value), names, kind)
+    assert_refused_unchanged(single, lambda: single.reset(seed=seed, options=value), names, kind)
 
 
 @pytest.mark.parametrize("seed", [None, 9, [7, 8, 9]])
 @cases({**BAD_OPTIONS, **BAD_ROW_OPTIONS})
 def test_a_bad_option_for_many_rows_is_refused(rows: Any, seed: Any, value: Any, kind: Any, names: str) -> None:
-    refused_without_a_trace(rows, lambda: rows.reset(seed=seed, options=value), names, kind)
+    assert_refused_unchanged(rows, lambda: rows.reset(seed=seed, options=value), names, kind)
 
 
 @pytest.mark.parametrize("seed", BAD_SEEDS.values(), ids=BAD_SEEDS.keys())
 def test_a_bad_seed_is_refused(single: Any, seed: Any) -> None:
     options = {"state": {"position": (9.0, 9.0, 9.0)}}
-    refused_without_a_trace(single, lambda: single.reset(seed=seed, options=options), "(?i)seed")
+    assert_refused_unchanged(single, lambda: single.reset(seed=seed, options=options), "(?i)seed")
 
 
 @pytest.mark.parametrize("seed", BAD_ROW_SEEDS.values(), ids=BAD_ROW_SEEDS.keys())
 def test_a_bad_seed_for_many_rows_is_refused(rows: Any, seed: Any) -> None:
     options = {"state": {"position": (9.0, 9.0, 9.0)}}
-    refused_without_a_trace(rows, lambda: rows.reset(seed=seed, options=options), "(?i)seed")
+    assert_refused_unchanged(rows, lambda: rows.reset(seed=seed, options=options), "(?i)seed")
 
 
 def test_a_bad_option_before_the_first_reset_leaves_no_trace_either() -> None:
-    env, fresh = make_rows(ROWS), make_rows(ROWS)
-    refused(lambda: env.reset(seed=5, options={"state": {"height": 1.0}}), "height")
-    refused(lambda: env.step(ZEROS), "call reset", ResetNeeded)
+    env, fresh = make_vec(ROWS), make_vec(ROWS)
+    assert_refused(lambda: env.reset(seed=5, options={"state": {"height": 1.0}}), "height")
+    assert_refused(lambda: env.step(ZEROS), "call reset", ResetNeeded)
     assert_same(env.reset(seed=[1, 2, 3]), fresh.reset(seed=[1, 2, 3]))
 
 
@@ -190,13 +190,13 @@ BAD_ROW_ARGUMENTS: Table = {
 @pytest.mark.filterwarnings("ignore:.*render_mode")
 @cases(BAD_ARGUMENTS)
 def test_a_bad_argument_is_refused(value: Any, kind: Any, names: str) -> None:
-    refused(lambda: make(**value), names, kind)
-    refused(lambda: make_rows(2, **value), names, kind)
+    assert_refused(lambda: make(**value), names, kind)
+    assert_refused(lambda: make_vec(2, **value), names, kind)
 
 
 @cases(BAD_ROW_ARGUMENTS)
 def test_a_bad_argument_of_a_vector_env_is_refused(value: Any, kind: Any, names: str) -> None:
-    refused(lambda: make_rows(**{"num_envs": 2, **value}), names, kind)
+    assert_refused(lambda: make_vec(**{"num_envs": 2, **value}), names, kind)
 
 
 IMPOSSIBLE: list[tuple[Callable[..., Any], dict[str, Any]]] = [
@@ -234,7 +234,7 @@ IMPOSSIBLE: list[tuple[Callable[..., Any], dict[str, Any]]] = [
 
 @pytest.mark.parametrize(("kind", "value"), IMPOSSIBLE, ids=[f"{kind.__name__}({value})" for kind, value in IMPOSSIBLE])
 def test_an_impossible_setting_is_refused(kind: Callable[..., Any], value: dict[str, Any]) -> None:
-    refused(lambda: kind(**value), next(iter(value)), (TypeError, ValueError))
+    assert_refused(lambda: kind(**value), next(iter(value)), (TypeError, ValueError))
 
 
 @pytest.mark.parametrize(
@@ -245,45 +245,47 @@ def test_an_impossible_setting_is_refused(kind: Callable[..., Any], value: dict[
     ],
 )
 def test_weights_must_not_all_be_zero(kind: Any, weights: dict[str, float]) -> None:
-    refused(lambda: kind(**weights), "above zero", ValueError)
+    assert_refused(lambda: kind(**weights), "above zero", ValueError)
 
 
 def test_members_of_a_sum_must_be_models() -> None:
-    refused(lambda: Sum((Constant(), 3.0)), "wind must be a wind model,.* not 3.0", TypeError)
-    refused(lambda: Constant() + "gust", "no wind 'gust'; there are calm", ValueError)
+    assert_refused(lambda: Sum((Constant(), 3.0)), "wind must be a wind model,.* not 3.0", TypeError)
+    assert_refused(lambda: Constant() + "gust", "no wind 'gust'; there are calm", ValueError)
 
 
 def test_a_step_before_the_first_reset_is_refused() -> None:
-    refused(lambda: make_bare().step(np.zeros(4)), "call reset before step", ResetNeeded)
-    env = make_rows(ROWS)
+    assert_refused(lambda: make_unwrapped().step(np.zeros(4)), "call reset before step", ResetNeeded)
+    env = make_vec(ROWS)
     env.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
-    refused(lambda: env.step(ZEROS), "row 1 .* call reset before step", ResetNeeded)
+    assert_refused(lambda: env.step(ZEROS), "row 1 .* call reset before step", ResetNeeded)
 
 
 def test_wind_that_is_added_in_mid_episode_asks_for_a_reset(single: Any, rows: Any) -> None:
-    refused(lambda: WindWrapper(single, Constant()).step(np.zeros(4)), "call reset before step", ResetNeeded)
-    refused(lambda: VectorWindWrapper(rows, Constant()).step(ZEROS), "call reset before step", ResetNeeded)
+    assert_refused(lambda: WindWrapper(single, Constant()).step(np.zeros(4)), "call reset before step", ResetNeeded)
+    assert_refused(lambda: VectorWindWrapper(rows, Constant()).step(ZEROS), "call reset before step", ResetNeeded)
 
 
 def test_wind_blows_in_these_environments_only() -> None:
-    refused(lambda: WindWrapper(gym.make("CartPole-v1"), Constant()), "QuadPendulum", TypeError)
-    refused(lambda: VectorWindWrapper(gym.make_vec("CartPole-v1"), Constant()), "QuadPendulum", TypeError)
+    assert_refused(lambda: WindWrapper(gym.make("CartPole-v1"), Constant()), "QuadPendulum", TypeError)
+    assert_refused(lambda: VectorWindWrapper(gym.make_vec("CartPole-v1"), Constant()), "QuadPendulum", TypeError)
 
 
 def test_bad_wind_in_a_wrapper_leaves_the_environment_as_it_was(single: Any, rows: Any) -> None:
-    refused_without_a_trace(single, lambda: WindWrapper(single, "gale"), "no wind 'gale'")
-    refused_without_a_trace(rows, lambda: VectorWindWrapper(rows, {"kind": "gale"}), "no kind 'gale'")
+    assert_refused_unchanged(single, lambda: WindWrapper(single, "gale"), "no wind 'gale'")
+    assert_refused_unchanged(rows, lambda: VectorWindWrapper(rows, {"kind": "gale"}), "no kind 'gale'")
 
 
 def test_a_row_that_has_ended_cannot_be_stepped_when_autoreset_is_disabled() -> None:
-    env = make_rows(ROWS, wind=WINDY, autoreset_mode="Disabled", max_episode_steps=5)
+    env = make_vec(ROWS, wind=WINDY, autoreset_mode="Disabled", max_episode_steps=5)
     env.reset(seed=0)
-    fly(env, np.zeros((4, ROWS, 4)))
+    run_actions(env, np.zeros((4, ROWS, 4)))
     env.reset(options={"reset_mask": np.array([True, False, False])})
     env.step(ZEROS)
     env.reset(options={"reset_mask": np.array([True, False, False])})
     twin = copy.deepcopy(env)
-    refused(lambda: env.step(ZEROS), re.escape("row 1 is over: reset it with options={'reset_mask'"), ResetNeeded)
+    assert_refused(
+        lambda: env.step(ZEROS), re.escape("row 1 is over: reset it with options={'reset_mask'"), ResetNeeded
+    )
     for other in (env, twin):
         other.reset(options={"reset_mask": np.array([False, True, True])})
-    assert_same(fly(env, np.zeros((3, ROWS, 4))), fly(twin, np.zeros((3, ROWS, 4))))
+    assert_same(run_actions(env, np.zeros((3, ROWS, 4))), run_actions(twin, np.zeros((3, ROWS, 4))))

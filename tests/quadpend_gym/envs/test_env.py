@@ -21,10 +21,10 @@ from tests.helpers.envs import (
     WINDY,
     assert_same,
     draw_actions,
-    fly,
     make,
-    make_bare,
-    make_rows,
+    make_unwrapped,
+    make_vec,
+    run_actions,
 )
 
 MOVING = Reference(
@@ -63,35 +63,39 @@ def test_make_vec_gives_the_native_vector_class(name: str) -> None:
 def test_a_copy_in_mid_episode_continues_identically(clone: Callable[[Any], Any]) -> None:
     env = make(wind=WINDY, max_episode_steps=30)
     env.reset(seed=5)
-    fly(env, draw_actions(0, 10))
+    run_actions(env, draw_actions(0, 10))
     twin = clone(env)
     actions = draw_actions(1, 20)
-    assert_same(fly(twin, actions), fly(env, actions))
+    assert_same(run_actions(twin, actions), run_actions(env, actions))
     assert_same(twin.reset(), env.reset())
 
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
 def test_a_copy_of_many_rows_continues_identically_across_autoresets(clone: Callable[[Any], Any], mode: str) -> None:
-    env = make_rows(7, wind=WINDY, max_episode_steps=15, autoreset_mode=mode)
+    env = make_vec(7, wind=WINDY, max_episode_steps=15, autoreset_mode=mode)
     env.reset(seed=5)
-    fly(env, draw_actions(0, 10, 7))
+    run_actions(env, draw_actions(0, 10, 7))
     twin = clone(env)
     actions = draw_actions(1, 20, 7)
-    assert_same(fly(twin, actions), fly(env, actions))
+    assert_same(run_actions(twin, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])
 @pytest.mark.parametrize("rows", [None, 3], ids=["single", "vector"])
 def test_returned_data_belongs_to_the_caller(rows: int | None, wind: Any) -> None:
     """Nothing writes into it later, and what the caller writes into it does not reach the environment."""
-    env: Any = make_rows(3, wind=wind, max_episode_steps=8, autoreset_mode="SameStep") if rows else make(wind=wind)
+    env: Any = make_vec(3, wind=wind, max_episode_steps=8, autoreset_mode="SameStep") if rows else make(wind=wind)
     steps = (5, rows) if rows else (5,)
-    returned = [env.reset(seed=0), *fly(env, draw_actions(0, *steps)), *fly(env, draw_actions(1, *steps))]
+    returned = [
+        env.reset(seed=0),
+        *run_actions(env, draw_actions(0, *steps)),
+        *run_actions(env, draw_actions(1, *steps)),
+    ]
     kept, twin = copy.deepcopy(returned), copy.deepcopy(env)
-    after = fly(twin, draw_actions(2, *steps)), twin.reset()
+    after = run_actions(twin, draw_actions(2, *steps)), twin.reset()
     overwrite(returned)
-    assert_same((fly(env, draw_actions(2, *steps)), env.reset()), after)
+    assert_same((run_actions(env, draw_actions(2, *steps)), env.reset()), after)
     overwrite(kept)
     assert_same(returned, kept)
 
@@ -106,16 +110,16 @@ def overwrite(data: Any) -> None:
 
 
 def test_zero_action_is_hover() -> None:
-    env = make_bare()
+    env = make_unwrapped()
     env.reset(seed=0, options={"state": AT_REST, "reference": Reference.hover()})
-    fly(env, np.zeros((50, 4)))
+    run_actions(env, np.zeros((50, 4)))
     assert_allclose(env.state.array, np.concatenate(list(AT_REST.values())), atol=1e-12)
 
 
 @pytest.mark.parametrize("thrust", [-1.0, -0.5, 0.25, 1.0])
 def test_thrust_is_hover_thrust_times_one_plus_action(thrust: float) -> None:
     """Upright and at rest, the weight is balanced by 1, so a₀ g is the acceleration."""
-    env = make_bare()
+    env = make_unwrapped()
     env.reset(seed=0, options={"state": AT_REST})
     env.step((thrust, 0.0, 0.0, 0.0))
     assert_allclose(env.state.velocity, (0.0, 0.0, thrust * PARAMETERS.gravity * 0.01), atol=1e-12)
@@ -123,7 +127,7 @@ def test_thrust_is_hover_thrust_times_one_plus_action(thrust: float) -> None:
 
 @pytest.mark.parametrize(("component", "full_torque"), [(1, 5.0), (2, 5.0), (3, 1.0)])
 def test_torques_reach_their_documented_limit(component: int, full_torque: float) -> None:
-    env = make_bare()
+    env = make_unwrapped()
     env.reset(seed=0, options={"state": AT_REST})
     action = np.zeros(4)
     action[component] = -1.0
@@ -135,7 +139,7 @@ def test_torques_reach_their_documented_limit(component: int, full_torque: float
 
 @pytest.mark.parametrize("name", STATE_FIELDS)
 def test_a_reset_sets_the_state_field_it_is_told_and_draws_the_rest(name: str) -> None:
-    env = make_bare()
+    env = make_unwrapped()
     env.reset(seed=4)
     drawn = env.state.array.copy()
     value = {"direction": (0.6, 0.0, 0.8), "direction_rate": (0.0, 0.0, 0.0)}.get(name, (0.3, -0.2, 0.1))
@@ -146,14 +150,14 @@ def test_a_reset_sets_the_state_field_it_is_told_and_draws_the_rest(name: str) -
 
 
 def test_a_set_direction_is_normalised_and_its_rate_made_perpendicular() -> None:
-    env = make_bare()
+    env = make_unwrapped()
     env.reset(seed=4, options={"state": {"direction": (3.0, 0.0, 4.0), "direction_rate": (1.0, 2.0, 0.0)}})
     assert_allclose(env.state.direction, (0.6, 0.0, 0.8), atol=1e-15)
     assert_allclose(env.state.direction_rate, (0.64, 2.0, -0.48), atol=1e-15)
 
 
 def test_a_reset_fixes_the_reference_and_draws_the_same_deviation_from_it() -> None:
-    env = make_bare()
+    env = make_unwrapped()
     env.reset(seed=4, options={"reference": Reference.hover(x=0.5)})
     here = env.state.array.copy()
     env.reset(seed=4, options={"reference": {"offset": [1.5, 0.0, 3.0, 0.0]}})
@@ -163,7 +167,7 @@ def test_a_reset_fixes_the_reference_and_draws_the_same_deviation_from_it() -> N
 
 
 def test_rows_of_a_vector_env_can_have_starts_and_references_of_their_own() -> None:
-    env = make_rows(3)
+    env = make_vec(3)
     positions = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.0, 2.0]])
     references = [Reference.hover(x=float(row)) for row in range(3)]
     env.reset(seed=0, options={"state": {"position": positions}, "reference": references})
@@ -179,9 +183,9 @@ def test_an_option_holds_for_one_episode_only() -> None:
 
 
 def test_observation_fields_are_the_documented_quantities() -> None:
-    env = make_bare()
+    env = make_unwrapped()
     env.reset(seed=7, options={"reference": MOVING})
-    observation = fly(env, draw_actions(7, 25))[-1][0]
+    observation = run_actions(env, draw_actions(7, 25))[-1][0]
     s, d = env.state, MOVING.derivatives(0.25)
     expected: dict[str, Any] = {
         "tracking_error": [*(s.position + ROD * s.direction)[:2] - d[0, :2], s.position[2] - d[0, 2]],
@@ -199,21 +203,21 @@ def test_observation_fields_are_the_documented_quantities() -> None:
 
 
 def test_observations_of_gentle_flight_are_of_order_one() -> None:
-    observation, _ = make_rows(500).reset(seed=0)
+    observation, _ = make_vec(500).reset(seed=0)
     assert 0.5 < np.abs(observation).max() < 3.0
 
 
 def test_info_measures_the_state_it_comes_with() -> None:
-    env = make_bare(wind=WINDY)
+    env = make_unwrapped(wind=WINDY)
     env.reset(seed=7)
-    observation, _, _, _, info = fly(env, draw_actions(7, 25))[-1]
+    observation, _, _, _, info = run_actions(env, draw_actions(7, 25))[-1]
     assert_allclose(info["tracking_error"], read_observation(observation, "tracking_error"), rtol=1e-6, atol=1e-7)
     assert_allclose(info["tilt"], env.state.alpha, rtol=1e-12)
     assert info["disturbance"].shape == (9,)
 
 
 def test_tilt_is_exact_from_upright_to_hanging() -> None:
-    env = make_bare()
+    env = make_unwrapped()
     for angle in (0.0, 1e-9, 0.1, 1.0, 2.0, np.pi):
         direction = (np.sin(angle), 0.0, np.cos(angle))
         _, info = env.reset(seed=0, options={"state": {"direction": direction}})
@@ -221,7 +225,7 @@ def test_tilt_is_exact_from_upright_to_hanging() -> None:
 
 
 def test_info_has_the_same_keys_in_a_vector_env() -> None:
-    env, rows = make(), make_rows(2)
+    env, rows = make(), make_vec(2)
     _, single = env.reset(seed=0)
     _, vector = rows.reset(seed=0)
     assert {*single, *(f"_{key}" for key in single)} == vector.keys()
@@ -240,4 +244,4 @@ def test_resets_without_a_seed_go_on_to_new_episodes_and_a_seed_begins_anew() ->
 
 def test_environments_without_a_seed_differ() -> None:
     assert not np.array_equal(make().reset()[0], make().reset()[0])
-    assert not np.array_equal(make_rows(2).reset()[0], make_rows(2).reset()[0])
+    assert not np.array_equal(make_vec(2).reset()[0], make_vec(2).reset()[0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadpend_gym import Constant, Limits, QuadPendulumVectorEnv, Reference, Task
-from tests.helpers.envs import AT_REST, ENDLESS, fly, make, make_bare, make_rows
+from tests.helpers.envs import AT_REST, ENDLESS, make, make_unwrapped, make_vec, run_actions
 
 HANGING = {"direction": (0.0, 0.0, -1.0)}
 
@@ -28,7 +28,7 @@ def at(x: float, y: float, z: float) -> dict[str, Any]:
 
 def ends(start: dict[str, Any], task: Task | str = "track") -> bool:
     """Whether a step from rest, but for `start`, at the hovering point terminates the episode."""
-    env = make_bare(task=task)
+    env = make_unwrapped(task=task)
     env.reset(seed=0, options={"state": {**AT_REST, **start}, "reference": Reference.hover()})
     _, _, terminated, truncated, _ = env.step(np.zeros(4))
     assert not truncated
@@ -67,9 +67,9 @@ def test_nothing_ends_an_episode_without_limits() -> None:
 
 @pytest.mark.parametrize("wind", [{"force": 1e12}, {"bob_force": 1e12}, {"torque": 1e12}, {"force": 1e300}])
 def test_a_diverging_state_terminates_and_the_observation_stays_finite(wind: dict[str, float]) -> None:
-    env = make_bare(task=ENDLESS, wind=Constant(**wind))
+    env = make_unwrapped(task=ENDLESS, wind=Constant(**wind))
     env.reset(seed=0)
-    for observation, reward, terminated, _, _ in fly(env, np.zeros((3, 4))):
+    for observation, reward, terminated, _, _ in run_actions(env, np.zeros((3, 4))):
         assert terminated
         assert env.observation_space.contains(observation)
         assert 0.0 <= reward <= 1.0
@@ -77,8 +77,8 @@ def test_a_diverging_state_terminates_and_the_observation_stays_finite(wind: dic
 
 
 def test_a_diverging_row_leaves_the_others_alone() -> None:
-    rows = make_rows(3, task=ENDLESS, autoreset_mode="Disabled")
-    calm = make_rows(3, task=ENDLESS, autoreset_mode="Disabled")
+    rows = make_vec(3, task=ENDLESS, autoreset_mode="Disabled")
+    calm = make_vec(3, task=ENDLESS, autoreset_mode="Disabled")
     fast = np.zeros((3, 3))
     fast[1] = 9e5
     rows.reset(seed=0, options={"state": {"velocity": fast}})
@@ -96,19 +96,19 @@ def endings(env: Any, steps: int) -> list[tuple[bool, bool]]:
     return [tuple(bool(np.ravel(flag)[0]) for flag in env.step(action)[2:4]) for _ in range(steps)]  # type: ignore[misc]
 
 
-@pytest.mark.parametrize("env", [make, lambda **kwargs: make_rows(2, **kwargs)], ids=["single", "vector"])
+@pytest.mark.parametrize("env", [make, lambda **kwargs: make_vec(2, **kwargs)], ids=["single", "vector"])
 def test_an_episode_is_truncated_after_1000_steps_and_not_terminated(env: Any) -> None:
     assert endings(env(task=ENDLESS), 1000) == [(False, False)] * 999 + [(False, True)]
 
 
-@pytest.mark.parametrize("env", [make, lambda **kwargs: make_rows(2, **kwargs)], ids=["single", "vector"])
+@pytest.mark.parametrize("env", [make, lambda **kwargs: make_vec(2, **kwargs)], ids=["single", "vector"])
 def test_termination_is_not_truncation(env: Any) -> None:
     flags = endings(env(), 200)
     steps = flags.index((True, False)) + 1
     assert flags[: steps - 1] == [(False, False)] * (steps - 1)
 
 
-@pytest.mark.parametrize("env", [make, lambda **kwargs: make_rows(2, **kwargs)], ids=["single", "vector"])
+@pytest.mark.parametrize("env", [make, lambda **kwargs: make_vec(2, **kwargs)], ids=["single", "vector"])
 def test_an_episode_can_end_in_both_ways_at_once(env: Any) -> None:
     steps = endings(env(), 200).index((True, False)) + 1
     assert endings(env(max_episode_steps=steps), steps)[-1] == (True, True)

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from quadpend_gym import Constant, OrnsteinUhlenbeck, PaperGusts, Sinusoid
 from quadpend_gym.core.arrays import Floats32
-from tests.helpers.envs import ENDLESS, assert_same, draw_actions, fly, make_bare, make_rows
+from tests.helpers.envs import ENDLESS, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 
 STEPS, ROWS = 40, 5
 unhurried = settings(deadline=None, max_examples=100)
@@ -37,9 +37,9 @@ winds = st.one_of(
 def test_observations_are_finite_and_rewards_between_zero_and_one(
     actions: Floats32, seed: int, wind: Any, task: Any
 ) -> None:
-    env = make_rows(ROWS, wind=wind, task=task)
+    env = make_vec(ROWS, wind=wind, task=task)
     assert env.observation_space.contains(env.reset(seed=seed)[0])
-    for observation, reward, *_, info in fly(env, actions):
+    for observation, reward, *_, info in run_actions(env, actions):
         assert env.observation_space.contains(observation)
         assert np.isfinite(observation).all()
         assert ((reward >= 0.0) & (reward <= 1.0)).all()
@@ -50,9 +50,9 @@ def test_observations_are_finite_and_rewards_between_zero_and_one(
 @unhurried
 @given(actions=action_sequences, seed=seeds, wind=winds)
 def test_the_pendulum_keeps_its_length(actions: Floats32, seed: int, wind: Any) -> None:
-    env = make_rows(ROWS, wind=wind)
+    env = make_vec(ROWS, wind=wind)
     env.reset(seed=seed)
-    fly(env, actions)
+    run_actions(env, actions)
     direction, rate = env.state.direction, env.state.direction_rate
     np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1.0, rtol=1e-12)
     np.testing.assert_allclose(
@@ -63,15 +63,18 @@ def test_the_pendulum_keeps_its_length(actions: Floats32, seed: int, wind: Any) 
 @unhurried
 @given(actions=action_sequences, seed=seeds, wind=winds)
 def test_the_same_seed_and_actions_give_the_same_bits(actions: Floats32, seed: int, wind: Any) -> None:
-    one, other = make_rows(ROWS, wind=wind), make_rows(ROWS, wind=wind)
+    one, other = make_vec(ROWS, wind=wind), make_vec(ROWS, wind=wind)
     assert_same(one.reset(seed=seed), other.reset(seed=seed))
-    assert_same(fly(one, actions), fly(other, actions))
+    assert_same(run_actions(one, actions), run_actions(other, actions))
 
 
 @unhurried
 @given(actions=action_sequences, seed=seeds, wind=winds)
 def test_one_row_is_the_single_environment(actions: Floats32, seed: int, wind: Any) -> None:
-    env, rows = make_bare(wind=wind), make_rows(ROWS, wind=wind, autoreset_mode="Disabled", max_episode_steps=STEPS + 1)
+    env, rows = (
+        make_unwrapped(wind=wind),
+        make_vec(ROWS, wind=wind, autoreset_mode="Disabled", max_episode_steps=STEPS + 1),
+    )
     env.reset(seed=seed + 2)
     rows.reset(seed=seed)
     for action in actions:
@@ -85,5 +88,5 @@ def test_one_row_is_the_single_environment(actions: Floats32, seed: int, wind: A
 @unhurried
 @given(seed=seeds)
 def test_seeds_that_differ_give_episodes_that_differ(seed: int) -> None:
-    starts = make_rows(ROWS).reset(seed=seed)[0]
+    starts = make_vec(ROWS).reset(seed=seed)[0]
     assert len({start.tobytes() for start in starts}) == ROWS

@@ -21,10 +21,10 @@ from tests.helpers.envs import (
     WINDY,
     assert_same,
     draw_actions,
-    fly,
     make,
-    make_bare,
-    make_rows,
+    make_unwrapped,
+    make_vec,
+    run_actions,
 )
 from tests.helpers.viewer import assert_picture
 from tests.helpers.wrappers import make_wrapped
@@ -43,9 +43,9 @@ def snapshots(env: Any) -> list[Any]:
 
 
 def test_a_snapshot_tells_what_the_info_tells() -> None:
-    env = make_bare(wind=WINDY, render_mode="rgb_array")
+    env = make_unwrapped(wind=WINDY, render_mode="rgb_array")
     env.reset(seed=2)
-    flight = fly(env, draw_actions(2, 12))
+    flight = run_actions(env, draw_actions(2, 12))
     (seen,), info = snapshots(env), flight[-1][4]
     assert_allclose(seen.time, 0.12)
     assert_array_equal(seen.state.array, env.state.array)
@@ -57,7 +57,7 @@ def test_a_snapshot_tells_what_the_info_tells() -> None:
 
 
 def test_the_trail_is_the_bob_s_way_in_the_last_two_seconds_of_the_episode() -> None:
-    env = make_bare(task=ENDLESS, render_mode="rgb_array")
+    env = make_unwrapped(task=ENDLESS, render_mode="rgb_array")
     for seed, steps in ((0, 30), (1, PAST + 50)):
         env.reset(seed=seed)
         way = [snapshots(env)[0].bob]
@@ -81,9 +81,9 @@ def test_behind_actuators_and_with_drawn_parameters_what_is_true_is_shown() -> N
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 def test_a_row_that_was_reset_shows_its_new_episode(mode: str) -> None:
-    env = make_rows(3, render_mode="rgb_array", max_episode_steps=5, autoreset_mode=mode)
+    env = make_vec(3, render_mode="rgb_array", max_episode_steps=5, autoreset_mode=mode)
     env.reset(seed=0)
-    fly(env, draw_actions(0, 5 if mode == "SameStep" else 6, 3))
+    run_actions(env, draw_actions(0, 5 if mode == "SameStep" else 6, 3))
     for seen in snapshots(env):
         assert (seen.time, seen.episode_return, len(seen.trail)) == (0.0, 0.0, 1)
         assert_array_equal(seen.focus, seen.state.position)
@@ -91,12 +91,12 @@ def test_a_row_that_was_reset_shows_its_new_episode(mode: str) -> None:
 
 
 def test_a_row_is_seen_as_the_single_environment_is() -> None:
-    env, rows = make(wind=WINDY, render_mode="rgb_array"), make_rows(4, wind=WINDY, render_mode="rgb_array")
+    env, rows = make(wind=WINDY, render_mode="rgb_array"), make_vec(4, wind=WINDY, render_mode="rgb_array")
     env.reset(seed=12)
     rows.reset(seed=10)
     actions = draw_actions(0, 8, 4)
-    fly(env, actions[:, 2])
-    fly(rows, actions)
+    run_actions(env, actions[:, 2])
+    run_actions(rows, actions)
     assert_array_equal(rows.render()[2], env.render())
 
 
@@ -106,7 +106,7 @@ def test_the_picture_depends_on_the_episode_alone() -> None:
     for before, looks in ((0, False), (0, True), (7, False)):
         env = make(wind=WINDY, render_mode="rgb_array")
         env.reset(seed=9)
-        fly(env, draw_actions(1, before))
+        run_actions(env, draw_actions(1, before))
         env.reset(seed=4)
         for action in draw_actions(4, 10):
             env.step(action)
@@ -122,7 +122,7 @@ def test_a_copy_of_what_was_looked_at_continues_identically(clone: Callable[[Any
     env = shown()
     env.render()
     twin = clone(env)
-    assert_same(fly(twin, draw_actions(0, 5)), fly(env, draw_actions(0, 5)))
+    assert_same(run_actions(twin, draw_actions(0, 5)), run_actions(env, draw_actions(0, 5)))
     assert_array_equal(twin.render(), env.render())
 
 
@@ -141,7 +141,7 @@ def test_wind_added_later_leaves_the_last_picture_until_the_next_reset() -> None
     windy = WindWrapper(env, "windy")
     assert_array_equal(windy.render(), last)
     windy.reset(seed=0)
-    fly(windy, np.zeros((3, 4)))
+    run_actions(windy, np.zeros((3, 4)))
     assert_picture(windy.render())
 
 
@@ -165,7 +165,7 @@ def test_there_is_a_picture_of_every_state(options: dict[str, Any], monkeypatch:
     lines: list[Any] = []
     draw = scene.line
     monkeypatch.setattr(scene, "line", lambda *arguments: (lines.append(1), draw(*arguments)))
-    env = make_bare(task=ENDLESS, wind=WINDY, render_mode="rgb_array")
+    env = make_unwrapped(task=ENDLESS, wind=WINDY, render_mode="rgb_array")
     env.reset(seed=0, options=options)
     assert_picture(env.render())
     env.step(np.ones(4))

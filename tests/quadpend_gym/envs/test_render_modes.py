@@ -20,9 +20,18 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from quadpend_gym import QuadPendulumEnv, QuadPendulumVectorEnv, Reference
 from quadpend_gym.viewer.picture import Picture, pixels
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from tests.helpers.envs import AUTORESET_MODES, WINDY, assert_same, draw_actions, fly, make, make_bare, make_rows
+from tests.helpers.envs import (
+    AUTORESET_MODES,
+    WINDY,
+    assert_same,
+    draw_actions,
+    make,
+    make_unwrapped,
+    make_vec,
+    run_actions,
+)
 from tests.helpers.viewer import assert_picture, still
-from tests.helpers.wrappers import SHORT, STACKS, lopsided_actions, make_wrapped, make_wrapped_rows
+from tests.helpers.wrappers import SHORT, STACKS, biased_actions, make_wrapped, make_wrapped_vec
 
 stacks = pytest.mark.parametrize("layers", STACKS.values(), ids=STACKS.keys())
 modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
@@ -45,9 +54,9 @@ def test_a_single_environment_renders_an_array() -> None:
 @modes
 @pytest.mark.parametrize("rows", [1, 9])
 def test_a_vector_environment_renders_an_array_for_each_row(rows: int, mode: str) -> None:
-    env = make_rows(rows, render_mode="rgb_array", autoreset_mode=mode, **SHORT)
+    env = make_vec(rows, render_mode="rgb_array", autoreset_mode=mode, **SHORT)
     env.reset(seed=0)
-    for actions in lopsided_actions(30, rows):
+    for actions in biased_actions(30, rows):
         ended = np.logical_or(*env.step(actions)[2:4])
         if mode == "Disabled" and ended.any():
             env.reset(options={"reset_mask": ended})
@@ -60,13 +69,13 @@ def test_a_vector_environment_renders_an_array_for_each_row(rows: int, mode: str
 
 @pytest.mark.parametrize("rows", [1, 2, 9, 100])
 def test_a_mosaic_is_one_array(rows: int) -> None:
-    env = make_rows(rows, render_mode="mosaic")
+    env = make_vec(rows, render_mode="mosaic")
     env.reset(seed=0)
     assert_picture(env.render())
 
 
 def test_a_mosaic_has_a_tile_for_each_row() -> None:
-    env = make_rows(4, render_mode="mosaic")
+    env = make_vec(4, render_mode="mosaic")
     env.reset(seed=0, options={"reference": [Reference.hover(), *[Reference.circle(1.0, 1.0)] * 3]})
     before = env.render()
     env.reset(options={"reset_mask": np.array([False, False, False, True])})
@@ -99,9 +108,9 @@ def test_a_render_mode_changes_no_number(mode: str) -> None:
 @pytest.mark.parametrize("render_mode", ["rgb_array", "mosaic"])
 def test_a_render_mode_changes_no_number_of_many_rows(render_mode: str, mode: str) -> None:
     settings = {"wind": WINDY, "autoreset_mode": mode, **SHORT}
-    one, other = make_rows(7, render_mode=render_mode, **settings), make_rows(7, **settings)
+    one, other = make_vec(7, render_mode=render_mode, **settings), make_vec(7, **settings)
     assert_same(one.reset(seed=3), other.reset(seed=3))
-    for i, actions in enumerate(lopsided_actions(45, 7)):
+    for i, actions in enumerate(biased_actions(45, 7)):
         step = other.step(actions)
         assert_same(one.step(actions), step)
         ended = step[2] | step[3]
@@ -116,27 +125,31 @@ def test_a_render_mode_changes_no_number_of_many_rows(render_mode: str, mode: st
 def test_wrapped_environments_render_and_keep_their_numbers(layers: Any) -> None:
     one, other = make_wrapped(layers, render_mode="rgb_array"), make_wrapped(layers)
     assert_same(one.reset(seed=1), other.reset(seed=1))
-    assert_same(fly(one, draw_actions(1, 5)), fly(other, draw_actions(1, 5)))
+    assert_same(run_actions(one, draw_actions(1, 5)), run_actions(other, draw_actions(1, 5)))
     assert_picture(one.render())
-    rows = make_wrapped_rows(2, layers, render_mode="rgb_array")
+    rows = make_wrapped_vec(2, layers, render_mode="rgb_array")
     rows.reset(seed=1)
-    fly(rows, draw_actions(1, 5, 2))
+    run_actions(rows, draw_actions(1, 5, 2))
     for frame in rows.render():
         assert_picture(frame)
 
 
 def test_before_reset_there_is_nothing_to_render() -> None:
-    for env in (make(render_mode="rgb_array"), make_bare(render_mode="rgb_array"), make_rows(2, render_mode="mosaic")):
+    for env in (
+        make(render_mode="rgb_array"),
+        make_unwrapped(render_mode="rgb_array"),
+        make_vec(2, render_mode="mosaic"),
+    ):
         with pytest.raises(ResetNeeded, match="reset") as caught:
             env.render()
         assert "\n" not in str(caught.value)
-    rows = make_rows(2, render_mode="rgb_array")
+    rows = make_vec(2, render_mode="rgb_array")
     rows.reset(options={"reset_mask": np.array([True, False])})
     with pytest.raises(ResetNeeded):
         rows.render()
 
 
-@pytest.mark.parametrize("env", [make(), make_rows(2)], ids=["single", "vector"])
+@pytest.mark.parametrize("env", [make(), make_vec(2)], ids=["single", "vector"])
 def test_without_a_render_mode_there_is_no_film_and_rendering_warns(env: Any) -> None:
     env.reset(seed=0)
     assert env.unwrapped.recorder is None
@@ -151,7 +164,7 @@ def test_an_unknown_render_mode_is_refused_and_the_known_ones_are_named(maker: A
 
 
 def test_a_render_mode_survives_json() -> None:
-    env, rows = make(render_mode="rgb_array"), make_rows(3, render_mode="mosaic", autoreset_mode="SameStep")
+    env, rows = make(render_mode="rgb_array"), make_vec(3, render_mode="mosaic", autoreset_mode="SameStep")
     assert env.spec is not None
     assert rows.spec is not None
     twin, twins = gym.make(EnvSpec.from_json(env.spec.to_json())), gym.make_vec(EnvSpec.from_json(rows.spec.to_json()))
@@ -163,7 +176,7 @@ def test_a_render_mode_survives_json() -> None:
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.004])
 def test_films_run_in_real_time(period: float) -> None:
-    for env in (make(simulation={"period": period}), make_rows(2, simulation={"period": period})):
+    for env in (make(simulation={"period": period}), make_vec(2, simulation={"period": period})):
         assert env.metadata["render_fps"] == round(1.0 / period)
     assert QuadPendulumEnv.metadata["render_fps"] == 100
 
@@ -176,16 +189,16 @@ def test_checkers_have_nothing_to_remark_about_pictures(checker: Callable[[Any],
 def test_record_video_writes_a_film(tmp_path: Path) -> None:
     env = RecordVideo(make(render_mode="rgb_array"), str(tmp_path / "film"))
     env.reset(seed=0)
-    fly(env, np.zeros((30, 4), np.float32))
+    run_actions(env, np.zeros((30, 4), np.float32))
     env.close()
     (film,) = (tmp_path / "film").glob("*.mp4")
     assert film.stat().st_size > 1000
 
 
 def test_record_video_writes_a_film_of_many_rows(tmp_path: Path) -> None:
-    env = VectorRecordVideo(make_rows(2, render_mode="rgb_array"), str(tmp_path / "film"), video_length=5)
+    env = VectorRecordVideo(make_vec(2, render_mode="rgb_array"), str(tmp_path / "film"), video_length=5)
     env.reset(seed=0)
-    fly(env, np.zeros((6, 2, 4), np.float32))
+    run_actions(env, np.zeros((6, 2, 4), np.float32))
     env.close()
     (film,) = (tmp_path / "film").glob("*.mp4")
     assert film.stat().st_size > 1000
@@ -194,7 +207,7 @@ def test_record_video_writes_a_film_of_many_rows(tmp_path: Path) -> None:
 def test_human_rendering_shows_arrays_in_a_window() -> None:
     env = HumanRendering(make(render_mode="rgb_array"))
     env.reset(seed=0)
-    fly(env, np.zeros((3, 4), np.float32))
+    run_actions(env, np.zeros((3, 4), np.float32))
     assert env.window.get_size() == (640, 480)
     env.close()
 
@@ -206,13 +219,13 @@ def test_pictures_can_be_observations_and_lists() -> None:
     assert_array_equal(env.step(np.zeros(4))[0], env.render())
     frames = make(render_mode="rgb_array_list")
     frames.reset(seed=0)
-    fly(frames, np.zeros((2, 4)))
+    run_actions(frames, np.zeros((2, 4)))
     assert len(frames.render()) == 3
 
 
 def test_stable_baselines3_tiles_the_pictures() -> None:
     dummy = DummyVecEnv([lambda: make(render_mode="rgb_array")] * 2)
-    native = SB3VecEnv(make_rows(2, render_mode="rgb_array", autoreset_mode="SameStep"))
+    native = SB3VecEnv(make_vec(2, render_mode="rgb_array", autoreset_mode="SameStep"))
     for env in (dummy, native):
         env.seed(3)
         env.reset()

@@ -8,7 +8,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from quadpend_gym import Actuators, Limits, OrnsteinUhlenbeck, Parameters, ReferenceSettings, Simulation, Task
 from quadpend_gym.wrappers import WindWrapper
-from tests.helpers.envs import IDS, WINDY, assert_same, draw_actions, fly, make, make_rows
+from tests.helpers.envs import IDS, WINDY, assert_same, draw_actions, make, make_vec, run_actions
 
 TASK = Task(references=ReferenceSettings(hover=0.0, height=(3.0, 4.0)), limits=Limits(tracking_error=0.5))
 SIMULATION = Simulation(Parameters(bob_mass=0.3), Actuators(yaw_torque=2.0), period=0.02, substeps=3)
@@ -40,17 +40,17 @@ def test_a_spec_survives_json(kwargs: dict[str, Any]) -> None:
     twin = gym.make(remade(env.spec))
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
-    assert_same(fly(twin, actions), fly(env, actions))
+    assert_same(run_actions(twin, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @settings
 def test_the_spec_of_a_vector_env_survives_json(kwargs: dict[str, Any], mode: str) -> None:
-    env = make_rows(3, autoreset_mode=mode, **kwargs)
+    env = make_vec(3, autoreset_mode=mode, **kwargs)
     twin = gym.make_vec(remade(env.spec))
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10, 3)
-    assert_same(fly(twin, actions), fly(env, actions))
+    assert_same(run_actions(twin, actions), run_actions(env, actions))
 
 
 def test_the_spec_of_a_wrapped_env_survives_json() -> None:
@@ -59,7 +59,7 @@ def test_the_spec_of_a_wrapped_env_survives_json() -> None:
     assert isinstance(twin, WindWrapper)
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
-    assert_same(fly(twin, actions), fly(env, actions))
+    assert_same(run_actions(twin, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -81,7 +81,7 @@ def test_mappings_and_objects_make_the_same_environment() -> None:
     )
     assert_same(mappings.reset(seed=0), objects.reset(seed=0))
     actions = draw_actions(0, 10)
-    assert_same(fly(mappings, actions), fly(objects, actions))
+    assert_same(run_actions(mappings, actions), run_actions(objects, actions))
 
 
 def test_the_ids_are_tasks_by_name() -> None:

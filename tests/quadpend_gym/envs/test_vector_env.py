@@ -13,7 +13,17 @@ from numpy.testing import assert_array_equal
 
 from quadpend_gym import Limits, Task
 from quadpend_gym.core.arrays import Booleans, Floats32
-from tests.helpers.envs import AUTORESET_MODES, WINDY, assert_same, draw_actions, fly, make, make_rows, pick, rewards
+from tests.helpers.envs import (
+    AUTORESET_MODES,
+    WINDY,
+    assert_same,
+    draw_actions,
+    make,
+    make_vec,
+    rewards,
+    run_actions,
+    select_info,
+)
 
 SEED, STEPS, MOST_ROWS = 100, 45, 200
 WINDS = {"calm": None, "windy": WINDY}
@@ -24,7 +34,7 @@ modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
 winds = pytest.mark.parametrize("wind", WINDS)
 
 
-def lopsided_actions(rows: int) -> Floats32:
+def biased_actions(rows: int) -> Floats32:
     """Actions with a bias of each row's own, shape (STEPS, rows, 4); a row's do not depend on the number of rows."""
     noise = draw_actions(0, MOST_ROWS, STEPS).swapaxes(0, 1)
     return np.ascontiguousarray((0.3 * noise + 0.7 * draw_actions(1, MOST_ROWS))[:, :rows])
@@ -39,7 +49,7 @@ def single_flight(row: int, mode: str, wind: str) -> list[Any]:
     env = make(wind=WINDS[wind], **SHORT)
     flight: list[Any] = [env.reset(seed=SEED + row)]
     over = False
-    for action in lopsided_actions(MOST_ROWS)[:, row]:
+    for action in biased_actions(MOST_ROWS)[:, row]:
         if over and mode == "NextStep":
             observation, info = env.reset()
             flight.append(((observation, 0.0, False, False, info), None))
@@ -79,12 +89,12 @@ def without_masks(info: dict[str, Any], mask: Booleans) -> dict[str, Any]:
 @modes
 @pytest.mark.parametrize("rows", [1, 3, 64, 65, MOST_ROWS])
 def test_every_row_is_the_single_environment_to_the_last_bit(rows: int, mode: str, wind: str) -> None:
-    env = make_rows(rows, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
+    env = make_vec(rows, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
     first, *flight = zip(*(single_flight(row, mode, wind) for row in range(rows)), strict=True)
     every_row = np.ones(rows, np.bool_)
     observation, info = env.reset(seed=SEED)
     assert_same((observation, without_masks(info, every_row)), across_rows(first))
-    for actions, expected in zip(lopsided_actions(rows), flight, strict=True):
+    for actions, expected in zip(biased_actions(rows), flight, strict=True):
         observation, reward, terminated, truncated, info = env.step(actions)
         steps, resets = zip(*expected, strict=True)
         over = np.array([reset is not None for reset in resets])
@@ -98,11 +108,13 @@ def test_every_row_is_the_single_environment_to_the_last_bit(rows: int, mode: st
         assert_same(returned, across_rows(shown))
         for row in np.flatnonzero(over):
             if mode == "SameStep":
-                assert_same((finals["final_obs"][row], pick(finals["final_info"], row)), (steps[row][0], steps[row][4]))
+                assert_same(
+                    (finals["final_obs"][row], select_info(finals["final_info"], row)), (steps[row][0], steps[row][4])
+                )
         if mode == "Disabled" and over.any():
             observation, info = env.reset(options={"reset_mask": over})
             for row in np.flatnonzero(over):
-                assert_same((observation[row], pick(info, row)), resets[row])
+                assert_same((observation[row], select_info(info, row)), resets[row])
 
 
 def test_the_flights_above_end_in_both_ways() -> None:
@@ -126,7 +138,7 @@ def assert_same_info(ours: dict[str, Any], theirs: dict[str, Any], mask: Boolean
 @winds
 @modes
 def test_it_is_what_gymnasium_makes_of_single_environments(mode: str, wind: str) -> None:
-    env = make_rows(3, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
+    env = make_vec(3, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
     theirs = gym.make_vec(
         "QuadPendulum-v0",
         num_envs=3,
@@ -141,7 +153,7 @@ def test_it_is_what_gymnasium_makes_of_single_environments(mode: str, wind: str)
     (observation, info), (their_observation, their_info) = env.reset(seed=SEED), theirs.reset(seed=SEED)
     assert_same(observation, their_observation)
     assert_same_info(info, their_info, np.ones(3, np.bool_))
-    for actions in lopsided_actions(3):
+    for actions in biased_actions(3):
         observation, reward, terminated, truncated, info = env.step(actions)
         *their_return, their_info = theirs.step(actions)
         assert_same((observation, reward, terminated, truncated), their_return)
@@ -155,10 +167,10 @@ def test_it_is_what_gymnasium_makes_of_single_environments(mode: str, wind: str)
 
 
 def test_a_reset_mask_resets_its_rows_and_leaves_the_others_flying() -> None:
-    env, untouched = make_rows(4, wind=WINDY), make_rows(4, wind=WINDY)
+    env, untouched = make_vec(4, wind=WINDY), make_vec(4, wind=WINDY)
     mask = np.array([True, False, False, True])
     env.reset(seed=0), untouched.reset(seed=0)
-    fly(env, draw_actions(0, 5, 4)), fly(untouched, draw_actions(0, 5, 4))
+    run_actions(env, draw_actions(0, 5, 4)), run_actions(untouched, draw_actions(0, 5, 4))
     before = env.state.array.copy()
     _, info = env.reset(seed=70, options={"reset_mask": mask, "state": {"position": (0.0, 0.0, 3.0)}})
     assert_array_equal(env.state.array[~mask], before[~mask])
@@ -167,22 +179,23 @@ def test_a_reset_mask_resets_its_rows_and_leaves_the_others_flying() -> None:
     assert env.world.episode.tolist() == [0, 0, 0, 0]
     actions = draw_actions(1, 10, 4)
     assert_array_equal(
-        [step[0][~mask] for step in fly(env, actions)], [step[0][~mask] for step in fly(untouched, actions)]
+        [step[0][~mask] for step in run_actions(env, actions)],
+        [step[0][~mask] for step in run_actions(untouched, actions)],
     )
     assert_array_equal(env.reset()[0][mask], make_twice_reset(70)[mask])
 
 
 def make_twice_reset(seed: int) -> Floats32:
     """First observations of the second episodes of four rows."""
-    env = make_rows(4, wind=WINDY)
+    env = make_vec(4, wind=WINDY)
     env.reset(seed=seed)
     return env.reset()[0]
 
 
 def test_a_row_that_has_ended_still_restarts_after_a_reset_of_other_rows() -> None:
-    env = make_rows(3, max_episode_steps=2)
+    env = make_vec(3, max_episode_steps=2)
     env.reset(seed=0)
-    fly(env, np.zeros((2, 3, 4)))
+    run_actions(env, np.zeros((2, 3, 4)))
     env.reset(options={"reset_mask": np.array([True, False, True])})
     assert env.world.episode.tolist() == [1, 0, 1]
     assert (env.step(np.zeros((3, 4)))[1] == 0.0).tolist() == [False, True, False]
@@ -192,12 +205,12 @@ def test_a_row_that_has_ended_still_restarts_after_a_reset_of_other_rows() -> No
 
 @pytest.mark.parametrize("seeds", [[5, 2, 5], (5, 2, 5), np.array([5, 2, 5])], ids=["list", "tuple", "array"])
 def test_each_row_can_have_a_seed_of_its_own(seeds: Any) -> None:
-    observation, _ = make_rows(3).reset(seed=seeds)
+    observation, _ = make_vec(3).reset(seed=seeds)
     assert_array_equal(observation, [make().reset(seed=seed)[0] for seed in (5, 2, 5)])
 
 
 def test_a_row_without_a_seed_goes_on_to_its_next_episode() -> None:
-    env, single = make_rows(3), make()
+    env, single = make_vec(3), make()
     env.reset(seed=10)
     single.reset(seed=12)
     observation, _ = env.reset(seed=[None, 11, None])
@@ -207,13 +220,13 @@ def test_a_row_without_a_seed_goes_on_to_its_next_episode() -> None:
 
 def test_an_episode_depends_on_its_seed_and_number_only() -> None:
     """Not on the actions or the length of earlier episodes, nor on the other rows."""
-    env = make_rows(5, wind=WINDY, autoreset_mode="SameStep", **SHORT)
+    env = make_vec(5, wind=WINDY, autoreset_mode="SameStep", **SHORT)
     single = make(wind=WINDY)
     env.reset(seed=0)
     single.reset(seed=3)
     starts = [single.reset()[0] for _ in range(4)]
     seen = []
-    for actions in np.concatenate([lopsided_actions(5)] * 3):
+    for actions in np.concatenate([biased_actions(5)] * 3):
         observation, _, terminated, truncated, _ = env.step(actions)
         if terminated[3] or truncated[3]:
             seen.append(observation[3])
@@ -222,23 +235,25 @@ def test_an_episode_depends_on_its_seed_and_number_only() -> None:
     single.reset(seed=3, options={"state": {"position": (0.0, 0.0, 5.0)}})
     env.reset(seed=0), env.reset(), single.reset()
     action = draw_actions(9, 1, 5)[0]
-    assert_array_equal([step[0][3] for step in fly(env, [action] * 5)], [s[0] for s in fly(single, [action[3]] * 5)])
+    assert_array_equal(
+        [step[0][3] for step in run_actions(env, [action] * 5)], [s[0] for s in run_actions(single, [action[3]] * 5)]
+    )
 
 
 def test_wind_leaves_starts_and_references_unchanged() -> None:
-    calm, windy = make_rows(10), make_rows(10, wind=WINDY)
+    calm, windy = make_vec(10), make_vec(10, wind=WINDY)
     for seed in (0, None, None):
         assert_same(windy.reset(seed=seed), calm.reset(seed=seed))
         assert_array_equal(windy.world.reference, calm.world.reference)
-        pushed, still = (fly(env, np.zeros((3, 10, 4)))[-1][0] for env in (windy, calm))
+        pushed, still = (run_actions(env, np.zeros((3, 10, 4)))[-1][0] for env in (windy, calm))
         assert (pushed != still).any(axis=-1).all()
 
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 def test_gymnasium_records_its_episodes(mode: str) -> None:
-    env = RecordEpisodeStatistics(make_rows(3, autoreset_mode=mode, **SHORT))
+    env = RecordEpisodeStatistics(make_vec(3, autoreset_mode=mode, **SHORT))
     env.reset(seed=SEED)
-    flight = fly(env, lopsided_actions(3))
+    flight = run_actions(env, biased_actions(3))
     over = np.array([terminated | truncated for _, _, terminated, truncated, _ in flight])
     for row in range(3):
         ends = np.flatnonzero(over[:, row])
@@ -252,12 +267,12 @@ def test_gymnasium_records_its_episodes(mode: str) -> None:
 
 
 def test_gymnasium_turns_its_infos_into_lists() -> None:
-    env = DictInfoToList(RecordEpisodeStatistics(make_rows(3, autoreset_mode="SameStep", **SHORT)))
+    env = DictInfoToList(RecordEpisodeStatistics(make_vec(3, autoreset_mode="SameStep", **SHORT)))
     single = make(**SHORT)
     _, infos = env.reset(seed=SEED)
     assert_same(infos[1], single.reset(seed=SEED + 1)[1])
     ended: list[dict[str, Any]] = []
-    for actions in lopsided_actions(3):
+    for actions in biased_actions(3):
         infos = env.step(actions)[4]
         *_, terminated, truncated, info = single.step(actions[1])
         if terminated or truncated:
@@ -271,7 +286,7 @@ def test_gymnasium_turns_its_infos_into_lists() -> None:
 
 def test_the_action_of_a_row_about_to_begin_an_episode_is_ignored() -> None:
     """Gymnasium's next-step autoreset: whatever the policy says to a row that has ended, even nothing."""
-    env, twin = (make_rows(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
+    env, twin = (make_vec(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
     env.reset(seed=0), twin.reset(seed=0)
     still = np.zeros((2, 4), np.float32)
     env.step(still), twin.step(still)

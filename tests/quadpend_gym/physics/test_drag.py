@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_gym import PAPER, Constant, Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import energy
-from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_bare, make_rows
+from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec
 from tests.helpers.wind import EXAMPLES, every_kind
 
 # Half the density of air times the drag area, kg/m: what a force is made of with the square of a speed.
@@ -20,7 +20,7 @@ NO_THRUST = (-1.0, 0.0, 0.0, 0.0)
 
 def pushed(wind: Any, simulation: Any = None, **state: tuple[float, float, float]) -> dict[str, Floats]:
     """What acts in the first step from rest, but for the given parts of the state."""
-    env = make_bare(wind=wind, task=ENDLESS, simulation=simulation)
+    env = make_unwrapped(wind=wind, task=ENDLESS, simulation=simulation)
     env.reset(seed=0, options={"state": {**AT_REST, **state}})
     info = env.step(np.zeros(4))[4]
     names = ("force", "bob_force", "torque")
@@ -95,7 +95,7 @@ def test_without_moving_air_there_is_no_drag_however_fast_one_flies(wind: Any) -
 
 @every_kind
 def test_every_wind_that_moves_the_air_pushes_so_besides_its_own_forces(wind: Any) -> None:
-    env = make_bare(wind=wind, task=ENDLESS)
+    env = make_unwrapped(wind=wind, task=ENDLESS)
     env.reset(seed=0)
     moves_air = wind is not EXAMPLES["paper_gusts"]
     velocities = []
@@ -122,7 +122,7 @@ def test_drag_takes_energy_from_the_motion_relative_to_the_wind() -> None:
     rows, wind = 200, np.array([3.0, -2.0, 1.0])
     rng = np.random.default_rng(0)
     velocity, direction, rate = rng.normal(size=(3, rows, 3)) * [[[5.0]], [[1.0]], [[8.0]]]
-    env = make_rows(rows, wind=Constant(velocity=tuple(wind.tolist())), task=ENDLESS)
+    env = make_vec(rows, wind=Constant(velocity=tuple(wind.tolist())), task=ENDLESS)
     env.reset(seed=0, options={"state": {"velocity": velocity, "direction": direction, "direction_rate": rate}})
     bob_velocity = env.state.velocity + PAPER.rod_length * env.state.direction_rate
     disturbance = env.step(draw_actions(0, rows))[4]["disturbance"]
@@ -136,7 +136,7 @@ def test_drag_takes_energy_from_the_motion_relative_to_the_wind() -> None:
 
 def test_a_tumbling_flight_through_still_air_loses_the_energy_that_the_drag_takes() -> None:
     """Without thrust, energy is lost to the drag alone: by its power to first order in the period, and always lost."""
-    env, vacuum = (make_bare(wind=wind, task=ENDLESS) for wind in (STILL_AIR, None))
+    env, vacuum = (make_unwrapped(wind=wind, task=ENDLESS) for wind in (STILL_AIR, None))
     state = {"velocity": (6.0, -3.0, 9.0), "direction": (0.6, 0.0, 0.8), "direction_rate": (0.0, 20.0, 0.0)}
     env.reset(seed=0, options={"state": state}), vacuum.reset(seed=0, options={"state": state})
     first = energy(vacuum.state.array, PAPER)
@@ -156,7 +156,7 @@ def test_a_tumbling_flight_through_still_air_loses_the_energy_that_the_drag_take
 
 def test_a_fall_ends_at_the_speed_at_which_drag_balances_weight() -> None:
     """½ρ (A_Q + A_B) v² = (M + m_c) g: 32.7 m/s, seen from the air, which rises at 5 m/s here."""
-    env = make_bare(wind=Constant(velocity=(0.0, 0.0, 5.0)), task=ENDLESS)
+    env = make_unwrapped(wind=Constant(velocity=(0.0, 0.0, 5.0)), task=ENDLESS)
     env.reset(seed=0, options={"state": AT_REST})
     for _ in range(2500):
         env.step(NO_THRUST)
@@ -169,7 +169,7 @@ def test_who_drifts_is_carried_to_the_speed_of_the_wind() -> None:
     """Hanging, not standing, so that nothing falls over: behind a wind v the lag u falls as 1/u = 1/v + kt."""
     wind, area = 4.0, 0.5
     simulation = Simulation(Parameters(quadrotor_drag_area=area, bob_drag_area=area * 0.2 / 0.5))
-    env = make_bare(wind=Constant(velocity=(wind, 0.0, 0.0)), task=ENDLESS, simulation=simulation)
+    env = make_unwrapped(wind=Constant(velocity=(wind, 0.0, 0.0)), task=ENDLESS, simulation=simulation)
     env.reset(seed=0, options={"state": {**AT_REST, "direction": (0.0, 0.0, -1.0)}})
     for _ in range(300):
         env.step(np.zeros(4))
@@ -180,7 +180,7 @@ def test_who_drifts_is_carried_to_the_speed_of_the_wind() -> None:
 
 
 def test_still_air_brakes_what_moves_and_blows_nothing() -> None:
-    env = make_bare(wind="still_air")
+    env = make_unwrapped(wind="still_air")
     for velocity in (0.0, 2.0):
         env.reset(seed=0, options={"state": {**AT_REST, "velocity": (velocity, 0.0, 0.0)}})
         info = env.step(np.zeros(4))[4]

@@ -14,8 +14,17 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS, State
 from quadpend_gym.sensors import KINDS, Channel, Delay, Dropout, Noise, as_sensors
 from quadpend_gym.wrappers import SensorWrapper, VectorParameterWrapper, VectorSensorWrapper
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import AUTORESET_MODES, ENDLESS, WINDY, assert_same, draw_actions, fly, make_bare, make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import (
+    AUTORESET_MODES,
+    ENDLESS,
+    WINDY,
+    assert_same,
+    draw_actions,
+    make_unwrapped,
+    make_vec,
+    run_actions,
+)
 
 MOVING = Reference(
     offset=(0.1, -0.2, 2.5, 0.3),
@@ -40,7 +49,7 @@ every_sort = pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS.ke
 
 def watched(sensors: Any, rows: int, steps: int, **kwargs: Any) -> tuple[Floats, Floats]:
     """True and measured states from a reset on, each of shape (steps + 1, rows, 18)."""
-    env = VectorSensorWrapper(make_rows(rows, **{"task": ENDLESS, "max_episode_steps": None, **kwargs}), sensors)
+    env = VectorSensorWrapper(make_vec(rows, **{"task": ENDLESS, "max_episode_steps": None, **kwargs}), sensors)
     world = env.unwrapped.world  # type: ignore[attr-defined]
     env.reset(seed=0)
     seen = [(world.state.copy(), world.measured.copy())]
@@ -102,7 +111,7 @@ def test_a_noisy_direction_is_a_unit_vector_off_by_an_angle_of_the_given_size() 
 def test_the_observation_is_that_of_the_measured_state_against_the_reference_of_now() -> None:
     """And with the rod as long as it really is."""
     rows = 4
-    env: Any = VectorParameterWrapper(make_rows(rows, task=ENDLESS), {"rod_length": (0.2, 0.5)})
+    env: Any = VectorParameterWrapper(make_vec(rows, task=ENDLESS), {"rod_length": (0.2, 0.5)})
     env = VectorSensorWrapper(env, SENSORS["all"] + [SENSORS["white noise"], SENSORS["bias and walk"]])
     env.reset(seed=3, options={"reference": MOVING})
     for step, action in enumerate(draw_actions(0, 20, rows), 1):
@@ -126,7 +135,7 @@ def test_the_observation_is_that_of_the_measured_state_against_the_reference_of_
 
 def test_noise_in_the_observed_tracking_error_is_that_of_position_and_direction() -> None:
     rows, rod = 5000, 0.3
-    env = VectorSensorWrapper(make_rows(rows), Noise(position=0.004, direction=0.01))
+    env = VectorSensorWrapper(make_vec(rows), Noise(position=0.004, direction=0.01))
     upright = {"direction": (0.0, 0.0, 1.0)}  # where all of the direction's error is horizontal
     observation, info = env.reset(seed=0, options={"reference": Reference.hover(), "state": upright})
     error = read_observation(observation, "tracking_error") - info["tracking_error"]
@@ -179,7 +188,7 @@ def test_what_is_measured_is_rounded_after_the_noise() -> None:
 @pytest.mark.parametrize("steps", [1, 3, 12])
 def test_a_delayed_measurement_is_exactly_that_of_some_steps_ago(steps: int, mode: str) -> None:
     """Until then it is that of the reset; of the episode before, nothing is left."""
-    env: Any = VectorSensorWrapper(make_rows(5, autoreset_mode=mode, max_episode_steps=9), Delay(steps))
+    env: Any = VectorSensorWrapper(make_vec(5, autoreset_mode=mode, max_episode_steps=9), Delay(steps))
     env.reset(seed=0)
     world = env.unwrapped.world
     episodes: list[list[Floats]] = [[state] for state in world.state.copy()]
@@ -194,11 +203,11 @@ def test_a_delayed_measurement_is_exactly_that_of_some_steps_ago(steps: int, mod
 
 
 def test_a_delayed_position_is_compared_with_where_the_reference_is_now() -> None:
-    env = SensorWrapper(make_bare(), Delay(4))
+    env = SensorWrapper(make_unwrapped(), Delay(4))
     env.reset(seed=0, options={"reference": MOVING})
     actions = 0.1 * draw_actions(0, 12)
     flat_outputs = []
-    for step, (observation, *_, info) in enumerate(fly(env, actions), 1):
+    for step, (observation, *_, info) in enumerate(run_actions(env, actions), 1):
         should = MOVING.derivatives(PERIOD * step)[0, :3]
         flat_outputs.append(info["tracking_error"] + should)
         if step > 4:
@@ -235,17 +244,17 @@ def test_dropout_of_everything_leaves_the_first_sample_and_of_nothing_leaves_all
 
 
 def test_a_sensor_that_changes_nothing_changes_nothing_to_the_last_bit() -> None:
-    plain, sensed = make_rows(70, wind=WINDY), VectorSensorWrapper(make_rows(70, wind=WINDY), Dropout(0.0))
+    plain, sensed = make_vec(70, wind=WINDY), VectorSensorWrapper(make_vec(70, wind=WINDY), Dropout(0.0))
     assert_same(sensed.reset(seed=0), plain.reset(seed=0))
     actions = draw_actions(0, 60, 70)
-    assert_same(fly(sensed, actions), fly(plain, actions))
+    assert_same(run_actions(sensed, actions), run_actions(plain, actions))
 
 
 @every_sort
 def test_the_true_world_does_not_notice_its_sensors(sensors: Any) -> None:
     """States, rewards, ends, `info` and the wind are the same to the last bit; what is observed is not."""
-    plain = make_rows(5, wind=WINDY, max_episode_steps=25)
-    sensed: Any = VectorSensorWrapper(make_rows(5, wind=WINDY, max_episode_steps=25), sensors)
+    plain = make_vec(5, wind=WINDY, max_episode_steps=25)
+    sensed: Any = VectorSensorWrapper(make_vec(5, wind=WINDY, max_episode_steps=25), sensors)
     assert_same(sensed.reset(seed=0)[1], plain.reset(seed=0)[1])
     for action in draw_actions(0, 60, 5):
         seen, *rest = sensed.step(action)
@@ -320,4 +329,4 @@ BAD = {
 
 @pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
 def test_an_impossible_sensor_is_refused(call: Any, names: str) -> None:
-    refused(call, names, (TypeError, ValueError))
+    assert_refused(call, names, (TypeError, ValueError))

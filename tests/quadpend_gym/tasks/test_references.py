@@ -13,7 +13,7 @@ from quadpend_gym import PAPER, Reference, ReferenceSettings, StartSettings, Tas
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.tasks import TASKS
-from tests.helpers.envs import make_bare, make_rows
+from tests.helpers.envs import make_unwrapped, make_vec
 
 FAMILIES = ("hover", "circle", "figure_eight", "helix")  # fields of `ReferenceSettings`, each a frequency
 
@@ -86,7 +86,7 @@ def only(family: str, **settings: Any) -> Task:
 @cache
 def drawn(task: Task, rows: int = 500) -> list[Reference]:
     """References that a task draws."""
-    env = make_rows(rows, task=task)
+    env = make_vec(rows, task=task)
     env.reset(seed=0)
     return [Reference(*numbers.reshape(5, 4)) for numbers in env.world.reference]
 
@@ -171,7 +171,7 @@ def exact_start(reference: Reference) -> dict[str, Floats]:
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_starts_without_deviation_fly_the_reference(family: str) -> None:
-    env = make_bare(task=Task(references=only(family, climb=(0.0, 0.0)).references, start=NOTHING))
+    env = make_unwrapped(task=Task(references=only(family, climb=(0.0, 0.0)).references, start=NOTHING))
     for seed in range(20):
         _, info = env.reset(seed=seed)
         reference = Reference(*env.world.reference[0].reshape(5, 4))
@@ -191,7 +191,7 @@ def shifted(reference: Reference, time: float) -> Reference:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_rates_of_a_start_without_deviation_are_derivatives_along_the_reference(family: str) -> None:
     step, still_yaw = 1e-4, {"yaw_amplitude": 0.0}
-    env = make_rows(50, task=Task(references=only(family, climb=(0.0, 0.0), **still_yaw).references, start=NOTHING))
+    env = make_vec(50, task=Task(references=only(family, climb=(0.0, 0.0), **still_yaw).references, start=NOTHING))
     env.reset(seed=0)
     references = [Reference(*numbers.reshape(5, 4)) for numbers in env.world.reference]
     states = []
@@ -208,7 +208,7 @@ def test_rates_of_a_start_without_deviation_are_derivatives_along_the_reference(
 def test_in_a_start_without_deviation_the_body_leans_so_that_the_pendulum_follows(family: str) -> None:
     """Near upright the bob's acceleration is g r, so r̈ must be F⁽⁴⁾ / g."""
     small = {"radius": (0.02, 0.03), "acceleration": (0.05, 0.1), "climb": (0.0, 0.0)}
-    env = make_rows(50, task=Task(references=only(family, **small).references, start=NOTHING))
+    env = make_vec(50, task=Task(references=only(family, **small).references, start=NOTHING))
     env.reset(seed=0)
     hovering = np.array([PAPER.hover_thrust, 0.0, 0.0, 0.0])
     swing = accelerations(env.state.array, hovering, np.zeros(9), PAPER).direction
@@ -231,8 +231,8 @@ def test_starts_deviate_from_the_reference_as_far_as_told(setting: str, field: s
     size = 0.05
     nothing = dict.fromkeys(START_FIELDS, 0.0)
     references = only("hover").references
-    env = make_rows(1000, task=Task(references=references, start=StartSettings(**{**nothing, setting: size})))
-    exact = make_rows(1000, task=Task(references=references, start=StartSettings(**nothing)))
+    env = make_vec(1000, task=Task(references=references, start=StartSettings(**{**nothing, setting: size})))
+    exact = make_vec(1000, task=Task(references=references, start=StartSettings(**nothing)))
     env.reset(seed=0), exact.reset(seed=0)
     deviation = getattr(env.state, field) - getattr(exact.state, field)
     # The direction is normalised and its rate projected, which leaves nothing along z.

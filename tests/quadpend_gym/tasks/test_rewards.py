@@ -14,7 +14,7 @@ from scipy.linalg import solve_discrete_are
 from quadpend_gym import PAPER, QuadPendulumEnv, Reference, RewardWeights, State, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
-from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, fly, make_bare, make_rows
+from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec, run_actions
 
 FULL = np.array([PAPER.hover_thrust, 5.0, 5.0, 1.0])  # of the actuators, N and N·m
 HEIGHT = Reference.hover().offset[2]
@@ -23,7 +23,7 @@ Pilot = Callable[[State, int], Any]
 
 def reward_at(action: Any = (0.0, 0.0, 0.0, 0.0), **start: Any) -> tuple[float, dict[str, float]]:
     """Reward and its terms after a step from rest, but for `start`, at the hovering point."""
-    env = make_bare(task=ENDLESS)
+    env = make_unwrapped(task=ENDLESS)
     env.reset(seed=0, options={"state": {**AT_REST, **start}, "reference": Reference.hover()})
     _, reward, _, _, info = env.step(action)
     return reward, info["reward_terms"]
@@ -64,7 +64,7 @@ def test_less_error_always_earns_more() -> None:
 @pytest.mark.parametrize("tip", [0.0, 0.2, 0.5, 1.0])
 def test_terms_are_those_of_the_equations(tip: float) -> None:
     """Half of the tracking term is its sharp tip if nobody says otherwise."""
-    env = make_bare(task=replace(ENDLESS, reward=RewardWeights() if tip == 0.5 else RewardWeights(tip=tip)))
+    env = make_unwrapped(task=replace(ENDLESS, reward=RewardWeights() if tip == 0.5 else RewardWeights(tip=tip)))
     env.reset(seed=0)
     for action in draw_actions(0, 30):
         observation, _, _, _, info = env.step(action)
@@ -84,9 +84,9 @@ def test_terms_are_those_of_the_equations(tip: float) -> None:
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])
 def test_the_reward_is_the_weighted_mean_of_bounded_terms(wind: Any) -> None:
     weights, names = RewardWeights(), ("tracking", "upright", "yaw", "effort")
-    env = make_rows(200, wind=wind, task=ENDLESS)
+    env = make_vec(200, wind=wind, task=ENDLESS)
     env.reset(seed=0)
-    for _, reward, _, _, info in fly(env, draw_actions(0, 100, 200)):
+    for _, reward, _, _, info in run_actions(env, draw_actions(0, 100, 200)):
         terms = info["reward_terms"]
         mean = sum(getattr(weights, name) * terms[name] for name in names)
         assert_allclose(reward, mean, rtol=1e-12)

@@ -14,7 +14,7 @@ from gymnasium.error import Error
 from quadpend_gym.viewer import window
 from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture, pixels
-from tests.helpers.envs import ENDLESS, make, make_bare, make_rows
+from tests.helpers.envs import ENDLESS, make, make_unwrapped, make_vec
 from tests.helpers.sources import ROOT
 from tests.helpers.viewer import Clock, lasted
 
@@ -41,7 +41,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 @pytest.fixture
 def env(clock: Clock) -> Any:
     """An environment in its window, whose episodes do not end by themselves."""
-    env = make_bare(render_mode="human", task=ENDLESS)
+    env = make_unwrapped(render_mode="human", task=ENDLESS)
     env.reset(seed=0)
     yield env
     env.close()
@@ -58,7 +58,7 @@ def test_time_passes_as_in_reality(env: Any, clock: Clock) -> None:
 
 
 def test_time_passes_as_in_reality_by_a_real_clock() -> None:
-    env = make_bare(render_mode="human", task=ENDLESS)
+    env = make_unwrapped(render_mode="human", task=ENDLESS)
     env.reset(seed=0)
     began = time.perf_counter()
     fly(env, 30)
@@ -161,7 +161,7 @@ def test_r_truncates_the_episode_and_the_next_one_runs(env: Any, clock: Clock) -
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_r_truncates_every_row(clock: Clock, mode: str) -> None:
-    env = make_rows(3, render_mode="human", autoreset_mode=mode)
+    env = make_vec(3, render_mode="human", autoreset_mode=mode)
     env.reset(seed=0)
     clock.press(0.02, pygame.K_r)
     truncated = np.array([env.step(np.zeros((3, 4)))[3] for _ in range(20)])

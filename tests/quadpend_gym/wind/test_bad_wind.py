@@ -8,8 +8,8 @@ import pytest
 from quadpend_gym import Constant, Drawn, Dryden, Gusts, OrnsteinUhlenbeck, PaperGusts, Sinusoid, VonKarman
 from quadpend_gym.wind import KINDS, Sum, as_wind
 from quadpend_gym.wrappers import WindWrapper
-from tests.helpers.bad_input import INF, NAN, refused
-from tests.helpers.envs import make, make_rows
+from tests.helpers.bad_input import INF, NAN, assert_refused
+from tests.helpers.envs import make, make_vec
 
 NOT_NUMBERS = ("strong", None, True, [1.0], {"x": 1.0})
 NOT_FINITE = (NAN, INF, -INF)
@@ -84,7 +84,7 @@ NEEDED: dict[Any, dict[str, Any]] = {Drawn: {"wind": Constant()}}  # what a mode
     ("model", "name", "value", "message"), BAD, ids=[f"{case[0].__name__}({case[1]}={case[2]!r})" for case in BAD]
 )
 def test_a_bad_setting_is_refused(model: Any, name: str, value: Any, message: str) -> None:
-    refused(lambda: model(**{**NEEDED.get(model, {}), name: value}), message, (TypeError, ValueError))
+    assert_refused(lambda: model(**{**NEEDED.get(model, {}), name: value}), message, (TypeError, ValueError))
 
 
 def test_no_field_is_forgotten_above() -> None:
@@ -102,15 +102,17 @@ def test_a_bad_setting_in_a_mapping_is_refused_when_an_environment_is_made(kind:
     unknown = {**mapping, name: None, "gust_factor": 2.0}
     for attach in (
         lambda wind: make(wind=wind),
-        lambda wind: make_rows(2, wind=wind),
+        lambda wind: make_vec(2, wind=wind),
         lambda w: WindWrapper(make(), w),
     ):
-        refused(lambda attach=attach: attach(mapping), message, (TypeError, ValueError))
-        refused(lambda attach=attach: attach(unknown), "wind has no field 'gust_factor'; its fields are", ValueError)
+        assert_refused(lambda attach=attach: attach(mapping), message, (TypeError, ValueError))
+        assert_refused(
+            lambda attach=attach: attach(unknown), "wind has no field 'gust_factor'; its fields are", ValueError
+        )
 
 
 def test_a_drawn_wind_needs_a_wind() -> None:
-    refused(lambda: as_wind({"kind": "drawn"}), "wind misses the field 'wind'", TypeError)
+    assert_refused(lambda: as_wind({"kind": "drawn"}), "wind misses the field 'wind'", TypeError)
 
 
 class Silent:
@@ -126,7 +128,9 @@ class Silent:
 
 
 def test_a_model_of_ones_own_that_misses_something_is_refused() -> None:
-    refused(lambda: make(wind=Silent()), "wind must be a wind model, the name of a wind .* not .*Silent", TypeError)
+    assert_refused(
+        lambda: make(wind=Silent()), "wind must be a wind model, the name of a wind .* not .*Silent", TypeError
+    )
 
 
 @pytest.mark.parametrize(
@@ -140,7 +144,7 @@ def test_a_model_of_ones_own_that_misses_something_is_refused() -> None:
     ],
 )
 def test_stranger_things_are_refused_as_clearly(call: Any, message: str) -> None:
-    refused(call, message, (TypeError, ValueError))
+    assert_refused(call, message, (TypeError, ValueError))
 
 
 def test_a_name_is_a_member_of_a_sum_and_not_its_letters() -> None:

@@ -20,8 +20,18 @@ from quadpend_gym.physics.dynamics import momentum
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.wind import KINDS, PRESETS, Sum, Wind, as_wind
 from quadpend_gym.wrappers import VectorWindWrapper, WindWrapper
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, fly, make, make_bare, make_rows, pick
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import (
+    ENDLESS,
+    WINDY,
+    assert_same,
+    draw_actions,
+    make,
+    make_unwrapped,
+    make_vec,
+    run_actions,
+    select_info,
+)
 from tests.helpers.wind import EXAMPLES, PERIOD, blown, every_kind
 
 every_preset = pytest.mark.parametrize("name", PRESETS)
@@ -86,7 +96,7 @@ def test_equal_models_in_a_sum_blow_independently() -> None:
 
 
 def test_every_row_and_every_episode_has_a_wind_of_its_own() -> None:
-    env = make_rows(3, wind=WINDY)
+    env = make_vec(3, wind=WINDY)
     seen = []
     for seed in (0, None, None):
         env.reset(seed=seed)
@@ -100,12 +110,12 @@ def test_keyword_and_wrapper_blow_the_same_for_one_and_for_many(wind: Any) -> No
     actions = 0.1 * draw_actions(0, 230 if isinstance(wind, str) else 20)
     calm = {"task": ENDLESS}
     flights = [
-        [env.reset(seed=3)[0], *(step[:2] for step in fly(env, actions))]
+        [env.reset(seed=3)[0], *(step[:2] for step in run_actions(env, actions))]
         for env in (make(wind=wind, **calm), WindWrapper(make(**calm), wind))
     ]
-    for rows in (make_rows(4, wind=wind, **calm), VectorWindWrapper(make_rows(4, **calm), wind)):
+    for rows in (make_vec(4, wind=wind, **calm), VectorWindWrapper(make_vec(4, **calm), wind)):
         first = rows.reset(seed=0)[0][3]
-        flight = fly(rows, np.repeat(actions[:, np.newaxis], 4, axis=1))
+        flight = run_actions(rows, np.repeat(actions[:, np.newaxis], 4, axis=1))
         flights.append([first, *((step[0][3], step[1][3]) for step in flight)])
     for flight in flights[1:]:
         assert_same(flight, flights[0])
@@ -115,7 +125,7 @@ def test_a_wrapper_blows_besides_what_blows_already() -> None:
     wrapped, summed = WindWrapper(make(wind=Constant(force=1.0)), WINDY), make(wind=Constant(force=1.0) + WINDY)
     wrapped.reset(seed=0), summed.reset(seed=0)
     actions = draw_actions(0, 10)
-    assert_same(fly(wrapped, actions), fly(summed, actions))
+    assert_same(run_actions(wrapped, actions), run_actions(summed, actions))
 
 
 @every_preset
@@ -123,23 +133,23 @@ def test_a_preset_is_the_model_it_names(name: str) -> None:
     by_name, model = make(wind=name), make(wind=PRESETS[name])
     assert_same(by_name.reset(seed=0), model.reset(seed=0))
     actions = draw_actions(0, 20)
-    assert_same(fly(by_name, actions), fly(model, actions))
+    assert_same(run_actions(by_name, actions), run_actions(model, actions))
 
 
 @pytest.mark.parametrize(
     "attach",
     [
         lambda: make(wind="gale"),
-        lambda: make_rows(2, wind="gale"),
+        lambda: make_vec(2, wind="gale"),
         lambda: WindWrapper(make(), "gale"),
-        lambda: VectorWindWrapper(make_rows(2), "gale"),
+        lambda: VectorWindWrapper(make_vec(2), "gale"),
         lambda: Constant() + "gale",
         lambda: make(wind=["windy", "gale"]),
         lambda: make(wind={"kind": "drawn", "wind": "gale"}),
     ],
 )
 def test_an_unknown_preset_is_refused_with_the_names_of_the_known_ones(attach: Callable[[], Any]) -> None:
-    refused(attach, f"there is no wind 'gale'; there are {', '.join(PRESETS)}", ValueError)
+    assert_refused(attach, f"there is no wind 'gale'; there are {', '.join(PRESETS)}", ValueError)
 
 
 def tunnel(env: Any, row: int, actions: Any, episodes: int) -> list[list[bytes]]:
@@ -160,7 +170,7 @@ def test_what_blows_in_episode_k_does_not_depend_on_the_policy_the_rows_or_their
     flights = []
     for rows, policy, tilt in ((1, 0, 0.4), (5, 1, 0.6)):
         task = Task(limits=Limits(body_angle=tilt))
-        env = make_rows(rows, wind=wind, task=task, max_episode_steps=20, autoreset_mode="SameStep")
+        env = make_vec(rows, wind=wind, task=task, max_episode_steps=20, autoreset_mode="SameStep")
         env.reset(seed=10 - (rows - 1))
         flights.append(tunnel(env, rows - 1, draw_actions(policy, 200, rows), 4))
     for one, other in zip(*flights, strict=True):
@@ -174,7 +184,7 @@ def test_what_blows_in_episode_k_does_not_depend_on_the_policy_the_rows_or_their
 
 @every_kind
 def test_a_row_has_the_wind_and_the_info_of_the_single_environment_to_the_last_bit(wind: Any) -> None:
-    rows = make_rows(3, wind=wind, max_episode_steps=9, autoreset_mode="SameStep")
+    rows = make_vec(3, wind=wind, max_episode_steps=9, autoreset_mode="SameStep")
     single = make(wind=wind, max_episode_steps=9)
     rows.reset(seed=5), single.reset(seed=7)
     for action in draw_actions(0, 40):
@@ -184,28 +194,28 @@ def test_a_row_has_the_wind_and_the_info_of_the_single_environment_to_the_last_b
         if terminated or truncated:
             info = info["final_info"]
             single.reset()
-        assert_same(pick(info, 2), expected)
+        assert_same(select_info(info, 2), expected)
 
 
 @every_kind
 @pytest.mark.parametrize("rows", [None, 3], ids=["single", "vector"])
 def test_a_copy_in_mid_episode_is_blown_on_identically(wind: Any, rows: int | None) -> None:
-    env: Any = make_rows(3, wind=wind, max_episode_steps=15) if rows else make(wind=wind)
+    env: Any = make_vec(3, wind=wind, max_episode_steps=15) if rows else make(wind=wind)
     shape = (10, rows) if rows else (10,)
     env.reset(seed=5)
-    fly(env, draw_actions(0, *shape))
+    run_actions(env, draw_actions(0, *shape))
     twin = copy.deepcopy(env)
-    assert_same(fly(twin, draw_actions(1, *shape)), fly(env, draw_actions(1, *shape)))
+    assert_same(run_actions(twin, draw_actions(1, *shape)), run_actions(env, draw_actions(1, *shape)))
 
 
 @every_wind
 def test_no_wind_changes_starts_and_references(wind: Any) -> None:
-    calm, windy = make_rows(5), make_rows(5, wind=wind)
+    calm, windy = make_vec(5), make_vec(5, wind=wind)
     for seed in (0, None, None):
         (observation, info), (expected, expected_info) = windy.reset(seed=seed), calm.reset(seed=seed)
         assert_same((observation, {name: info[name] for name in expected_info}), (expected, expected_info))
         assert_array_equal(windy.world.reference, calm.world.reference)
-        fly(windy, draw_actions(0, 10, 5)), fly(calm, draw_actions(1, 3, 5))
+        run_actions(windy, draw_actions(0, 10, 5)), run_actions(calm, draw_actions(1, 3, 5))
 
 
 @every_kind
@@ -222,7 +232,7 @@ def test_a_spec_with_wind_survives_json(wind: Any) -> None:
     assert env.spec is not None
     twin = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert_same(twin.reset(seed=3), env.reset(seed=3))
-    assert_same(fly(twin, draw_actions(0, 10)), fly(env, draw_actions(0, 10)))
+    assert_same(run_actions(twin, draw_actions(0, 10)), run_actions(env, draw_actions(0, 10)))
 
 
 @dataclass(frozen=True)
@@ -245,10 +255,10 @@ class Ramp:
 
 def test_a_model_of_ones_own_in_plain_numpy_blows() -> None:
     assert isinstance(Ramp(), Wind)
-    env, rows = make_bare(wind=Ramp()), make_rows(3, wind=Sum((Ramp(), Constant(torque=0.1))))
+    env, rows = make_unwrapped(wind=Ramp()), make_vec(3, wind=Sum((Ramp(), Constant(torque=0.1))))
     env.reset(seed=2), rows.reset(seed=0)
-    single = [step[4]["disturbance"] for step in fly(env, np.zeros((10, 4)))]
-    many = [step[4]["disturbance"][2] for step in fly(rows, np.zeros((10, 3, 4)))]
+    single = [step[4]["disturbance"] for step in run_actions(env, np.zeros((10, 4)))]
+    many = [step[4]["disturbance"][2] for step in run_actions(rows, np.zeros((10, 3, 4)))]
     assert_allclose(np.diff([disturbance[0] for disturbance in single]), 0.01, rtol=1e-12)
     assert_array_equal([disturbance[0] for disturbance in many], [disturbance[0] for disturbance in single])
 
@@ -259,7 +269,7 @@ STORMY = WINDY + "storm" + Constant(velocity=(3.0, -4.0, 1.0))
 @pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])
 def test_the_disturbance_in_info_is_what_acted(wind: Any) -> None:
     """The state follows from the state before, the action and `info["disturbance"]`."""
-    env = make_bare(wind=wind)
+    env = make_unwrapped(wind=wind)
     env.reset(seed=0)
     parameters = PAPER.as_array()[np.newaxis]
     for action in draw_actions(0, 10):
@@ -272,7 +282,7 @@ def test_the_disturbance_in_info_is_what_acted(wind: Any) -> None:
 
 @pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])
 def test_forces_change_the_momentum_and_torques_the_spin_as_info_says(wind: Any) -> None:
-    env = make_bare(task=ENDLESS, wind=wind)
+    env = make_unwrapped(task=ENDLESS, wind=wind)
     env.reset(seed=0)
     no_thrust = (-1.0, 0.0, 0.0, 0.0)
     for _ in range(10):
@@ -284,7 +294,7 @@ def test_forces_change_the_momentum_and_torques_the_spin_as_info_says(wind: Any)
 
 
 def test_the_air_velocity_in_info_is_what_blew() -> None:
-    env, rows = make_bare(wind=STORMY), make_rows(4, wind=STORMY)
+    env, rows = make_unwrapped(wind=STORMY), make_vec(4, wind=STORMY)
     env.reset(seed=0), rows.reset(seed=0)
     for action in draw_actions(0, 5):
         blew, blew_in_rows = env.world.wind[0, 9:12].copy(), rows.world.wind[:, 9:12].copy()
@@ -296,7 +306,7 @@ def test_the_air_velocity_in_info_is_what_blew() -> None:
 @every_kind
 def test_info_has_an_air_velocity_where_the_wind_has_one(wind: Any) -> None:
     velocities = (blown(wind, 10, 3)[..., 9:12] != 0.0).any()
-    env, rows = make(wind=wind), make_rows(2, wind=wind)
+    env, rows = make(wind=wind), make_vec(2, wind=wind)
     for info in (env.reset(seed=0)[1], env.step(np.zeros(4))[4]):
         assert ("air_velocity" in info) == velocities
     for info in (rows.reset(seed=0)[1], rows.step(np.zeros((2, 4)))[4]):
@@ -313,15 +323,15 @@ def test_no_wind_blows_at_a_reset() -> None:
 @pytest.mark.parametrize("nothing", [None, "calm", (), Sum(), [None, "calm"]], ids=repr)
 def test_calm_has_many_names(nothing: Any) -> None:
     actions = draw_actions(0, 5)
-    calm, empty = make_bare(task=Task()), make_bare(task=Task(), wind=nothing)
+    calm, empty = make_unwrapped(task=Task()), make_unwrapped(task=Task(), wind=nothing)
     assert_same(empty.reset(seed=0), calm.reset(seed=0))
-    flight = fly(calm, actions)
-    assert_same(fly(empty, actions), flight)
+    flight = run_actions(calm, actions)
+    assert_same(run_actions(empty, actions), flight)
     assert_array_equal(list(chain.from_iterable(step[4]["disturbance"] for step in flight)), 0.0)
 
 
 def test_wind_that_is_not_a_number_is_refused_and_not_taken_for_a_crash() -> None:
-    env = make_rows(3, wind=Ramp(slope=np.nan))
+    env = make_vec(3, wind=Ramp(slope=np.nan))
     env.reset(seed=0)
     env.step(np.zeros((3, 4)))
     before = env.world.state.copy()

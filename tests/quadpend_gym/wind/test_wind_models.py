@@ -9,7 +9,7 @@ from scipy import stats
 
 from quadpend_gym import Constant, Drawn, Gusts, OrnsteinUhlenbeck, PaperGusts, Sinusoid
 from quadpend_gym.core.arrays import Floats
-from tests.helpers.envs import draw_actions, fly, make_bare, make_rows
+from tests.helpers.envs import draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.wind import PERIOD, blown, chance
 
 
@@ -110,11 +110,11 @@ def test_equal_models_within_a_drawn_wind_blow_independently() -> None:
 
 def test_strength_and_heading_are_drawn_once_for_every_episode() -> None:
     wind = Drawn(Constant(velocity=(3.0, 4.0, 1.0)), strength=(0.5, 1.5))
-    env, rows = make_bare(wind=wind), make_rows(50, wind=wind)
+    env, rows = make_unwrapped(wind=wind), make_vec(50, wind=wind)
     episodes = []
     for seed in (3, None, None, 3, None):
         env.reset(seed=seed)
-        velocities = np.array([step[4]["air_velocity"] for step in fly(env, draw_actions(0, 10))])
+        velocities = np.array([step[4]["air_velocity"] for step in run_actions(env, draw_actions(0, 10))])
         assert_array_equal(velocities, np.broadcast_to(velocities[0], velocities.shape))
         episodes.append(velocities[0])
     assert_array_equal(episodes[3:], episodes[:2])

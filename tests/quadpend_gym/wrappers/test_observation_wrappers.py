@@ -20,8 +20,8 @@ from quadpend_gym.wrappers import (
     VectorOutputFeedbackWrapper,
 )
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, fly, make_bare, make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.wrappers import (
     ACTUATORS,
     HISTORY,
@@ -30,10 +30,10 @@ from tests.helpers.wrappers import (
     SENSORS,
     SHORT,
     WIND,
-    gymnasiums,
-    lopsided_actions,
+    biased_actions,
+    make_sync_vec,
     make_wrapped,
-    make_wrapped_rows,
+    make_wrapped_vec,
 )
 
 HIDDEN = ("tracking_error_rate", "direction_rate", "euler_rate")
@@ -45,7 +45,7 @@ modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
 def test_output_feedback_has_every_field_but_the_velocities() -> None:
     env, whole = make_wrapped([OUTPUTS]), make_wrapped([])
     actions = draw_actions(0, 3)
-    seen, observations = ([one.reset(seed=0), *fly(one, actions)] for one in (env, whole))
+    seen, observations = ([one.reset(seed=0), *run_actions(one, actions)] for one in (env, whole))
     assert env.observation_space.shape == (27,)
     for (outputs, *_), (observation, *_) in zip(seen, observations, strict=True):
         assert env.observation_space.contains(outputs)
@@ -56,12 +56,14 @@ def test_output_feedback_has_every_field_but_the_velocities() -> None:
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_a_velocity_that_is_hidden_cannot_be_read(name: str) -> None:
-    outputs, _ = make_wrapped_rows(3, [OUTPUTS]).reset(seed=0)
-    refused(lambda: read_observation(outputs, name), f"no '{name}'; it has tracking_error, direction,", ValueError)
+    outputs, _ = make_wrapped_vec(3, [OUTPUTS]).reset(seed=0)
+    assert_refused(
+        lambda: read_observation(outputs, name), f"no '{name}'; it has tracking_error, direction,", ValueError
+    )
 
 
 def test_states_that_differ_in_velocities_only_look_the_same() -> None:
-    env: Any = OutputFeedbackWrapper(make_bare())
+    env: Any = OutputFeedbackWrapper(make_unwrapped())
     still, moving = (
         env.reset(
             seed=0,
@@ -76,23 +78,23 @@ def test_states_that_differ_in_velocities_only_look_the_same() -> None:
 
 
 def test_an_observation_of_another_size_cannot_be_read() -> None:
-    refused(lambda: read_observation(np.zeros((2, 30)), "direction"), "has 36 or 27 numbers, not 30", ValueError)
+    assert_refused(lambda: read_observation(np.zeros((2, 30)), "direction"), "has 36 or 27 numbers, not 30", ValueError)
 
 
 def test_velocities_are_hidden_once_and_inside_a_history() -> None:
     once = "from the whole observation of 36 numbers, not from 27: put OutputFeedbackWrapper once, and inside History"
-    refused(lambda: OutputFeedbackWrapper(make_wrapped([OUTPUTS])), once, ValueError)
-    refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_rows(2, [OUTPUTS])), once, ValueError)
-    refused(lambda: OutputFeedbackWrapper(make_wrapped([HISTORY])), "not from 116", ValueError)
-    refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_rows(2, [HISTORY])), "not from 116", ValueError)
-    refused(lambda: OutputFeedbackWrapper(gym.make("CartPole-v1")), "not from 4", ValueError)
+    assert_refused(lambda: OutputFeedbackWrapper(make_wrapped([OUTPUTS])), once, ValueError)
+    assert_refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_vec(2, [OUTPUTS])), once, ValueError)
+    assert_refused(lambda: OutputFeedbackWrapper(make_wrapped([HISTORY])), "not from 116", ValueError)
+    assert_refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_vec(2, [HISTORY])), "not from 116", ValueError)
+    assert_refused(lambda: OutputFeedbackWrapper(gym.make("CartPole-v1")), "not from 4", ValueError)
 
 
 @pytest.mark.parametrize("gains", ["paper", "matched"])
 def test_the_papers_controller_sees_no_velocities(gains: str) -> None:
     """On 27 numbers it does what it does on 36."""
     layers = [("WindWrapper", "breeze"), ("SensorWrapper", NOISE)]
-    whole, outputs = make_wrapped_rows(3, layers), make_wrapped_rows(3, [*layers, OUTPUTS])
+    whole, outputs = make_wrapped_vec(3, layers), make_wrapped_vec(3, [*layers, OUTPUTS])
     controller, memories = ADRC(gains), [None, None]
     observations = [whole.reset(seed=0)[0], outputs.reset(seed=0)[0]]
     for _ in range(100):
@@ -133,10 +135,10 @@ def test_the_histories_of_many_rows_are_those_of_single_environments(
 ) -> None:
     """At an end, too: the last observation completes the old history, the first begins a new one."""
     layers = [WIND, OUTPUTS, ("HistoryWrapper", observations, actions)]
-    env, theirs = make_wrapped_rows(4, layers, autoreset_mode=mode, **SHORT), gymnasiums(4, layers, mode, **SHORT)
+    env, theirs = make_wrapped_vec(4, layers, autoreset_mode=mode, **SHORT), make_sync_vec(4, layers, mode, **SHORT)
     assert_array_equal(env.reset(seed=0)[0], theirs.reset(seed=0)[0])
     ended = 0
-    for action in lopsided_actions(50, 4):
+    for action in biased_actions(50, 4):
         observation, _, terminated, truncated, info = env.step(action)
         their_observation, *_, their_info = theirs.step(action)
         assert_array_equal(observation, their_observation)
@@ -153,10 +155,10 @@ def test_the_histories_of_many_rows_are_those_of_single_environments(
 
 @modes
 def test_the_vector_environments_of_gymnasium_have_histories_too(mode: str) -> None:
-    env = VectorHistoryWrapper(gymnasiums(3, [], mode, **SHORT), 3, 2)
-    native = make_wrapped_rows(3, [HISTORY], autoreset_mode=mode, **SHORT)
+    env = VectorHistoryWrapper(make_sync_vec(3, [], mode, **SHORT), 3, 2)
+    native = make_wrapped_vec(3, [HISTORY], autoreset_mode=mode, **SHORT)
     assert_array_equal(env.reset(seed=0)[0], native.reset(seed=0)[0])
-    for action in lopsided_actions(50, 3):
+    for action in biased_actions(50, 3):
         observation, _, terminated, truncated, _ = env.step(action)
         assert_array_equal(observation, native.step(action)[0])
         if mode == "Disabled" and (over := terminated | truncated).any():
@@ -165,11 +167,11 @@ def test_the_vector_environments_of_gymnasium_have_histories_too(mode: str) -> N
 
 
 def test_a_reset_of_some_rows_leaves_the_histories_of_the_others() -> None:
-    env, untouched = (make_wrapped_rows(3, [HISTORY]) for _ in range(2))
+    env, untouched = (make_wrapped_vec(3, [HISTORY]) for _ in range(2))
     env.reset(seed=0), untouched.reset(seed=0)
     actions = draw_actions(0, 4, 3)
-    history = fly(env, actions)[-1][0]
-    fly(untouched, actions)
+    history = run_actions(env, actions)[-1][0]
+    run_actions(untouched, actions)
     mask = np.array([False, True, False])
     begun = env.reset(options={"reset_mask": mask})[0]
     assert_array_equal(begun[~mask], history[~mask])
@@ -179,9 +181,9 @@ def test_a_reset_of_some_rows_leaves_the_histories_of_the_others() -> None:
 
 def test_of_rows_that_have_ended_those_that_were_reset_go_on_and_the_others_begin() -> None:
     """As their episodes do, with next-step autoreset."""
-    env = make_wrapped_rows(3, [("HistoryWrapper", 2)], max_episode_steps=2)
+    env = make_wrapped_vec(3, [("HistoryWrapper", 2)], max_episode_steps=2)
     env.reset(seed=0)
-    fly(env, np.zeros((2, 3, 4)))
+    run_actions(env, np.zeros((2, 3, 4)))
     mask, halves = np.array([True, False, True]), (3, 2, 36)
     first = env.reset(options={"reset_mask": mask})[0].reshape(halves)[:, 1]
     before, present = env.step(np.zeros((3, 4)))[0].reshape(halves).swapaxes(0, 1)
@@ -191,21 +193,21 @@ def test_of_rows_that_have_ended_those_that_were_reset_go_on_and_the_others_begi
 
 @pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
 def test_a_history_once_given_does_not_change(rows: tuple[int, ...]) -> None:
-    env: Any = make_wrapped_rows(3, [HISTORY]) if rows else make_wrapped([HISTORY])
-    given = [env.reset(seed=0)[0], *(step[0] for step in fly(env, draw_actions(0, 3, *rows)))]
+    env: Any = make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY])
+    given = [env.reset(seed=0)[0], *(step[0] for step in run_actions(env, draw_actions(0, 3, *rows)))]
     kept = [history.copy() for history in given]
-    fly(env, draw_actions(1, 5, *rows))
+    run_actions(env, draw_actions(1, 5, *rows))
     env.reset()
     assert_same(given, kept)
 
 
 @pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
 def test_an_action_that_is_refused_leaves_no_trace_in_the_history(rows: tuple[int, ...]) -> None:
-    env, twin = (make_wrapped_rows(3, [HISTORY]) if rows else make_wrapped([HISTORY]) for _ in range(2))
+    env, twin = (make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY]) for _ in range(2))
     env.reset(seed=0), twin.reset(seed=0)
-    refused(lambda: env.step(np.full((*rows, 4), 1.5)), "must be four numbers", ValueError)
+    assert_refused(lambda: env.step(np.full((*rows, 4), 1.5)), "must be four numbers", ValueError)
     actions = draw_actions(0, 3, *rows)
-    assert_same(fly(env, actions), fly(twin, actions))
+    assert_same(run_actions(env, actions), run_actions(twin, actions))
 
 
 def test_other_environments_have_histories_too() -> None:
@@ -228,20 +230,22 @@ BAD: dict[str, tuple[Callable[..., Any], str]] = {
 
 @pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
 def test_an_impossible_history_is_refused(call: Callable[..., Any], names: str) -> None:
-    refused(lambda: call(HistoryWrapper, make_bare()), names, ValueError)
-    refused(lambda: call(VectorHistoryWrapper, make_rows(2)), names, ValueError)
+    assert_refused(lambda: call(HistoryWrapper, make_unwrapped()), names, ValueError)
+    assert_refused(lambda: call(VectorHistoryWrapper, make_vec(2)), names, ValueError)
 
 
 def test_a_history_needs_vectors() -> None:
-    refused(lambda: HistoryWrapper(gym.make("CartPole-v1")), "action must be a vector .* not Discrete", TypeError)
-    refused(
+    assert_refused(
+        lambda: HistoryWrapper(gym.make("CartPole-v1")), "action must be a vector .* not Discrete", TypeError
+    )
+    assert_refused(
         lambda: HistoryWrapper(gym.make("FrozenLake-v1")), "observation must be a vector .* not Discrete", TypeError
     )
 
 
 def test_a_learner_learns_from_histories_of_measured_outputs() -> None:
     layers = [("SensorWrapper", NOISE), OUTPUTS, ("HistoryWrapper", 4, 2)]
-    env = SB3VecEnv(make_wrapped_rows(4, layers, autoreset_mode="SameStep", max_episode_steps=6))
+    env = SB3VecEnv(make_wrapped_vec(4, layers, autoreset_mode="SameStep", max_episode_steps=6))
     model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu", seed=0).learn(64)
     single = make_wrapped(layers)
     action, _ = model.predict(single.reset(seed=0)[0])
@@ -249,8 +253,8 @@ def test_a_learner_learns_from_histories_of_measured_outputs() -> None:
 
 
 def test_sensors_and_histories_see_each_other_in_any_order() -> None:
-    one = HistoryWrapper(SensorWrapper(make_bare(), NOISE), 2)
-    other = SensorWrapper(HistoryWrapper(make_bare(), 2), NOISE)
+    one = HistoryWrapper(SensorWrapper(make_unwrapped(), NOISE), 2)
+    other = SensorWrapper(HistoryWrapper(make_unwrapped(), 2), NOISE)
     assert_same(one.reset(seed=0), other.reset(seed=0))
     actions = draw_actions(0, 5)
-    assert_same(fly(one, actions), fly(other, actions))
+    assert_same(run_actions(one, actions), run_actions(other, actions))

@@ -21,8 +21,17 @@ from quadpend_gym.core import streams
 from quadpend_gym.core.arrays import Booleans
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wrappers import SensorWrapper
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, fly, make, make_bare, make_rows, pick
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import (
+    AUTORESET_MODES,
+    assert_same,
+    draw_actions,
+    make,
+    make_unwrapped,
+    make_vec,
+    run_actions,
+    select_info,
+)
 from tests.helpers.wrappers import (
     ACTUATORS,
     HISTORY,
@@ -33,10 +42,10 @@ from tests.helpers.wrappers import (
     STACKS,
     WIND,
     Layers,
-    gymnasiums,
-    lopsided_actions,
+    biased_actions,
+    make_sync_vec,
     make_wrapped,
-    make_wrapped_rows,
+    make_wrapped_vec,
     wrapped,
 )
 from tests.quadpend_gym.envs.test_vector_env import assert_same_info
@@ -53,8 +62,8 @@ world_wrappers = pytest.mark.parametrize("layer", WORLD.values(), ids=WORLD.keys
 @stacks
 def test_many_rows_are_what_gymnasium_makes_of_single_environments(layers: Layers, mode: str) -> None:
     """To the last bit, `final_obs` and `final_info` too, through several ends of both sorts."""
-    env = make_wrapped_rows(ROWS, layers, autoreset_mode=mode, **SHORT)
-    theirs = gymnasiums(ROWS, layers, mode, **SHORT)
+    env = make_wrapped_vec(ROWS, layers, autoreset_mode=mode, **SHORT)
+    theirs = make_sync_vec(ROWS, layers, mode, **SHORT)
     assert env.observation_space == theirs.observation_space
     assert env.single_observation_space == theirs.single_observation_space
     assert env.action_space == theirs.action_space
@@ -62,7 +71,7 @@ def test_many_rows_are_what_gymnasium_makes_of_single_environments(layers: Layer
     assert_same(observation, their_observation)
     assert_same_info(info, their_info, EVERY_ROW)
     ends = []
-    for actions in lopsided_actions(STEPS, ROWS):
+    for actions in biased_actions(STEPS, ROWS):
         *returned, info = env.step(actions)
         *their_return, their_info = theirs.step(actions)
         assert_same(returned, their_return)
@@ -82,13 +91,13 @@ def test_many_rows_are_what_gymnasium_makes_of_single_environments(layers: Layer
 
 @stacks
 def test_the_number_of_rows_does_not_matter(layers: Layers) -> None:
-    many, few = (make_wrapped_rows(rows, layers, autoreset_mode="SameStep", **SHORT) for rows in (130, 3))
+    many, few = (make_wrapped_vec(rows, layers, autoreset_mode="SameStep", **SHORT) for rows in (130, 3))
     assert_same(many.reset(seed=0)[0][:3], few.reset(seed=0)[0])
     actions = draw_actions(0, 30, 130)
-    for one, other in zip(fly(many, actions), fly(few, actions[:, :3]), strict=True):
+    for one, other in zip(run_actions(many, actions), run_actions(few, actions[:, :3]), strict=True):
         assert_same([part[:3] for part in one[:4]], other[:4])
         for row in range(3):
-            assert_same(pick(one[4], row), pick(other[4], row))
+            assert_same(select_info(one[4], row), select_info(other[4], row))
 
 
 @stacks
@@ -97,10 +106,10 @@ def test_an_episode_depends_on_its_seed_and_number_only(layers: Layers) -> None:
     env, twin = make_wrapped(layers), make_wrapped(layers)
     for k, seed in enumerate((5, None, None)):
         assert_same(env.reset(seed=seed), twin.reset(seed=seed))
-        fly(env, draw_actions(k, 5 * k + 3))
+        run_actions(env, draw_actions(k, 5 * k + 3))
     assert_same(env.reset(), twin.reset())
     actions = draw_actions(9, 10)
-    assert_same(fly(env, actions), fly(twin, actions))
+    assert_same(run_actions(env, actions), run_actions(twin, actions))
 
 
 @stacks
@@ -125,26 +134,26 @@ def test_the_spec_of_a_wrapped_env_survives_json(layers: Layers) -> None:
     assert str(twin) == str(env)
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
-    assert_same(fly(twin, actions), fly(env, actions))
+    assert_same(run_actions(twin, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
 @stacks
 def test_a_copy_in_mid_episode_continues_identically(layers: Layers, clone: Callable[[Any], Any]) -> None:
     env: Any
-    for env, rows in ((make_wrapped(layers), ()), (make_wrapped_rows(3, layers, **SHORT), (3,))):
+    for env, rows in ((make_wrapped(layers), ()), (make_wrapped_vec(3, layers, **SHORT), (3,))):
         env.reset(seed=5)
-        fly(env, draw_actions(0, 10, *rows))
+        run_actions(env, draw_actions(0, 10, *rows))
         twin = clone(env)
         actions = draw_actions(1, 20, *rows)
-        assert_same(fly(twin, actions), fly(env, actions))
+        assert_same(run_actions(twin, actions), run_actions(env, actions))
         assert_same(twin.reset(), env.reset())
 
 
 @world_wrappers
 def test_the_same_models_serve_several_environments(layer: tuple[Any, ...]) -> None:
     one, other, alone = make_wrapped([layer]), make_wrapped([layer]), make_wrapped(copy.deepcopy([layer]))
-    expected = [alone.reset(seed=1), *fly(alone, draw_actions(1, 15))]
+    expected = [alone.reset(seed=1), *run_actions(alone, draw_actions(1, 15))]
     seen = [one.reset(seed=1)]
     other.reset(seed=2)
     for action in draw_actions(1, 15):
@@ -161,26 +170,26 @@ def test_wrappers_one_around_the_other_are_one_wrapper_with_the_list(name: str, 
     flat = make_wrapped([(name, models)])
     assert_same(nested.reset(seed=0), flat.reset(seed=0))
     actions = draw_actions(0, 30)
-    assert_same(fly(nested, actions), fly(flat, actions))
+    assert_same(run_actions(nested, actions), run_actions(flat, actions))
 
 
 def test_the_order_in_which_different_wrappers_of_the_world_stand_does_not_matter() -> None:
     one, other = (make_wrapped(list(order), **SHORT) for order in (WORLD.values(), reversed(WORLD.values())))
     assert_same(one.reset(seed=0), other.reset(seed=0))
     actions = draw_actions(0, 15)
-    assert_same(fly(one, actions), fly(other, actions))
+    assert_same(run_actions(one, actions), run_actions(other, actions))
 
 
 def test_sensors_and_actuators_leave_starts_references_parameters_and_wind_unchanged() -> None:
-    plain: Any = make_wrapped_rows(5, [WIND, PARAMETERS])
-    real: Any = make_wrapped_rows(5, [WIND, PARAMETERS, ACTUATORS, SENSORS])
+    plain: Any = make_wrapped_vec(5, [WIND, PARAMETERS])
+    real: Any = make_wrapped_vec(5, [WIND, PARAMETERS, ACTUATORS, SENSORS])
     for seed in (0, None):
         info = real.reset(seed=seed)[1]
         assert_same({key: info[key] for key in info if "command" not in key}, plain.reset(seed=seed)[1])
         for attribute in ("state", "reference", "parameters", "wind"):
             assert_array_equal(getattr(real.unwrapped.world, attribute), getattr(plain.unwrapped.world, attribute))
         for (*_, info), (*_, expected) in zip(
-            fly(real, np.ones((5, 5, 4))), fly(plain, np.ones((5, 5, 4))), strict=True
+            run_actions(real, np.ones((5, 5, 4))), run_actions(plain, np.ones((5, 5, 4))), strict=True
         ):
             assert_array_equal(info["air_velocity"], expected["air_velocity"])
 
@@ -194,48 +203,52 @@ def test_every_purpose_has_a_random_stream_of_its_own() -> None:
 @world_wrappers
 def test_a_wrapper_in_mid_episode_asks_for_a_reset(layer: tuple[Any, ...]) -> None:
     env: Any
-    for env, rows in ((make_bare(), ()), (make_rows(3), (3,))):
+    for env, rows in ((make_unwrapped(), ()), (make_vec(3), (3,))):
         env.reset(seed=0)
-        fly(env, draw_actions(0, 3, *rows))
-        refused(lambda env=env, rows=rows: wrapped(env, [layer]).step(np.zeros((*rows, 4))), "call reset", ResetNeeded)
+        run_actions(env, draw_actions(0, 3, *rows))
+        assert_refused(
+            lambda env=env, rows=rows: wrapped(env, [layer]).step(np.zeros((*rows, 4))), "call reset", ResetNeeded
+        )
         env.reset()
-        fly(env, draw_actions(0, 3, *rows))
+        run_actions(env, draw_actions(0, 3, *rows))
 
 
 @world_wrappers
 def test_only_these_environments_can_be_wrapped(layer: tuple[Any, ...]) -> None:
     only = "only a QuadPendulum environment can be wrapped so, not .*CartPole"
-    refused(lambda: wrapped(gym.make("CartPole-v1"), [layer]), only, TypeError)
-    refused(lambda: wrapped(gym.make_vec("CartPole-v1", 2), [layer]), only, TypeError)
+    assert_refused(lambda: wrapped(gym.make("CartPole-v1"), [layer]), only, TypeError)
+    assert_refused(lambda: wrapped(gym.make_vec("CartPole-v1", 2), [layer]), only, TypeError)
 
 
 @pytest.mark.parametrize("layer", [*WORLD.values(), OUTPUTS, HISTORY], ids=[*WORLD, "outputs", "history"])
 def test_a_wrapper_for_one_environment_and_one_for_many_are_not_taken_for_each_other(layer: tuple[Any, ...]) -> None:
     name, *arguments = layer
-    refused(lambda: getattr(wrappers, f"Vector{name}")(make_bare(), *arguments), "Expected env to be", TypeError)
-    refused(lambda: getattr(wrappers, name)(make_rows(2), *arguments), "Expected env to be", TypeError)
+    assert_refused(
+        lambda: getattr(wrappers, f"Vector{name}")(make_unwrapped(), *arguments), "Expected env to be", TypeError
+    )
+    assert_refused(lambda: getattr(wrappers, name)(make_vec(2), *arguments), "Expected env to be", TypeError)
 
 
 def test_gymnasiums_wrappers_go_in_between() -> None:
     env = wrapped(gym.wrappers.TimeLimit(wrapped(make(), [SENSORS]), 4), [ACTUATORS, HISTORY])
     env.reset(seed=0)
-    assert [truncated for *_, truncated, _ in fly(env, np.zeros((4, 4)))] == [False, False, False, True]
+    assert [truncated for *_, truncated, _ in run_actions(env, np.zeros((4, 4)))] == [False, False, False, True]
 
 
 def test_refused_models_leave_the_environment_as_it_was() -> None:
     for name in ("SensorWrapper", "ActuatorWrapper", "ParameterWrapper", "WindWrapper"):
         env, twin = make(), make()
         env.reset(seed=0), twin.reset(seed=0)
-        refused(lambda name=name, env=env: getattr(wrappers, name)(env, 3.0), "not 3.0", TypeError)
+        assert_refused(lambda name=name, env=env: getattr(wrappers, name)(env, 3.0), "not 3.0", TypeError)
         actions = draw_actions(0, 5)
-        assert_same(fly(env, actions), fly(twin, actions))
+        assert_same(run_actions(env, actions), run_actions(twin, actions))
 
 
 def test_no_models_change_nothing() -> None:
     env, plain = make_wrapped([("SensorWrapper", []), ("ActuatorWrapper", None), ("WindWrapper", "calm")]), make()
     assert_same(env.reset(seed=0), plain.reset(seed=0))
     actions = draw_actions(0, 10)
-    assert_same(fly(env, actions), fly(plain, actions))
+    assert_same(run_actions(env, actions), run_actions(plain, actions))
 
 
 @pytest.mark.parametrize("wrapper", [None, SensorWrapper])

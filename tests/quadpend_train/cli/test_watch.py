@@ -22,7 +22,7 @@ from quadpend_train.evaluation.recording import Recording, record
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports.side_by_side import SideBySideView
 from quadpend_train.scenarios import Scenario, find_scenario
-from tests.helpers.bad_input import refused
+from tests.helpers.bad_input import assert_refused
 
 SEED = 3_000_000
 SIZE = (320, 180)
@@ -185,7 +185,7 @@ def test_a_window_that_nobody_could_see_is_refused_before_anything_is_flown(monk
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
     monkeypatch.setattr("quadpend_train.evaluation.recording.record", lambda *_: pytest.fail("flown"))
-    refused(lambda: watch(("flatness",)), "there is no screen for a window: give --out", ValueError)
+    assert_refused(lambda: watch(("flatness",)), "there is no screen for a window: give --out", ValueError)
 
 
 def test_without_pygame_ce_the_command_names_the_extra(
@@ -217,4 +217,6 @@ def test_without_pygame_ce_the_command_names_the_extra(
     ],
 )
 def test_what_cannot_be_watched_is_refused(options: dict[str, Any], message: str) -> None:
-    refused(lambda: watch(**{"policies": ("flatness",), "out": Path("film.gif"), **options}), message, ValueError)
+    assert_refused(
+        lambda: watch(**{"policies": ("flatness",), "out": Path("film.gif"), **options}), message, ValueError
+    )

@@ -11,8 +11,8 @@ from quadpend_baselines import controller
 from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.training.environment import make_env
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import assert_same, draw_actions, make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import assert_same, draw_actions, make_vec
 from tests.helpers.training import BRIEF
 from tests.helpers.wrappers import SHORT
 
@@ -38,12 +38,12 @@ def test_who_leaves_the_companion_alone_earns_nothing(scenario: str, steers: Any
 
 
 def paired(rows: int, **more: Any) -> BaselineRelativeReward:
-    envs = [make_rows(rows, **CALM, **more) for _ in range(2)]
+    envs = [make_vec(rows, **CALM, **more) for _ in range(2)]
     return BaselineRelativeReward(*envs, controller("flatness"), 0.9, 2.0)
 
 
 def test_a_reward_is_the_difference_from_the_controllers() -> None:
-    env, learner, teacher, policy = paired(4), make_rows(4, **CALM), make_rows(4, **CALM), controller("flatness")
+    env, learner, teacher, policy = paired(4), make_vec(4, **CALM), make_vec(4, **CALM), controller("flatness")
     assert_array_equal(env.reset(seed=3)[0], learner.reset(seed=3)[0])
     observation, memory = teacher.reset(seed=3)[0], None
     for action in 0.05 * draw_actions(0, 15, 4):
@@ -58,7 +58,7 @@ def test_a_reward_is_the_difference_from_the_controllers() -> None:
 
 
 def test_a_fall_costs_what_the_controller_would_have_earned_from_there() -> None:
-    env, learner, teacher, policy = paired(3), make_rows(3, **CALM), make_rows(3, **CALM), controller("flatness")
+    env, learner, teacher, policy = paired(3), make_vec(3, **CALM), make_vec(3, **CALM), controller("flatness")
     env.reset(seed=3), learner.reset(seed=3)
     observation, memory = teacher.reset(seed=3)[0], None
     terminated = np.zeros(3, np.bool_)
@@ -82,7 +82,7 @@ class Falling:
 
 
 def test_where_only_the_twin_falls_its_fall_is_gained_and_where_both_fall_nothing_is() -> None:
-    envs = [make_rows(3, **CALM) for _ in range(2)]
+    envs = [make_vec(3, **CALM) for _ in range(2)]
     env, policy, memory = BaselineRelativeReward(*envs, Falling(), 0.9, 2.0), controller("flatness"), None
     observation, gained = env.reset(seed=3)[0], np.zeros(3)
     for _ in range(100):
@@ -99,12 +99,12 @@ def test_where_only_the_twin_falls_its_fall_is_gained_and_where_both_fall_nothin
 
 
 def test_a_paired_environment_takes_no_options() -> None:
-    refused(lambda: paired(2).reset(options={"state": {}}), "takes no options", ValueError)
+    assert_refused(lambda: paired(2).reset(options={"state": {}}), "takes no options", ValueError)
 
 
 def test_a_held_action_is_taken_again_and_again_and_its_rewards_add_up() -> None:
     """A row that begins anew waits, without action, until the others decide again."""
-    held, plain = (make_rows(5, **CALM, **SHORT) for _ in range(2))
+    held, plain = (make_vec(5, **CALM, **SHORT) for _ in range(2))
     env = ActionRepeat(held, 4)
     assert_array_equal(env.reset(seed=1)[0], plain.reset(seed=1)[0])
     ends = 0

@@ -14,8 +14,8 @@ from quadpend_baselines.policy.rollout import Step, rollout
 from quadpend_gym import Simulation
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import assert_same, draw_actions, fly, make, make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import assert_same, draw_actions, make, make_vec, run_actions
 from tests.helpers.policies import Falling
 from tests.helpers.wrappers import (
     ACTUATORS,
@@ -26,8 +26,8 @@ from tests.helpers.wrappers import (
     SHORT,
     WIND,
     Layers,
-    lopsided_actions,
-    make_wrapped_rows,
+    biased_actions,
+    make_wrapped_vec,
 )
 
 PARTS: list[tuple[int, Layers, dict[str, Any]]] = [
@@ -41,7 +41,7 @@ SLICES = [slice(*edge) for edge in pairwise(EDGES)]
 
 def parts() -> list[VectorEnv[Any, Any, Any]]:
     """Environments whose episodes end at different times."""
-    return [make_wrapped_rows(rows, layers, autoreset_mode="SameStep", **more) for rows, layers, more in PARTS]
+    return [make_wrapped_vec(rows, layers, autoreset_mode="SameStep", **more) for rows, layers, more in PARTS]
 
 
 def assert_same_row(info: dict[str, Any], row: int, theirs: dict[str, Any], their_row: int) -> None:
@@ -66,7 +66,7 @@ def test_its_rows_are_those_of_its_parts(seed: Any) -> None:
             assert_same_row(info, row, theirs, row - rows.start)
     ended = np.zeros((2, ROWS), np.int64)
     alone = 0
-    for actions in lopsided_actions(60, ROWS):
+    for actions in biased_actions(60, ROWS):
         *returned, info = mixture.step(actions)
         stepped = [env.step(actions[rows]) for env, rows in zip(others, SLICES, strict=True)]
         for part in range(4):
@@ -99,28 +99,28 @@ def test_unseeded_episodes_go_on_as_those_of_the_parts() -> None:
         env.reset(seed=5 + rows.start)
     for _ in range(2):
         actions = draw_actions(0, 5, ROWS)
-        fly(mixture, actions)
+        run_actions(mixture, actions)
         for env, rows in zip(others, SLICES, strict=True):
-            fly(env, actions[:, rows])
+            run_actions(env, actions[:, rows])
         again = np.concatenate([env.reset()[0] for env in others])
         assert_array_equal(mixture.reset()[0], again)
 
 
 def test_a_mixture_of_one_is_that_one() -> None:
     mixture, env = (
-        ConcatenatedVectorEnv([make_rows(3, autoreset_mode="SameStep", **SHORT)]),
-        make_rows(3, autoreset_mode="SameStep", **SHORT),
+        ConcatenatedVectorEnv([make_vec(3, autoreset_mode="SameStep", **SHORT)]),
+        make_vec(3, autoreset_mode="SameStep", **SHORT),
     )
     assert_same(mixture.reset(seed=0)[0], env.reset(seed=0)[0])
-    actions = lopsided_actions(40, 3)
-    assert_same([step[:4] for step in fly(mixture, actions)], [step[:4] for step in fly(env, actions)])
+    actions = biased_actions(40, 3)
+    assert_same([step[:4] for step in run_actions(mixture, actions)], [step[:4] for step in run_actions(env, actions)])
 
 
 def test_a_row_of_it_does_not_depend_on_the_other_parts() -> None:
     one, other = ConcatenatedVectorEnv(parts()[:2]), ConcatenatedVectorEnv([parts()[0], parts()[2]])
     assert_array_equal(one.reset(seed=0)[0][:3], other.reset(seed=0)[0][:3])
-    actions = lopsided_actions(30, 7)
-    for a, b in zip(fly(one, actions[:, :4]), fly(other, actions), strict=True):
+    actions = biased_actions(30, 7)
+    for a, b in zip(run_actions(one, actions[:, :4]), run_actions(other, actions), strict=True):
         for part in range(4):
             assert_array_equal(a[part][:3], b[part][:3])
 
@@ -154,7 +154,7 @@ def test_a_rollout_in_it_is_that_in_its_parts(name: str) -> None:
 def test_the_info_at_the_end_of_an_episode_is_of_its_last_step() -> None:
     """And not of the next one's first: who falls is far away."""
     steps = list(
-        rollout(Falling(), ConcatenatedVectorEnv([make_rows(2, autoreset_mode="SameStep") for _ in range(2)]), 0)
+        rollout(Falling(), ConcatenatedVectorEnv([make_vec(2, autoreset_mode="SameStep") for _ in range(2)]), 0)
     )
     last = [step for step in steps if step.terminated.any()]
     assert all(
@@ -169,7 +169,7 @@ def test_stable_baselines_takes_it() -> None:
     for part, rows in zip(plain, SLICES, strict=True):
         part.seed(3 + rows.start)
     assert_array_equal(env.reset(), np.concatenate([part.reset() for part in plain]))
-    for actions in lopsided_actions(40, ROWS):
+    for actions in biased_actions(40, ROWS):
         observation, reward, over, infos = env.step(actions)
         stepped = [part.step(actions[rows]) for part, rows in zip(plain, SLICES, strict=True)]
         assert_array_equal(observation, np.concatenate([step[0] for step in stepped]))
@@ -194,19 +194,19 @@ def test_it_closes_its_parts() -> None:
 
 
 def rows_of(**kwargs: Any) -> VectorEnv[Any, Any, Any]:
-    return make_rows(2, **{"autoreset_mode": "SameStep", **kwargs})
+    return make_vec(2, **{"autoreset_mode": "SameStep", **kwargs})
 
 
 BAD: dict[str, tuple[Any, str]] = {
     "none": (list, "needs an environment"),
-    "next-step autoreset": (lambda: [rows_of(), make_rows(2)], "must have autoreset_mode SAME_STEP, not .*NEXT_STEP"),
+    "next-step autoreset": (lambda: [rows_of(), make_vec(2)], "must have autoreset_mode SAME_STEP, not .*NEXT_STEP"),
     "no autoreset": (lambda: [rows_of(autoreset_mode="Disabled")], "SAME_STEP, not .*DISABLED"),
     "other observations": (
-        lambda: [rows_of(), make_wrapped_rows(2, [OUTPUTS], autoreset_mode="SameStep")],
+        lambda: [rows_of(), make_wrapped_vec(2, [OUTPUTS], autoreset_mode="SameStep")],
         r"same observations, not .*36.* and .*27",
     ),
     "a history": (
-        lambda: [make_wrapped_rows(2, [HISTORY], autoreset_mode="SameStep"), rows_of()],
+        lambda: [make_wrapped_vec(2, [HISTORY], autoreset_mode="SameStep"), rows_of()],
         r"same observations, not .*116.* and .*36",
     ),
     "other simulations": (
@@ -231,14 +231,14 @@ BAD: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize(("envs", "names"), BAD.values(), ids=BAD.keys())
 def test_what_does_not_mix_is_refused(envs: Any, names: str) -> None:
-    refused(lambda: ConcatenatedVectorEnv(envs()), names, (ValueError, TypeError))
+    assert_refused(lambda: ConcatenatedVectorEnv(envs()), names, (ValueError, TypeError))
 
 
 @pytest.mark.parametrize("actions", [np.zeros((7, 4)), np.zeros((9, 4)), np.zeros(4), np.full((8, 4), 2.0)])
 def test_impossible_actions_are_refused(actions: Any) -> None:
     mixture = ConcatenatedVectorEnv(parts())
     mixture.reset(seed=0)
-    refused(lambda: mixture.step(actions), "action", (ValueError, TypeError))
+    assert_refused(lambda: mixture.step(actions), "action", (ValueError, TypeError))
 
 
 def test_an_action_that_is_refused_leaves_no_trace() -> None:
@@ -247,11 +247,11 @@ def test_an_action_that_is_refused_leaves_no_trace() -> None:
     mixture.reset(seed=0), twin.reset(seed=0)
     bad = np.zeros((ROWS, 4), np.float32)
     bad[-1, 2] = np.nan
-    refused(lambda: mixture.step(bad), "action", ValueError)
+    assert_refused(lambda: mixture.step(bad), "action", ValueError)
     actions = draw_actions(0, 3, ROWS)
-    assert_same([step[:4] for step in fly(mixture, actions)], [step[:4] for step in fly(twin, actions)])
+    assert_same([step[:4] for step in run_actions(mixture, actions)], [step[:4] for step in run_actions(twin, actions)])
 
 
 @pytest.mark.parametrize("seed", [[1, 2], list(range(9)), -1, 1.5])
 def test_impossible_seeds_are_refused(seed: Any) -> None:
-    refused(lambda: ConcatenatedVectorEnv(parts()).reset(seed=seed), "seed", (ValueError, TypeError))
+    assert_refused(lambda: ConcatenatedVectorEnv(parts()).reset(seed=seed), "seed", (ValueError, TypeError))

@@ -19,9 +19,9 @@ from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export, export_zip
 from quadpend_train.policies.mlp_policy import MlpPolicy, difference
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, output_layer, read_zip
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import make_rows
-from tests.helpers.wrappers import HISTORY, make_wrapped_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import make_vec
+from tests.helpers.wrappers import HISTORY, make_wrapped_vec
 
 KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
     "ppo": (PPO, {"n_steps": 4, "batch_size": 8}),
@@ -32,7 +32,7 @@ algorithms = pytest.mark.parametrize("algo", KINDS)
 
 
 def env() -> SB3VecEnv:
-    return SB3VecEnv(make_rows(2, autoreset_mode="SameStep"))
+    return SB3VecEnv(make_vec(2, autoreset_mode="SameStep"))
 
 
 def model(algo: str, around: Any = None, gain: float = 1.0, sde: bool = False, **policy: Any) -> Any:
@@ -117,13 +117,13 @@ def test_an_exported_policy_does_not_change_when_its_model_learns_on() -> None:
 
 
 def test_a_view_of_more_is_kept() -> None:
-    around = SB3VecEnv(make_wrapped_rows(2, [HISTORY], autoreset_mode="SameStep"))
+    around = SB3VecEnv(make_wrapped_vec(2, [HISTORY], autoreset_mode="SameStep"))
     made = model("ppo", around)
     view = {**export(model("ppo")).card["view"], "history": 3, "history_actions": 2}
     policy = export(made, view)
     seen = observations(116)
     assert_allclose(policy.act(seen), made.predict(seen, deterministic=True)[0], atol=1e-5)
-    refused(lambda: export(made), "takes 116 numbers, not the 36 or 27", ValueError)
+    assert_refused(lambda: export(made), "takes 116 numbers, not the 36 or 27", ValueError)
 
 
 class Tenfold(FlattenExtractor):
@@ -173,7 +173,7 @@ MORE: dict[str, tuple[Any, str]] = {
 @pytest.mark.filterwarnings("ignore:You are trying to run PPO on the GPU")
 @pytest.mark.parametrize(("make", "message"), MORE.values(), ids=MORE.keys())
 def test_what_is_more_than_a_network_is_refused(make: Any, message: str) -> None:
-    refused(lambda: export(make()), message, ValueError)
+    assert_refused(lambda: export(make()), message, ValueError)
 
 
 @algorithms
@@ -188,16 +188,16 @@ def test_a_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
 
 def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
-    refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
+    assert_refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
     path.write_bytes(b"weights")
-    refused(lambda: export_zip(path), "model.zip is no model saved by Stable-Baselines3", ValueError)
+    assert_refused(lambda: export_zip(path), "model.zip is no model saved by Stable-Baselines3", ValueError)
     for data in ("[]", "{", json.dumps({"policy_class": 3})):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("data", data)
-        refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
+        assert_refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("data", json.dumps({"policy_class": {"__module__": "stable_baselines3.common.policies"}}))
-    refused(lambda: export_zip(path), "is no model of PPO, SAC or TQC", ValueError)
+    assert_refused(lambda: export_zip(path), "is no model of PPO, SAC or TQC", ValueError)
     made = model("ppo")
     made.save(path)
     whole = path.read_bytes()

@@ -22,8 +22,8 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.wrappers import VectorHistoryWrapper, VectorOutputFeedbackWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.mlp_policy import MlpPolicy, difference
-from tests.helpers.bad_input import refused
-from tests.helpers.envs import assert_same, make_rows
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import assert_same, make_vec
 from tests.helpers.hybrid import Steered, flown
 from tests.helpers.mlp_policies import card, layers, learned
 from tests.helpers.sources import HEAVY, ROOT
@@ -121,7 +121,9 @@ def test_no_file_is_executed(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     np.savez(tmp_path / "bomb.npz", allow_pickle=True, **arrays)
     (tmp_path / "pickle.npz").write_bytes(pickle.dumps(Bomb()))
     for path in ("bomb.npz", "pickle.npz"):
-        refused(lambda path=path: MlpPolicy.load(path), "is no learned policy: .*(allow_pickle|zip file)", ValueError)
+        assert_refused(
+            lambda path=path: MlpPolicy.load(path), "is no learned policy: .*(allow_pickle|zip file)", ValueError
+        )
     assert not Path("exploded").exists()
 
 
@@ -200,7 +202,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 def test_what_makes_no_policy_is_refused(arrays: dict[str, Any], reason: str, tmp_path: Path) -> None:
     path = tmp_path / "wrong.npz"
     np.savez(path, **arrays)
-    refused(lambda: MlpPolicy.load(path), rf"wrong.npz is no learned policy: .*({reason})", ValueError)
+    assert_refused(lambda: MlpPolicy.load(path), rf"wrong.npz is no learned policy: .*({reason})", ValueError)
 
 
 def damages(whole: bytes) -> dict[str, bytes]:
@@ -239,22 +241,24 @@ def test_an_array_alone_or_one_that_is_too_large_is_refused(tmp_path: Path) -> N
         padded = header.ljust(117) + b"\n"
         archive.writestr("weights_0.npy", b"\x93NUMPY\x01\x00" + len(padded).to_bytes(2, "little") + padded)
     for name in ("array.npy", "huge.npz"):
-        refused(lambda name=name: MlpPolicy.load(tmp_path / name), "is no learned policy: ", ValueError)
+        assert_refused(lambda name=name: MlpPolicy.load(tmp_path / name), "is no learned policy: ", ValueError)
 
 
 def test_a_name_that_is_none_is_refused(tmp_path: Path) -> None:
-    refused(lambda: MlpPolicy.load("nix"), "there is no learned policy 'nix'", ValueError)
-    refused(lambda: MlpPolicy.load(tmp_path), "there is no learned policy", ValueError)
+    assert_refused(lambda: MlpPolicy.load("nix"), "there is no learned policy 'nix'", ValueError)
+    assert_refused(lambda: MlpPolicy.load(tmp_path), "there is no learned policy", ValueError)
 
 
 def test_what_a_policy_cannot_do_it_says() -> None:
     policy = learned(36)
-    refused(lambda: policy.predict(np.zeros(27)), r"takes observations of 36 numbers, not of shape \(27,\)", ValueError)
-    refused(lambda: policy.predict(np.zeros((3, 4))), r"36 numbers, not of shape \(3, 4\)", ValueError)
-    refused(lambda: policy.predict(SEEN, deterministic=False), "acts deterministically", ValueError)
+    assert_refused(
+        lambda: policy.predict(np.zeros(27)), r"takes observations of 36 numbers, not of shape \(27,\)", ValueError
+    )
+    assert_refused(lambda: policy.predict(np.zeros((3, 4))), r"36 numbers, not of shape \(3, 4\)", ValueError)
+    assert_refused(lambda: policy.predict(SEEN, deterministic=False), "acts deterministically", ValueError)
     steered = learned(45, {"companion": "flatness"})
     assert steered.sizes == (36, 27)
-    refused(lambda: steered.predict(np.zeros(45)), "36 or 27 numbers", ValueError)
+    assert_refused(lambda: steered.predict(np.zeros(45)), "36 or 27 numbers", ValueError)
 
 
 VIEWS: dict[str, tuple[int, dict[str, Any]]] = {
@@ -276,8 +280,8 @@ def test_a_policy_flies_the_plain_environment_as_its_network_flies_the_wrapped_o
 ) -> None:
     """Through the ends of episodes, which come at another time in each row."""
     policy = learned(inputs, view)
-    actions, returns = flown(policy, make_rows(5, **BRIEF), 60)
-    env: Any = make_rows(5, **BRIEF)
+    actions, returns = flown(policy, make_vec(5, **BRIEF), 60)
+    env: Any = make_vec(5, **BRIEF)
     if "companion" in view:
         env = VectorWithCompanion(
             env, view["companion"], view.get("steers", "alone"), view.get("authority", 1.0), view.get("caution", 0.0)
@@ -307,8 +311,8 @@ def test_an_action_is_held() -> None:
         return decided[-1]
 
     calm: dict[str, Any] = {"max_episode_steps": None, "autoreset_mode": "SameStep"}
-    expected, _ = flown(Steered(Companion(controller("flatness"), "action"), learner), make_rows(3, **calm), 20)
-    assert_array_equal(flown(policy, make_rows(3, **calm), 20)[0], expected)
+    expected, _ = flown(Steered(Companion(controller("flatness"), "action"), learner), make_vec(3, **calm), 20)
+    assert_array_equal(flown(policy, make_vec(3, **calm), 20)[0], expected)
     memory, started = None, np.zeros(7, np.bool_)
     for step in range(5):
         started[2] = step == 4
@@ -318,7 +322,7 @@ def test_an_action_is_held() -> None:
 
 
 def test_a_policy_that_sees_no_velocities_flies_without() -> None:
-    env = VectorOutputFeedbackWrapper(make_rows(3, **BRIEF))
+    env = VectorOutputFeedbackWrapper(make_vec(3, **BRIEF))
     for policy in (learned(27), learned(49, {"companion": "flatness", "steers": "action"})):
         actions, _ = flown(policy, env, 20)
         assert np.shape(actions) == (20, 3, 4)
@@ -349,8 +353,8 @@ def test_a_correction_of_nothing_is_the_companion() -> None:
     zero = [(0.0 * weights, 0.0 * biases) for weights, biases in layers(49, 8, 4)]
     policy = MlpPolicy(zero, card({"companion": "flatness", "steers": "action"}))
     for one, other in zip(
-        rollout(policy, make_rows(3, **BRIEF), 0),
-        rollout(controller("flatness"), make_rows(3, **BRIEF), 0),
+        rollout(policy, make_vec(3, **BRIEF), 0),
+        rollout(controller("flatness"), make_vec(3, **BRIEF), 0),
         strict=True,
     ):
         assert_array_equal(one.action, other.action)
@@ -364,15 +368,15 @@ def test_a_policy_is_told_what_its_companion_should_believe() -> None:
     told = policy.with_simulation(heavy)
     assert told._companion.controller.simulation == heavy
     assert policy._companion.controller.simulation == Simulation()
-    env: Any = VectorWithCompanion(make_rows(4, simulation=heavy), "flatness", "alone", 1.0)
-    seen, observation = env.reset(seed=0)[0], make_rows(4, simulation=heavy).reset(seed=0)[0]
+    env: Any = VectorWithCompanion(make_vec(4, simulation=heavy), "flatness", "alone", 1.0)
+    seen, observation = env.reset(seed=0)[0], make_vec(4, simulation=heavy).reset(seed=0)[0]
     assert_array_equal(told.predict(observation)[0], policy.act(seen))
 
 
 def test_stable_baselines_evaluates_it() -> None:
     returns, lengths = evaluate_policy(
         learned(36 * 2, {"history": 2}),  # type: ignore[arg-type]
-        SB3VecEnv(make_rows(2, **BRIEF)),
+        SB3VecEnv(make_vec(2, **BRIEF)),
         n_eval_episodes=4,
         return_episode_rewards=True,
         warn=False,

@@ -8,7 +8,7 @@ import pytest
 from benchmarks import time_to_beat
 from quadpend_train.studies import ablations
 from quadpend_train.training.settings import TrainSettings, to_mapping
-from tests.helpers.bad_input import refused
+from tests.helpers.bad_input import assert_refused
 
 
 @pytest.mark.parametrize("name", ablations.ABLATIONS)
@@ -30,7 +30,7 @@ def test_an_ablation_is_trained_once_and_tabulated(tmp_path: Path, monkeypatch: 
         assert ablations.run(tmp_path, 2, ("gsde",)) == {"gsde": outcome}
     assert "| state-dependent exploration | windy | " in ablations.markdown({"gsde": outcome})
     assert set(json.loads((tmp_path / "ablations.json").read_text())) == {"gsde"}
-    refused(lambda: ablations.run(tmp_path, 1, ("nix",)), "no ablation 'nix'; there are tip", ValueError)
+    assert_refused(lambda: ablations.run(tmp_path, 1, ("nix",)), "no ablation 'nix'; there are tip", ValueError)
 
 
 def test_a_goal_is_reached_when_two_blocks_of_episodes_agree(monkeypatch: pytest.MonkeyPatch) -> None:

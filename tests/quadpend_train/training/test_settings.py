@@ -18,7 +18,7 @@ from quadpend_train.training.settings import (
     read_settings,
     to_mapping,
 )
-from tests.helpers.bad_input import refused
+from tests.helpers.bad_input import assert_refused
 from tests.helpers.mlp_policies import learned
 
 EVERYTHING = TrainSettings(
@@ -71,16 +71,16 @@ def test_settings_files_are_deltas_and_mistakes_in_them_are_named(tmp_path: Path
         ("reward = [1, 2]\n", "reward"),
     ):
         path.write_text(text)
-        refused(lambda: read_settings(str(path)), message, (ValueError, TypeError))
-    refused(lambda: read_settings("nix"), "no settings 'nix'; there are demo", ValueError)
+        assert_refused(lambda: read_settings(str(path)), message, (ValueError, TypeError))
+    assert_refused(lambda: read_settings("nix"), "no settings 'nix'; there are demo", ValueError)
 
 
 def test_the_settings_of_a_policy_are_in_its_card(tmp_path: Path) -> None:
     learned(36, settings=to_mapping(EVERYTHING)).save(tmp_path / "policy.npz")
     assert read_settings(str(tmp_path / "policy.npz")) == EVERYTHING
     learned(36).save(tmp_path / "exported.npz")
-    refused(lambda: read_settings(str(tmp_path / "exported.npz")), "exported.npz.* settings", ValueError)
-    refused(lambda: read_settings(str(tmp_path / "nix.npz")), "nix.npz", ValueError)
+    assert_refused(lambda: read_settings(str(tmp_path / "exported.npz")), "exported.npz.* settings", ValueError)
+    assert_refused(lambda: read_settings(str(tmp_path / "nix.npz")), "nix.npz", ValueError)
 
 
 def test_scenarios_are_given_one_by_one_or_together(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
     ids=str,
 )
 def test_settings_out_of_range_are_refused(setting: dict[str, Any], message: str) -> None:
-    refused(lambda: TrainSettings(**setting), message, (ValueError, TypeError))
+    assert_refused(lambda: TrainSettings(**setting), message, (ValueError, TypeError))
 
 
 def test_a_batch_must_divide_the_rollout_of_ppo_only() -> None:

@@ -26,7 +26,7 @@ from quadpend_gym import (
     Task,
     VonKarman,
 )
-from tests.helpers.envs import AT_REST, draw_actions, fly, make_bare, make_rows
+from tests.helpers.envs import AT_REST, draw_actions, make_unwrapped, make_vec, run_actions
 
 REFERENCES = {
     "hover": 5.0,
@@ -68,9 +68,9 @@ COUNTLESS = {Gusts: {"torque"}, Dryden: {"standard"}, VonKarman: {"standard"}}
 
 def happenings(**kwargs: Any) -> bytes:
     """All that 40 rows return in 30 steps."""
-    env = make_rows(40, **kwargs)
+    env = make_vec(40, **kwargs)
     first, _ = env.reset(seed=0)
-    returned = fly(env, draw_actions(0, 30, 40))
+    returned = run_actions(env, draw_actions(0, 30, 40))
     return first.tobytes() + b"".join(part.tobytes() for step in returned for part in step[:4])
 
 
@@ -129,7 +129,7 @@ def test_the_tables_above_are_complete(table: dict[str, Any], kind: Any) -> None
 
 def test_the_period_is_how_long_an_action_is_held() -> None:
     for period in (0.005, 0.01, 0.02):
-        env = make_bare(simulation={"period": period})
+        env = make_unwrapped(simulation={"period": period})
         env.reset(seed=0, options={"state": AT_REST})
         env.step((1.0, 0.0, 0.0, 0.0))
         assert_allclose(env.state.velocity[2], 9.8 * period, rtol=1e-12)
@@ -138,9 +138,9 @@ def test_the_period_is_how_long_an_action_is_held() -> None:
 def test_references_run_in_seconds_whatever_the_period() -> None:
     circle = Reference.circle(1.0, 2.0)
     for period, steps in ((0.005, 40), (0.02, 10)):
-        env = make_bare(simulation={"period": period})
+        env = make_unwrapped(simulation={"period": period})
         env.reset(seed=0, options={"reference": circle})
-        info = fly(env, np.zeros((steps, 4)))[-1][4]
+        info = run_actions(env, np.zeros((steps, 4)))[-1][4]
         bob = env.state.position + 0.3 * env.state.direction
         assert_allclose(info["tracking_error"][:2], (bob - circle.derivatives(0.2)[0, :3])[:2], atol=1e-12)
 
@@ -149,9 +149,9 @@ def test_more_substeps_converge() -> None:
     """The error falls by 2⁴ = 16 each time, as that of RK4 should."""
     ends = {}
     for substeps in (1, 2, 4, 32):
-        env = make_bare(simulation={"substeps": substeps})
+        env = make_unwrapped(simulation={"substeps": substeps})
         env.reset(seed=0, options={"state": {"direction_rate": (5.0, 5.0, 0.0)}})
-        fly(env, draw_actions(0, 10))
+        run_actions(env, draw_actions(0, 10))
         ends[substeps] = env.state.array.copy()
     errors = [np.abs(ends[substeps] - ends[32]).max() for substeps in (1, 2, 4)]
     assert 10.0 < errors[0] / errors[1] < 25.0
@@ -160,7 +160,7 @@ def test_more_substeps_converge() -> None:
 
 def test_reward_weights_are_relative() -> None:
     def reward(**weights: float) -> Any:
-        env = make_bare(task={"reward": weights})
+        env = make_unwrapped(task={"reward": weights})
         env.reset(seed=0)
         return env.step(np.full(4, 0.1))[1]
 

@@ -25,7 +25,7 @@ from quadpend_train.training.callbacks import first_episode, read_curve
 from quadpend_train.training.environment import make_env, scenarios_at
 from quadpend_train.training.settings import TrainSettings, from_mapping, read_settings
 from quadpend_train.training.validation import validate
-from tests.helpers.bad_input import refused
+from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, model_of, numbers_of, trained
 
@@ -214,7 +214,7 @@ def test_a_run_that_diverges_ends_with_a_sentence(settings: TrainSettings, tmp_p
             with torch.no_grad():
                 next(iter((model.policy if settings.algo == "ppo" else model.actor).parameters()))[0] = np.nan
 
-    refused(
+    assert_refused(
         lambda: trained(settings, tmp_path, more=[Told(spoil)]),
         r"training diverged within \d+ steps: the networks hold numbers that are not finite; lower learning_rate",
         FloatingPointError,
@@ -225,7 +225,7 @@ def test_a_run_that_diverges_ends_with_a_sentence(settings: TrainSettings, tmp_p
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
 def test_a_learning_rate_that_is_far_too_high_diverges(algo: str, tmp_path: Path) -> None:
     settings = replace(BRIEF if algo == "ppo" else BRIEF_SAC, algo=algo, learning_rate=1e6, final_learning_rate=1e6)
-    refused(lambda: trained(settings, tmp_path), "training diverged within", FloatingPointError)
+    assert_refused(lambda: trained(settings, tmp_path), "training diverged within", FloatingPointError)
 
 
 def test_the_critic_may_learn_alone_at_first(tmp_path: Path) -> None:
@@ -363,7 +363,7 @@ def test_the_learner_is_rewarded_for_what_the_settings_say() -> None:
 )
 def test_a_run_that_cannot_begin_leaves_no_folder_behind(changes: Any, message: str, tmp_path: Path) -> None:
     """So that it can be tried again in the same place."""
-    refused(lambda: trained(replace(BRIEF, **changes), tmp_path / "run"), message, (ValueError, TypeError))
+    assert_refused(lambda: trained(replace(BRIEF, **changes), tmp_path / "run"), message, (ValueError, TypeError))
     assert not (tmp_path / "run").exists()
 
 
@@ -378,4 +378,4 @@ def test_stages_of_a_curriculum_that_do_not_fit_are_refused_at_once(other: str, 
     def begin() -> None:
         training.fresh_model(replace(BRIEF, **beside, curriculum=(other,), curriculum_steps=256, save_freq=256), None)
 
-    refused(begin, "curriculum|same", ValueError)
+    assert_refused(begin, "curriculum|same", ValueError)
