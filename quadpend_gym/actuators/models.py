@@ -13,7 +13,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import check_steps, delay
-from quadpend_gym.core.models import Model, Stateless, ZeroInitialized
+from quadpend_gym.core.models import Model, Registry, Stateless, ZeroInitialized
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import check_number, check_positive, to_plain_fields
 from quadpend_gym.physics.parameters import Simulation
@@ -34,6 +34,9 @@ class Actuator(Model, Protocol):
             simulation: period, parameters and limits, the nominal ones.
             streams: the rows' random streams; block `step + 1` belongs to this step.
         """
+
+
+ACTUATORS = Registry("actuator", "an actuator model", Actuator)  # `registry` adds the kinds
 
 
 class _FromHover(ZeroInitialized):

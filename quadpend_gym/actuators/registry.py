@@ -1,13 +1,14 @@
-"""The actuator models by name, and the check of their order."""
+"""Kinds of actuator models by name, and the check of their order."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from quadpend_gym.actuators.models import ActionDelay, Actuator, MotorLag, RateLimit, RotorFault, Rotors
-from quadpend_gym.core.models import Registry
+from quadpend_gym.actuators.models import ACTUATORS, ActionDelay, MotorLag, RateLimit, RotorFault, Rotors
 from quadpend_gym.physics.parameters import Simulation
 
-KINDS: dict[str, type[Any]] = {
+KINDS = ACTUATORS.kinds
+
+KINDS |= {
     "action_delay": ActionDelay,
     "motor_lag": MotorLag,
     "rate_limit": RateLimit,
@@ -16,25 +17,27 @@ KINDS: dict[str, type[Any]] = {
 }
 
 
-_FAMILY = Registry("actuator", "an actuator model", Actuator, KINDS)
-
-
 def as_actuators(value: Any) -> tuple[Any, ...]:
-    """The actuator models that `value` is or describes; see `models.Family.members`."""
-    return _FAMILY.members(value)
+    """Convert `value` to a tuple of actuator models; see `quadpend_gym.core.models.Registry.parse`."""
+    return ACTUATORS.parse(value)
 
 
 def check_chain(models: Sequence[Any], simulation: Simulation) -> None:
-    """Check that actuators make sense in this order.
+    """Check that the actuators fit together in this order.
+
+    Args:
+        models: Actuator models in the order in which they change the action.
+        simulation: Simulation whose command limits the rotors must not exceed.
 
     Raises:
-        ValueError: there are rotors twice, a rotor fails that is not there, or the rotors are too strong.
+        ValueError: If there is more than one `Rotors`, a `RotorFault` is not followed by `Rotors`, or the rotors exceed
+            the command limits.
     """
-    places = [i for i, model in enumerate(models) if isinstance(model, Rotors)]
-    if len(places) > 1:
-        raise ValueError("the action can be mixed from rotors only once: leave one Rotors out")
-    if places:
-        models[places[0]].mixing(simulation)
+    rotors = [i for i, model in enumerate(models) if isinstance(model, Rotors)]
+    if len(rotors) > 1:
+        raise ValueError("actuators may contain Rotors only once: leave the others out")
+    if rotors:
+        models[rotors[0]].mixing(simulation)
     for i, model in enumerate(models):
-        if isinstance(model, RotorFault) and not (places and i < places[0]):
+        if isinstance(model, RotorFault) and not (rotors and i < rotors[0]):
             raise ValueError("a RotorFault needs rotors: put it before Rotors in the list, or around them as a wrapper")

@@ -1,8 +1,8 @@
-"""Models as data, in families, and models at work.
+"""Wind, sensor and actuator models as data, and batches of them at run time.
 
-Wind, sensors and actuators are three families of models. A model is frozen data with two functions: `start` draws what
-a new episode remembers, and one that is its family's own does its work at every control step. As plain data a model is
-a mapping with its ``kind``, which is how it travels in an environment's JSON specification.
+A model is a frozen dataclass of settings with two methods: `initial_memory` draws what the model remembers at the start
+of an episode, and `sample` (wind), `sense` (sensors) or `act` (actuators) computes its effect at a control step. As
+plain data a model is a mapping with its ``kind``; this is its form in the JSON specification of an environment.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,68 +17,73 @@ from quadpend_gym.core.validation import from_plain
 
 
 class Model(Protocol):
-    """What the models of every family have in common, for a batch of n rows."""
+    """The interface that wind, sensor and actuator models share, for a batch of n sub-environments."""
 
     @property
     def memory_size(self) -> int:
-        """How many numbers a row has to remember."""
+        """Number of floats that the model stores for each sub-environment."""
 
-    def start(self, streams: Streams) -> Floats:
-        """Memory of new episodes, shape (n, memory_size), drawn from block 0 of the rows' streams."""
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Return the memory at the start of an episode, shape (n, memory_size).
+
+        Args:
+            streams: Random streams of the n sub-environments. This method may use block 0 of them.
+        """
 
 
 class ZeroInitialized:
-    """The part of a model whose memory begins with zeros."""
+    """Mixin for models whose memory starts at zero."""
 
     memory_size: Any
 
-    def start(self, streams: Streams) -> Floats:
-        """Zeros, shape (n, memory_size)."""
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Return zeros, shape (n, memory_size)."""
         return np.zeros((streams.keys.size, self.memory_size))
 
 
 class Stateless(ZeroInitialized):
-    """The part of a model that has nothing to remember."""
+    """Mixin for models without memory."""
 
     @property
     def memory_size(self) -> int:
-        """Nothing to remember."""
+        """Zero."""
         return 0
 
 
 @dataclass(frozen=True)
 class Registry:
-    """Models of one sort.
+    """The kinds and presets of wind, sensor or actuator models.
 
     Attributes:
-        name: what the sort is called in error messages.
-        noun: what one of them is called.
-        protocol: what its models can do; runtime checkable.
-        kinds: its models by the names they have as data.
-        presets: ready models by name.
+        name: Name of the registry in error messages, for example "wind".
+        noun: Description of one model in error messages, for example "a wind model".
+        protocol: Runtime-checkable protocol of the models.
+        kinds: Model classes by their ``kind``.
+        presets: Values that `parse` accepts, by name.
     """
 
     name: str
     noun: str
     protocol: Any
-    kinds: Mapping[str, type[Any]]
-    presets: Mapping[str, Any] = field(default_factory=dict)
+    kinds: dict[str, type[Any]] = field(default_factory=dict)
+    presets: dict[str, Any] = field(default_factory=dict)
 
-    def members(self, value: Any) -> tuple[Any, ...]:
-        """The models that `value` is or describes, in order.
+    def parse(self, value: Any) -> tuple[Any, ...]:
+        """Convert `value` to a tuple of models and keep their order.
 
         Args:
-            value: a model, a mapping with its kind, the name of a preset or kind, a sequence or sum of these, or None.
+            value: A model, a mapping with its ``kind``, the name of a preset or kind, a sequence or sum of these, or
+                None for no model.
 
         Raises:
-            TypeError: it is none of these.
-            ValueError: a name or kind is unknown, or a setting is unknown or out of range.
+            TypeError: If `value` is none of these.
+            ValueError: If a name, kind or setting is unknown, or a setting is out of range.
         """
         if value is None:
             return ()
         if isinstance(value, str):
             if value in self.presets:
-                return self.members(self.presets[value])
+                return self.parse(self.presets[value])
             if value not in self.kinds:
                 known = ", ".join([*self.presets, *self.kinds])
                 raise ValueError(f"there is no {self.name} {value!r}; there are {known}")
@@ -90,47 +95,49 @@ class Registry:
                 raise ValueError(f"{self.name} has no kind {kind!r}; the kinds are {', '.join(self.kinds)}")
             value = from_plain(self.kinds[kind], data, self.name)
         if isinstance(value, list | tuple):
-            return tuple(member for item in value for member in self.members(item))
+            return tuple(model for item in value for model in self.parse(item))
         if not isinstance(value, type):
-            if isinstance(models := getattr(value, "models", None), tuple):  # a sum, or whatever looks like one
-                return self.members(models)
+            if isinstance(models := getattr(value, "models", None), tuple):  # a sum
+                return self.parse(models)
             if isinstance(value, self.protocol):
                 return (value,)
         raise TypeError(f"{self.name} must be {self.noun} or a mapping with its kind, not {value!r}")
 
 
 class ModelBatch:
-    """Models of one family at work on a batch of rows: their memories and random streams.
+    """Models with their memories and random streams for n sub-environments.
 
     Args:
-        models: in the order in which they work.
-        rows: number of rows.
-        places: the number of each model's random stream; without, its place among the models.
+        models: Models in the order in which they are applied.
+        rows: Number n of sub-environments.
+        stream_numbers: Number of the random stream of each model; by default its position in `models`.
     """
 
-    def __init__(self, models: tuple[Model, ...], rows: int, places: Sequence[int] | None = None) -> None:
-        """Allocate the memories; every row must `begin` before the models `work`."""
+    def __init__(self, models: tuple[Model, ...], rows: int, stream_numbers: Sequence[int] | None = None) -> None:
+        """Allocate the memories; call `start_episodes` for every sub-environment before `apply`."""
         self.models = models
-        self._places = range(len(models)) if places is None else places
+        self._stream_numbers = range(len(models)) if stream_numbers is None else stream_numbers
         self._memories = [np.zeros((model.memory_size, rows)).T for model in models]
         self._streams = [Streams(np.zeros(rows, np.uint64)) for _ in models]
 
-    def begin(self, rows: Integers, streams: Streams, first: Callable[[Any, Floats, Streams], None]) -> None:
-        """Begin new episodes in `rows`, shape (m,), with a random stream for each, and let the models do `first`.
+    def start_episodes(
+        self, rows: Integers, streams: Streams, function: Callable[[Any, Floats, Streams], None]
+    ) -> None:
+        """Start new episodes in some sub-environments and apply the models to them for the first time.
 
         Args:
-            rows: indices.
-            streams: of the rows.
-            first: called with each model, its memory of these rows and their streams.
+            rows: Indices of the sub-environments, shape (m,).
+            streams: Random streams of these m sub-environments for the new episodes.
+            function: Called with each model, its memory of these sub-environments and their random streams.
         """
         for i, model in enumerate(self.models):
-            random = streams.derive(self._places[i])
-            memory = np.asfortranarray(model.start(random))
-            first(model, memory, random)
+            own = streams.derive(self._stream_numbers[i])
+            memory = np.asfortranarray(model.initial_memory(own))
+            function(model, memory, own)
             self._memories[i][rows] = memory
-            self._streams[i].keys[rows] = random.keys
+            self._streams[i].keys[rows] = own.keys
 
-    def work(self, function: Callable[[Any, Floats, Streams], None]) -> None:
-        """Call `function` with each model, its memory of all rows and their streams."""
+    def apply(self, function: Callable[[Any, Floats, Streams], None]) -> None:
+        """Call `function` with each model, its memory of all sub-environments and their random streams."""
         for model, memory, streams in zip(self.models, self._memories, self._streams, strict=True):
             function(model, memory, streams)

@@ -214,7 +214,7 @@ class World:
         self._place(rows, fixed)
         self._begin_wind(rows, streams.derive(WIND_STREAM))
         if self._actuators.models:
-            self._actuators.begin(rows, streams.derive(ACTUATOR_STREAM), lambda *_: None)
+            self._actuators.start_episodes(rows, streams.derive(ACTUATOR_STREAM), lambda *_: None)
         if self._sensors.models:
             self._begin_sensors(rows, streams.derive(SENSOR_STREAM))
         if not self._ready:
@@ -248,7 +248,9 @@ class World:
         if not self._wind.models:
             return
         period, step, blown = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
-        self._wind.begin(rows, streams, lambda model, memory, random: model.sample(blown, memory, step, period, random))
+        self._wind.start_episodes(
+            rows, streams, lambda model, memory, random: model.sample(blown, memory, step, period, random)
+        )
         if not self._moves_air and blown[:, WIND_FIELDS["velocity"]].any():
             raise ValueError("a wind with velocities must say so: its moves_air is False")
         self.wind[rows] = blown
@@ -257,7 +259,7 @@ class World:
         """What blows over the coming control period."""
         period, blown = self.simulation.period, self.wind
         blown[:] = 0.0
-        self._wind.work(lambda model, memory, random: model.sample(blown, memory, self.clock, period, random))
+        self._wind.apply(lambda model, memory, random: model.sample(blown, memory, self.clock, period, random))
 
     @property
     def measured(self) -> Floats:
@@ -266,7 +268,7 @@ class World:
 
     def _begin_sensors(self, rows: Integers, streams: Streams) -> None:
         period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
-        self._sensors.begin(
+        self._sensors.start_episodes(
             rows, streams, lambda model, memory, random: model.sense(measured, memory, step, period, random)
         )
         self.measured[rows] = measured
@@ -274,12 +276,12 @@ class World:
     def _sense(self) -> None:
         """Let the sensors change what `kernel.step` has let them see."""
         period, measured = self.simulation.period, self.measured
-        self._sensors.work(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
+        self._sensors.apply(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
 
     def _act(self, action: Floats32) -> Floats32:
         """What the actuators make of an action."""
         out = np.asfortranarray(action, np.float64)
-        self._actuators.work(lambda model, memory, random: model.act(out, memory, self.clock, self.simulation, random))
+        self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, self.simulation, random))
         return out.astype(np.float32, order="C")
 
     def look(self, rows: Integers) -> tuple[Floats32, Floats]:

@@ -16,7 +16,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Booleans, Floats, Integers
 from quadpend_gym.core.delays import check_steps, delay
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.core.models import Model, ZeroInitialized
+from quadpend_gym.core.models import Model, Registry, ZeroInitialized
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
 from quadpend_gym.core.validation import check_number, from_plain, to_plain_fields
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
@@ -36,6 +36,9 @@ class Sensor(Model, Protocol):
             period: of a control step, s.
             streams: the rows' random streams; from block 1 on.
         """
+
+
+SENSORS = Registry("sensor", "a sensor model", Sensor)  # `registry` adds the kinds
 
 
 @dataclass(frozen=True)
@@ -121,7 +124,7 @@ class Noise:
         """The present bias and walk of each noisy column, if there are any."""
         return self._plan.columns.size if self._plan.drifts else 0
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         """The biases."""
         plan = self._plan
         if not plan.drifts:

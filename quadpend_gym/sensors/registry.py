@@ -1,16 +1,18 @@
-"""The sensor models by name."""
+"""Kinds of sensor models by name."""
 
 from typing import Any
 
-from quadpend_gym.core.models import Registry
-from quadpend_gym.sensors.models import Delay, Dropout, Noise, Sensor
+from quadpend_gym.sensors.models import SENSORS, Delay, Dropout, Noise
 
-KINDS: dict[str, type[Any]] = {"noise": Noise, "delay": Delay, "dropout": Dropout}
+KINDS = SENSORS.kinds
 
-
-_FAMILY = Registry("sensor", "a sensor model", Sensor, KINDS)
+KINDS |= {
+    "noise": Noise,
+    "delay": Delay,
+    "dropout": Dropout,
+}
 
 
 def as_sensors(value: Any) -> tuple[Any, ...]:
-    """The sensor models that `value` is or describes; see `models.Family.members`."""
-    return _FAMILY.members(value)
+    """Convert `value` to a tuple of sensor models; see `quadpend_gym.core.models.Registry.parse`."""
+    return SENSORS.parse(value)

@@ -1,18 +1,21 @@
-"""Disturbance models: batched, seeded by episode, and added with ``+``. See `model` for what they say and must do.
+"""Wind and other disturbance models.
 
-| model | where |
-|---|---|
-| `Constant`, `Sinusoid`, `StillAir`, `Drawn` | `steady` |
-| `Gusts`, `PaperGusts` | `gusts` |
-| `OrnsteinUhlenbeck`, `Dryden`, `VonKarman` | `turbulence` |
+Every model acts on a batch of sub-environments, draws its random numbers from the stream of the episode, and can be
+added to other models with ``+``. `base` defines the interface and the units.
 
-`PRESETS` are winds by name, from the calm to the storm: ``wind="windy"``.
+| models                                          | module       |
+|-------------------------------------------------|--------------|
+| `Constant`, `Sinusoid`, `StillAir`, `Drawn`     | `steady`     |
+| `Gusts`, `PaperGusts`                           | `gusts`      |
+| `OrnsteinUhlenbeck`, `Dryden`, `VonKarman`      | `turbulence` |
+| `KINDS` and `PRESETS` (as in ``wind="windy"``)  | `registry`   |
 """
 
-from quadpend_gym.wind.base import KINDS, PRESETS, WIND_FIELDS, WIND_SIZE, Sum, Wind, as_wind
+from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, Sum, Wind
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
-from quadpend_gym.wind.series import series
+from quadpend_gym.wind.registry import KINDS, PRESETS, as_wind
 from quadpend_gym.wind.steady import Constant, Drawn, Sinusoid, StillAir
+from quadpend_gym.wind.time_series import time_series
 from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck, VonKarman
 
 __all__ = [
@@ -32,25 +35,5 @@ __all__ = [
     "VonKarman",
     "Wind",
     "as_wind",
-    "series",
+    "time_series",
 ]
-
-KINDS |= {
-    "constant": Constant,
-    "sinusoid": Sinusoid,
-    "still_air": StillAir,
-    "drawn": Drawn,
-    "gusts": Gusts,
-    "paper_gusts": PaperGusts,
-    "ornstein_uhlenbeck": OrnsteinUhlenbeck,
-    "dryden": Dryden,
-    "von_karman": VonKarman,
-    "sum": Sum,
-}
-PRESETS |= {
-    "calm": None,
-    "breeze": OrnsteinUhlenbeck(0.15),
-    "windy": OrnsteinUhlenbeck(0.3),
-    "storm": Drawn(Dryden("moderate")) + Gusts(velocity=(6.0, 0.0, 0.0)),
-    "paper": PaperGusts(onset=2.0),
-}

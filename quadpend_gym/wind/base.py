@@ -55,6 +55,9 @@ class Wind(Model, Protocol):
         """
 
 
+WINDS = Registry("wind", "a wind model, the name of a wind", Wind)  # `registry` adds the kinds and presets
+
+
 class Addable:
     """The part of a model that lets it be added to others with ``+`` and `sum`."""
 
@@ -134,14 +137,4 @@ class Sum(Addable):
     kind: str = field(default="sum", init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "models", as_wind(self.models))
-
-
-KINDS: dict[str, type[Any]] = {}  # both filled by the package, which knows all models
-PRESETS: dict[str, Any] = {}
-_FAMILY = Registry("wind", "a wind model, the name of a wind", Wind, KINDS, PRESETS)
-
-
-def as_wind(value: Any) -> tuple[Any, ...]:
-    """The wind models that `value` is or describes; see `models.Family.members`."""
-    return _FAMILY.members(value)
+        object.__setattr__(self, "models", WINDS.parse(self.models))

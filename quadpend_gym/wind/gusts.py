@@ -39,7 +39,7 @@ class Gusts(Loads):
         """When the present or next gust sets in (s), its length (s), its heading's cosine and sine, its number."""
         return 5
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         """The first gust."""
         memory = np.zeros((5, streams.keys.size)).T
         memory[:, 4] = -1.0

@@ -11,7 +11,7 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import check_interval, check_positive, to_plain_fields
-from quadpend_gym.wind.base import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned, as_wind
+from quadpend_gym.wind.base import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Sinusoid(Loads):
         """A phase for each loaded axis."""
         return len(self.axes)
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         """Phases, uniform in (0, 2π)."""
         return 2.0 * np.pi * streams.uniform(0, len(self.axes))
 
@@ -84,7 +84,7 @@ class Drawn(Addable):
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
+        object.__setattr__(self, "wind", Sum(self.wind))
         for name in ("strength", "heading"):
             check_interval(getattr(self, name), name)
 
@@ -102,10 +102,10 @@ class Drawn(Addable):
     def _sizes(self) -> Sequence[int]:
         return [model.memory_size for model in self.wind.models]
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         """Strength and heading, uniform in their ranges, and what the wind starts with."""
         strength, heading = streams.between(0, *zip(self.strength, self.heading, strict=True)).T
-        below = [model.start(streams.derive(i)) for i, model in enumerate(self.wind.models)]
+        below = [model.initial_memory(streams.derive(i)) for i, model in enumerate(self.wind.models)]
         return np.column_stack([strength, np.cos(heading), np.sin(heading), *below])
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:

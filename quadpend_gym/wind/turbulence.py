@@ -72,7 +72,7 @@ class OrnsteinUhlenbeck(Loads):
         """One number for each loaded axis."""
         return len(self.axes)
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         """The stationary distribution."""
         return self.load[self.axes] * streams.normal(0, len(self.axes))
 
@@ -210,7 +210,7 @@ class _Turbulence(Addable):
         """The filters' states."""
         return int(self.filter.a.shape[0])
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         """The stationary distribution."""
         return start(_stationary(self), streams)
 

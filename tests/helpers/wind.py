@@ -31,17 +31,17 @@ every_kind = pytest.mark.parametrize("wind", EXAMPLES.values(), ids=EXAMPLES.key
 
 def blowing(wind: Any, rows: int, period: float = PERIOD) -> Iterator[Floats]:
     """What blows in each row of an episode, step after step without end, shape (rows, 12)."""
-    process = ModelBatch(as_wind(wind), rows)
+    batch = ModelBatch(as_wind(wind), rows)
     out, step = np.zeros((WIND_SIZE, rows)).T, np.zeros(rows, np.int64)
 
     def sample(model: Wind, memory: Floats, streams: Streams) -> None:
         model.sample(out, memory, step, period, streams)
 
-    process.begin(np.arange(rows), Streams.from_seeds(list(range(rows))), sample)
+    batch.start_episodes(np.arange(rows), Streams.from_seeds(list(range(rows))), sample)
     while True:
         yield out
         out, step = np.zeros((WIND_SIZE, rows)).T, step + 1
-        process.work(sample)
+        batch.apply(sample)
 
 
 def blown(wind: Any, steps: int, rows: int, period: float = PERIOD, columns: slice = slice(None)) -> Floats:

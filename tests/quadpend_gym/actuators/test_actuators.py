@@ -36,12 +36,12 @@ chains = pytest.mark.parametrize("actuators", CHAINS.values(), ids=CHAINS.keys()
 def passed(actuators: Any, actions: Any, simulation: Simulation | None = None) -> Floats:
     """What comes out of actuators for actions of an episode, both of shape (steps, rows, 4)."""
     steps, rows = actions.shape[:2]
-    process, simulation = ModelBatch(as_actuators(actuators), rows), simulation or Simulation()
-    process.begin(np.arange(rows), Streams.from_seeds(list(range(rows))), lambda *_: None)
+    batch, simulation = ModelBatch(as_actuators(actuators), rows), simulation or Simulation()
+    batch.start_episodes(np.arange(rows), Streams.from_seeds(list(range(rows))), lambda *_: None)
     out = np.zeros((steps, 4, rows)).swapaxes(1, 2)
     out[:] = actions
     for k in range(steps):
-        process.work(lambda model, *rest, k=k: model.act(out[k], rest[0], np.full(rows, k), simulation, rest[1]))
+        batch.apply(lambda model, *rest, k=k: model.act(out[k], rest[0], np.full(rows, k), simulation, rest[1]))
     return out
 
 
@@ -235,7 +235,7 @@ class Backwards:
 
     memory_size: int = 1
 
-    def start(self, streams: Any) -> Floats:
+    def initial_memory(self, streams: Any) -> Floats:
         return np.ones((streams.keys.size, 1))
 
     def act(self, action: Floats, memory: Floats, step: Any, simulation: Any, streams: Any) -> None:
@@ -341,7 +341,7 @@ class Shaky:
 
     memory_size: int = 0
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         return np.empty((streams.keys.size, 0))
 
     def act(self, action: Floats, memory: Floats, step: Any, simulation: Simulation, streams: Streams) -> None:

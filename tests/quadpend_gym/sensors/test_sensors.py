@@ -272,7 +272,7 @@ class Mirror:
 
     memory_size: int = 1
 
-    def start(self, streams: Any) -> Floats:
+    def initial_memory(self, streams: Any) -> Floats:
         return np.zeros((streams.keys.size, 1))
 
     def sense(self, measured: Floats, memory: Floats, step: Any, period: float, streams: Any) -> None:

@@ -120,7 +120,7 @@ class Silent:
 
     memory_size = 0
 
-    def start(self, streams: Any) -> Any:
+    def initial_memory(self, streams: Any) -> Any:
         return np.empty((streams.keys.size, 0))
 
     def sample(self, *_: Any) -> None:

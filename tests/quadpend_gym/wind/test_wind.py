@@ -243,7 +243,7 @@ class Ramp:
     memory_size: int = 1
     moves_air: bool = False
 
-    def start(self, streams: Streams) -> Floats:
+    def initial_memory(self, streams: Streams) -> Floats:
         """A random first force."""
         return streams.uniform(np.zeros(streams.keys.size, np.int64), 1)
 

@@ -20,7 +20,7 @@ from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.drag import AIR_DENSITY
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
-from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, series
+from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
 from quadpend_train.common.files import parse_mapping
 from quadpend_train.reports.figures import COLOURS
 from quadpend_train.scenarios import find_scenario
@@ -93,7 +93,7 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
 
 def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
     """Above the series of one episode, below histogram and spectrum over many, with theory where there is one."""
-    blown = series(models, round(max(seconds, _LONG) / _PERIOD), _EPISODES, seed, _PERIOD)
+    blown = time_series(models, round(max(seconds, _LONG) / _PERIOD), _EPISODES, seed, _PERIOD)
     if models and not blown.any():
         raise ValueError("this wind blows nothing: give its loads, as JSON with a kind")
     order = ("velocity", "force", "bob_force", "torque")
@@ -172,12 +172,12 @@ def _theory(models: tuple[Any, ...], columns: slice) -> Callable[[Floats], Float
 
 def _through(models: tuple[Any, ...], values: Floats, seed: int, call: Callable[..., None]) -> Floats:
     """What models make of a signal, shape (steps, k); `call` gets sample, number, model, memory and streams."""
-    process, out = ModelBatch(models, 1), np.empty(values.shape)
+    batch, out = ModelBatch(models, 1), np.empty(values.shape)
     row, streams = np.zeros(1, np.int64), Streams.from_seeds([seed])
-    process.begin(row, streams, lambda *_: None)
+    batch.start_episodes(row, streams, lambda *_: None)
     for k, value in enumerate(values):
         sample = np.array(value[np.newaxis], order="F")
-        process.work(partial(call, sample, row + k))
+        batch.apply(partial(call, sample, row + k))
         out[k] = sample[0]
     return out
 
