@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # of the first test episode; nothing is tuned on these
 
-.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat clean
+.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat golden clean
 
 demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -57,11 +57,14 @@ format: .venv/.installed  ## let ruff format and mend
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: .venv/.installed  ## speed, beside other environments
-	$(BIN)/quadpend bench --out docs/bench.json
+bench: .venv/.installed  ## docs/bench.md: speed, beside other environments
+	$(BIN)/python -m benchmarks.speed --out docs/bench.json
 
-time-to-beat: .venv/.installed  ## how long PPO trains until it balances, beats the paper's controller, and the best
-	$(BIN)/quadpend bench --training --out docs/time_to_beat.json
+time-to-beat: .venv/.installed  ## docs/time_to_beat.md: training time until a policy balances and beats classical controllers
+	$(BIN)/python -m benchmarks.time_to_beat --out docs/time_to_beat.json
+
+golden: .venv/.installed  ## hashes of results: written on the first run, compared on the next; run before and after a refactoring
+	$(BIN)/python -m benchmarks.golden
 
 clean:  ## caches of the compiler and the tools; numba does not notice edits in inlined functions of other files
 	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +

@@ -1,1 +1,1 @@
-"""Benchmarks: how fast everything is, beside something measured in the same run."""
+"""Benchmarks, run by make and not installed: speed, training time, and hashes that prove that no number changed."""

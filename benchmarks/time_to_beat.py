@@ -1,20 +1,23 @@
-"""How long a learner trains until it beats whom: wall-clock and steps, over several seeds.
+"""Training time until a policy reaches a goal: wall-clock time and environment steps, over several training seeds.
 
-A run is looked at again and again while it trains: its policy, without exploration, flies episodes that nobody trains
-in. The clock stands still meanwhile. A goal is reached when
+`make time-to-beat` runs this file as ``python -m benchmarks.time_to_beat``. While a policy trains, its deterministic
+actions are evaluated at regular intervals in episodes that no training uses; the clock stops meanwhile. The goals are:
 
-- balanced: 95 % of the episodes in wind are survived;
-- paper: penalised RMSE in wind, which counts a fall as 1 m, is better than the paper's ADRC's in the same episodes;
-- classical: penalised RMSE is better than the best classical controller's, over the training scenarios together, by a
-  paired 95 % interval that excludes zero, at a survival that is not lower.
+- balanced: the policy survives 95 % of the episodes in wind.
+- paper: its penalised RMSE in wind, which counts a fall as 1 m, is smaller than that of the paper's ADRC in the same
+  episodes.
+- classical: its penalised RMSE is smaller than that of the best classical controller over all training scenarios, by a
+  paired 95 % interval that excludes zero, and it survives at least as many episodes.
 
-Since a run is looked at many times, a goal counts only if the same policy reaches it in a second block of episodes too.
-The first two are measured in one training of PPO that acts alone, beside the flatness-based controller's observer and
-after imitating that controller (settings ``fast``); the third with the hybrid, which begins as the controller that it
-has to beat. Making the environment and imitation are in the seconds, imports and compilation are not. Steps are control
-steps of the learner, those of an imitation among them, those of a twin not.
+A run has many chances to reach a goal by luck. A goal therefore counts only if the same policy also reaches it in a
+second block of episodes. The first two goals are measured in one training of a PPO policy that acts alone on the
+observer of the flatness-based controller and first imitates that controller (settings ``fast``). The third is measured
+with a hybrid, which starts as the controller that it has to beat. The time includes making the environment and
+imitation, and excludes imports and compilation. The steps are control steps of the policy. They include those of the
+imitation and exclude those of the baseline copy that a baseline-relative reward runs beside it.
 """
 
+import argparse
 import json
 import platform
 import tempfile
@@ -37,50 +40,64 @@ from quadpend_train.scenarios import SETS
 from quadpend_train.training.settings import TrainSettings, read_settings
 from quadpend_train.training.train import train
 
-EPISODES = 100
-SEEDS = (VALIDATION_SEED, VALIDATION_SEED + 10_000)
-Judge = Callable[[Policy], bool]
+EPISODES = 100  # in each block
+BLOCK_SEEDS = (VALIDATION_SEED, VALIDATION_SEED + 10_000)  # seed of the first episode of each block
+Check = Callable[[Policy], bool]  # whether a policy reaches a goal in one block of episodes
 
 
 class Goal(NamedTuple):
-    """What is to be reached."""
+    """A goal of a training.
 
-    settings: str  # of the training, see `quadpend_train.training.settings`
-    every: int  # steps between two looks
-    target: float  # s
-    judge: Callable[[int], Judge]  # in the episodes from a seed on
+    Attributes:
+        settings: Name of the training settings, see `quadpend_train.training.settings`.
+        interval: Environment steps between two evaluations.
+        target: Time in which the goal should be reached, s.
+        make_check: Function that takes the seed of a block of episodes and returns the check in that block.
+    """
+
+    settings: str
+    interval: int
+    target: float
+    make_check: Callable[[int], Check]
 
 
-class Reached(NamedTuple):
-    """When a run has reached a goal; infinite where it has not."""
+class GoalTime(NamedTuple):
+    """When a training reached a goal; both numbers are infinite if it did not.
+
+    Attributes:
+        seconds: Wall-clock time, s.
+        steps: Control steps.
+    """
 
     seconds: float
     steps: float
 
 
-def _balanced(seed: int) -> Judge:
+def _balanced(seed: int) -> Check:
     return lambda policy: bool(run_episodes([policy], "windy", EPISODES, seed).survived.mean() >= 0.95)
 
 
-def _better_than_paper(seed: int) -> Judge:
+def _better_than_paper(seed: int) -> Check:
     paper = run_episodes([controller("adrc-paper")], "windy", EPISODES, seed)
 
-    def judge(policy: Policy) -> bool:
-        return bool(run_episodes([policy], "windy", EPISODES, seed).penalised_rmse.mean() < paper.penalised_rmse.mean())
+    def check(policy: Policy) -> bool:
+        results = run_episodes([policy], "windy", EPISODES, seed)
+        return bool(results.penalised_rmse.mean() < paper.penalised_rmse.mean())
 
-    return judge
+    return check
 
 
-def _better_than_classical(seed: int) -> Judge:
-    best = [run_episodes([controller("flatness")], name, EPISODES, seed) for name in SETS["training"]]
+def _better_than_classical(seed: int) -> Check:
+    classical = [run_episodes([controller("flatness")], name, EPISODES, seed) for name in SETS["training"]]
 
-    def judge(policy: Policy) -> bool:
-        flown = [run_episodes([policy], name, EPISODES, seed) for name in SETS["training"]]
-        difference = sum(mine.penalised_rmse - its.penalised_rmse for mine, its in zip(flown, best, strict=True))
-        survived = sum(mine.survived.mean() - its.survived.mean() for mine, its in zip(flown, best, strict=True))
-        return bool(mean(np.asarray(difference)).high < 0.0 and survived >= 0.0)
+    def check(policy: Policy) -> bool:
+        results = [run_episodes([policy], name, EPISODES, seed) for name in SETS["training"]]
+        pairs = list(zip(results, classical, strict=True))
+        difference = sum(mine.penalised_rmse - theirs.penalised_rmse for mine, theirs in pairs)
+        survival = sum(mine.survived.mean() - theirs.survived.mean() for mine, theirs in pairs)
+        return bool(mean(np.asarray(difference)).high < 0.0 and survival >= 0.0)
 
-    return judge
+    return check
 
 
 GOALS = {
@@ -90,86 +107,116 @@ GOALS = {
 }
 
 
-class _Look(BaseCallback):
-    """Asks now and then which goals are reached, with the clock stopped; ends the run when all are."""
+class _GoalCallback(BaseCallback):
+    """Check at intervals which goals the policy reaches, with the clock stopped; end the training when it has all."""
 
-    def __init__(self, settings: TrainSettings, judges: dict[str, tuple[int, list[Judge]]]) -> None:
+    def __init__(self, settings: TrainSettings, checks: dict[str, tuple[int, list[Check]]]) -> None:
         super().__init__()
-        self.settings, self.judges = settings, judges
-        self.reached: dict[str, Reached] = {}
-        self.paused, self.began = 0.0, time.perf_counter()
-        # What has learned nothing yet is not looked at.
-        self.next = {name: 0 if settings.imitation_steps else every for name, (every, _) in judges.items()}
+        self.settings, self.checks = settings, checks
+        self.reached: dict[str, GoalTime] = {}
+        self.paused, self.start = 0.0, time.perf_counter()
+        # An untrained policy is not evaluated, unless it has learned by imitation.
+        self.next = {name: 0 if settings.imitation_steps else interval for name, (interval, _) in checks.items()}
 
     def _on_rollout_start(self) -> None:
-        for name, (every, blocks) in self.judges.items():
+        for name, (interval, blocks) in self.checks.items():
             if name in self.reached or self.num_timesteps < self.next[name]:
                 continue
-            self.next[name] = self.num_timesteps + every
+            self.next[name] = self.num_timesteps + interval
             now = time.perf_counter()
             policy = export(self.model, self.settings.view())
-            if all(judge(policy) for judge in blocks):
+            if all(check(policy) for check in blocks):
                 steps = float(self.num_timesteps * self.settings.hold + self.settings.imitation_steps)
-                self.reached[name] = Reached(now - self.began - self.paused, steps)
+                self.reached[name] = GoalTime(now - self.start - self.paused, steps)
             self.paused += time.perf_counter() - now
 
     def _on_step(self) -> bool:
-        return len(self.reached) < len(self.judges)
+        return len(self.reached) < len(self.checks)
 
 
-def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, list[Reached]]:
-    """When each of the goals is reached, for each training seed."""
+def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, list[GoalTime]]:
+    """Train and return when each goal is reached, one value for each training seed.
+
+    Args:
+        seeds: Number of training seeds, counted from 0.
+        names: Keys of `GOALS`.
+    """
     goals = {name: GOALS[name] for name in names}
-    judges = {name: [goal.judge(seed) for seed in SEEDS] for name, goal in goals.items()}
-    found: dict[str, list[Reached]] = {name: [] for name in names}
+    checks = {name: [goal.make_check(seed) for seed in BLOCK_SEEDS] for name, goal in goals.items()}
+    times: dict[str, list[GoalTime]] = {name: [] for name in names}
     for settings in dict.fromkeys(goal.settings for goal in goals.values()):
-        asked = {name: (goal.every, judges[name]) for name, goal in goals.items() if goal.settings == settings}
+        wanted = {name: (goal.interval, checks[name]) for name, goal in goals.items() if goal.settings == settings}
         for seed in range(seeds):
-            run = replace(read_settings(settings), seed=seed, eval_freq=0, patience=0)
-            look = _Look(run, asked)
+            run_settings = replace(read_settings(settings), seed=seed, eval_freq=0, patience=0)
+            callback = _GoalCallback(run_settings, wanted)
             with tempfile.TemporaryDirectory() as folder:
-                train(run, Path(folder) / "run", progress=False, more=[look])
-            for name in asked:
-                found[name].append(look.reached.get(name, Reached(np.inf, np.inf)))
-                print(f"{name}, seed {seed}: {found[name][-1].seconds:.1f} s", flush=True)
-    return found
+                train(run_settings, Path(folder) / "run", progress=False, more=[callback])
+            for name in wanted:
+                times[name].append(callback.reached.get(name, GoalTime(np.inf, np.inf)))
+                print(f"{name}, seed {seed}: {times[name][-1].seconds:.1f} s", flush=True)
+    return times
 
 
-def markdown(found: dict[str, list[Reached]], rate: float) -> str:
-    """Medians and ranges as a Markdown table."""
+def markdown(times: dict[str, list[GoalTime]], rate: float) -> str:
+    """Format medians and ranges over the training seeds as a Markdown page.
+
+    Args:
+        times: Results of `measure`.
+        rate: PPO's environment steps per second on this machine.
+    """
     lines = [
         "# Time to beat",
         "",
-        f"Of {max(map(len, found.values()))} training seeds, each confirmed in a second block of {EPISODES} episodes;"
-        " `make time-to-beat` measures yours.",
-        "What the goals are is in [`time_to_beat.py`](../benchmarks/time_to_beat.py).",
-        f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it in the demo's training.",
+        f"{max(map(len, times.values()))} training seeds; each result is confirmed in a second block of {EPISODES}"
+        " episodes. `make time-to-beat` measures this on your machine.",
+        "[`time_to_beat.py`](../benchmarks/time_to_beat.py) defines the goals.",
+        f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `demo`.",
         "",
-        "| goal | training | seconds, median [range] | steps, median [range] | target |",
+        "| goal | settings | seconds, median [range] | steps, median [range] | target |",
         "|---|---|---|---|---|",
     ]
-    for name, runs in found.items():
+    for name, runs in times.items():
         seconds, steps = (np.array(values) for values in zip(*runs, strict=True))
         goal = GOALS[name]
         lines.append(
-            f"| {name} | `{goal.settings}` | {_spread(seconds, '.1f')} | {_spread(steps / 1e6, '.2f')} M"
-            f" | ≤ {goal.target:.0f} s |"
+            f"| {name} | `{goal.settings}` | {_median_and_range(seconds, '.1f')}"
+            f" | {_median_and_range(steps / 1e6, '.2f')} M | ≤ {goal.target:.0f} s |"
         )
     return "\n".join(lines) + "\n"
 
 
-def _spread(values: Any, form: str) -> str:
+def _median_and_range(values: Any, form: str) -> str:
     return f"{np.median(values):{form}} [{values.min():{form}}, {values.max():{form}}]"
 
 
-def main(out: Path | None, seeds: int) -> None:
-    """Measure, print, and write the figures to `out`, and as a table beside it."""
-    found = measure(seeds)
-    rate = speed.measure_training(turns=3)["PPO on QuadPendulum-v0 in wind"]
-    text = markdown(found, rate)
+def run(out: Path | None, seeds: int) -> None:
+    """Measure, print the results, and write them to a file.
+
+    Args:
+        out: JSON file; a Markdown page is written beside it. None writes nothing.
+        seeds: Number of training seeds.
+    """
+    times = measure(seeds)
+    rate = speed.measure_training(rounds=3)["PPO on QuadPendulum-v0 in wind"]
+    text = markdown(times, rate)
     print(text)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
-        data = {"steps_per_second": rate, "reached": found}
+        data = {"steps_per_second": rate, "reached": times}
         out.write_text(json.dumps(plain(data), indent=1) + "\n", encoding="utf-8")
         out.with_suffix(".md").write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """Read the command line and run the benchmark."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.time_to_beat", description="Measure training time.")
+    parser.add_argument("--out", type=Path, help="JSON file for the results, with a Markdown page beside it")
+    parser.add_argument("--seeds", type=int, default=5, help="number of training seeds, counted from 0 (default: 5)")
+    arguments = parser.parse_args()
+    if arguments.seeds < 1:
+        parser.error(f"argument --seeds must be at least 1, not {arguments.seeds}")
+    run(arguments.out, arguments.seeds)
+
+
+if __name__ == "__main__":
+    main()

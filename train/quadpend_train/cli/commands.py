@@ -357,24 +357,3 @@ def _ablate(out: Path) -> None:
     (out / "ablations.md").write_text(ablations.markdown(results), encoding="utf-8")
     ablation_plots.draw(results, out / "ablations.png")
     print(ablations.markdown(results) + f"Written: {out}/ablations.md, ablations.png")
-
-
-def bench(out: Path | None = None, training: bool = False, seeds: int = 5) -> None:
-    """Measure speed beside other environments in the same run; or how long it takes to train.
-
-    Args:
-        out: JSON file for the figures, with a table beside it.
-        training: Instead, train from scratch until the learner balances, beats the paper's controller in wind, and
-            beats the best classical one.
-        seeds: Training seeds, from 0 on.
-    """
-    try:
-        from benchmarks import speed, time_to_beat
-    except ImportError as error:
-        raise ValueError(f"{error}: pip install 'quadpend-gym[train,view,dev]' has what the benchmark needs") from error
-    if seeds < 1:
-        raise ValueError(f"seeds must be at least 1, not {seeds}")
-    if training:
-        time_to_beat.main(out, seeds)
-    else:
-        speed.main(out)

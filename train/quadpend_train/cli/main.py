@@ -55,7 +55,6 @@ def _run(arguments: list[str]) -> None:
             "watch": watch,
             "wind": commands.wind,
             "paper": commands.paper,
-            "bench": commands.bench,
         },
         prog="quadpend",
         description="A spherical inverted pendulum on a quadrotor: train policies and compare them.",
