@@ -11,11 +11,11 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import ADRC
 from quadpend_gym.physics.state import State
+from quadpend_train.common.documents import fill
 from quadpend_train.evaluation.episodes import STEPS, EpisodeResults, run_episodes
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, robustness_plots
-from quadpend_train.reports.documents import fill
 from quadpend_train.scenarios import Scenario
 from quadpend_train.studies.attraction import CALM_HOVER, MAPS, Map, RecoveryMap, RecoveryOutcome, Side, classify
 from quadpend_train.studies.axes import AXES, Axis

@@ -133,10 +133,11 @@ def evaluate(
         document: Markdown file whose generated parts to fill in.
     """
     from quadpend_gym.core.validation import check_int
+    from quadpend_train.common import documents
     from quadpend_train.evaluation.comparison import compare
     from quadpend_train.evaluation.leaderboard import leaderboard
     from quadpend_train.policies.loading import load_policies, members
-    from quadpend_train.reports import documents, learning_curves, results, tables
+    from quadpend_train.reports import learning_curves, results, tables
     from quadpend_train.reports.replay import recorded
     from quadpend_train.studies.robustness import measure_robustness
 
@@ -282,7 +283,7 @@ def ablate(
         out: Folder of the runs, of which those that are there are not trained again, and of ablations.json.
         document: Markdown file whose part "ablations" to fill in.
     """
-    from quadpend_train.reports import documents
+    from quadpend_train.common import documents
     from quadpend_train.studies import ablations
 
     if seeds < 1:

@@ -4,10 +4,11 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from quadpend_train.common import documents
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.pairwise import compare_pair
-from quadpend_train.reports import documents, figures, html_page, learning_curves, replay, robustness_plots, tables
+from quadpend_train.reports import figures, html_page, learning_curves, replay, robustness_plots, tables
 from quadpend_train.reports.learning_curves import Curves
 from quadpend_train.studies import robustness
 from quadpend_train.studies.robustness import Robustness

@@ -15,6 +15,7 @@ import numpy as np
 
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
+from quadpend_train.common import documents
 from quadpend_train.common.files import plain
 from quadpend_train.common.provenance import versions
 from quadpend_train.evaluation.cache import code_stamp
@@ -22,7 +23,6 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import format_interval
 from quadpend_train.evaluation.statistics import Interval, mean
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.reports import documents
 from quadpend_train.scenarios import expand, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping

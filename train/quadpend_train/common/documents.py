@@ -1,0 +1,44 @@
+"""Generated parts of Markdown files, between a pair of comments that name the part."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+
+def check(path: Path, names: Sequence[str]) -> None:
+    """Check that a Markdown file has exactly one place for each generated part.
+
+    Args:
+        path: Markdown file.
+        names: Names of the parts.
+
+    Raises:
+        ValueError: If the file does not exist, or a part has no place or several.
+    """
+    if not path.is_file():
+        raise ValueError(f"document must be an existing file, not {path}")
+    _filled(path, dict.fromkeys(names, ""))
+
+
+def fill(path: Path, parts: Mapping[str, str]) -> None:
+    """Replace the text between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the rest of the file stays.
+
+    Args:
+        path: Markdown file that contains both comments of every part once.
+        parts: New texts by name.
+
+    Raises:
+        ValueError: If a part has no place or several.
+    """
+    path.write_text(_filled(path, parts), encoding="utf-8")
+
+
+def _filled(path: Path, parts: Mapping[str, str]) -> str:
+    """Return the text of a file with new parts."""
+    text = path.read_text(encoding="utf-8")
+    for name, part in parts.items():
+        pattern = re.compile(rf"(<!-- begin {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.DOTALL)
+        text, count = pattern.subn(lambda match, part=part: f"{match[1]}\n{part.strip()}\n\n{match[2]}", text)  # type: ignore[misc]
+        if count != 1:
+            raise ValueError(f"{path} must have one place for {name!r}, not {count}: <!-- begin {name} -->, then end")
+    return text
