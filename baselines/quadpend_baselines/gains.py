@@ -89,7 +89,7 @@ class MppiGains:
     feedback: LqrGains = field(default_factory=LqrGains)  # its weights, and the feedback around which is sampled
     samples: int = 33  # futures of each row, odd
     horizon: int = 20  # periods
-    pace: int = 2  # control steps in a period
+    steps_per_period: int = 2  # control steps in a period
     knots: int = 5  # of the perturbation
     spread: float = 0.3  # its standard deviation, of the action's range
     temperature: float = 0.1  # λ

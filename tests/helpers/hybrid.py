@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from quadpend_baselines.hybrid.companion import Companion
-from quadpend_baselines.policy.protocol import started_rows
+from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym.core.arrays import Floats32
 
 Learner = Callable[[Floats32], Floats32]
@@ -33,7 +33,7 @@ class Steered:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
-        started = started_rows(episode_start, state is None, len(observation))
+        started = episode_start_mask(episode_start, state is None, len(observation))
         seen, memory = self.companion.watch(observation, state, started)
         self.seen.append(seen)
         return self.companion.act(self.learner(seen), memory)

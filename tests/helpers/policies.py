@@ -8,7 +8,7 @@ from quadpend_baselines import ADRC
 from quadpend_train.evaluation.episodes import FALL, STEPS, EpisodeResults
 
 
-class Biased:
+class BiasedADRC:
     """ADRC that holds the bob a known distance (m) beside the reference in x."""
 
     def __init__(self, distance: float) -> None:
@@ -22,7 +22,7 @@ class Biased:
         return self.adrc.predict(shifted, state, episode_start)
 
 
-class Shaky:
+class NoisyADRC:
     """ADRC with a little random action on top, of its own kind for each seed."""
 
     def __init__(self, seed: int) -> None:
@@ -36,7 +36,7 @@ class Shaky:
         return np.clip(action + noise, -1.0, 1.0).astype(np.float32), memory
 
 
-class Falling:
+class ZeroThrust:
     """No thrust."""
 
     def predict(
@@ -47,7 +47,7 @@ class Falling:
         return action, None
 
 
-def planted(rmse: Any, survived: Any = True) -> EpisodeResults:
+def synthetic_results(rmse: Any, survived: Any = True) -> EpisodeResults:
     """Flights that nobody flew, with an RMSE (m) for each episode, shape (n,) or (s, n)."""
     rmse = np.atleast_2d(np.asarray(rmse, np.float64))
     survived = np.broadcast_to(survived, rmse.shape)

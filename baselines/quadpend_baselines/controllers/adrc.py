@@ -24,7 +24,7 @@ import numpy as np
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
 from quadpend_baselines.modelling.planar import rotate
-from quadpend_baselines.policy.protocol import started_rows, to_action, to_command
+from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
 from quadpend_gym import Simulation, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
 
@@ -39,15 +39,15 @@ class AdrcMemory(NamedTuple):
     Attributes:
         estimate: the observers' states, shape (n, 6, 4).
         command: thrust (N) and torques (N·m) really given, after saturation, shape (n, 4).
-        measured: at that sample.
+        measurement: at that sample.
     """
 
     estimate: Floats
     command: Floats
-    measured: Any  # a Measurement
+    measurement: Any  # a AdrcMeasurement
 
 
-class Measurement(NamedTuple):
+class AdrcMeasurement(NamedTuple):
     """What the controller takes from an observation, n rows: positions, angles and the reference."""
 
     error: Floats  # e, m, (n, 3)
@@ -60,8 +60,10 @@ class Measurement(NamedTuple):
     yaw_acceleration: Floats  # ψ̈_d, (n,)
 
 
-def measure(error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: Floats) -> Measurement:
-    """What the controller works with, from what is measured in n rows.
+def make_measurement(
+    error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: Floats
+) -> AdrcMeasurement:
+    """What the controller works with, from what is measurement in n rows.
 
     Args:
         error: e, m, shape (n, 3).
@@ -76,11 +78,11 @@ def measure(error: Floats, direction: Floats, euler: Floats, yaw_reference: Floa
     lean = np.stack([np.cos(roll) * np.sin(pitch), -np.sin(roll)], axis=-1)
     tilt = rotate(np.stack([pitch, -roll], axis=-1), yaw, 0)
     axis = np.column_stack([rotate(lean, yaw, 0), np.cos(roll) * np.cos(pitch)])
-    return Measurement(error, direction, tilt, axis, yaw, yaw_error, reference, yaw_reference[:, 2])
+    return AdrcMeasurement(error, direction, tilt, axis, yaw, yaw_error, reference, yaw_reference[:, 2])
 
 
-def _measure_observation(observation: Floats32) -> Measurement:
-    return measure(
+def measurement_from_observation(observation: Floats32) -> AdrcMeasurement:
+    return make_measurement(
         read_observation(observation, "tracking_error"),
         read_observation(observation, "direction"),
         read_observation(observation, "attitude"),
@@ -134,17 +136,19 @@ class ADRC:
     ) -> tuple[Floats32, AdrcMemory]:
         """Action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
-        measured = _measure_observation(np.atleast_2d(np.asarray(observation, np.float32)))
-        outputs = self.outputs(measured)
-        estimate = self.first_estimate(measured, outputs)
-        started = started_rows(episode_start, state is None, measured.yaw.size)
+        measurement = measurement_from_observation(np.atleast_2d(np.asarray(observation, np.float32)))
+        outputs = self.observer_outputs(measurement)
+        estimate = self.initial_estimate(measurement, outputs)
+        started = episode_start_mask(episode_start, state is None, measurement.yaw.size)
         if not started.all():
-            inputs = [self.known_input(at, state.estimate, state.command) for at in (state.measured, measured)]
+            inputs = [
+                self.observer_inputs(at, state.estimate, state.command) for at in (state.measurement, measurement)
+            ]
             updated = self._bank.update(state.estimate, 0.5 * (inputs[0] + inputs[1]), outputs)
             estimate = np.where(started[:, np.newaxis, np.newaxis], estimate, updated)
-        command = self.command(measured, estimate)
+        command = self.command(measurement, estimate)
         action, command = to_action(command, self.simulation)
-        return (action[0] if single else action), AdrcMemory(estimate, command, measured)
+        return (action[0] if single else action), AdrcMemory(estimate, command, measurement)
 
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
         """The disturbance that the observers see, as `info["disturbance"]` has the true one, shape (n, 9).
@@ -159,7 +163,7 @@ class ADRC:
         out[:, 8] = memory.estimate[:, _YAW, 2] * p.inertia_yaw
         return out
 
-    def acted(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
+    def with_applied_action(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
         """What is remembered if `action`, shape (n, 4), acts and not the controller's own."""
         return memory._replace(command=to_command(action, self.simulation))
 
@@ -168,31 +172,31 @@ class ADRC:
         """g K, m/s⁴."""
         return self.simulation.parameters.gravity * self.simulation.parameters.chain_stiffness
 
-    def fourth_derivative(self, measured: Measurement) -> Floats:
+    def fourth_derivative(self, measurement: AdrcMeasurement) -> Floats:
         """F₅ of equation (1), shape (n, 2)."""
-        return self._stiffness * (measured.direction[:, :2] - measured.tilt)
+        return self._stiffness * (measurement.direction[:, :2] - measurement.tilt)
 
-    def _thrust_gain(self, measured: Measurement) -> Floats:
+    def _thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
         """g_z of equation (4), 1/kg, shape (n,)."""
-        p, axis, r = self.simulation.parameters, measured.thrust_axis, measured.direction
+        p, axis, r = self.simulation.parameters, measurement.thrust_axis, measurement.direction
         along = np.sum(r * axis, axis=-1) * r[:, 2]
         return np.asarray((axis[:, 2] - p.bob_mass / p.total_mass * along) / p.quadrotor_mass)
 
-    def outputs(self, measured: Measurement) -> Floats:
+    def observer_outputs(self, measurement: AdrcMeasurement) -> Floats:
         """What each observer measures, shape (n, 6)."""
-        fourth = self.fourth_derivative(measured) - measured.reference[:, 4 - 2, :2]
-        return np.column_stack([measured.error[:, :2], fourth, measured.error[:, 2], measured.yaw_error])
+        fourth = self.fourth_derivative(measurement) - measurement.reference[:, 4 - 2, :2]
+        return np.column_stack([measurement.error[:, :2], fourth, measurement.error[:, 2], measurement.yaw_error])
 
-    def first_estimate(self, measured: Measurement, outputs: Floats) -> Floats:
+    def initial_estimate(self, measurement: AdrcMeasurement, outputs: Floats) -> Floats:
         """Where the observers start: rates unknown, F̈ = g r, and gravity known, shape (n, 6, 4)."""
         gravity = self.simulation.parameters.gravity
         estimate = np.zeros((outputs.shape[0], _OBSERVERS, 4))
         estimate[:, :, 0] = outputs
-        estimate[:, _LUENBERGER, 2] = gravity * measured.direction[:, :2] - measured.reference[:, 2 - 2, :2]
+        estimate[:, _LUENBERGER, 2] = gravity * measurement.direction[:, :2] - measurement.reference[:, 2 - 2, :2]
         estimate[:, _HEIGHT, 2] = -gravity
         return estimate
 
-    def command(self, measured: Measurement, estimate: Floats) -> Floats:
+    def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
         """Equations (3)–(5): thrust and torques, shape (n, 4)."""
         p = self.simulation.parameters
         disturbance = estimate[:, _HORIZONTAL, 2]
@@ -200,35 +204,35 @@ class ADRC:
         share = self.gains.mismatch / p.chain_stiffness
         errors += [estimate[:, _HORIZONTAL, i] + share * estimate[:, _HORIZONTAL, i + 2] for i in range(2)]
         feedback = sum(k * error for k, error in zip(self.horizontal_gains, errors, strict=True))
-        v = measured.reference[:, 6 - 2, :2] - feedback - disturbance
-        torque = (p.chain_stiffness * self.fourth_derivative(measured) - v) / self._stiffness
-        pitch, roll = (rotate(torque, -measured.yaw, 0) * [1.0, -1.0]).T
+        v = measurement.reference[:, 6 - 2, :2] - feedback - disturbance
+        torque = (p.chain_stiffness * self.fourth_derivative(measurement) - v) / self._stiffness
+        pitch, roll = (rotate(torque, -measurement.yaw, 0) * [1.0, -1.0]).T
         k0, k1 = self._vertical_gains
         height, yaw = estimate[:, _HEIGHT], estimate[:, _YAW]
-        lift = measured.reference[:, 2 - 2, 2] - k0 * height[:, 0] - k1 * height[:, 1] - height[:, 2]
-        turn = measured.yaw_acceleration - k0 * yaw[:, 0] - k1 * yaw[:, 1] - yaw[:, 2]
+        lift = measurement.reference[:, 2 - 2, 2] - k0 * height[:, 0] - k1 * height[:, 1] - height[:, 2]
+        turn = measurement.yaw_acceleration - k0 * yaw[:, 0] - k1 * yaw[:, 1] - yaw[:, 2]
         return np.column_stack(
             [
-                lift / np.maximum(self._thrust_gain(measured), 0.1 / p.total_mass),
+                lift / np.maximum(self._thrust_gain(measurement), 0.1 / p.total_mass),
                 p.inertia_roll * roll,
                 p.inertia_pitch * pitch,
                 p.inertia_yaw * turn,
             ]
         )
 
-    def known_input(self, measured: Measurement, estimate: Floats, command: Floats) -> Floats:
+    def observer_inputs(self, measurement: AdrcMeasurement, estimate: Floats, command: Floats) -> Floats:
         """What drives each chain at this instant, given the command that acts, shape (n, 6)."""
         p = self.simulation.parameters
-        fourth = self.fourth_derivative(measured)
+        fourth = self.fourth_derivative(measurement)
         mismatch = self.gains.mismatch / p.chain_stiffness * estimate[:, _HORIZONTAL, 2]
         body = np.stack([command[:, 2] / p.inertia_pitch, -command[:, 1] / p.inertia_roll], axis=-1)
-        horizontal = p.chain_stiffness * fourth - self._stiffness * rotate(body, measured.yaw, 0)
-        lift = self._thrust_gain(measured) * command[:, 0]
+        horizontal = p.chain_stiffness * fourth - self._stiffness * rotate(body, measurement.yaw, 0)
+        lift = self._thrust_gain(measurement) * command[:, 0]
         return np.column_stack(
             [
-                fourth + mismatch - measured.reference[:, 4 - 2, :2],
-                horizontal - measured.reference[:, 6 - 2, :2],
-                lift - measured.reference[:, 2 - 2, 2],
-                command[:, 3] / p.inertia_yaw - measured.yaw_acceleration,
+                fourth + mismatch - measurement.reference[:, 4 - 2, :2],
+                horizontal - measurement.reference[:, 6 - 2, :2],
+                lift - measurement.reference[:, 2 - 2, 2],
+                command[:, 3] / p.inertia_yaw - measurement.yaw_acceleration,
             ]
         )

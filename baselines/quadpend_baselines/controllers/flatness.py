@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimator import Estimate, Reading
+from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling import flat_outputs, taylor
 from quadpend_baselines.modelling.planar import limit_norm
@@ -47,32 +47,32 @@ class Flatness:
     gains: FlatnessGains
     simulation: Simulation
 
-    def first(self, rows: int) -> tuple[()]:
+    def initial_memory(self, rows: int) -> tuple[()]:
         """Nothing is remembered."""
         return ()
 
     def command(
-        self, estimate: Estimate, reading: Reading, memory: tuple[()], pace: Floats = _NOMINAL
+        self, estimate: Estimate, measurement: Measurement, memory: tuple[()], bandwidth_scale: Floats = _NOMINAL
     ) -> tuple[Floats, tuple[()]]:
-        """Equations (1)–(7); see `observed.Law`.
+        """Equations (1)–(7); see `observed.ControlLaw`.
 
         Args:
             estimate: of state and wind.
-            reading: of the reference.
+            measurement: of the reference.
             memory: none.
-            pace: factors on the bandwidths of position, pendulum, attitude, and of height and yaw, shape (n, 4).
+            bandwidth_scale: factors on the bandwidths of position, pendulum, attitude, and of height and yaw, shape (n, 4).
         """
         p, gains, s = self.simulation.parameters, self.gains, State(estimate.state)
-        vertical = gains.vertical_bandwidth * pace[:, 3]
-        wanted = flat_outputs.flat_trajectory(reading.reference, estimate.disturbance, p)
-        lean = flat_outputs.lean_of(taylor.from_derivatives(s.euler, s.euler_rate))
+        vertical = gains.vertical_bandwidth * bandwidth_scale[:, 3]
+        wanted = flat_outputs.flat_trajectory(measurement.reference, estimate.disturbance, p)
+        lean = flat_outputs.tangent_from_attitude(taylor.from_derivatives(s.euler, s.euler_rate))
         axis_height = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _LEAST_HEIGHT)
-        thrust = self._thrust(estimate, reading, lean[0], axis_height, vertical)
+        thrust = self._thrust(estimate, measurement, lean[0], axis_height, vertical)
         upright = s.direction[:, 2:]
         pendulum = s.direction[:, :2] / upright
         swing = (s.direction_rate[:, :2] - pendulum * s.direction_rate[:, 2:]) / upright
         on_quadrotor, on_bob = estimate.disturbance[:, 0:3], estimate.disturbance[:, 3:6]
-        weight = (p.gravity + reading.reference[:, 0, 2] - on_bob[:, 2] / p.bob_mass)[:, np.newaxis]
+        weight = (p.gravity + measurement.reference[:, 0, 2] - on_bob[:, 2] / p.bob_mass)[:, np.newaxis]
         per_rod = 1.0 / (upright * p.quadrotor_mass * p.rod_length)
         steepness = per_rod * (thrust * axis_height)[:, np.newaxis]
         relative = p.quadrotor_mass / p.bob_mass * on_bob - on_quadrotor
@@ -92,7 +92,7 @@ class Flatness:
         near = (gains.position_bandwidth, gains.pendulum_bandwidth, gains.attitude_bandwidth)
         mode = np.linalg.norm(e2 + e3 / np.sqrt(steepness), axis=1) / weight[:, 0]
         share = 1.0 / (1.0 + (mode / gains.near) ** 2)
-        poles = [f * (a + (b - a) * share) for a, b, f in zip(far, near, pace.T, strict=False)]
+        poles = [f * (a + (b - a) * share) for a, b, f in zip(far, near, bandwidth_scale.T, strict=False)]
         k = _coefficients(poles, gains.damping)
         pace = limit_norm(k[0] / k[1] * e0, gains.velocity)
         asked = -limit_norm(k[1] / k[2] * (e1 + pace), gains.acceleration)
@@ -103,20 +103,29 @@ class Flatness:
         e6 = -k[5] * e5 - k[4] * (e4 - e4_asked)
         t2 = t_d[2] + stiffness / steepness * (s2 - s_d[2]) - e6 / (weight * steepness)
 
-        yaw = taylor.from_derivatives(s.euler[:, 2], s.euler_rate[:, 2], self._yaw_acceleration(s, reading, vertical))
-        euler = taylor.to_derivatives(flat_outputs.attitude(np.stack([*lean, 0.5 * t2]), yaw))
+        yaw = taylor.from_derivatives(
+            s.euler[:, 2], s.euler_rate[:, 2], self._yaw_acceleration(s, measurement, vertical)
+        )
+        euler = taylor.to_derivatives(flat_outputs.attitude_from_tangent(np.stack([*lean, 0.5 * t2]), yaw))
         inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
         return np.column_stack([thrust, inertia * euler[2] - estimate.disturbance[:, 6:9]]), memory
 
-    def _yaw_acceleration(self, s: State, reading: Reading, w: Floats) -> Floats:
-        error, rate = s.euler[:, 2] - reading.yaw_reference[:, 0], s.euler_rate[:, 2] - reading.yaw_reference[:, 1]
-        return np.asarray(reading.yaw_reference[:, 2] - 2.0 * self.gains.damping * w * rate - w * w * error)
+    def _yaw_acceleration(self, s: State, measurement: Measurement, w: Floats) -> Floats:
+        error, rate = (
+            s.euler[:, 2] - measurement.yaw_reference[:, 0],
+            s.euler_rate[:, 2] - measurement.yaw_reference[:, 1],
+        )
+        return np.asarray(measurement.yaw_reference[:, 2] - 2.0 * self.gains.damping * w * rate - w * w * error)
 
-    def _thrust(self, estimate: Estimate, reading: Reading, lean: Floats, axis_height: Floats, w: Floats) -> Floats:
+    def _thrust(
+        self, estimate: Estimate, measurement: Measurement, lean: Floats, axis_height: Floats, w: Floats
+    ) -> Floats:
         """Equation (6), shape (n,), with the thrust's tangents, b_z and ω."""
         p, s = self.simulation.parameters, State(estimate.state)
         on_quadrotor, on_bob = estimate.disturbance[:, 0:3], estimate.disturbance[:, 3:6]
-        climb = reading.reference[:, 0, 2] - 2.0 * self.gains.damping * w * s.velocity[:, 2] - w * w * s.position[:, 2]
+        climb = (
+            measurement.reference[:, 0, 2] - 2.0 * self.gains.damping * w * s.velocity[:, 2] - w * w * s.position[:, 2]
+        )
         axis = np.column_stack([lean, np.ones_like(axis_height)]) * axis_height[:, np.newaxis]
         pull = (on_bob / p.bob_mass - on_quadrotor / p.quadrotor_mass) / p.rod_length  # without the thrust's
         r, upright = s.direction, s.direction[:, 2]

@@ -16,16 +16,16 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
-from quadpend_baselines.estimation.estimator import Estimate, Reading
+from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import LqrGains
 from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.modelling.linear_model import (
-    COLUMNS,
     EULER_RATE,
-    LEAN,
-    LEAN_RATE,
+    MODEL_STATE_SIZE,
+    PENDULUM,
+    PENDULUM_RATE,
     POSITION,
-    SIZE,
+    STATE_COLUMNS,
     VELOCITY,
     linearise,
     rotate_state,
@@ -40,9 +40,9 @@ _OUTPUTS = 3
 
 def output_matrix(rod_length: float) -> Floats:
     """C of e = C x, shape (3, 16)."""
-    out = np.zeros((_OUTPUTS, SIZE))
+    out = np.zeros((_OUTPUTS, MODEL_STATE_SIZE))
     out[:, POSITION] = np.eye(_OUTPUTS)
-    out[:2, LEAN] = rod_length * np.eye(2)
+    out[:2, PENDULUM] = rod_length * np.eye(2)
     return out
 
 
@@ -51,9 +51,9 @@ def weights(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     """Q and R of equation (2), shapes (16, 16), or (19, 19) with integrators, and (4, 4)."""
     output = output_matrix(simulation.parameters.rod_length)
     rate = np.zeros_like(output)
-    rate[:, VELOCITY], rate[:, LEAN_RATE] = output[:, POSITION], output[:, LEAN]
+    rate[:, VELOCITY], rate[:, PENDULUM_RATE] = output[:, POSITION], output[:, PENDULUM]
     state = output.T @ output / gains.position**2 + rate.T @ rate / gains.velocity**2
-    angle, turning = np.zeros(SIZE), np.zeros(SIZE)
+    angle, turning = np.zeros(MODEL_STATE_SIZE), np.zeros(MODEL_STATE_SIZE)
     angle[[6, 7, 8]] = gains.angle**-2
     turning[EULER_RATE] = gains.angle_rate**-2
     state += np.diag(angle + turning)
@@ -68,7 +68,7 @@ def model(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     transition, drive, _ = linearise(simulation)
     if gains.integral > 0.0:
         output = simulation.period * output_matrix(simulation.parameters.rod_length)
-        transition = np.block([[transition, np.zeros((SIZE, _OUTPUTS))], [output, np.eye(_OUTPUTS)]])
+        transition = np.block([[transition, np.zeros((MODEL_STATE_SIZE, _OUTPUTS))], [output, np.eye(_OUTPUTS)]])
         drive = np.concatenate([drive, np.zeros((_OUTPUTS, drive.shape[1]))])
     return transition, drive
 
@@ -89,27 +89,27 @@ class Lqr:
     gains: LqrGains
     simulation: Simulation
 
-    def first(self, rows: int) -> Floats:
+    def initial_memory(self, rows: int) -> Floats:
         """σ = 0, shape (rows, 3), m·s."""
         return np.zeros((rows, _OUTPUTS))
 
-    def command(self, estimate: Estimate, reading: Reading, memory: Floats) -> tuple[Floats, Floats]:
-        """Equation (1); see `observed.Law`."""
+    def command(self, estimate: Estimate, measurement: Measurement, memory: Floats) -> tuple[Floats, Floats]:
+        """Equation (1); see `observed.ControlLaw`."""
         p = self.simulation.parameters
         calm = np.zeros_like(estimate.disturbance)
-        flight = flat_outputs.flat_trajectory(reading.reference, calm, p)
+        flight = flat_outputs.flat_trajectory(measurement.reference, calm, p)
         yaw = estimate.state[:, 8]
         # Roll and pitch are wanted for the heading that there is.
-        heading = np.column_stack([yaw, reading.yaw_reference[:, 1:]])
+        heading = np.column_stack([yaw, measurement.yaw_reference[:, 1:]])
         state, command = flat_outputs.state_and_command(flight, heading, calm, p)
-        state[:, 8] = reading.yaw_reference[:, 0]
-        x = rotate_state((estimate.state - state)[:, COLUMNS], -yaw)
+        state[:, 8] = measurement.yaw_reference[:, 0]
+        x = rotate_state((estimate.state - state)[:, STATE_COLUMNS], -yaw)
         x[:, :2] = limit_norm(x[:, :2], self.gains.reach)
         gain, _ = riccati(self.gains, self.simulation)
-        command = command - x @ gain[:, :SIZE].T
+        command = command - x @ gain[:, :MODEL_STATE_SIZE].T
         if self.gains.integral <= 0.0:
             return command, memory
-        command = command - rotate(memory, -yaw, 0) @ gain[:, SIZE:].T
+        command = command - rotate(memory, -yaw, 0) @ gain[:, MODEL_STATE_SIZE:].T
         error = rotate(x @ output_matrix(p.rod_length).T, yaw, 0)
         free = np.isclose(to_action(command, self.simulation)[1], command, atol=1e-3).all(axis=1, keepdims=True)
         bound = self.gains.integral_limit

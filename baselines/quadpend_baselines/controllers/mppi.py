@@ -1,7 +1,7 @@
 """Sampling-based model-predictive control: MPPI (Williams, Aldrich & Theodorou, JGCD 2017) around a linear feedback.
 
 At every control step the project's own kernel flies `samples` futures of each row in a batch, over `horizon` periods
-of `pace` control steps each, with the wind that is estimated:
+of `steps_per_period` control steps each, with the wind that is estimated:
 
     (1)  u_j = sat(u_d − K (x_j − x_d) + δ_j),         δ piecewise linear between `knots`, δᵏ = δ + εᵏ
     (2)  Jᵏ  = ½ Σ ((x_j − x_d)ᵀ Q (x_j − x_d) + (u_j − u_d)ᵀ R (u_j − u_d)) + barrier + ½ (x_H − x_d)ᵀ P (x_H − x_d)
@@ -22,10 +22,10 @@ import numpy as np
 
 from quadpend_baselines.controllers import mppi_kernel
 from quadpend_baselines.controllers.lqr import riccati, weights
-from quadpend_baselines.estimation.estimator import Estimate, Reading
+from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import MppiGains
 from quadpend_baselines.modelling import flat_outputs
-from quadpend_baselines.modelling.linear_model import COLUMNS, rotate_state
+from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.validation import check_int
@@ -39,7 +39,9 @@ class Horizon(NamedTuple):
 
     state: Floats  # x_d, in the reference's frame, (H + 1, n, 18)
     command: Floats  # u_d, (H + 1, n, 4)
-    fall: Floats  # how far the frame moves in each period: what to take off position and velocity, (H, 2, n, 3)
+    frame_displacement: (
+        Floats  # how far the frame moves in each period: what to take off position and velocity, (H, 2, n, 3)
+    )
 
 
 class MppiMemory(NamedTuple):
@@ -60,7 +62,7 @@ class Mppi:
         g = self.gains
         if not (3 <= g.samples <= mppi_kernel.LARGEST and g.samples % 2):
             raise ValueError(f"samples must be odd and from 3 to {mppi_kernel.LARGEST - 1}, not {g.samples!r}")
-        for name, least in (("horizon", 1), ("pace", 1), ("knots", 2)):
+        for name, least in (("horizon", 1), ("steps_per_period", 1), ("knots", 2)):
             check_int(getattr(g, name), name, least)
         if g.feedback.integral > 0.0:
             raise ValueError("the feedback of MPPI has no integrators: its integral must be 0")
@@ -68,7 +70,11 @@ class Mppi:
     @cached_property
     def _coarse(self) -> Simulation:
         sim = self.simulation
-        return replace(sim, period=sim.period * self.gains.pace, substeps=max(1, sim.substeps * self.gains.pace // 2))
+        return replace(
+            sim,
+            period=sim.period * self.gains.steps_per_period,
+            substeps=max(1, sim.substeps * self.gains.steps_per_period // 2),
+        )
 
     @cached_property
     def _noise(self) -> Floats:
@@ -77,13 +83,13 @@ class Mppi:
         half = np.random.default_rng(0).standard_normal((_TABLES, (g.samples - 1) // 2, g.knots, 4))
         return np.concatenate([half, -half], axis=1) * (g.spread * self.simulation.command_scale)
 
-    def first(self, rows: int) -> MppiMemory:
+    def initial_memory(self, rows: int) -> MppiMemory:
         """δ = 0."""
         return MppiMemory(np.zeros((rows, self.gains.knots, COMMAND_SIZE)), np.zeros(rows, np.int64))
 
-    def command(self, estimate: Estimate, reading: Reading, memory: MppiMemory) -> tuple[Floats, MppiMemory]:
-        """Equations (1)–(3); see `observed.Law`."""
-        horizon = self._look_ahead(estimate, reading)
+    def command(self, estimate: Estimate, measurement: Measurement, memory: MppiMemory) -> tuple[Floats, MppiMemory]:
+        """Equations (1)–(3); see `observed.ControlLaw`."""
+        horizon = self._look_ahead(estimate, measurement)
         plans = memory.plan[:, np.newaxis] + self._noise[memory.number % _TABLES]
         plans = np.concatenate([np.zeros_like(plans[:, :1]), plans], axis=1)
         cost = self._cost(estimate, horizon, plans)
@@ -93,37 +99,41 @@ class Mppi:
         weight /= weight.sum(axis=1, keepdims=True)
         plan = np.einsum("nk,nkmc->nmc", weight, plans)
         gain, _ = riccati(self.gains.feedback, self._coarse)
-        error = rotate_state((estimate.state - horizon.state[0])[:, COLUMNS], -estimate.state[:, 8])
+        error = rotate_state((estimate.state - horizon.state[0])[:, STATE_COLUMNS], -estimate.state[:, 8])
         command = horizon.command[0] - error @ gain.T + plan[:, 0]
         share = self.simulation.period / (self._coarse.period * self.gains.horizon / (self.gains.knots - 1))
         later = np.concatenate([plan[:, 1:], np.zeros_like(plan[:, :1])], axis=1)
         return command, MppiMemory(plan + share * (later - plan), memory.number + 1)
 
-    def _look_ahead(self, estimate: Estimate, reading: Reading) -> Horizon:
+    def _look_ahead(self, estimate: Estimate, measurement: Measurement) -> Horizon:
         p, steps, period = self.simulation.parameters, self.gains.horizon + 1, self._coarse.period
-        rows = len(reading.state)
+        rows = len(measurement.state)
         time = period * np.arange(steps)
-        derivatives = np.moveaxis(reading.reference, 1, 0)
+        derivatives = np.moveaxis(measurement.reference, 1, 0)
         later = np.zeros((steps, *derivatives.shape))
         for order in range(len(derivatives)):
             for more in range(len(derivatives) - order):
                 factor = time**more / factorial(more)
                 later[:, order] += factor[:, np.newaxis, np.newaxis] * derivatives[order + more]
-        yaw, rate, acceleration = (reading.yaw_reference[:, i] for i in range(3))
+        yaw, rate, acceleration = (measurement.yaw_reference[:, i] for i in range(3))
         t = time[:, np.newaxis]
         yaws = np.stack(
             np.broadcast_arrays(yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration), -1
         )
         wind = np.tile(estimate.disturbance, (steps, 1))
         flight = flat_outputs.flat_trajectory(
-            np.moveaxis(later, 2, 1).reshape(-1, *reading.reference.shape[1:]), wind, p
+            np.moveaxis(later, 2, 1).reshape(-1, *measurement.reference.shape[1:]), wind, p
         )
         state, command = flat_outputs.state_and_command(flight, yaws.reshape(-1, 3), wind, p)
-        fall = [
+        frame_displacement = [
             sum(period ** (i + 2 - less) / factorial(i + 2 - less) * later[:-1, i] for i in range(len(derivatives)))
             for less in (0, 1)
         ]
-        return Horizon(state.reshape(steps, rows, STATE_SIZE), command.reshape(steps, rows, -1), np.stack(fall, axis=1))
+        return Horizon(
+            state.reshape(steps, rows, STATE_SIZE),
+            command.reshape(steps, rows, -1),
+            np.stack(frame_displacement, axis=1),
+        )
 
     def _cost(self, estimate: Estimate, horizon: Horizon, plans: Floats) -> Floats:
         """J of equation (2) for each plan, shape (n, samples)."""
@@ -135,9 +145,9 @@ class Mppi:
             estimate.state,
             estimate.disturbance,
             coarse.parameters.as_array(),
-            np.ascontiguousarray(horizon.state[..., COLUMNS]),
+            np.ascontiguousarray(horizon.state[..., STATE_COLUMNS]),
             horizon.command,
-            horizon.fall,
+            horizon.frame_displacement,
             np.ascontiguousarray(np.moveaxis(plans, 1, -1)),
             gain,
             weigh,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.modelling.linear_model import SIZE
+from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
@@ -28,7 +28,7 @@ from quadpend_gym.physics.state import (
 LARGEST = 64  # number of futures of a row
 # Edges of the parts of one buffer of lanes, which the compiler can tell apart.
 _DEVIATION, _COMMAND, _USED, _FORCES, _PHYSICS, _COST, _END = accumulate(
-    (LANE_STATE, SIZE, COMMAND_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE, 1)
+    (LANE_STATE, MODEL_STATE_SIZE, COMMAND_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE, 1)
 )
 BARRIER = 1e4  # cost per squared excess of a cosine
 LEAST_UPRIGHT, LEAST_LEVEL = 0.6, 0.3  # cosines of the pendulum's and the body's angle where the barrier begins
@@ -76,7 +76,7 @@ def _ask(deviation: Any, gain: Any, wanted: Any, plans: Any, place: float, lanes
     for c in range(COMMAND_SIZE):
         for lane in range(lanes):
             used[c, lane] = (1.0 - part) * plans[knot, c, lane] + part * plans[knot + 1, c, lane]
-        for a in range(SIZE):
+        for a in range(MODEL_STATE_SIZE):
             for lane in range(lanes):
                 used[c, lane] -= gain[c, a] * deviation[a, lane]
         for lane in range(lanes):
@@ -90,7 +90,7 @@ def costs(
     parameters: Floats,
     wanted: Floats,
     wanted_command: Floats,
-    fall: Floats,
+    frame_displacement: Floats,
     plans: Floats,
     gain: Floats,
     weights: Floats,
@@ -108,7 +108,7 @@ def costs(
         parameters: of the plant that is believed in, shape (9,).
         wanted: x_d, shape (H + 1, n, 16).
         wanted_command: u_d, shape (H + 1, n, 4).
-        fall: what to take off position and velocity after each period, shape (H, 2, n, 3).
+        frame_displacement: what to take off position and velocity after each period, shape (H, 2, n, 3).
         plans: δ at the knots, shape (n, knots, 4, samples).
         gain: K, shape (4, 16).
         weights: Q, shape (16, 16).
@@ -122,7 +122,7 @@ def costs(
         Shape (n, samples).
     """
     rows, knots, _, lanes = plans.shape
-    steps = fall.shape[0]
+    steps = frame_displacement.shape[0]
     out = np.empty((rows, lanes))
     buffer = np.empty((_END, LARGEST))
     moving, deviation, command = buffer[:_DEVIATION], buffer[_DEVIATION:_COMMAND], buffer[_COMMAND:_USED]
@@ -150,8 +150,8 @@ def costs(
             integrate(moving, command, forces, physics, lanes, period, substeps)
             for i in range(3):
                 for lane in range(lanes):
-                    moving[POSITION + i, lane] -= fall[step, 0, row, i]
-                    moving[VELOCITY + i, lane] -= fall[step, 1, row, i]
+                    moving[POSITION + i, lane] -= frame_displacement[step, 0, row, i]
+                    moving[VELOCITY + i, lane] -= frame_displacement[step, 1, row, i]
             for lane in range(lanes):
                 fallen = max(LEAST_UPRIGHT - moving[DIRECTION + 2, lane], 0.0)
                 tipped = max(LEAST_LEVEL - moving[STATE_SIZE + 2, lane], 0.0)

@@ -14,7 +14,7 @@ from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym import Simulation
 
 # name: makes the controller of its gains and of what it believes of the plant and its actuators
-MAKERS: dict[str, Callable[[Any, Simulation | None], Policy]] = {
+CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "adrc-paper": ADRC,
     "adrc-matched": ADRC,
     "adrc-tuned": ADRC,
@@ -24,7 +24,7 @@ MAKERS: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "flatness": partial(OutputFeedback, Flatness),
     "mppi": partial(OutputFeedback, Mppi),
 }
-CONTROLLERS = tuple(MAKERS)
+CONTROLLERS = tuple(CONTROLLER_FACTORIES)
 
 
 def controller(name: str, simulation: Simulation | None = None) -> Policy:
@@ -37,6 +37,6 @@ def controller(name: str, simulation: Simulation | None = None) -> Policy:
     Raises:
         ValueError: there is no such controller.
     """
-    if name not in MAKERS:
+    if name not in CONTROLLER_FACTORIES:
         raise ValueError(f"there is no controller {name!r}; there are {', '.join(CONTROLLERS)}")
-    return MAKERS[name](GAINS[name], simulation)
+    return CONTROLLER_FACTORIES[name](GAINS[name], simulation)

@@ -21,12 +21,12 @@ import numpy as np
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.modelling.linear_model import (
-    COLUMNS,
+    DISTURBANCE_COLUMNS,
     EULER,
-    FORCES,
-    LEAN,
+    MODEL_STATE_SIZE,
+    PENDULUM,
     POSITION,
-    SIZE,
+    STATE_COLUMNS,
     linearise,
     rotate_state,
 )
@@ -42,10 +42,10 @@ _GAINS = 100  # steps after which the gain is constant
 _FLATTEST = 0.95  # |r_xy| of an estimate at most: 72° from upright, where no episode is
 _LARGEST = 300.0  # in SI units; an estimate with a larger number has lost its way and starts again
 _HORIZONTAL_FORCES = (0, 3)  # where those on quadrotor and bob begin among the estimated forces
-_POSITIONS = np.r_[POSITION, EULER, LEAN]  # what output feedback measures
+_POSITIONS = np.r_[POSITION, EULER, PENDULUM]  # what output feedback measures
 
 
-class Reading(NamedTuple):
+class Measurement(NamedTuple):
     """An observation of n rows, as the estimator takes it."""
 
     state: Floats  # as `quadpend_gym.physics.state` has it, in the reference's frame; rates are nan where not measured, (n, 18)
@@ -56,13 +56,13 @@ class Reading(NamedTuple):
 class Estimate(NamedTuple):
     """What the estimator remembers, for n rows."""
 
-    state: Floats  # x̂, as `Reading.state` but known, (n, 18)
+    state: Floats  # x̂, as `Measurement.state` but known, (n, 18)
     disturbance: Floats  # d̂, as `kernel.advance` takes it, (n, 9)
-    reference: Floats  # of the latest reading, (n, 5, 3)
+    reference: Floats  # of the latest measurement, (n, 5, 3)
     age: Integers  # readings since the episode began, (n,)
 
 
-def read(observation: Floats32, rod_length: float) -> Reading:
+def measurement_from_observation(observation: Floats32, rod_length: float) -> Measurement:
     """What an observation of n rows, shape (n, 36) or (n, 27), says."""
     direction = read_observation(observation, "direction")
     yaw_reference = read_observation(observation, "yaw_reference")
@@ -78,14 +78,14 @@ def read(observation: Floats32, rod_length: float) -> Reading:
         s.velocity[:] = read_observation(observation, "tracking_error_rate") - horizontal * s.direction_rate
         s.euler_rate[:] = read_observation(observation, "euler_rate")
     reference = np.stack([read_observation(observation, f"reference_{order}") for order in range(2, 7)], axis=1)
-    return Reading(state, reference, yaw_reference)
+    return Measurement(state, reference, yaw_reference)
 
 
-def write(state: Floats, observation: Floats32, rod_length: float) -> Floats32:
+def observation_from_state(state: Floats, observation: Floats32, rod_length: float) -> Floats32:
     """The observation, shape (n, 36), of states in the reference's frame, (n, 18): what `read` would have read.
 
     Args:
-        state: as `Reading.state`.
+        state: as `Measurement.state`.
         observation: measured at the same time, for the reference in it, shape (n, 36) or (n, 27).
         rod_length: m.
     """
@@ -113,33 +113,33 @@ class Estimator:
     gains: EstimatorGains
     simulation: Simulation
 
-    def first(self, reading: Reading) -> Estimate:
+    def initial_estimate(self, measurement: Measurement) -> Estimate:
         """Where the observer starts: what is measured; rates that are not, as the reference has them; no wind."""
-        rows, p = len(reading.state), self.simulation.parameters
+        rows, p = len(measurement.state), self.simulation.parameters
         calm = np.zeros((rows, DISTURBANCE_SIZE))
-        flight = flat_outputs.flat_trajectory(reading.reference, calm, p)
-        wanted, _ = flat_outputs.state_and_command(flight, reading.yaw_reference, calm, p)
-        state = np.where(np.isnan(reading.state), wanted, reading.state)
+        flight = flat_outputs.flat_trajectory(measurement.reference, calm, p)
+        wanted, _ = flat_outputs.state_and_command(flight, measurement.yaw_reference, calm, p)
+        state = np.where(np.isnan(measurement.state), wanted, measurement.state)
         _stand_up(state)
-        return Estimate(state, calm, reading.reference, np.zeros(rows, np.int64))
+        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64))
 
-    def update(self, estimate: Estimate, command: Floats, reading: Reading) -> Estimate:
+    def update(self, estimate: Estimate, command: Floats, measurement: Measurement) -> Estimate:
         """One period of equations (1)–(2), over which `command`, shape (n, 4), acted."""
         state, disturbance = self._predict(estimate, command), estimate.disturbance.copy()
-        measured = ~np.isnan(reading.state[0, 3])
+        measured = ~np.isnan(measurement.state[0, 3])
         table = _gain_table(self.gains, self.simulation, bool(measured))
         gain = table[np.minimum(estimate.age, len(table) - 1)]
         seen = slice(None) if measured else _POSITIONS
-        innovation = (reading.state - state)[:, COLUMNS]
+        innovation = (measurement.state - state)[:, STATE_COLUMNS]
         yaw = state[:, 8].copy()
         correction = np.einsum("nij,nj->ni", gain, rotate_state(innovation, -yaw)[:, seen])
-        state[:, COLUMNS] += rotate_state(correction[:, :SIZE], yaw)
-        disturbance[:, FORCES] += rotate(correction[:, SIZE:], yaw, *_HORIZONTAL_FORCES)
+        state[:, STATE_COLUMNS] += rotate_state(correction[:, :MODEL_STATE_SIZE], yaw)
+        disturbance[:, DISTURBANCE_COLUMNS] += rotate(correction[:, MODEL_STATE_SIZE:], yaw, *_HORIZONTAL_FORCES)
         _stand_up(state)
-        disturbance[:, FORCES] = np.clip(disturbance[:, FORCES], -_LARGEST, _LARGEST)
+        disturbance[:, DISTURBANCE_COLUMNS] = np.clip(disturbance[:, DISTURBANCE_COLUMNS], -_LARGEST, _LARGEST)
         sane = np.abs(state).max(axis=1) < _LARGEST  # false for nan too
-        later = Estimate(state, disturbance, reading.reference, estimate.age + 1)
-        return later if sane.all() else select_rows(sane, later, self.first(reading))
+        later = Estimate(state, disturbance, measurement.reference, estimate.age + 1)
+        return later if sane.all() else select_rows(sane, later, self.initial_estimate(measurement))
 
     def _predict(self, estimate: Estimate, command: Floats) -> Floats:
         sim = self.simulation
@@ -166,17 +166,20 @@ def _stand_up(state: Floats) -> None:
 def _gain_table(gains: EstimatorGains, simulation: Simulation, rates: bool) -> Floats:
     """L of equation (2) at the first and all later corrections, shape (100, 24, 16 or 8)."""
     model = linearise(simulation)
-    size = SIZE + FORCES.size
+    size = MODEL_STATE_SIZE + DISTURBANCE_COLUMNS.size
     transition = np.eye(size)
-    transition[:SIZE, :SIZE], transition[:SIZE, SIZE:] = model.transition, model.disturbance
+    transition[:MODEL_STATE_SIZE, :MODEL_STATE_SIZE], transition[:MODEL_STATE_SIZE, MODEL_STATE_SIZE:] = (
+        model.transition,
+        model.disturbance,
+    )
     walk = np.repeat([gains.force_walk, gains.bob_force_walk, gains.torque_walk], [3, 2, 3])
     process = np.zeros(size)
-    process[SIZE:] = walk**2 * simulation.period
-    noise = np.empty(SIZE)
+    process[MODEL_STATE_SIZE:] = walk**2 * simulation.period
+    noise = np.empty(MODEL_STATE_SIZE)
     noise[_POSITIONS] = gains.noise**2
-    is_rate = np.setdiff1d(np.arange(SIZE), _POSITIONS)
+    is_rate = np.setdiff1d(np.arange(MODEL_STATE_SIZE), _POSITIONS)
     noise[is_rate] = gains.rate_noise**2
-    rows = np.arange(SIZE) if rates else _POSITIONS
+    rows = np.arange(MODEL_STATE_SIZE) if rates else _POSITIONS
     measure = np.eye(size)[rows]
     first = np.concatenate([noise, np.repeat([1.0, 0.1, 0.1], [3, 2, 3]) ** 2])
     if not rates:

@@ -78,7 +78,7 @@ class Companion:
                 f"a learner that acts alone has no controller to fall back on: caution must be 0, not {caution:g}"
             )
         self._whole = isinstance(controller, OutputFeedback)
-        if steers == "pace" and not (self._whole and controller.has_pace):
+        if steers == "pace" and not (self._whole and controller.has_bandwidth_scale):
             raise TypeError(f"only the flatness-based controller has a pace, not {controller!r}")
         self.controller, self.steers, self.authority, self.caution = controller, steers, authority, caution
 
@@ -93,7 +93,7 @@ class Companion:
         before = None if memory is None else memory.controller
         action = np.zeros((len(observation), 4), np.float32)
         if self.steers == "pace":
-            known = self.controller.observe(observation, before, started)
+            known = self.controller.update(observation, before, started)
         else:
             action, known = self.controller.predict(observation, before, started)
         seen = self.controller.estimated_observation(observation, known) if self._whole else observation.copy()
@@ -113,11 +113,11 @@ class Companion:
             action = (trust[:, np.newaxis] * action).astype(np.float32)
         if self.steers == "pace":
             pace = (1.0 + self.authority) ** action.astype(np.float64)
-            acting, known = self.controller.decide(memory.controller, pace=pace)
+            acting, known = self.controller.control(memory.controller, bandwidth_scale=pace)
             return acting, CompanionMemory(known, acting, memory.doubt)
         if self.steers == "action":
             action = np.clip(memory.action + np.float32(self.authority) * action, -1.0, 1.0)
-        return action, memory._replace(controller=self.controller.acted(memory.controller, action))
+        return action, memory._replace(controller=self.controller.with_applied_action(memory.controller, action))
 
     def size(self, observations: int) -> int:
         """How many numbers the learner sees of an observation of so many."""

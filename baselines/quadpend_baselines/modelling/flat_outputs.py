@@ -54,7 +54,7 @@ def flat_trajectory(reference: Floats, disturbance: Floats, p: Parameters) -> Fl
     pull = acceleration[..., :2] - taylor.constant(on_bob[:, :2] / p.bob_mass, 4)
     weight = acceleration[..., 2] + taylor.constant(p.gravity - on_bob[:, 2] / p.bob_mass, 4)
     pendulum = taylor.quotient(pull, weight[..., np.newaxis])
-    upright = upright_of(pendulum)
+    upright = vertical_component(pendulum)
     rise = taylor.derivative(upright, 2)
     mass, per_rod = p.quadrotor_mass, 1.0 / (p.quadrotor_mass * p.rod_length)
     lift = p.total_mass * acceleration[:3, :, 2] + p.bob_mass * p.rod_length * rise
@@ -69,14 +69,14 @@ def flat_trajectory(reference: Floats, disturbance: Floats, p: Parameters) -> Fl
     return FlatTrajectory(pendulum, upright, lift, lean)
 
 
-def upright_of(pendulum: Floats) -> Floats:
+def vertical_component(pendulum: Floats) -> Floats:
     """r_z of s, shapes (k, n) and (k, n, 2)."""
     squared = np.sum(taylor.product(pendulum, pendulum), axis=-1)
     squared[0] += 1.0
     return taylor.power(squared, -0.5)
 
 
-def rotate(vector: Floats, yaw: Floats) -> Floats:
+def rotate_series(vector: Floats, yaw: Floats) -> Floats:
     """Horizontal vectors turned about the vertical, jets of shapes (k, n, 2) and (k, n)."""
     sine, cosine = taylor.sine_and_cosine(yaw)
     a, b = vector[..., 0], vector[..., 1]
@@ -84,20 +84,20 @@ def rotate(vector: Floats, yaw: Floats) -> Floats:
     return np.stack([first, taylor.product(sine, a) + taylor.product(cosine, b)], axis=-1)
 
 
-def attitude(lean: Floats, yaw: Floats) -> Floats:
+def attitude_from_tangent(lean: Floats, yaw: Floats) -> Floats:
     """φ, θ, ψ of equation (5), jets of shape (k, n, 3), from t and ψ, shapes (k, n, 2) and (k, n)."""
-    ahead, aside = np.moveaxis(rotate(lean, -yaw), -1, 0)
+    ahead, aside = np.moveaxis(rotate_series(lean, -yaw), -1, 0)
     squared = taylor.product(ahead, ahead)
     squared[0] += 1.0
     roll = -taylor.arctangent(taylor.product(aside, taylor.power(squared, -0.5)))
     return np.stack([roll, taylor.arctangent(ahead), yaw], axis=-1)
 
 
-def lean_of(euler: Floats) -> Floats:
+def tangent_from_attitude(euler: Floats) -> Floats:
     """t of equation (5), shape (k, n, 2), from φ, θ, ψ, jets of shape (k, n, 3)."""
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = (taylor.sine_and_cosine(euler[..., i]) for i in (0, 1))
     aside = -taylor.quotient(taylor.quotient(sin_roll, cos_roll), cos_pitch)
-    return rotate(np.stack([taylor.quotient(sin_pitch, cos_pitch), aside], axis=-1), euler[..., 2])
+    return rotate_series(np.stack([taylor.quotient(sin_pitch, cos_pitch), aside], axis=-1), euler[..., 2])
 
 
 def state_and_command(
@@ -120,7 +120,7 @@ def state_and_command(
     direction = np.concatenate([taylor.product(flight.pendulum, upright), upright], axis=-1)
     s.direction[:], s.direction_rate[:] = direction[:2]
     s.position[:, :2], s.velocity[:, :2] = -p.rod_length * direction[:2, :, :2]
-    euler = taylor.to_derivatives(attitude(flight.lean, taylor.from_derivatives(*yaw_reference.T)))
+    euler = taylor.to_derivatives(attitude_from_tangent(flight.lean, taylor.from_derivatives(*yaw_reference.T)))
     s.euler[:], s.euler_rate[:] = euler[:2]
     thrust = flight.lift[0] / (np.cos(euler[0, :, 0]) * np.cos(euler[0, :, 1]))
     inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])

@@ -23,11 +23,11 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import COMMAND_SIZE, DIRECTION, DIRECTION_RATE, DISTURBANCE_SIZE, STATE_SIZE
 
-COLUMNS = np.r_[0:14, DIRECTION_RATE, DIRECTION_RATE + 1]  # of the state that x has
-FORCES = np.r_[0:5, 6:9]  # of the nine disturbances that d has
+STATE_COLUMNS = np.r_[0:14, DIRECTION_RATE, DIRECTION_RATE + 1]  # of the state that x has
+DISTURBANCE_COLUMNS = np.r_[0:5, 6:9]  # of the nine disturbances that d has
 POSITION, VELOCITY, EULER, EULER_RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-LEAN, LEAN_RATE = slice(12, 14), slice(14, 16)
-SIZE = COLUMNS.size
+PENDULUM, PENDULUM_RATE = slice(12, 14), slice(14, 16)
+MODEL_STATE_SIZE = STATE_COLUMNS.size
 _STEP = 1e-4  # of the central differences: their error is of order 1e-8
 
 
@@ -41,22 +41,22 @@ class LinearModel(NamedTuple):
 
 def linearise(simulation: Simulation) -> LinearModel:
     """Equation (1) over one control period, by central differences of `kernel.advance`."""
-    sizes = (SIZE, COMMAND_SIZE, FORCES.size)
+    sizes = (MODEL_STATE_SIZE, COMMAND_SIZE, DISTURBANCE_COLUMNS.size)
     steps = _STEP * np.concatenate([np.eye(sum(sizes)), -np.eye(sum(sizes))])
     x, command, forces = np.split(steps, np.cumsum(sizes)[:-1], axis=1)
     state = np.zeros((len(steps), STATE_SIZE))
     state[:, DIRECTION + 2] = 1.0
-    state[:, COLUMNS] += x
+    state[:, STATE_COLUMNS] += x
     command[:, 0] += simulation.parameters.hover_thrust
     disturbance = np.zeros((len(steps), DISTURBANCE_SIZE))
-    disturbance[:, FORCES] = forces
+    disturbance[:, DISTURBANCE_COLUMNS] = forces
     parameters = np.tile(simulation.parameters.as_array(), (len(steps), 1))
     advance(state, command, disturbance, parameters, simulation.period, simulation.substeps)
-    plus, minus = np.split(state[:, COLUMNS], 2)
+    plus, minus = np.split(state[:, STATE_COLUMNS], 2)
     jacobian = ((plus - minus) / (2.0 * _STEP)).T
     return LinearModel(*np.split(jacobian, np.cumsum(sizes)[:-1], axis=1))
 
 
 def rotate_state(x: Floats, yaw: Floats) -> Floats:
     """Turn the world's vectors in rows of x, shape (n, 16), about the vertical by angles (n,): attitudes stay."""
-    return rotate(x, yaw, POSITION.start, VELOCITY.start, LEAN.start, LEAN_RATE.start)
+    return rotate(x, yaw, POSITION.start, VELOCITY.start, PENDULUM.start, PENDULUM_RATE.start)

@@ -1,17 +1,17 @@
-"""Small multiples of the ablations: where the flight ends, and how large the error is on the way there."""
+"""Small multiples of the ablations: where the trajectory ends, and how large the error is on the way there."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.paper.ablations import Case, Result
+from quadpend_baselines.paper.ablations import AblationCase, AblationResult
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 _MARKERS = ("o", "s", "^", "D")
 
 
-def draw(results: list[tuple[Case, Result]], path: Path) -> None:
+def draw(results: list[tuple[AblationCase, AblationResult]], path: Path) -> None:
     """Write the plots to `path`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -30,11 +30,11 @@ def draw(results: list[tuple[Case, Result]], path: Path) -> None:
     for axis in axes.ravel():
         axis.grid(alpha=0.3)
         axis.legend(frameon=False, fontsize=7)
-    figure.suptitle("What ends the flight, and what cures it: 50 episodes of 10 s in each point", fontsize=10)
+    figure.suptitle("What ends the trajectory, and what cures it: 50 episodes of 10 s in each point", fontsize=10)
     figure.savefig(path, dpi=150)
 
 
-def _lines(axis: Any, results: list[tuple[Case, Result]], group: str, measure: str, label: str) -> None:
+def _lines(axis: Any, results: list[tuple[AblationCase, AblationResult]], group: str, measure: str, label: str) -> None:
     """One line for each value of `line` (colour) and `dash` (style); a missing point is a case nobody survived."""
     chosen = [(case.place, result) for case, result in results if case.group == group]
     keys = sorted({(place["line"], place.get("dash", 0.0)) for place, _ in chosen})

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from tqdm.auto import tqdm
 
-from quadpend_baselines.controllers.adrc import ADRC, Measurement
+from quadpend_baselines.controllers.adrc import ADRC, AdrcMeasurement
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from quadpend_baselines.policy.rollout import rollout
@@ -29,18 +29,18 @@ _PAPER, _MATCHED = ADRC_GAINS["paper"], ADRC_GAINS["matched"]
 class PrintedADRC(ADRC):
     """The laws (51) and (52) with their printed signs; at ψ = 0."""
 
-    def command(self, measured: Measurement, estimate: Floats) -> Floats:
+    def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
         """Thrust and torques, shape (n, 4): τθ has +A v for −A v, and τφ is the negative of the right one."""
-        command = super().command(measured, estimate)
+        command = super().command(measurement, estimate)
         p = self.simulation.parameters
-        feedforward = p.inertia_pitch / p.gravity * self.fourth_derivative(measured)[:, 0]
+        feedforward = p.inertia_pitch / p.gravity * self.fourth_derivative(measurement)[:, 0]
         command[:, 2] = 2.0 * feedforward - command[:, 2]
         command[:, 1] *= -1.0
         return command
 
 
 @dataclass(frozen=True)
-class Case:
+class AblationCase:
     """One row of the table."""
 
     group: str
@@ -48,14 +48,14 @@ class Case:
     gains: AdrcGains = _PAPER
     controller: type[ADRC] = ADRC
     wind: Any = None
-    noise: float = 0.0  # m and rad, standard deviation of white noise on what is measured
+    noise: float = 0.0  # m and rad, standard deviation of white noise on what is measurement
     torque: float = 5.0  # N·m, limit of roll and pitch
     offset: float = 0.0  # m, of the start along x
     place: dict[str, float] = field(default_factory=dict)  # where the plots draw it
 
 
 @dataclass(frozen=True)
-class Result:
+class AblationResult:
     """What a case did.
 
     Attributes:
@@ -79,12 +79,12 @@ def _observers(gains: AdrcGains, observer: ObserverGains) -> AdrcGains:
     return replace(gains, luenberger=observer, horizontal=observer, vertical=observer)
 
 
-def cases() -> Iterator[Case]:
+def cases() -> Iterator[AblationCase]:
     """All rows of the table."""
     steady = Constant((STEADY, 0.0, 0.0))
-    yield Case("law", "as printed", controller=PrintedADRC, wind=steady)
-    yield Case("law", "corrected", wind=steady)
-    yield Case("law", "matched", _MATCHED, wind=steady)
+    yield AblationCase("law", "as printed", controller=PrintedADRC, wind=steady)
+    yield AblationCase("law", "corrected", wind=steady)
+    yield AblationCase("law", "matched", _MATCHED, wind=steady)
     for name, switching, layer in (
         ("linear ESO", np.inf, None),
         ("DESO, saturation, ρ = 5e6", 5e6, None),
@@ -93,30 +93,32 @@ def cases() -> Iterator[Case]:
         ("DESO, sign, ρ = 5e6", 5e6, 0.0),
     ):
         gains = replace(_MATCHED, horizontal=ObserverGains(switching=switching, layer=layer))
-        yield Case("observer", f"matched, {name}", gains, wind=OrnsteinUhlenbeck(0.3))
+        yield AblationCase("observer", f"matched, {name}", gains, wind=OrnsteinUhlenbeck(0.3))
     for noise in (0.0, 1e-4, 1e-3):
         for bandwidth in (500.0, 100.0, 50.0, 30.0, 15.0, 10.0):
             gains = _observers(_PAPER, ObserverGains(bandwidth))
             name = f"ω_n = {bandwidth:g} rad/s, noise {1e3 * noise:g} mm and mrad"
-            yield Case("noise", name, gains, noise=noise, place={"x": bandwidth, "line": 1e3 * noise})
+            yield AblationCase("noise", name, gains, noise=noise, place={"x": bandwidth, "line": 1e3 * noise})
     for bandwidth in (7.0, 5.0):
         for torque in (2.0, 5.0, 10.0):
             for offset in (0.1, 0.2, 0.4, 0.8):
                 gains = replace(_MATCHED, horizontal_bandwidth=bandwidth)
                 name = f"matched, ω_nc = {bandwidth:g} rad/s, {torque:g} N·m, start {offset:g} m off"
                 place = {"x": offset, "line": torque, "dash": bandwidth}
-                yield Case("authority", name, gains, torque=torque, offset=offset, place=place)
+                yield AblationCase("authority", name, gains, torque=torque, offset=offset, place=place)
     strong = OrnsteinUhlenbeck(0.6)
-    yield Case("cure", "matched, σ = 0.6 N, 10 N·m", _MATCHED, wind=strong, torque=10.0)
-    yield Case("cure", "matched, σ = 0.6 N, ω_nc = 5 rad/s", replace(_MATCHED, horizontal_bandwidth=5.0), wind=strong)
+    yield AblationCase("cure", "matched, σ = 0.6 N, 10 N·m", _MATCHED, wind=strong, torque=10.0)
+    yield AblationCase(
+        "cure", "matched, σ = 0.6 N, ω_nc = 5 rad/s", replace(_MATCHED, horizontal_bandwidth=5.0), wind=strong
+    )
     for label, gains in (("corrected", _PAPER), ("matched", _MATCHED)):
         for force in (0.15, 0.3, 0.6, 1.0):
             place = {"x": force, "line": gains.mismatch}
-            yield Case("wind", f"{label}, σ = {force:g} N", gains, wind=OrnsteinUhlenbeck(force), place=place)
+            yield AblationCase("wind", f"{label}, σ = {force:g} N", gains, wind=OrnsteinUhlenbeck(force), place=place)
         for frequency in (0.5, 1.0, 2.0, 4.0, 8.0):
             place = {"x": frequency, "line": gains.mismatch}
             wind = Sinusoid((0.3, 0.0, 0.0), frequency=frequency)
-            yield Case("frequency", f"{label}, 0.3 N at {frequency:g} rad/s", gains, wind=wind, place=place)
+            yield AblationCase("frequency", f"{label}, 0.3 N at {frequency:g} rad/s", gains, wind=wind, place=place)
 
 
 def predicted_offset(gains: AdrcGains, simulation: Simulation) -> float:
@@ -134,7 +136,7 @@ def predicted_offset(gains: AdrcGains, simulation: Simulation) -> float:
     return float((k[4] * w + k[:4] @ bias) / k[0])
 
 
-def fly(case: Case) -> Result:
+def simulate(case: AblationCase) -> AblationResult:
     """Hover 50 episodes."""
     simulation = Simulation(actuators=Actuators(roll_pitch_torque=case.torque))
     policy = case.controller(case.gains, simulation)
@@ -147,13 +149,13 @@ def fly(case: Case) -> Result:
     seconds, survived = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
     errors, torques = np.full((STEPS, EPISODES, 3), np.nan), []
     for number, step in enumerate(rollout(policy, env, SEED, options)):
-        seconds[step.flying] += simulation.period
-        torques.append(step.memory.command[step.flying, 1:3] ** 2)
-        errors[number, step.going_on] = step.tracking_error[step.going_on]
+        seconds[step.active] += simulation.period
+        torques.append(step.memory.command[step.active, 1:3] ** 2)
+        errors[number, step.continuing] = step.tracking_error[step.continuing]
         survived |= step.survived
     late = errors[SETTLED:-1, survived]
     steady = isinstance(case.wind, Constant) and survived.any()
-    return Result(
+    return AblationResult(
         float(survived.mean()),
         float(seconds.mean()),
         float(np.sqrt(np.mean(np.sum(late**2, axis=-1)))) if survived.any() else np.nan,
@@ -163,12 +165,12 @@ def fly(case: Case) -> Result:
     )
 
 
-def run() -> list[tuple[Case, Result]]:
+def run() -> list[tuple[AblationCase, AblationResult]]:
     """Every case and what it did."""
-    return [(case, fly(case)) for case in tqdm(list(cases()), unit="case", leave=False)]
+    return [(case, simulate(case)) for case in tqdm(list(cases()), unit="case", leave=False)]
 
 
-def markdown(results: list[tuple[Case, Result]]) -> str:
+def markdown(results: list[tuple[AblationCase, AblationResult]]) -> str:
     """The table."""
     header = "| group | case | survival (%) | seconds | settled RMSE (mm) | offset (m/N) | predicted | torque (N·m) |"
     lines = [header, "|---|---|---|---|---|---|---|---|"]

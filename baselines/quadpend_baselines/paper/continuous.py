@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from tqdm.auto import tqdm
 
-from quadpend_baselines.controllers.adrc import ADRC, AdrcMemory, Measurement, measure
+from quadpend_baselines.controllers.adrc import ADRC, AdrcMeasurement, AdrcMemory, make_measurement
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, characteristic_polynomial
-from quadpend_baselines.paper.flight import Flight
+from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import Reference, State
 from quadpend_gym.core.arrays import Floats
@@ -60,7 +60,7 @@ class ContinuousLoop:
             if item.layer is not None:  # λ₀ becomes ρ/δ; the sign function is the limit of a thin layer
                 gain[3] = item.switching / max(item.layer, 1e-300)
 
-    def fly(self, start: Floats, reference: Reference, disturbance: Floats, step: float, every: int) -> Flight:
+    def simulate(self, start: Floats, reference: Reference, disturbance: Floats, step: float, every: int) -> Trajectory:
         """Integrate and record.
 
         Args:
@@ -73,8 +73,8 @@ class ContinuousLoop:
         steps = disturbance.shape[0] // 2
         wanted = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))
         instants = [_Instant(*pair) for pair in zip(wanted, disturbance, strict=True)]
-        measured, outputs = self._measure(start, instants[0])
-        loop = _Loop(start, self.policy.first_estimate(measured, outputs)[0])
+        measurement, outputs = self._measure(start, instants[0])
+        loop = _Loop(start, self.policy.initial_estimate(measurement, outputs)[0])
         records = []
         for i in tqdm(range(steps + 1), unit="step", unit_scale=True, leave=False, desc="continuous time"):
             if i % every == 0:
@@ -83,7 +83,7 @@ class ContinuousLoop:
                 loop = self._advance(loop, instants[2 * i : 2 * i + 3], step)
         states, estimates, commands = (np.array(part) for part in zip(*records, strict=True))
         memory = AdrcMemory(estimates, commands, None)
-        return Flight(
+        return Trajectory(
             step * every * np.arange(len(records), dtype=np.float64),
             states,
             wanted[:: 2 * every],
@@ -105,32 +105,32 @@ class ContinuousLoop:
         view.direction_rate[:] -= (view.direction @ view.direction_rate) * view.direction
         return loop
 
-    def _measure(self, state: Floats, instant: _Instant) -> tuple[Measurement, Floats]:
+    def _measure(self, state: Floats, instant: _Instant) -> tuple[AdrcMeasurement, Floats]:
         wanted, view = instant.reference, State(state)
         bob = view.position + self.policy.simulation.parameters.rod_length * view.direction
-        measured = measure(
+        measurement = make_measurement(
             np.array([[bob[0], bob[1], view.position[2]]]) - wanted[0, :3],
             view.direction[np.newaxis],
             (view.euler - [0.0, 0.0, wanted[0, 3]])[np.newaxis],
             wanted[np.newaxis, :3, 3],
             wanted[np.newaxis, 2:, :3],
         )
-        return measured, self.policy.outputs(measured)
+        return measurement, self.policy.observer_outputs(measurement)
 
-    def _act(self, loop: _Loop, instant: _Instant) -> tuple[Measurement, Floats, Floats]:
-        """What is measured, what the observers compare it with, and the saturated command, shape (1, 4)."""
-        measured, outputs = self._measure(loop.state, instant)
-        wish = self.policy.command(measured, loop.estimate[np.newaxis])
-        return measured, outputs, to_action(wish, self.policy.simulation)[1]
+    def _act(self, loop: _Loop, instant: _Instant) -> tuple[AdrcMeasurement, Floats, Floats]:
+        """What is measurement, what the observers compare it with, and the saturated command, shape (1, 4)."""
+        measurement, outputs = self._measure(loop.state, instant)
+        wish = self.policy.command(measurement, loop.estimate[np.newaxis])
+        return measurement, outputs, to_action(wish, self.policy.simulation)[1]
 
     def _rate(self, loop: _Loop, instant: _Instant) -> _Loop:
-        measured, outputs, command = self._act(loop, instant)
+        measurement, outputs, command = self._act(loop, instant)
         estimate = loop.estimate
         error = outputs[0] - estimate[:, 0]
         rate = self._gains * error[:, np.newaxis]
         rate[:, 3] = np.clip(rate[:, 3], -self._limits, self._limits)
         rate[:, :3] += estimate[:, 1:]
-        rate[_OBSERVERS, _DRIVEN] += self.policy.known_input(measured, estimate[np.newaxis], command)[0]
+        rate[_OBSERVERS, _DRIVEN] += self.policy.observer_inputs(measurement, estimate[np.newaxis], command)[0]
         view = State(loop.state)
         second = accelerations(loop.state, command[0], instant.disturbance, self.policy.simulation.parameters)
         parts = [view.velocity, second.position, view.euler_rate, second.euler, view.direction_rate, second.direction]

@@ -12,7 +12,7 @@ import numpy as np
 
 from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.paper.continuous import ContinuousLoop
-from quadpend_baselines.paper.flight import Flight
+from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
@@ -43,12 +43,12 @@ RECORDED = 0.01  # s between two records
 class Experiment:
     """The same experiment in continuous time and with the controller sampled."""
 
-    continuous: Flight
-    at_1_khz: Flight
-    at_100_hz: Flight
+    continuous: Trajectory
+    at_1_khz: Trajectory
+    at_100_hz: Trajectory
 
     @property
-    def flights(self) -> dict[str, Flight]:
+    def trajectories(self) -> dict[str, Trajectory]:
         """The three flights by name."""
         return {"continuous": self.continuous, "1 kHz": self.at_1_khz, "100 Hz": self.at_100_hz}
 
@@ -59,8 +59,8 @@ def run(gains: str = "paper", duration: float = DURATION) -> Experiment:
     times: Floats = 0.5 * CONTINUOUS_STEP * np.arange(2 * steps + 1, dtype=np.float64)
     loop = ContinuousLoop(ADRC(gains))
     every = round(RECORDED / CONTINUOUS_STEP)
-    continuous = loop.fly(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every)
-    return Experiment(continuous, fly_sampled(gains, 1e-3, duration), fly_sampled(gains, 1e-2, duration))
+    continuous = loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every)
+    return Experiment(continuous, simulate_sampled(gains, 1e-3, duration), simulate_sampled(gains, 1e-2, duration))
 
 
 def start_state() -> Floats:
@@ -78,7 +78,7 @@ def gusts(times: Floats) -> Floats:
     return out
 
 
-def fly_sampled(gains: str, period: float, duration: float = DURATION) -> Flight:
+def simulate_sampled(gains: str, period: float, duration: float = DURATION) -> Trajectory:
     """The controller at a sampling `period` (s), in the environment with its single-precision observations."""
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / 0.01)))
     policy = ADRC(gains, simulation)
@@ -96,4 +96,4 @@ def fly_sampled(gains: str, period: float, duration: float = DURATION) -> Flight
         if terminated:
             break
     times, states, commands, estimates = (np.array(part) for part in zip(*records, strict=True))
-    return Flight(times, states, REFERENCE.derivatives(times), commands, gusts(times), estimates)
+    return Trajectory(times, states, REFERENCE.derivatives(times), commands, gusts(times), estimates)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines.paper.experiment import GUSTS, Experiment
-from quadpend_baselines.paper.flight import Flight
+from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import PAPER, State
 from quadpend_gym.core.arrays import Floats
 
@@ -22,35 +22,35 @@ _TRUE = {"color": "#000000", "linestyle": "-", "linewidth": 0.8, "label": "true"
 
 
 class Panel(NamedTuple):
-    """One panel: its label, and the series it draws of a flight, and what to draw these against."""
+    """One panel: its label, and the series it draws of a trajectory, and what to draw these against."""
 
     label: str
-    series: Callable[[Flight], Floats]
-    against: Callable[[Flight], Floats] | None = None
+    series: Callable[[Trajectory], Floats]
+    against: Callable[[Trajectory], Floats] | None = None
 
 
-def _output(channel: int) -> Callable[[Flight], Floats]:
-    return lambda flight: flight.outputs[:, channel]
+def _output(channel: int) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: trajectory.outputs[:, channel]
 
 
-def _wanted(channel: int) -> Callable[[Flight], Floats]:
-    return lambda flight: flight.reference[:, 0, channel]
+def _wanted(channel: int) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: trajectory.reference[:, 0, channel]
 
 
-def _error(channel: int) -> Callable[[Flight], Floats]:
-    return lambda flight: flight.error[:, channel]
+def _error(channel: int) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: trajectory.error[:, channel]
 
 
-def _true(column: int) -> Callable[[Flight], Floats]:
-    return lambda flight: flight.disturbance[:, column]
+def _true(column: int) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: trajectory.disturbance[:, column]
 
 
-def _seen(column: int) -> Callable[[Flight], Floats]:
-    return lambda flight: flight.estimate[:, column]
+def _seen(column: int) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: trajectory.estimate[:, column]
 
 
-def _command(column: int) -> Callable[[Flight], Floats]:
-    return lambda flight: flight.command[:, column]
+def _command(column: int) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: trajectory.command[:, column]
 
 
 FIGURES: dict[str, tuple[str, tuple[Panel, ...]]] = {
@@ -64,8 +64,8 @@ FIGURES: dict[str, tuple[str, tuple[Panel, ...]]] = {
     "figure_5": (
         "Attitude of the quadrotor",
         (
-            Panel("(a) pitch θ (rad)", lambda flight: State(flight.state).euler[:, 1]),
-            Panel("(b) roll φ (rad)", lambda flight: State(flight.state).euler[:, 0]),
+            Panel("(a) pitch θ (rad)", lambda trajectory: State(trajectory.state).euler[:, 1]),
+            Panel("(b) roll φ (rad)", lambda trajectory: State(trajectory.state).euler[:, 0]),
         ),
     ),
     "figure_6": (
@@ -78,10 +78,10 @@ FIGURES: dict[str, tuple[str, tuple[Panel, ...]]] = {
     "figure_7": (
         "Angles of the pendulum",
         (
-            Panel("(a) α (rad)", lambda flight: State(flight.state).alpha),
-            Panel("(b) β (rad)", lambda flight: np.unwrap(State(flight.state).beta)),
-            Panel("(c) $α_x$ (rad)", lambda flight: State(flight.state).alpha_x),
-            Panel("(d) $α_y$ (rad)", lambda flight: State(flight.state).alpha_y),
+            Panel("(a) α (rad)", lambda trajectory: State(trajectory.state).alpha),
+            Panel("(b) β (rad)", lambda trajectory: np.unwrap(State(trajectory.state).beta)),
+            Panel("(c) $α_x$ (rad)", lambda trajectory: State(trajectory.state).alpha_x),
+            Panel("(d) $α_y$ (rad)", lambda trajectory: State(trajectory.state).alpha_y),
         ),
     ),
     "figure_8": (
@@ -116,7 +116,7 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     # SVGs without a date and with fixed ids are the same bytes every time.
     with matplotlib.rc_context({"svg.hashsalt": "quadpend", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figures = {name: _panels(experiment, title, panels) for name, (title, panels) in FIGURES.items()}
-        figures["figure_10"] = _flight_picture(experiment.continuous)
+        figures["figure_10"] = _trajectory_figure(experiment.continuous)
         paths = []
         for name, figure in figures.items():
             for ending, options in ((".png", {"dpi": 200}), (".svg", {"metadata": {"Date": None}})):
@@ -138,8 +138,8 @@ def _panels(experiment: Experiment, title: str, panels: tuple[Panel, ...]) -> An
     figure = _figure(7.5, 2.3 * (len(panels) // 2) + 0.5)
     axes = figure.subplots(len(panels) // 2, 2, sharex=True, squeeze=False).ravel()
     for axis, panel in zip(axes, panels, strict=True):
-        for name, flight in experiment.flights.items():
-            axis.plot(flight.time, panel.series(flight), linewidth=1.2, label=name, **_STYLES[name])
+        for name, trajectory in experiment.trajectories.items():
+            axis.plot(trajectory.time, panel.series(trajectory), linewidth=1.2, label=name, **_STYLES[name])
         if panel.against is not None:
             style = _TRUE if panel.against.__qualname__.startswith("_true") else _REFERENCE
             axis.plot(experiment.continuous.time, panel.against(experiment.continuous), **style)
@@ -152,10 +152,10 @@ def _panels(experiment: Experiment, title: str, panels: tuple[Panel, ...]) -> An
     return figure
 
 
-def _flight_picture(flight: Flight) -> Any:
-    """Figure 10: the flight in space with the pendulum drawn, and its three projections."""
+def _trajectory_figure(trajectory: Trajectory) -> Any:
+    """Figure 10: the trajectory in space with the pendulum drawn, and its three projections."""
     figure = _figure(8.5, 8.0)
-    view = State(flight.state)
+    view = State(trajectory.state)
     bob = view.position + PAPER.rod_length * view.direction
     shown = slice(0, None, 100)  # one pendulum a second
     scene = figure.add_subplot(2, 2, 1, projection="3d")
@@ -176,5 +176,5 @@ def _flight_picture(flight: Flight) -> Any:
             axis.plot([foot[i], tip[i]], [foot[j], tip[j]], color="#444444", linewidth=1.0)
         axis.set(xlabel=f"{'xyz'[i]} (m)", ylabel=f"{'xyz'[j]} (m)", title=label)
         axis.set_aspect("equal", adjustable="datalim")
-    figure.suptitle("The flight, one pendulum a second", fontsize=10)
+    figure.suptitle("The trajectory, one pendulum a second", fontsize=10)
     return figure

@@ -31,7 +31,7 @@ class Policy(Protocol):
         """
 
 
-def started_rows(episode_start: Any, first: bool, rows: int) -> Booleans:
+def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:
     """Mask of the rows that begin an episode, shape (rows,), from the arguments of `predict`."""
     if first or episode_start is None:
         return np.full(rows, first)

@@ -10,11 +10,11 @@ from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 
 
-class Step(NamedTuple):
+class RolloutStep(NamedTuple):
     """One control step of n rows; what stands in rows that do not fly any more means nothing.
 
     Attributes:
-        flying: rows whose first episode has this step, shape (n,).
+        active: rows whose first episode has this step, shape (n,).
         action: shape (n, 4).
         memory: of the policy, after it has chosen the action.
         reward: shape (n,).
@@ -24,7 +24,7 @@ class Step(NamedTuple):
         truncated: shape (n,).
     """
 
-    flying: Booleans
+    active: Booleans
     action: Floats32
     memory: Any
     reward: Floats
@@ -36,17 +36,17 @@ class Step(NamedTuple):
     @property
     def survived(self) -> Booleans:
         """Rows whose episode has lasted its time with this step, shape (n,)."""
-        return self.flying & self.truncated & ~self.terminated
+        return self.active & self.truncated & ~self.terminated
 
     @property
-    def going_on(self) -> Booleans:
+    def continuing(self) -> Booleans:
         """Rows whose first episode has another step, shape (n,)."""
-        return self.flying & ~(self.truncated | self.terminated)
+        return self.active & ~(self.truncated | self.terminated)
 
 
 def rollout(
     policy: Policy, env: VectorEnv[Any, Any, Any], seed: int, options: dict[str, Any] | None = None
-) -> Iterator[Step]:
+) -> Iterator[RolloutStep]:
     """Fly the first episode of every row, until none flies any more.
 
     Args:
@@ -56,8 +56,8 @@ def rollout(
         options: of the reset.
     """
     observation, _ = env.reset(seed=seed, options=options)
-    flying, started, memory = np.ones(env.num_envs, np.bool_), np.ones(env.num_envs, np.bool_), None
-    while flying.any():
+    active, started, memory = np.ones(env.num_envs, np.bool_), np.ones(env.num_envs, np.bool_), None
+    while active.any():
         action, memory = policy.predict(observation, memory, started, deterministic=True)
         observation, reward, terminated, truncated, info = env.step(action)
         started = terminated | truncated
@@ -65,6 +65,6 @@ def rollout(
         if started.any():  # these rows' info is of their next episode
             final = info["final_info"]
             error[started], tilt[started] = final["tracking_error"][started], final["tilt"][started]
-        step = Step(flying, action, memory, reward, error, tilt, terminated, truncated)
+        step = RolloutStep(active, action, memory, reward, error, tilt, terminated, truncated)
         yield step
-        flying = step.going_on
+        active = step.continuing

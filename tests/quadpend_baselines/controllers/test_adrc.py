@@ -8,7 +8,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
 from quadpend_baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains
-from quadpend_baselines.paper.ablations import Case, fly, predicted_offset
+from quadpend_baselines.paper.ablations import AblationCase, predicted_offset, simulate
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import (
     PAPER,
@@ -141,4 +141,4 @@ def test_noise_ends_the_flight_of_fast_observers_and_not_of_slow_ones(bandwidth:
     """White noise of 1 mm and 1 mrad on what is measured: ω_n = 500 rad/s falls, ω_n = 15 rad/s does not."""
     observer = ObserverGains(bandwidth)
     gains = AdrcGains(luenberger=observer, horizontal=observer, vertical=observer)
-    assert fly(Case("noise", "1 mm and 1 mrad", gains, noise=1e-3)).survival == survivors
+    assert simulate(AblationCase("noise", "1 mm and 1 mrad", gains, noise=1e-3)).survival == survivors

@@ -31,7 +31,7 @@ from quadpend_gym.tasks.observation import (
     OUTPUT_FEEDBACK_COLUMNS,
 )
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
-from tests.helpers.controllers import turned_state, turned_vectors
+from tests.helpers.controllers import rotate_states, rotate_vectors
 
 every = pytest.mark.parametrize("name", CONTROLLERS)
 SEEING = [name for name in CONTROLLERS if isinstance(controller(name), OutputFeedback)]  # with the estimator in front
@@ -204,16 +204,16 @@ def test_a_turned_world_is_flown_the_same(name: str, outputs: bool) -> None:
     env.reset(seed=7, options={"reference": circle(0.0)})
     start, actions = env.world.state.copy(), []
     for turn in (0.0, angle):
-        state = turned_state(start, turn)
+        state = rotate_states(start, turn)
         fields = {field: state[:, part] for field, part in STATE_FIELDS.items()}
-        wind = Constant(force=tuple(turned_vectors(force, turn)), torque=torque)
+        wind = Constant(force=tuple(rotate_vectors(force, turn)), torque=torque)
         actions.append(fly(policy, make(3, outputs, wind), state=fields, reference=circle(turn))[1])
     assert_allclose(actions[0], actions[1], atol=rounding)
 
 
 def circle(angle: float) -> Reference:
     """A circle beside the origin, turned about it."""
-    x, y, z = turned_vectors(np.array([0.4, -0.2, 2.0]), angle)
+    x, y, z = rotate_vectors(np.array([0.4, -0.2, 2.0]), angle)
     return Reference(
         offset=(x, y, z, 0.3 + angle),
         amplitude=(0.8, 0.8, 0.1, 0.2),

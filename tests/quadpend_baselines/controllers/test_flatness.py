@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import FlatnessGains
-from quadpend_baselines.modelling.linear_model import COLUMNS, SIZE
+from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, STATE_COLUMNS
 from quadpend_gym import PAPER, Actuators, Constant, Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
@@ -19,14 +19,14 @@ from quadpend_gym.physics.state import STATE_SIZE, State
 from tests.helpers.controllers import (
     CALM,
     HOVER,
-    at_rest,
-    flat_flight,
-    fly_knowing,
-    knowing,
-    leaning,
-    reading_of,
+    flat_state_and_command,
+    hover_states,
+    measurement_of,
+    rotate_states,
+    simulate_with_true_state,
+    tilted_pendulum,
     tracking_errors,
-    turned_state,
+    true_estimate,
 )
 from tests.helpers.physics import UNEQUAL
 
@@ -60,19 +60,19 @@ CIRCLE = Reference(
 def characteristic(law: Flatness, yaw: float, disturbance: Floats, step: float = 1e-5) -> Floats:
     """Characteristic polynomial of ẋ = f(x, law(x)), by central differences of this size, at hover in constant wind."""
     p, reference = law.simulation.parameters, Reference.hover(yaw=yaw)
-    steps = step * np.concatenate([np.eye(SIZE), -np.eye(SIZE)])
-    state = np.repeat(flat_flight(reference, 0.0, disturbance, p)[0], len(steps), axis=0)
-    state[:, COLUMNS] += steps
+    steps = step * np.concatenate([np.eye(MODEL_STATE_SIZE), -np.eye(MODEL_STATE_SIZE)])
+    state = np.repeat(flat_state_and_command(reference, 0.0, disturbance, p)[0], len(steps), axis=0)
+    state[:, STATE_COLUMNS] += steps
     s = State(state)
     s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
     s.direction_rate[:, 2] = -np.sum((s.direction * s.direction_rate)[:, :2], axis=1) / s.direction[:, 2]
-    reading = reading_of(state, reference)
-    command, _ = law.command(knowing(reading, disturbance), reading, law.first(len(state)))
+    measurement = measurement_of(state, reference)
+    command, _ = law.command(true_estimate(measurement, disturbance), measurement, law.initial_memory(len(state)))
     force = accelerations(state, command, np.tile(disturbance, (len(state), 1)), p)
     rates = State(np.empty_like(state))
     rates.position[:], rates.euler[:], rates.direction[:] = s.velocity, s.euler_rate, s.direction_rate
     rates.velocity[:], rates.euler_rate[:], rates.direction_rate[:] = force.position, force.euler, force.direction
-    plus, minus = np.split(rates.array[:, COLUMNS], 2)
+    plus, minus = np.split(rates.array[:, STATE_COLUMNS], 2)
     return np.asarray(np.poly((plus - minus).T / (2.0 * step)))
 
 
@@ -101,8 +101,8 @@ def test_far_from_upright_the_poles_are_the_slow_ones() -> None:
     simulation, angle = Simulation(), 0.01
 
     def command(gains: FlatnessGains) -> Floats:
-        reading = reading_of(leaning(angle, 0.7))
-        return Flatness(gains, simulation).command(knowing(reading), reading, ())[0]
+        measurement = measurement_of(tilted_pendulum(angle, 0.7))
+        return Flatness(gains, simulation).command(true_estimate(measurement), measurement, ())[0]
 
     def everywhere(pendulum: float, attitude: float) -> FlatnessGains:
         far = {"far_pendulum_bandwidth": pendulum, "far_attitude_bandwidth": attitude}
@@ -119,11 +119,11 @@ def test_the_bob_moves_as_the_poles_say_even_far_from_upright(tilt: float) -> No
     simulation = Simulation(actuators=Actuators(100.0, 100.0), period=2e-3, substeps=1)
     steps, flown = 1000, []
 
-    def watch(reading: object, command: Floats, memory: object) -> None:
-        state = State(reading.state[0])  # type: ignore[attr-defined]
+    def watch(measurement: object, command: Floats, memory: object) -> None:
+        state = State(measurement.state[0])  # type: ignore[attr-defined]
         flown.append(state.position[0] + PAPER.rod_length * state.direction[0])
 
-    fly_knowing(Flatness(gains, simulation), simulation, leaning(tilt, 0.0), steps, watch=watch)
+    simulate_with_true_state(Flatness(gains, simulation), simulation, tilted_pendulum(tilt, 0.0), steps, watch=watch)
     companion = np.eye(6, k=1)
     companion[5] = -pairs(2.0, 4.0, 8.0)[:0:-1]
     # At rest e = l sin α, ë = g tan α and e⁗ = g d²(tan α)/dt², with α̈ = u sin α/(M l) while the thrust stands upright;
@@ -146,14 +146,14 @@ def test_circles_are_tracked_exactly(reference: Reference) -> None:
     errors = []
     for period in (0.01, 0.005):
         simulation, error = Simulation(period=period), [0.0]
-        start, _ = flat_flight(reference, 0.0, CALM, PAPER)
-        fly_knowing(
+        start, _ = flat_state_and_command(reference, 0.0, CALM, PAPER)
+        simulate_with_true_state(
             Flatness(GAINS, simulation),
             simulation,
             start,
             round(3.0 / period),
             reference,
-            watch=lambda reading, *_, error=error: error.append(tracking_errors(reading, PAPER.rod_length)[0]),
+            watch=lambda measurement, *_, error=error: error.append(tracking_errors(measurement, PAPER.rod_length)[0]),
         )
         errors.append(max(error))
     assert errors[0] < 3e-6
@@ -162,15 +162,15 @@ def test_circles_are_tracked_exactly(reference: Reference) -> None:
 
 def test_figure_eights_are_tracked_but_for_the_bobs_rise() -> None:
     reference, error = Reference.figure_eight(1.0, np.sqrt(8.0 / 17.0)), []
-    start, _ = flat_flight(reference, 0.0, CALM, PAPER)
+    start, _ = flat_state_and_command(reference, 0.0, CALM, PAPER)
     simulation = Simulation()
-    fly_knowing(
+    simulate_with_true_state(
         Flatness(GAINS, simulation),
         simulation,
         start,
         1000,
         reference,
-        watch=lambda reading, *_: error.append(tracking_errors(reading, PAPER.rod_length)[0]),
+        watch=lambda measurement, *_: error.append(tracking_errors(measurement, PAPER.rod_length)[0]),
     )
     assert max(error) < 2e-4
 
@@ -199,27 +199,29 @@ def test_in_steady_wind_no_offset_is_kept(wind: Constant) -> None:
 def test_a_pendulum_that_leans_20_degrees_is_caught() -> None:
     """At rest, in every direction, and the body leans no further than a little over its bound."""
     azimuths, lean, simulation = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False), [], Simulation()
-    caught = fly_knowing(
+    caught = simulate_with_true_state(
         Flatness(GAINS, simulation),
         simulation,
-        leaning(0.35, azimuths, 12),
+        tilted_pendulum(0.35, azimuths, 12),
         700,
-        watch=lambda reading, *_: lean.append(np.prod(np.cos(reading.state[:, 6:8]), axis=1).min()),
+        watch=lambda measurement, *_: lean.append(np.prod(np.cos(measurement.state[:, 6:8]), axis=1).min()),
     )
-    assert_allclose(caught, at_rest(12), atol=1e-3)
+    assert_allclose(caught, hover_states(12), atol=1e-3)
     assert 0.5 < np.arccos(min(lean)) < GAINS.lean
 
 
 def test_what_the_position_asks_is_bounded() -> None:
     """100 m beside the reference it does what it does 10 m beside it, and flies there no faster than it may."""
     simulation, gains = Simulation(), replace(GAINS, acceleration=1.0, velocity=0.8)
-    law, far = Flatness(gains, simulation), at_rest(2)
+    law, far = Flatness(gains, simulation), hover_states(2)
     State(far).position[:, 0] += [10.0, 100.0]
-    reading = reading_of(far)
-    commands, _ = law.command(knowing(reading), reading, ())
+    measurement = measurement_of(far)
+    commands, _ = law.command(true_estimate(measurement), measurement, ())
     assert_allclose(commands[0], commands[1], rtol=1e-9)
     velocities = []
-    fly_knowing(law, simulation, far[:1], 800, watch=lambda reading, *_: velocities.append(reading.state[0, 3]))
+    simulate_with_true_state(
+        law, simulation, far[:1], 800, watch=lambda measurement, *_: velocities.append(measurement.state[0, 3])
+    )
     assert velocities[-1] == pytest.approx(-gains.velocity, rel=0.01)
     assert min(velocities) > -1.2 * gains.velocity
 
@@ -227,24 +229,24 @@ def test_what_the_position_asks_is_bounded() -> None:
 def test_the_lean_that_the_pendulum_asks_is_bounded() -> None:
     """A pendulum beyond rescue asks for the bound: the body turns towards its tangent with k₄, and no faster."""
     simulation, bounds = Simulation(actuators=Actuators(1e4, 1e4)), np.array([0.2, 0.4, 0.6])
-    reading = reading_of(leaning(0.8, 0.0))
+    measurement = measurement_of(tilted_pendulum(0.8, 0.0))
     torques = []
     for bound in bounds:
         law = Flatness(replace(LINEAR, lean=bound), simulation)
-        torques.append(law.command(knowing(reading), reading, ())[0][0, 2])
+        torques.append(law.command(true_estimate(measurement), measurement, ())[0][0, 2])
     turning = np.diff(torques) / PAPER.inertia_pitch
     assert_allclose(turning / np.diff(np.tan(bounds)), pairs(2.5, 7.0, 20.0)[2], rtol=1e-9)
 
 
 def test_a_turned_world_is_flown_the_same() -> None:
     rng = np.random.default_rng(15)
-    state = leaning(rng.uniform(0.0, 0.3, 20), rng.uniform(0.0, 6.0, 20), 20)
+    state = tilted_pendulum(rng.uniform(0.0, 0.3, 20), rng.uniform(0.0, 6.0, 20), 20)
     state[:, :12] += 0.3 * rng.normal(size=(20, 12))
     law, wind = Flatness(GAINS, Simulation(UNEQUAL)), np.array([0.3, 0.0, 0.1, 0.05, 0.0, 0.0, 0.1, 0.0, 0.0])
     commands = []
     for angle in (0.0, 1.2):
-        reading = reading_of(turned_state(state, angle), Reference.hover(yaw=angle))
-        blown = turned_state(np.concatenate([wind[:6], np.zeros(STATE_SIZE - 6)]), angle)[:6]
-        command, _ = law.command(knowing(reading, np.concatenate([blown, wind[6:]])), reading, ())
+        measurement = measurement_of(rotate_states(state, angle), Reference.hover(yaw=angle))
+        blown = rotate_states(np.concatenate([wind[:6], np.zeros(STATE_SIZE - 6)]), angle)[:6]
+        command, _ = law.command(true_estimate(measurement, np.concatenate([blown, wind[6:]])), measurement, ())
         commands.append(command)
     assert_allclose(commands[0], commands[1], atol=1e-9)

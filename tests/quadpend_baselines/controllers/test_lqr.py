@@ -11,11 +11,19 @@ from scipy.linalg import solve_discrete_lyapunov
 from quadpend_baselines.controllers.lqr import Lqr, model, output_matrix, riccati, weights
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import GAINS, LqrGains
-from quadpend_baselines.modelling.linear_model import COLUMNS, FORCES, SIZE, linearise
+from quadpend_baselines.modelling.linear_model import DISTURBANCE_COLUMNS, MODEL_STATE_SIZE, STATE_COLUMNS, linearise
 from quadpend_gym import PAPER, Constant, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
-from tests.helpers.controllers import HOVER, at_rest, fly_knowing, knowing, reading_of, turned_state, turned_vectors
+from tests.helpers.controllers import (
+    HOVER,
+    hover_states,
+    measurement_of,
+    rotate_states,
+    rotate_vectors,
+    simulate_with_true_state,
+    true_estimate,
+)
 from tests.helpers.physics import UNEQUAL
 
 PLAIN, INTEGRAL = LqrGains(), LqrGains(integral=0.5)
@@ -70,8 +78,8 @@ def test_any_other_gain_costs_more_from_every_start(gains: LqrGains) -> None:
 
 def deviating(x: Floats) -> Floats:
     """States beside hover by rows of x, shape (n, 18)."""
-    state = State(at_rest(len(x)))
-    state.array[:, COLUMNS] += x
+    state = State(hover_states(len(x)))
+    state.array[:, STATE_COLUMNS] += x
     r, v = state.direction, state.direction_rate
     r[:, 2] = np.sqrt(1.0 - np.sum(r[:, :2] ** 2, axis=1))
     v[:, 2] = -np.sum(r[:, :2] * v[:, :2], axis=1) / r[:, 2]
@@ -82,18 +90,18 @@ def test_the_kernels_flight_costs_what_the_matrix_says_up_to_its_nonlinearity() 
     """From ±x the costs' odd parts cancel; what remains beside ½ xᵀPx is of second order in the deviation."""
     simulation = Simulation()
     (Q, R), (_, P) = weights(PLAIN, simulation), riccati(PLAIN, simulation)
-    x = np.random.default_rng(14).normal(size=SIZE)
+    x = np.random.default_rng(14).normal(size=MODEL_STATE_SIZE)
 
     def excess(size: float) -> float:
         paid = 0.0
 
-        def pay(reading: object, command: Floats, memory: object) -> None:
+        def pay(measurement: object, command: Floats, memory: object) -> None:
             nonlocal paid
-            off, effort = reading.state[:, COLUMNS], command - [PAPER.hover_thrust, 0.0, 0.0, 0.0]  # type: ignore[attr-defined]
+            off, effort = measurement.state[:, STATE_COLUMNS], command - [PAPER.hover_thrust, 0.0, 0.0, 0.0]  # type: ignore[attr-defined]
             paid += 0.25 * (np.sum(off @ Q * off) + np.sum(effort @ R * effort))
 
         start = deviating(size * np.stack([x, -x]))
-        fly_knowing(Lqr(PLAIN, simulation), simulation, start, 1500, watch=pay)
+        simulate_with_true_state(Lqr(PLAIN, simulation), simulation, start, 1500, watch=pay)
         return paid / (0.5 * size**2 * x @ P @ x) - 1.0
 
     large, small = excess(0.01), excess(0.005)
@@ -106,14 +114,14 @@ def test_it_is_the_feedback_of_its_matrix_beside_hover(gains: LqrGains) -> None:
     """In every component, and turned with the world: K is that of the heading's axes, σ stands in the world's."""
     simulation = Simulation(UNEQUAL)
     law, (K, _) = Lqr(gains, simulation), riccati(gains, simulation)
-    x, sum_of_errors = 1e-3 * np.eye(SIZE), np.array([0.01, -0.02, 0.03])
-    expected = x @ K[:, :SIZE].T + (K[:, SIZE:] @ sum_of_errors if gains.integral else 0.0)
+    x, sum_of_errors = 1e-3 * np.eye(MODEL_STATE_SIZE), np.array([0.01, -0.02, 0.03])
+    expected = x @ K[:, :MODEL_STATE_SIZE].T + (K[:, MODEL_STATE_SIZE:] @ sum_of_errors if gains.integral else 0.0)
     for angle in (0.0, 2.0):
-        reading = reading_of(turned_state(deviating(x), angle), Reference.hover(yaw=angle))
-        memory = np.zeros((SIZE, 3)) + turned_vectors(sum_of_errors, angle)
+        measurement = measurement_of(rotate_states(deviating(x), angle), Reference.hover(yaw=angle))
+        memory = np.zeros((MODEL_STATE_SIZE, 3)) + rotate_vectors(sum_of_errors, angle)
         # The heading is the body's own: a yaw error turns it against the sum.
         rows = np.abs(x[:, 8]) == 0.0
-        command, _ = law.command(knowing(reading), reading, memory)
+        command, _ = law.command(true_estimate(measurement), measurement, memory)
         assert_allclose((command - [UNEQUAL.hover_thrust, 0.0, 0.0, 0.0])[rows], -expected[rows], atol=1e-9)
 
 
@@ -154,7 +162,7 @@ def test_in_steady_wind_lqr_keeps_the_offset_of_the_linear_model() -> None:
     K, _ = riccati(gains, simulation)
     apart = []
     for share in (0.5, 0.25):
-        x = np.linalg.solve(np.eye(SIZE) - A + B @ K, E @ (share * WIND)[FORCES])
+        x = np.linalg.solve(np.eye(MODEL_STATE_SIZE) - A + B @ K, E @ (share * WIND)[DISTURBANCE_COLUMNS])
         predicted = output_matrix(PAPER.rod_length) @ x
         offset = settled(OutputFeedback(Lqr, gains, simulation), share * WIND)
         apart.append(np.linalg.norm(offset - predicted) / np.linalg.norm(predicted))
@@ -171,13 +179,13 @@ def test_integrators_take_the_error_in_the_worlds_axes_up_to_their_bound() -> No
     simulation, rows = Simulation(), 2
     limit = 0.05
     law = Lqr(replace(INTEGRAL, integral_limit=limit), simulation)
-    state = at_rest(rows)
+    state = hover_states(rows)
     State(state).position[:] += [0.02, -0.01, 0.03]
     State(state).euler[1, 2] = 2.0
-    reading = reading_of(state, HOVER)._replace(yaw_reference=State(state).euler[:, 2:] * [1.0, 0.0, 0.0])
-    memory = law.first(rows)
+    measurement = measurement_of(state, HOVER)._replace(yaw_reference=State(state).euler[:, 2:] * [1.0, 0.0, 0.0])
+    memory = law.initial_memory(rows)
     for step in range(1, 601):
-        _, memory = law.command(knowing(reading), reading, memory)
+        _, memory = law.command(true_estimate(measurement), measurement, memory)
         if step in (1, 100):
             assert_allclose(memory, np.tile(step * simulation.period * np.array([0.02, -0.01, 0.03]), (rows, 1)))
     assert_allclose(memory, np.tile([limit, -limit, limit], (rows, 1)))
@@ -186,11 +194,11 @@ def test_integrators_take_the_error_in_the_worlds_axes_up_to_their_bound() -> No
 def test_integrators_wait_while_a_command_is_beyond_the_actuators() -> None:
     """Row 0 turns too fast for the torque there is, row 1 does not."""
     simulation = Simulation()
-    law, state = Lqr(INTEGRAL, simulation), at_rest(2)
+    law, state = Lqr(INTEGRAL, simulation), hover_states(2)
     State(state).position[:] += [0.02, 0.0, 0.0]
     State(state).euler_rate[0] = [50.0, 0.0, 0.0]
-    reading = reading_of(state)
-    command, memory = law.command(knowing(reading), reading, law.first(2))
+    measurement = measurement_of(state)
+    command, memory = law.command(true_estimate(measurement), measurement, law.initial_memory(2))
     assert abs(command[0, 1]) > simulation.actuators.roll_pitch_torque
     assert_array_equal(memory[0], 0.0)
     assert memory[1, 0] > 0.0

@@ -10,27 +10,27 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines.controllers.lqr import Lqr, riccati, weights
 from quadpend_baselines.controllers.mppi import Mppi, MppiMemory
 from quadpend_baselines.gains import GAINS, LqrGains, MppiGains
-from quadpend_baselines.modelling.linear_model import COLUMNS, rotate_state
+from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_gym import PAPER, Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
 from tests.helpers.controllers import (
     CALM,
     HOVER,
-    at_rest,
-    flat_flight,
-    fly_knowing,
-    knowing,
-    leaning,
-    reading_of,
+    flat_state_and_command,
+    hover_states,
+    measurement_of,
+    rotate_states,
+    rotate_vectors,
+    simulate_with_true_state,
+    tilted_pendulum,
     tracking_errors,
-    turned_state,
-    turned_vectors,
+    true_estimate,
 )
 from tests.helpers.physics import UNEQUAL, flown
 
 FEEDBACK = LqrGains(0.4, 1.3, 1.6, 3.5)
-GAINS_HERE = MppiGains(FEEDBACK, samples=33, horizon=20, pace=2, knots=5, spread=0.3, temperature=0.1)
+GAINS_HERE = MppiGains(FEEDBACK, samples=33, horizon=20, steps_per_period=2, knots=5, spread=0.3, temperature=0.1)
 WIND = np.array([0.3, -0.2, 0.15, 0.05, 0.03, 0.0, 0.1, -0.05, 0.03])
 CIRCLE = Reference(
     offset=(0.0, 0.0, 2.0, 0.8),
@@ -44,9 +44,11 @@ CIRCLE = Reference(
 def upset(rows: int, reference: Reference = HOVER, p: Parameters = PAPER) -> Floats:
     """States around a reference, shape (rows, 18), the pendulum leaning up to 0.2 rad."""
     rng = np.random.default_rng(16)
-    state = np.repeat(flat_flight(reference, 0.0, CALM, p)[0], rows, axis=0)
+    state = np.repeat(flat_state_and_command(reference, 0.0, CALM, p)[0], rows, axis=0)
     state[:, :12] += 0.1 * rng.normal(size=(rows, 12))
-    State(state).direction[:] = State(leaning(rng.uniform(0.0, 0.2, rows), rng.uniform(0.0, 6.0, rows), rows)).direction
+    State(state).direction[:] = State(
+        tilted_pendulum(rng.uniform(0.0, 0.2, rows), rng.uniform(0.0, 6.0, rows), rows)
+    ).direction
     State(state).direction_rate[:] = 0.0
     return state
 
@@ -60,13 +62,17 @@ def plans_for(gains: MppiGains, rows: int, size: float) -> Floats:
 def paid(law: Mppi, state: Floats, plan: Floats, reference: Reference, wind: Floats, start: float = 0.0) -> float:
     """Equation (2) of one plan, shape (knots, 4), flown in the world against the reference's own flat flight."""
     g, p = law.gains, law.simulation.parameters
-    coarse = replace(law.simulation, period=g.pace * law.simulation.period, substeps=g.pace * law.simulation.substeps)
+    coarse = replace(
+        law.simulation,
+        period=g.steps_per_period * law.simulation.period,
+        substeps=g.steps_per_period * law.simulation.substeps,
+    )
     (gain, terminal), (Q, R) = riccati(g.feedback, coarse), weights(g.feedback, coarse)
     scale, total = coarse.command_scale, 0.0
     low, high = scale * [0.0, -1.0, -1.0, -1.0], scale * [2.0, 1.0, 1.0, 1.0]
     for step in range(g.horizon + 1):
-        should, wanted = flat_flight(reference, start + step * coarse.period, wind, p)
-        off = rotate_state((state - should)[:, COLUMNS], -state[:, 8])[0]
+        should, wanted = flat_state_and_command(reference, start + step * coarse.period, wind, p)
+        off = rotate_state((state - should)[:, STATE_COLUMNS], -state[:, 8])[0]
         if step == g.horizon:
             return total + 0.5 * off @ terminal @ off
         knots = np.linspace(0.0, g.horizon, g.knots)
@@ -80,15 +86,15 @@ def paid(law: Mppi, state: Floats, plan: Floats, reference: Reference, wind: Flo
     raise AssertionError
 
 
-@pytest.mark.parametrize("pace", [1, 2, 3])
+@pytest.mark.parametrize("steps_per_period", [1, 2, 3])
 @pytest.mark.parametrize("reference", [HOVER, CIRCLE], ids=["hover", "circle"])
-def test_a_plans_cost_is_that_of_flying_it(reference: Reference, pace: int) -> None:
+def test_a_plans_cost_is_that_of_flying_it(reference: Reference, steps_per_period: int) -> None:
     """In wind, with all of the plant unlike the paper's; the circle is foreseen as a polynomial of order 6."""
-    law = Mppi(replace(GAINS_HERE, pace=pace, horizon=15, samples=5), Simulation(UNEQUAL))
+    law = Mppi(replace(GAINS_HERE, steps_per_period=steps_per_period, horizon=15, samples=5), Simulation(UNEQUAL))
     state, plans = upset(3, reference, UNEQUAL), plans_for(law.gains, 3, 0.1)
-    reading = reading_of(state, reference)
-    estimate = knowing(reading, WIND)
-    costs = law._cost(estimate, law._look_ahead(estimate, reading), plans)
+    measurement = measurement_of(state, reference)
+    estimate = true_estimate(measurement, WIND)
+    costs = law._cost(estimate, law._look_ahead(estimate, measurement), plans)
     for row in range(3):
         for sample in range(5):
             true = paid(law, state[row : row + 1], plans[row, sample], reference, WIND)
@@ -97,8 +103,10 @@ def test_a_plans_cost_is_that_of_flying_it(reference: Reference, pace: int) -> N
 
 def commanded(law: Mppi, state: Floats, memory: MppiMemory | None = None, wind: Floats = CALM) -> tuple[Any, Any]:
     """Command and memory beside hover."""
-    reading = reading_of(state)
-    return law.command(knowing(reading, wind), reading, law.first(len(state)) if memory is None else memory)
+    measurement = measurement_of(state)
+    return law.command(
+        true_estimate(measurement, wind), measurement, law.initial_memory(len(state)) if memory is None else memory
+    )
 
 
 def test_without_perturbations_it_is_the_linear_feedback_around_the_flight_in_the_wind() -> None:
@@ -107,8 +115,8 @@ def test_without_perturbations_it_is_the_linear_feedback_around_the_flight_in_th
     state = upset(6)
     command, memory = commanded(law, state, wind=WIND)
     gain, _ = riccati(FEEDBACK, Simulation(period=0.02))
-    should, wanted = flat_flight(HOVER, 0.0, WIND, PAPER)
-    off = rotate_state((state - should)[:, COLUMNS], -state[:, 8])
+    should, wanted = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
+    off = rotate_state((state - should)[:, STATE_COLUMNS], -state[:, 8])
     assert_allclose(command, wanted - off @ gain.T, atol=1e-6)
     assert_array_equal(memory.plan, 0.0)
 
@@ -116,10 +124,10 @@ def test_without_perturbations_it_is_the_linear_feedback_around_the_flight_in_th
 def test_at_a_low_temperature_the_best_future_is_flown() -> None:
     """The feedback itself where that does well, a better one where it falls; at a high one the mean of all."""
     cold = Mppi(replace(GAINS_HERE, temperature=1e-6), Simulation())
-    state = leaning(np.repeat([0.05, 0.35], 4), np.arange(8.0), 8)
-    reading = reading_of(state)
-    estimate, first = knowing(reading), cold.first(8)
-    horizon = cold._look_ahead(estimate, reading)
+    state = tilted_pendulum(np.repeat([0.05, 0.35], 4), np.arange(8.0), 8)
+    measurement = measurement_of(state)
+    estimate, first = true_estimate(measurement), cold.initial_memory(8)
+    horizon = cold._look_ahead(estimate, measurement)
     feedback, _ = commanded(Mppi(replace(GAINS_HERE, spread=0.0), Simulation()), state)
     command, _ = commanded(cold, state)
     samples = np.concatenate([np.zeros((8, 1, 5, 4)), cold._noise[first.number]], axis=1)
@@ -136,8 +144,8 @@ def test_a_plan_moves_on_with_time() -> None:
     """δ is piecewise linear in time: a step later it is the same line, seen from there, and it ends in no change."""
     law = Mppi(replace(GAINS_HERE, spread=0.0, temperature=1e12), Simulation())
     plan = np.random.default_rng(18).normal(size=(1, 5, 4))
-    feedback, _ = commanded(law, at_rest())
-    command, memory = commanded(law, at_rest(), MppiMemory(plan, np.zeros(1, np.int64)))
+    feedback, _ = commanded(law, hover_states())
+    command, memory = commanded(law, hover_states(), MppiMemory(plan, np.zeros(1, np.int64)))
     mean = plan * 32.0 / 33.0  # of the 33 futures, one has no δ
     assert_allclose(command - feedback, mean[:, 0], atol=1e-6)
     spacing, ends = 0.1, np.append(mean[0], np.zeros((1, 4)), axis=0)
@@ -164,31 +172,31 @@ def test_it_is_a_function_of_what_it_knows() -> None:
 def test_what_its_feedback_drops_it_catches() -> None:
     """From 20 degrees in any direction the sampled futures find a way that the linear feedback does not."""
     simulation, azimuths = Simulation(), np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    start = leaning(0.35, azimuths, 8)
-    alone = fly_knowing(Mppi(replace(GAINS_HERE, spread=0.0), simulation), simulation, start, 100)
+    start = tilted_pendulum(0.35, azimuths, 8)
+    alone = simulate_with_true_state(Mppi(replace(GAINS_HERE, spread=0.0), simulation), simulation, start, 100)
     assert (State(alone).direction[:, 2] < 0.5).all()
     lowest = []
-    caught = fly_knowing(
+    caught = simulate_with_true_state(
         Mppi(GAINS_HERE, simulation),
         simulation,
         start,
         300,
-        watch=lambda reading, *_: lowest.append(State(reading.state).direction[:, 2].min()),
+        watch=lambda measurement, *_: lowest.append(State(measurement.state).direction[:, 2].min()),
     )
     assert min(lowest) > 0.5
-    assert_allclose(caught[:, :12], at_rest(8)[:, :12], atol=0.05)
+    assert_allclose(caught[:, :12], hover_states(8)[:, :12], atol=0.05)
 
 
 def offset(law: Any, wind: Floats, seconds: float = 5.0) -> float:
     """How far from the reference the bob hovers after so long in a constant wind, m."""
     error = []
-    fly_knowing(
+    simulate_with_true_state(
         law,
         law.simulation,
-        at_rest(),
+        hover_states(),
         round(seconds / law.simulation.period),
         disturbance=wind,
-        watch=lambda reading, *_: error.append(tracking_errors(reading, PAPER.rod_length)[0]),
+        watch=lambda measurement, *_: error.append(tracking_errors(measurement, PAPER.rod_length)[0]),
     )
     return float(np.mean(error[-50:]))
 
@@ -204,15 +212,15 @@ def test_it_sees_the_wind() -> None:
 def test_references_are_tracked() -> None:
     """A turning, climbing circle in wind, to a tenth of a millimetre with little perturbation."""
     law, error = Mppi(replace(GAINS_HERE, spread=0.05), Simulation()), []
-    start, _ = flat_flight(CIRCLE, 0.0, WIND, PAPER)
-    fly_knowing(
+    start, _ = flat_state_and_command(CIRCLE, 0.0, WIND, PAPER)
+    simulate_with_true_state(
         law,
         law.simulation,
         start,
         200,
         CIRCLE,
         WIND,
-        lambda reading, *_: error.append(tracking_errors(reading, PAPER.rod_length)[0]),
+        lambda measurement, *_: error.append(tracking_errors(measurement, PAPER.rod_length)[0]),
     )
     assert max(error) < 1e-4
 
@@ -220,9 +228,9 @@ def test_references_are_tracked() -> None:
 def test_a_turned_world_is_flown_the_same() -> None:
     law, state, angle = Mppi(GAINS_HERE, Simulation()), upset(6), 1.3
     plain, _ = commanded(law, state, wind=WIND)
-    wind = np.concatenate([turned_vectors(WIND[:6].reshape(2, 3), angle).ravel(), WIND[6:]])
-    reading = reading_of(turned_state(state, angle), Reference.hover(yaw=angle))
-    turned, _ = law.command(knowing(reading, wind), reading, law.first(6))
+    wind = np.concatenate([rotate_vectors(WIND[:6].reshape(2, 3), angle).ravel(), WIND[6:]])
+    measurement = measurement_of(rotate_states(state, angle), Reference.hover(yaw=angle))
+    turned, _ = law.command(true_estimate(measurement, wind), measurement, law.initial_memory(6))
     assert_allclose(turned, plain, atol=1e-8)
 
 

@@ -10,9 +10,9 @@ from scipy.linalg import solve_discrete_are
 
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.estimation import estimator
-from quadpend_baselines.estimation.estimator import Estimate, Estimator, Reading, read
+from quadpend_baselines.estimation.estimator import Estimate, Estimator, Measurement, measurement_from_observation
 from quadpend_baselines.gains import GAINS, EstimatorGains, FlatnessGains
-from quadpend_baselines.modelling.linear_model import FORCES, SIZE, linearise
+from quadpend_baselines.modelling.linear_model import DISTURBANCE_COLUMNS, MODEL_STATE_SIZE, linearise
 from quadpend_gym import PAPER, Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
@@ -20,12 +20,12 @@ from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from tests.helpers.controllers import (
     CALM,
     HOVER,
-    flat_flight,
-    fly_knowing,
-    leaning,
-    reading_of,
-    turned_state,
-    turned_vectors,
+    flat_state_and_command,
+    measurement_of,
+    rotate_states,
+    rotate_vectors,
+    simulate_with_true_state,
+    tilted_pendulum,
 )
 from tests.helpers.physics import UNEQUAL
 
@@ -48,7 +48,7 @@ WINDS = {
     "all": [0.3, -0.2, 0.4, 0.08, -0.05, 0.0, 0.1, -0.05, 0.03],
 }
 
-Flight = list[tuple[Reading, Floats]]
+Flight = list[tuple[Measurement, Floats]]
 
 
 @lru_cache(maxsize=16)
@@ -56,30 +56,30 @@ def flight(reference: Reference, wind: tuple[float, ...], p: Parameters = PAPER,
     """What two rows see, one from the exact flight and one from beside it, and the commands that follow."""
     simulation, seen = Simulation(p), []
     law = Flatness(FlatnessGains(), simulation)
-    start = np.repeat(flat_flight(reference, 0.0, CALM, p)[0], 2, axis=0)
+    start = np.repeat(flat_state_and_command(reference, 0.0, CALM, p)[0], 2, axis=0)
     beside = State(start[1])
     beside.position[:] += [0.05, -0.1, 0.1]
     beside.velocity[:] += [0.1, 0.05, -0.05]
     beside.euler_rate[:] += [0.1, -0.1, 0.2]
-    fly_knowing(law, simulation, start, steps, reference, np.array(wind), lambda *it: seen.append(it[:2]))
+    simulate_with_true_state(law, simulation, start, steps, reference, np.array(wind), lambda *it: seen.append(it[:2]))
     return seen
 
 
-def hidden(reading: Reading) -> Reading:
+def hidden(measurement: Measurement) -> Measurement:
     """The same without rates."""
-    state = State(reading.state.copy())
+    state = State(measurement.state.copy())
     for rate in (state.velocity, state.euler_rate, state.direction_rate):
         rate[:] = np.nan
-    return reading._replace(state=state.array)
+    return measurement._replace(state=state.array)
 
 
 def estimates(seen: Flight, gains: EstimatorGains, rates: bool, p: Parameters = PAPER) -> list[Estimate]:
     """What the estimator makes of a flight, step after step."""
     observer = Estimator(gains, Simulation(p))
-    shown = [reading if rates else hidden(reading) for reading, _ in seen]
-    out = [observer.first(shown[0])]
-    for reading, (_, command) in zip(shown[1:], seen[:-1], strict=True):
-        out.append(observer.update(out[-1], command, reading))
+    shown = [measurement if rates else hidden(measurement) for measurement, _ in seen]
+    out = [observer.initial_estimate(shown[0])]
+    for measurement, (_, command) in zip(shown[1:], seen[:-1], strict=True):
+        out.append(observer.update(out[-1], command, measurement))
     return out
 
 
@@ -90,10 +90,10 @@ def test_an_observation_is_read_in_the_references_frame(size: int) -> None:
     env.reset(seed=3, options={"reference": CIRCLE})
     for _ in range(10):
         observation = env.step(np.full((5, 4), 0.05, np.float32))[0]
-    true = reading_of(env.world.state, CIRCLE, 0.1)
+    true = measurement_of(env.world.state, CIRCLE, 0.1)
     if size == 27:
         observation, true = observation[:, OUTPUT_FEEDBACK_COLUMNS], hidden(true)
-    for actual, wanted in zip(read(observation, UNEQUAL.rod_length), true, strict=True):
+    for actual, wanted in zip(measurement_from_observation(observation, UNEQUAL.rod_length), true, strict=True):
         assert_allclose(actual, wanted, rtol=1e-6, atol=1e-6)
 
 
@@ -104,8 +104,8 @@ def test_in_calm_a_known_plant_is_known_exactly_and_acceleration_is_no_wind(
 ) -> None:
     """What it takes for a wind on a climbing, turning circle is 10⁻¹² N: rounding."""
     seen = flight(reference, tuple(CALM))
-    for estimate, (reading, _) in zip(estimates(seen, gains, rates=True), seen, strict=True):
-        assert_allclose(estimate.state, reading.state, atol=1e-12)
+    for estimate, (measurement, _) in zip(estimates(seen, gains, rates=True), seen, strict=True):
+        assert_allclose(estimate.state, measurement.state, atol=1e-12)
         assert_allclose(estimate.disturbance, 0.0, atol=1e-10)
 
 
@@ -153,30 +153,30 @@ def test_the_bobs_vertical_force_counts_as_the_quadrotors() -> None:
 @pytest.mark.parametrize("angle", [0.5, np.pi / 2, 3.0])
 def test_a_turned_world_is_seen_turned(angle: float, rates: bool) -> None:
     seen, turned = flight(CIRCLE, tuple(WINDS["all"])), []
-    for reading, command in seen:
-        yaw = reading.yaw_reference + np.array([angle, 0.0, 0.0])
-        state, reference = turned_state(reading.state, angle), turned_vectors(reading.reference, angle)
-        turned.append((Reading(state, reference, yaw), command))
+    for measurement, command in seen:
+        yaw = measurement.yaw_reference + np.array([angle, 0.0, 0.0])
+        state, reference = rotate_states(measurement.state, angle), rotate_vectors(measurement.reference, angle)
+        turned.append((Measurement(state, reference, yaw), command))
     plain, other = estimates(seen, QUICK, rates), estimates(turned, QUICK, rates)
     for one, two in zip(plain[::10], other[::10], strict=True):
-        assert_allclose(two.state, turned_state(one.state, angle), atol=1e-9)
-        forces = turned_vectors(one.disturbance.reshape(-1, 3, 3)[:, :2], angle)
+        assert_allclose(two.state, rotate_states(one.state, angle), atol=1e-9)
+        forces = rotate_vectors(one.disturbance.reshape(-1, 3, 3)[:, :2], angle)
         assert_allclose(two.disturbance[:, :6], forces.reshape(-1, 6), atol=1e-9)
         assert_allclose(two.disturbance[:, 6:], one.disturbance[:, 6:], atol=1e-9)
 
 
 def plant(gains: EstimatorGains, rates: bool) -> tuple[Floats, Floats, Floats, Floats]:
     """Transition and measurement of state and forces, and the variances of their walk and of the noise."""
-    simulation, size = Simulation(), SIZE + FORCES.size
+    simulation, size = Simulation(), MODEL_STATE_SIZE + DISTURBANCE_COLUMNS.size
     model = linearise(simulation)
-    transition = np.block([[model.transition, model.disturbance], [np.zeros((8, SIZE)), np.eye(8)]])
+    transition = np.block([[model.transition, model.disturbance], [np.zeros((8, MODEL_STATE_SIZE)), np.eye(8)]])
     walk = np.diag([gains.force_walk] * 3 + [gains.bob_force_walk] * 2 + [gains.torque_walk] * 3)
     process = np.zeros((size, size))
-    process[SIZE:, SIZE:] = simulation.period * walk**2
+    process[MODEL_STATE_SIZE:, MODEL_STATE_SIZE:] = simulation.period * walk**2
     is_rate = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0, 0, 1, 1], np.bool_)
     noise = np.where(is_rate, gains.rate_noise, gains.noise) ** 2
-    seen = np.full(SIZE, True) if rates else ~is_rate
-    return transition, np.eye(size)[:SIZE][seen], process, np.diag(noise[seen])
+    seen = np.full(MODEL_STATE_SIZE, True) if rates else ~is_rate
+    return transition, np.eye(size)[:MODEL_STATE_SIZE][seen], process, np.diag(noise[seen])
 
 
 @every_gain
@@ -207,7 +207,7 @@ def test_rows_are_seen_each_for_itself_and_only_the_returned_memory_counts(rates
     both = estimates(seen[:20], QUICK, rates)
     for row in range(2):
         i = slice(row, row + 1)
-        alone = [(Reading(*(part[i] for part in reading)), command[i]) for reading, command in seen[:20]]
+        alone = [(Measurement(*(part[i] for part in measurement)), command[i]) for measurement, command in seen[:20]]
         last = estimates(alone, QUICK, rates)[-1]
         assert_allclose(last.state, both[-1].state[i], atol=1e-13)
         assert_allclose(last.disturbance, both[-1].disturbance[i], atol=1e-13)
@@ -220,13 +220,13 @@ def test_the_pendulums_direction_stays_a_direction() -> None:
     """Whatever is measured: unit length, above the horizon, and its rate along the sphere."""
     observer = Estimator(QUICK, Simulation())
     rng = np.random.default_rng(11)
-    reading = reading_of(leaning(rng.uniform(0.0, 1.4, 50), rng.uniform(0.0, 7.0, 50), 50))
-    estimate = observer.first(reading)
+    measurement = measurement_of(tilted_pendulum(rng.uniform(0.0, 1.4, 50), rng.uniform(0.0, 7.0, 50), 50))
+    estimate = observer.initial_estimate(measurement)
     for _ in range(5):
-        tilted = leaning(rng.uniform(0.0, 1.4, 50), rng.uniform(0.0, 7.0, 50), 50)
+        tilted = tilted_pendulum(rng.uniform(0.0, 1.4, 50), rng.uniform(0.0, 7.0, 50), 50)
         State(tilted).direction_rate[:] = rng.normal(size=(50, 3))
         hover = np.tile([PAPER.hover_thrust, 0.0, 0.0, 0.0], (50, 1))
-        estimate = observer.update(estimate, hover, reading_of(tilted))
+        estimate = observer.update(estimate, hover, measurement_of(tilted))
         s = State(estimate.state)
         assert_allclose(np.linalg.norm(s.direction, axis=1), 1.0, rtol=1e-12)
         assert_allclose(np.sum(s.direction * s.direction_rate, axis=1), 0.0, atol=1e-12)

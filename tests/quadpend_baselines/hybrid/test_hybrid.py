@@ -86,7 +86,7 @@ def test_velocities_that_are_not_measured_are_estimated() -> None:
     for _ in range(200):
         action, memory = policy.predict(observation, memory)
         true, observation = whole.step(action)[0], hidden.step(action)[0]
-    known = policy.observe(observation, memory, None)
+    known = policy.update(observation, memory, None)
     assert_allclose(policy.estimated_observation(observation, known), true, atol=1e-4)
 
 

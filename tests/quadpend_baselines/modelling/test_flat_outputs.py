@@ -11,7 +11,7 @@ from quadpend_gym.physics.dynamics import accelerations, thrust_axis
 from quadpend_gym.physics.state import State
 from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks import StartSettings, Task
-from tests.helpers.controllers import CALM, HOVER, flat_flight
+from tests.helpers.controllers import CALM, HOVER, flat_state_and_command
 from tests.helpers.envs import make_unwrapped
 from tests.helpers.physics import UNEQUAL, flown
 
@@ -36,12 +36,14 @@ def eight(acceleration: float) -> Reference:
 
 def open_loop(reference: Reference, disturbance: Floats, p: Parameters, period: float = 2e-3) -> float:
     """How far the kernel strays from the flat state, in any component, under the flat command alone."""
-    state, _ = flat_flight(reference, 0.0, disturbance, p)
+    state, _ = flat_state_and_command(reference, 0.0, disturbance, p)
     strayed = 0.0
     for step in range(round(TIME / period)):
-        _, command = flat_flight(reference, (step + 0.5) * period, disturbance, p)  # the middle stands for its period
+        _, command = flat_state_and_command(
+            reference, (step + 0.5) * period, disturbance, p
+        )  # the middle stands for its period
         state = flown(state, command, disturbance, p, period, 1)
-        should, _ = flat_flight(reference, (step + 1) * period, disturbance, p)
+        should, _ = flat_state_and_command(reference, (step + 1) * period, disturbance, p)
         strayed = max(strayed, float(np.abs(state - should).max()))
     return strayed
 
@@ -73,7 +75,7 @@ def test_a_figure_eight_is_flown_but_for_the_bobs_rise() -> None:
 def test_hovering_balances_every_force(disturbance: Floats) -> None:
     """Statics: the thrust carries both weights and winds, the rod the bob's, and nothing turns."""
     for p in (PAPER, UNEQUAL):
-        state, command = flat_flight(Reference.hover(yaw=1.0), 0.0, disturbance, p)
+        state, command = flat_state_and_command(Reference.hover(yaw=1.0), 0.0, disturbance, p)
         s, weight = State(state[0]), np.array([0.0, 0.0, p.gravity])
         thrust = command[0, 0] * np.array(thrust_axis(Vec3(*s.euler)))
         assert_allclose(thrust, p.total_mass * weight - disturbance[0:3] - disturbance[3:6], atol=1e-12)
@@ -86,7 +88,7 @@ def test_hovering_balances_every_force(disturbance: Floats) -> None:
 
 def test_the_bob_and_the_height_are_where_the_reference_is() -> None:
     for time in (0.0, 0.7):
-        state, _ = flat_flight(CIRCLE, time, ON_BOTH, UNEQUAL)
+        state, _ = flat_state_and_command(CIRCLE, time, ON_BOTH, UNEQUAL)
         s, should = State(state[0]), CIRCLE.derivatives(time)
         for order, (place, lean) in enumerate([(s.position, s.direction), (s.velocity, s.direction_rate)]):
             flat = [*(place + UNEQUAL.rod_length * lean)[:2], place[2]]
@@ -105,15 +107,17 @@ def random_attitudes(rows: int) -> Floats:
 def test_lean_and_attitude_are_inverses_with_their_rates() -> None:
     euler = random_attitudes(50)
     yaw = euler[..., 2]
-    assert_allclose(flat_outputs.attitude(flat_outputs.lean_of(euler), yaw), euler, atol=1e-10)
+    assert_allclose(
+        flat_outputs.attitude_from_tangent(flat_outputs.tangent_from_attitude(euler), yaw), euler, atol=1e-10
+    )
     lean = 0.7 * np.random.default_rng(9).normal(size=(3, 50, 2))
-    assert_allclose(flat_outputs.lean_of(flat_outputs.attitude(lean, yaw)), lean, atol=1e-10)
+    assert_allclose(flat_outputs.tangent_from_attitude(flat_outputs.attitude_from_tangent(lean, yaw)), lean, atol=1e-10)
 
 
 def test_the_lean_is_that_of_the_dynamics_thrust_axis() -> None:
     """(5) against equation (1) of `dynamics`, and its rates against differences."""
     euler = random_attitudes(20)
-    lean = flat_outputs.lean_of(euler)
+    lean = flat_outputs.tangent_from_attitude(euler)
 
     def along(time: float) -> Floats:
         axes = np.array([thrust_axis(Vec3(*angles)) for angles in euler[0] + time * euler[1] + time**2 * euler[2]])
@@ -140,7 +144,7 @@ def test_starts_without_deviation_are_flat_to_first_order() -> None:
         )
         env = make_unwrapped(task=Task(start=exact))
         env.reset(seed=0, options={"reference": reference})
-        flat, _ = flat_flight(reference, 0.0, CALM, PAPER)
+        flat, _ = flat_state_and_command(reference, 0.0, CALM, PAPER)
         apart[size] = float(np.abs(env.state.array - flat[0]).max())
     assert apart[0.1] < 3e-4
     assert apart[0.4] / apart[0.2] > 3.0

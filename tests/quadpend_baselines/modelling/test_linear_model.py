@@ -7,13 +7,13 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from quadpend_baselines.modelling.linear_model import (
-    COLUMNS,
+    DISTURBANCE_COLUMNS,
     EULER,
     EULER_RATE,
-    FORCES,
-    LEAN,
-    LEAN_RATE,
-    SIZE,
+    MODEL_STATE_SIZE,
+    PENDULUM,
+    PENDULUM_RATE,
+    STATE_COLUMNS,
     linearise,
     rotate_state,
 )
@@ -45,8 +45,8 @@ def sampled(rates: sp.Matrix, p: Parameters, period: float) -> Floats:
     values = p.quadrotor_mass, p.bob_mass, p.rod_length, p.gravity, p.inertia_roll, p.inertia_pitch, p.inertia_yaw
     numbers = rates.subs(dict(zip(symbolic.PARAMETERS, values, strict=True)))
     square = np.zeros((rates.shape[1], rates.shape[1]))
-    square[:SIZE] = np.array(numbers.subs({symbolic.COMMAND[0]: p.hover_thrust}), np.float64)
-    return np.asarray(expm(period * square)[:SIZE])
+    square[:MODEL_STATE_SIZE] = np.array(numbers.subs({symbolic.COMMAND[0]: p.hover_thrust}), np.float64)
+    return np.asarray(expm(period * square)[:MODEL_STATE_SIZE])
 
 
 @pytest.mark.parametrize("parameters", [PAPER, UNEQUAL], ids=["paper", "unequal"])
@@ -79,30 +79,34 @@ def test_the_pendulum_falls_with_the_papers_stiffness() -> None:
     period = 0.01
     transition = linearise(Simulation(period=period)).transition
     pole = np.sqrt(PAPER.chain_stiffness)
-    falling = transition[LEAN.start : LEAN_RATE.stop, LEAN.start : LEAN_RATE.stop]
+    falling = transition[PENDULUM.start : PENDULUM_RATE.stop, PENDULUM.start : PENDULUM_RATE.stop]
     found = np.sort(np.linalg.eigvals(falling).real)
     assert_allclose(found, np.repeat(np.exp([-pole * period, pole * period]), 2), rtol=1e-8)
-    leant = np.zeros(SIZE)
-    leant[LEAN.start] = leant[EULER.start + 1] = 1.0  # r_x = θ: along the thrust
-    assert_allclose(transition[LEAN_RATE] @ leant, 0.0, atol=1e-7)
+    leant = np.zeros(MODEL_STATE_SIZE)
+    leant[PENDULUM.start] = leant[EULER.start + 1] = 1.0  # r_x = θ: along the thrust
+    assert_allclose(transition[PENDULUM_RATE] @ leant, 0.0, atol=1e-7)
 
 
 def test_small_deviations_fly_as_it_says_up_to_their_square() -> None:
     """The kernel itself, with everything deviating at once: a tenth of the deviation has a hundredth of the error."""
     simulation = Simulation(UNEQUAL)
     rng = np.random.default_rng(5)
-    x, command, forces = rng.normal(size=SIZE), rng.normal(size=4), rng.normal(size=FORCES.size)
+    x, command, forces = (
+        rng.normal(size=MODEL_STATE_SIZE),
+        rng.normal(size=4),
+        rng.normal(size=DISTURBANCE_COLUMNS.size),
+    )
     linear = sum(part @ y for part, y in zip(linearise(simulation), (x, command, forces), strict=True))
 
     def error(size: float) -> float:
         state, disturbance = np.zeros(STATE_SIZE), np.zeros(9)
-        state[COLUMNS], disturbance[FORCES] = size * x, size * forces
+        state[STATE_COLUMNS], disturbance[DISTURBANCE_COLUMNS] = size * x, size * forces
         r, v = state[12:15], state[15:18]
         r[2] = np.sqrt(1.0 - r[0] ** 2 - r[1] ** 2)
         v[2] = -(r[:2] @ v[:2]) / r[2]
         pushed = size * command + [UNEQUAL.hover_thrust, 0.0, 0.0, 0.0]
         after = flown(state, pushed, disturbance, UNEQUAL, simulation.period, simulation.substeps)[0]
-        return float(np.abs(after[COLUMNS] - size * linear).max())
+        return float(np.abs(after[STATE_COLUMNS] - size * linear).max())
 
     large, small = error(1e-2), error(1e-3)
     assert large < 1e-3
@@ -111,26 +115,26 @@ def test_small_deviations_fly_as_it_says_up_to_their_square() -> None:
 
 def test_turning_is_a_rotation_about_the_vertical() -> None:
     rng = np.random.default_rng(6)
-    x, yaw = rng.normal(size=(5, SIZE)), rng.uniform(-4.0, 4.0, 5)
+    x, yaw = rng.normal(size=(5, MODEL_STATE_SIZE)), rng.uniform(-4.0, 4.0, 5)
     turned = rotate_state(x, yaw)
     assert_allclose(rotate_state(turned, -yaw), x, atol=1e-14)
     assert_allclose(rotate_state(turned, 0.3 - yaw), rotate_state(x, np.full(5, 0.3)), atol=1e-14)
     assert_allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(x, axis=1), rtol=1e-14)
     body = np.r_[EULER, EULER_RATE]
     assert_allclose(turned[:, body], x[:, body], rtol=0.0)
-    ahead = np.eye(SIZE)[[0, 3, LEAN.start, LEAN_RATE.start]]
-    left = np.eye(SIZE)[[1, 4, LEAN.start + 1, LEAN_RATE.start + 1]]
+    ahead = np.eye(MODEL_STATE_SIZE)[[0, 3, PENDULUM.start, PENDULUM_RATE.start]]
+    left = np.eye(MODEL_STATE_SIZE)[[1, 4, PENDULUM.start + 1, PENDULUM_RATE.start + 1]]
     assert_allclose(rotate_state(ahead, np.full(4, np.pi / 2)), left, atol=1e-15)  # counter-clockwise seen from above
 
 
 def test_in_the_headings_axes_the_plant_is_the_same_whatever_the_yaw() -> None:
     """A x of a turned world is A x turned: what the controllers rely on when they turn x and not the gains."""
     simulation, yaw = Simulation(UNEQUAL), 0.7
-    x = 1e-5 * np.random.default_rng(7).normal(size=(1, SIZE))
+    x = 1e-5 * np.random.default_rng(7).normal(size=(1, MODEL_STATE_SIZE))
     state = np.zeros((1, STATE_SIZE))
-    state[:, COLUMNS], state[:, 14] = rotate_state(x, np.array([yaw])), 1.0
+    state[:, STATE_COLUMNS], state[:, 14] = rotate_state(x, np.array([yaw])), 1.0
     state[:, 8] += yaw
     hover = np.array([UNEQUAL.hover_thrust, 0.0, 0.0, 0.0])
-    after = flown(state, hover, np.zeros(9), UNEQUAL, simulation.period, simulation.substeps)[:, COLUMNS]
+    after = flown(state, hover, np.zeros(9), UNEQUAL, simulation.period, simulation.substeps)[:, STATE_COLUMNS]
     after[:, 8] -= yaw
     assert_allclose(rotate_state(after, np.array([-yaw])), x @ linearise(simulation).transition.T, atol=1e-8)

@@ -8,32 +8,32 @@ import pytest
 from quadpend_baselines import ADRC
 from quadpend_baselines.paper import ablations, experiment
 from quadpend_baselines.paper.continuous import ContinuousLoop
-from quadpend_baselines.paper.experiment import GUSTS, REFERENCE, Experiment, fly_sampled, gusts, start_state
+from quadpend_baselines.paper.experiment import GUSTS, REFERENCE, Experiment, gusts, simulate_sampled, start_state
 from quadpend_baselines.paper.figures import FIGURES
-from quadpend_baselines.paper.flight import Flight
-from quadpend_baselines.paper.merit import CHANNELS, figures_of_merit
+from quadpend_baselines.paper.figures_of_merit import CHANNELS, compute_figures_of_merit
+from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import QuadPendulumEnv, State
 from quadpend_train.cli.main import main
 
 
 @pytest.fixture(scope="module")
-def at_100_hz() -> Flight:
-    return fly_sampled("paper", 0.01)
+def at_100_hz() -> Trajectory:
+    return simulate_sampled("paper", 0.01)
 
 
-def test_all_errors_converge_in_calm_air_and_the_pendulum_stands(at_100_hz: Flight) -> None:
+def test_all_errors_converge_in_calm_air_and_the_pendulum_stands(at_100_hz: Trajectory) -> None:
     calm = (at_100_hz.time > 6.0) & (at_100_hz.time < GUSTS.onset)
     assert np.all(np.abs(at_100_hz.error[calm]).max(axis=0) < [1e-4, 1e-4, 1e-6, 1e-6])
     assert State(at_100_hz.state).alpha[calm].max() < 0.03  # what the circle's centripetal acceleration asks for
 
 
-def test_beta_does_not_converge(at_100_hz: Flight) -> None:
+def test_beta_does_not_converge(at_100_hz: Trajectory) -> None:
     calm = (at_100_hz.time > 6.0) & (at_100_hz.time < GUSTS.onset)
     assert np.ptp(State(at_100_hz.state).beta[calm]) > 1.0
 
 
-def test_estimates_follow_the_injected_gusts_in_all_four_channels(at_100_hz: Flight) -> None:
-    merit = figures_of_merit(Experiment(at_100_hz, at_100_hz, at_100_hz))["100 Hz"]
+def test_estimates_follow_the_injected_gusts_in_all_four_channels(at_100_hz: Trajectory) -> None:
+    merit = compute_figures_of_merit(Experiment(at_100_hz, at_100_hz, at_100_hz))["100 Hz"]
     assert all(merit["estimates"][channel]["correlation"] >= 0.99 for channel in CHANNELS)
     assert merit["convergence_time"]["0.01"]["F_x"] < 2.0
     assert merit["convergence_time"]["0.0001"]["z"] < 2.0
@@ -54,17 +54,17 @@ def test_gusts_are_those_that_the_environment_draws() -> None:
 def test_sampled_control_approaches_continuous_time() -> None:
     duration, step = 1.2, 4e-4
     times = 0.5 * step * np.arange(2 * round(duration / step) + 1)
-    continuous = ContinuousLoop(ADRC("paper")).fly(start_state(), REFERENCE, gusts(times), step, 25)
+    continuous = ContinuousLoop(ADRC("paper")).simulate(start_state(), REFERENCE, gusts(times), step, 25)
     differences = []
     for period in (1e-2, 1e-3):
-        sampled = fly_sampled("paper", period, duration)
+        sampled = simulate_sampled("paper", period, duration)
         differences.append(np.abs(sampled.error - continuous.error)[:, :3].max())
     assert differences[0] < 0.02
     assert differences[1] < differences[0] / 4
 
 
 def test_the_paper_command_writes_every_figure_and_the_numbers(
-    at_100_hz: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    at_100_hz: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown = Experiment(at_100_hz, at_100_hz, at_100_hz)
     monkeypatch.setattr(experiment, "run", lambda gains: flown)
@@ -81,7 +81,7 @@ def test_the_ablations_say_when_the_law_fails_and_what_cures_it(
     chosen = [case for case in ablations.cases() if case.group in {"law", "cure"} or "noise 1 mm" in case.name]
     chosen += [case for case in ablations.cases() if "ρ = 5e6" in case.name]
     chosen += [case for case in ablations.cases() if case.group in {"authority", "wind", "frequency"}][::7]
-    flown = {case.name: ablations.fly(case) for case in chosen}
+    flown = {case.name: ablations.simulate(case) for case in chosen}
     assert flown["as printed"].seconds < 1.0
     corrected = flown["corrected"]
     assert corrected.survival == 1.0

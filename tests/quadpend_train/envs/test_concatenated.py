@@ -10,13 +10,13 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.testing import assert_array_equal
 
 from quadpend_baselines import controller
-from quadpend_baselines.policy.rollout import Step, rollout
+from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_gym import Simulation
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, draw_actions, make, make_vec, run_actions
-from tests.helpers.policies import Falling
+from tests.helpers.policies import ZeroThrust
 from tests.helpers.wrappers import (
     ACTUATORS,
     HISTORY,
@@ -142,11 +142,11 @@ def test_a_rollout_in_it_is_that_in_its_parts(name: str) -> None:
     for rows, flight in zip(SLICES, flown, strict=True):
         for number, step in enumerate(mixed):
             if number >= len(flight):
-                assert not step.flying[rows].any()
+                assert not step.active[rows].any()
                 continue
-            theirs, flying = flight[number], flight[number].flying
-            assert_array_equal(step.flying[rows], flying)
-            for field in Step._fields[1:]:
+            theirs, flying = flight[number], flight[number].active
+            assert_array_equal(step.active[rows], flying)
+            for field in RolloutStep._fields[1:]:
                 if field != "memory":
                     assert_array_equal(getattr(step, field)[rows][flying], getattr(theirs, field)[flying])
 
@@ -154,11 +154,11 @@ def test_a_rollout_in_it_is_that_in_its_parts(name: str) -> None:
 def test_the_info_at_the_end_of_an_episode_is_of_its_last_step() -> None:
     """And not of the next one's first: who falls is far away."""
     steps = list(
-        rollout(Falling(), ConcatenatedVectorEnv([make_vec(2, autoreset_mode="SameStep") for _ in range(2)]), 0)
+        rollout(ZeroThrust(), ConcatenatedVectorEnv([make_vec(2, autoreset_mode="SameStep") for _ in range(2)]), 0)
     )
     last = [step for step in steps if step.terminated.any()]
     assert all(
-        step.tracking_error[row, 2] < -1.0 for step in last for row in np.flatnonzero(step.terminated & step.flying)
+        step.tracking_error[row, 2] < -1.0 for step in last for row in np.flatnonzero(step.terminated & step.active)
     )
 
 

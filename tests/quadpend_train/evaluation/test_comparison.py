@@ -12,7 +12,7 @@ from quadpend_train.evaluation.comparison import MEASURES, compare, differences,
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.reports.tables import markdown, verdicts
-from tests.helpers.policies import Biased, Falling, planted
+from tests.helpers.policies import BiasedADRC, ZeroThrust, synthetic_results
 
 
 def test_every_policy_meets_the_same_episodes() -> None:
@@ -29,8 +29,8 @@ def test_a_planted_difference_is_found_inside_its_interval() -> None:
     random = np.random.default_rng(0)
     hits = 0
     for _ in range(40):
-        base = planted(random.normal(0.1, 0.03, 200))
-        worse = planted(base.rmse[0] + random.normal(0.01, 0.02, 200))
+        base = synthetic_results(random.normal(0.1, 0.03, 200))
+        worse = synthetic_results(base.rmse[0] + random.normal(0.01, 0.02, 200))
         _, low, high = differences(worse, base)["penalised_rmse"]
         hits += low <= 10.0 <= high
         assert high - low < 6.5  # pairing removes the episodes' own spread
@@ -38,7 +38,7 @@ def test_a_planted_difference_is_found_inside_its_interval() -> None:
 
 
 def test_a_policy_that_holds_a_distance_is_that_much_worse() -> None:
-    aside, honest = run_episodes([Biased(0.03)], "hover", 20), run_episodes([Biased(0.0)], "hover", 20)
+    aside, honest = run_episodes([BiasedADRC(0.03)], "hover", 20), run_episodes([BiasedADRC(0.0)], "hover", 20)
     assert differences(aside, honest)["settled_rmse"].value == pytest.approx(30.0, abs=0.05)
 
 
@@ -53,7 +53,9 @@ def test_equal_policies_have_no_winner() -> None:
 
 def test_a_verdict_is_that_of_the_duel() -> None:
     """Amounts lie in their intervals, and what is not significant beside the other tests is not claimed."""
-    comparison = compare({"honest": [Biased(0.0)], "aside": [Biased(0.03)], "falling": [Falling()]}, ["hover"], 20)
+    comparison = compare(
+        {"honest": [BiasedADRC(0.0)], "aside": [BiasedADRC(0.03)], "falling": [ZeroThrust()]}, ["hover"], 20
+    )
     aside, falling = verdicts(comparison)
     assert aside.startswith("In hover, aside loses to honest: RMSE where both survive higher by ")
     value, low, high = compare_pair(comparison, "aside", "honest").bouts["hover"].rmse
@@ -65,7 +67,7 @@ def test_a_verdict_is_that_of_the_duel() -> None:
 
 def test_a_fall_shows_in_survival_and_counts_as_a_metre() -> None:
     """It never drops out of the penalised RMSE, however little was flown, and never enters that of survivors."""
-    flights = run_episodes([Falling()], "calm", 10)
+    flights = run_episodes([ZeroThrust()], "calm", 10)
     assert not flights.survived.any()
     assert (flights.steps < 100).all()
     np.testing.assert_array_equal(flights.penalised_rmse, 1.0)
@@ -75,7 +77,7 @@ def test_a_fall_shows_in_survival_and_counts_as_a_metre() -> None:
     assert summary["penalised_rmse"].value == summary["iqm"].value == 1000.0
     assert np.isnan(summary["rmse_of_survivors"].value)
     assert np.isnan(summary["settled_rmse"].value)
-    half = planted([0.1, 0.2], [True, False])
+    half = synthetic_results([0.1, 0.2], [True, False])
     assert summarise(half)["penalised_rmse"].value == pytest.approx(550.0)
     assert summarise(half)["rmse_of_survivors"].value == pytest.approx(100.0)
 
@@ -147,7 +149,7 @@ def test_mistakes_end_with_one_sentence(arguments: list[str], message: str, caps
 
 
 def test_data_are_json_even_when_nobody_settles(tmp_path: Path) -> None:
-    comparison = compare({"falling": [Falling()]}, ["calm"], episodes=3)
+    comparison = compare({"falling": [ZeroThrust()]}, ["calm"], episodes=3)
     comparison.save(tmp_path)
     data = json.loads((tmp_path / "comparison.json").read_text(), parse_constant=pytest.fail)
     assert data["results"]["calm"]["falling"]["measures"]["settled_rmse"]["value"] is None

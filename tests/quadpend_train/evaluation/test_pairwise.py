@@ -1,4 +1,4 @@
-"""Who wins is said only where it is so: planted differences are found, equals have no winner."""
+"""Who wins is said only where it is so: synthetic differences are found, equals have no winner."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair
 from quadpend_train.reports.tables import leaderboard_table
 from quadpend_train.scenarios import Scenario
-from tests.helpers.policies import Biased, Falling, Shaky, planted
+from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_results
 
 
 def compared(**policies: list[EpisodeResults]) -> Comparison:
@@ -30,7 +30,9 @@ def test_a_planted_advantage_is_found_with_its_amount_in_the_interval() -> None:
     better = [values - random.normal(0.01, 0.01, 200) for values in base[:5]] + [
         base[5] + random.normal(0.0, 0.01, 200)
     ]
-    fought = compare_pair(compared(a=[planted(x) for x in better], b=[planted(x) for x in base]), "a", "b")
+    fought = compare_pair(
+        compared(a=[synthetic_results(x) for x in better], b=[synthetic_results(x) for x in base]), "a", "b"
+    )
     assert fought.won(1) == ["s0", "s1", "s2", "s3", "s4"]
     assert fought.won(0) == ["s5"]
     for name in fought.won(1):
@@ -44,7 +46,9 @@ def test_a_planted_advantage_is_found_with_its_amount_in_the_interval() -> None:
     )
     assert (
         sentence
-        == compare_pair(compared(a=[planted(x) for x in better], b=[planted(x) for x in base]), "b", "a").sentence()
+        == compare_pair(
+            compared(a=[synthetic_results(x) for x in better], b=[synthetic_results(x) for x in base]), "b", "a"
+        ).sentence()
     )
 
 
@@ -55,7 +59,7 @@ def test_equals_have_no_winner() -> None:
         .sentence()
         .startswith("one is not distinguishable from two in 2 (calm, windy); over all")
     )
-    shaky = compare({"one": [Shaky(1)], "two": [Shaky(2)]}, ["calm", "windy", "gusts"], 20)
+    shaky = compare({"one": [NoisyADRC(1)], "two": [NoisyADRC(2)]}, ["calm", "windy", "gusts"], 20)
     assert compare_pair(shaky, "one", "two").won(0) == ["calm", "windy", "gusts"]
 
 
@@ -66,7 +70,8 @@ def test_equals_rarely_win_anything_in_many_scenarios() -> None:
     for _ in range(20):
         base = random.normal(0.1, 0.03, (16, 50))
         one, two = (
-            [planted(x + random.normal(0.0, 0.01, 50), random.random(50) < 0.9) for x in base] for _ in range(2)
+            [synthetic_results(x + random.normal(0.0, 0.01, 50), random.random(50) < 0.9) for x in base]
+            for _ in range(2)
         )
         fights += len(compare_pair(compared(a=one, b=two), "a", "b").won(0)) < 16
     assert fights <= 4
@@ -79,7 +84,9 @@ def test_a_fall_by_chance_is_no_victory(rate: float) -> None:
     claims = 0
     for _ in range(200):
         base = random.normal(0.1, 0.03, 200)
-        one, two = (planted(base + random.normal(0.0, 0.001, 200), random.random(200) >= rate) for _ in range(2))
+        one, two = (
+            synthetic_results(base + random.normal(0.0, 0.001, 200), random.random(200) >= rate) for _ in range(2)
+        )
         claims += compare_pair(compared(a=[one], b=[two]), "a", "b").bouts["s0"].result != 0
     assert claims <= 14
 
@@ -88,11 +95,15 @@ def test_too_few_common_survivals_are_no_evidence_of_rmse() -> None:
     few, many = np.arange(200) < 9, np.arange(200) < 12
     for survived, result in ((few, 0), (many, 1)):
         fought = compare_pair(
-            compared(a=[planted(np.full(200, 0.1), survived)], b=[planted(np.full(200, 0.2), survived)]), "a", "b"
+            compared(
+                a=[synthetic_results(np.full(200, 0.1), survived)], b=[synthetic_results(np.full(200, 0.2), survived)]
+            ),
+            "a",
+            "b",
         )
         assert fought.won(result) == ["s0"]
         assert fought.bouts["s0"].rmse.value == pytest.approx(-100.0)
-    fallen = planted(np.full(200, 0.1), survived=False)
+    fallen = synthetic_results(np.full(200, 0.1), survived=False)
     assert np.isnan(compare_pair(compared(a=[fallen], b=[fallen]), "a", "b").bouts["s0"].rmse.value)
 
 
@@ -100,7 +111,7 @@ def test_all_duels_of_a_comparison_are_one_family() -> None:
     """Each p-value is corrected for the tests of all pairs, and the leaderboard counts those victories."""
     random = np.random.default_rng(5)
     base = random.normal(0.1, 0.03, 200)
-    flown = {name: [planted(base + random.normal(0.0005 * i, 0.005, 200))] for i, name in enumerate("abcdef")}
+    flown = {name: [synthetic_results(base + random.normal(0.0005 * i, 0.005, 200))] for i, name in enumerate("abcdef")}
     comparison = compared(**flown)
     together = compare_all_pairs(comparison)
     assert len(together) == 15
@@ -118,8 +129,8 @@ def test_all_duels_of_a_comparison_are_one_family() -> None:
 def test_survival_comes_first() -> None:
     """Who tracks closely but falls loses to who tracks worse and stays up."""
     random = np.random.default_rng(2)
-    close = planted(random.normal(0.02, 0.001, 200), random.random(200) < 0.8)
-    loose = planted(random.normal(0.3, 0.01, 200))
+    close = synthetic_results(random.normal(0.02, 0.001, 200), random.random(200) < 0.8)
+    loose = synthetic_results(random.normal(0.3, 0.01, 200))
     bout = compare_pair(compared(a=[close], b=[loose]), "a", "b").bouts["s0"]
     assert bout.result == -1
     assert bout.improvement.value > 0.7
@@ -128,7 +139,7 @@ def test_survival_comes_first() -> None:
 
 def test_a_flown_difference_decides() -> None:
     comparison = compare(
-        {"aside": [Biased(0.03)], "honest": [Biased(0.0)], "falling": [Falling()]}, ["calm", "hover"], 20
+        {"aside": [BiasedADRC(0.03)], "honest": [BiasedADRC(0.0)], "falling": [ZeroThrust()]}, ["calm", "hover"], 20
     )
     assert compare_pair(comparison, "honest", "aside").won(1) == ["calm", "hover"]
     first, second, last = leaderboard(comparison)
@@ -141,7 +152,11 @@ def test_a_flown_difference_decides() -> None:
 
 
 def test_every_scenario_weighs_the_same_in_the_leaderboard() -> None:
-    flights = [planted(np.full(50, 0.1)), planted(np.full(50, 0.3)), planted(np.full(50, 0.2), np.arange(50) < 25)]
+    flights = [
+        synthetic_results(np.full(50, 0.1)),
+        synthetic_results(np.full(50, 0.3)),
+        synthetic_results(np.full(50, 0.2), np.arange(50) < 25),
+    ]
     (only,) = leaderboard(compared(a=flights))
     assert only.penalised_rmse.value == pytest.approx((100.0 + 300.0 + 600.0) / 3)
     assert only.survival.value == pytest.approx(250.0 / 3)
@@ -153,9 +168,9 @@ def test_every_scenario_weighs_the_same_in_the_leaderboard() -> None:
 def test_learners_are_judged_over_their_training_seeds() -> None:
     """One good seed of five does not make a winner; five do."""
     random = np.random.default_rng(3)
-    other = planted(random.normal(0.1, 0.01, 200))
-    spread = planted(np.array([[0.04], [0.13], [0.09], [0.11], [0.12]]) + random.normal(0.0, 0.01, (5, 200)))
-    steady = planted(random.normal(0.09, 0.01, (5, 200)))
+    other = synthetic_results(random.normal(0.1, 0.01, 200))
+    spread = synthetic_results(np.array([[0.04], [0.13], [0.09], [0.11], [0.12]]) + random.normal(0.0, 0.01, (5, 200)))
+    steady = synthetic_results(random.normal(0.09, 0.01, (5, 200)))
     assert compare_pair(compared(a=[spread], b=[other]), "a", "b").bouts["s0"].result == 0
     assert compare_pair(compared(a=[steady], b=[other]), "a", "b").bouts["s0"].result == 1
 

@@ -22,14 +22,14 @@ from quadpend_train.reports.html_page import style, write
 from quadpend_train.reports.replay import CHANNELS, MISSING, choose, contenders, packed, recorded, sampled, section
 from quadpend_train.scenarios import SCENARIOS
 from tests.helpers.browser import Browser
-from tests.helpers.policies import planted
+from tests.helpers.policies import synthetic_results
 
 NAMES = {"paper": "adrc-paper", "matched": "adrc-matched"}
 
 
 def constructed(rmse: dict[str, Any], given: tuple[str, ...] | None = None) -> Comparison:
     """Policies with these values (m) in the only scenario, all or some of them given by name."""
-    flights = {("calm", name): planted(values) for name, values in rmse.items()}
+    flights = {("calm", name): synthetic_results(values) for name, values in rmse.items()}
     known: dict[str, list[str]] = {name: [] for name in (rmse if given is None else given)}
     scenarios, episodes = {"calm": SCENARIOS["calm"]}, flights["calm", next(iter(rmse))].rmse.shape[1]
     return Comparison(tuple(rmse), scenarios, episodes, 0, flights, known)

@@ -342,11 +342,11 @@ def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bo
     if ablations:
         _ablate(out)
         return
-    from quadpend_baselines.paper import experiment, figures, merit
+    from quadpend_baselines.paper import experiment, figures, figures_of_merit
 
     flown = experiment.run(gains)
     figures.draw(flown, out)
-    numbers = json.dumps(merit.figures_of_merit(flown), indent=1, allow_nan=False)
+    numbers = json.dumps(figures_of_merit.compute_figures_of_merit(flown), indent=1, allow_nan=False)
     (out / "merit.json").write_text(numbers + "\n", encoding="utf-8")
     print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
 

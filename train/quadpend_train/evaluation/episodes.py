@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy
-from quadpend_baselines.policy.rollout import Step, rollout
+from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.tasks import EPISODE_STEPS
@@ -86,13 +86,13 @@ def run_episodes(
     return EpisodeResults(*(np.stack(parts) for parts in zip(*flown, strict=True)))
 
 
-def collect_results(steps_flown: Iterable[Step], episodes: int) -> EpisodeResults:
+def collect_results(steps_flown: Iterable[RolloutStep], episodes: int) -> EpisodeResults:
     """The measures of a rollout of `episodes` rows, without the axis of the seeds."""
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
     error = np.full((STEPS, episodes), np.nan)
     tilt, effort, gained = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     for number, step in enumerate(steps_flown):
-        flying = step.flying
+        flying = step.active
         error[number, flying] = np.linalg.norm(step.tracking_error[flying], axis=1)
         tilt[flying] = np.fmax(tilt[flying], step.tilt[flying])
         effort[flying] += np.sum(step.action[flying].astype(np.float64) ** 2, axis=1)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_baselines.policy.protocol import started_rows
+from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS
@@ -38,7 +38,7 @@ class FiniteDifferencePolicy:
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Action and memory for observations of shape (n, 27); see `Policy.predict`."""
-        started = started_rows(episode_start, state is None, len(observation))[:, np.newaxis]
+        started = episode_start_mask(episode_start, state is None, len(observation))[:, np.newaxis]
         measured = {name: read_observation(observation, name) for name in _RATES}
         whole = np.empty((len(observation), OBSERVATION_SIZE), np.float32)
         whole[:, OUTPUT_FEEDBACK_COLUMNS] = observation

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.policy.protocol import select_rows, started_rows
+from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
@@ -168,7 +168,7 @@ class MlpPolicy:
         return np.asarray(np.tanh(action) if self._squashed else np.minimum(np.maximum(action, -1.0), 1.0))
 
     def _remembering(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, MlpMemory]:
-        started = started_rows(episode_start, state is None, len(observation))
+        started = episode_start_mask(episode_start, state is None, len(observation))
         seen, companion = observation, None
         if self._companion is not None:
             seen, companion = self._companion.watch(observation, state and state.companion, started)

@@ -172,7 +172,7 @@ def _constant_outcome(seeds: int) -> Outcome:
 def _at_its_mean(policy: MlpPolicy) -> MlpPolicy:
     """The policy with what it decides on average in the training scenarios, always."""
     env = concatenate_scenarios([find_scenario(name) for name in expand(("training",))], 8 * 32)
-    decided = [step.memory.held[step.flying] for step in rollout(policy, env, VALIDATION_SEED)]
+    decided = [step.memory.held[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
     weights, _ = policy.layers[-1]
     constant = np.concatenate(decided).mean(axis=0).astype(np.float32)
     return MlpPolicy([*policy.layers[:-1], (np.zeros_like(weights), constant)], policy.card)

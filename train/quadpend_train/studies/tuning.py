@@ -20,7 +20,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
 from quadpend_baselines import Policy
-from quadpend_baselines.controllers.registry import MAKERS
+from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.validation import check_int
@@ -189,7 +189,7 @@ def _objective(name: str, episodes: int) -> Callable[[optuna.Trial], float]:
 
     def objective(trial: optuna.Trial) -> float:
         values = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SPACES[name].items()}
-        policy = MAKERS[name](changed(GAINS[name], values), None)
+        policy = CONTROLLER_FACTORIES[name](changed(GAINS[name], values), None)
         return lost(collect_results(rollout(policy, fleet, TUNING_SEED), fleet.num_envs))
 
     return objective
@@ -208,7 +208,9 @@ def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = search(name, trials, episodes, seed, folder)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
-    before, after = (score(MAKERS[name](gains, None)) for gains in (GAINS[name], changed(GAINS[name], values)))
+    before, after = (
+        score(CONTROLLER_FACTORIES[name](gains, None)) for gains in (GAINS[name], changed(GAINS[name], values))
+    )
     found = {
         "command": f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}",
         "gains": values,

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.paper.experiment import GUSTS, RECORDED, Experiment
-from quadpend_baselines.paper.flight import Flight
+from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import State
 from quadpend_gym.core.arrays import Floats
 
@@ -16,27 +16,27 @@ _LARGEST_LAG = 20  # records
 _CONVERGED = 6.0  # s, after which the start no longer matters
 
 
-def figures_of_merit(experiment: Experiment) -> dict[str, Any]:
-    """Numbers for every flight, in SI units: errors, convergence times, pendulum, estimates."""
-    return {name: _merit(flight) for name, flight in experiment.flights.items()}
+def compute_figures_of_merit(experiment: Experiment) -> dict[str, Any]:
+    """Numbers for every trajectory, in SI units: errors, convergence times, pendulum, estimates."""
+    return {name: _merit(trajectory) for name, trajectory in experiment.trajectories.items()}
 
 
-def _merit(flight: Flight) -> dict[str, Any]:
-    calm = (flight.time >= _CONVERGED) & (flight.time < GUSTS.onset)
-    windy = flight.time >= GUSTS.onset + GUSTS.hold
-    view = State(flight.state)
+def _merit(trajectory: Trajectory) -> dict[str, Any]:
+    calm = (trajectory.time >= _CONVERGED) & (trajectory.time < GUSTS.onset)
+    windy = trajectory.time >= GUSTS.onset + GUSTS.hold
+    view = State(trajectory.state)
     return {
-        "largest_error_in_calm_air": _by_channel(np.abs(flight.error[calm]).max(axis=0)),
-        "rmse_in_gusts": _by_channel(np.sqrt(np.mean(flight.error[windy] ** 2, axis=0))),
+        "largest_error_in_calm_air": _by_channel(np.abs(trajectory.error[calm]).max(axis=0)),
+        "rmse_in_gusts": _by_channel(np.sqrt(np.mean(trajectory.error[windy] ** 2, axis=0))),
         "convergence_time": {
-            f"{tolerance:g}": _by_channel(np.array([_settles(flight, i, tolerance) for i in range(4)]))
+            f"{tolerance:g}": _by_channel(np.array([_settles(trajectory, i, tolerance) for i in range(4)]))
             for tolerance in _TOLERANCES
         },
-        "alpha_at_onset": float(view.alpha[flight.time < GUSTS.onset][-1]),
+        "alpha_at_onset": float(view.alpha[trajectory.time < GUSTS.onset][-1]),
         "alpha_at_end": float(view.alpha[-1]),
         "beta_range_in_calm_air": [float(view.beta[calm].min()), float(view.beta[calm].max())],
         "estimates": {
-            channel: _estimate(flight.disturbance[windy, column], flight.estimate[windy, column])
+            channel: _estimate(trajectory.disturbance[windy, column], trajectory.estimate[windy, column])
             for channel, column in zip(CHANNELS, _DISTURBED, strict=True)
         },
     }
@@ -46,13 +46,13 @@ def _by_channel(values: Floats) -> dict[str, float | None]:
     return {name: float(value) if np.isfinite(value) else None for name, value in zip(CHANNELS, values, strict=True)}
 
 
-def _settles(flight: Flight, channel: int, tolerance: float) -> float:
+def _settles(trajectory: Trajectory, channel: int, tolerance: float) -> float:
     """T₀ of (8)–(11): the time (s) from which the error stays within `tolerance` until the gusts; inf if never."""
-    before = flight.time < GUSTS.onset
-    outside = np.flatnonzero(np.abs(flight.error[before, channel]) > tolerance)
+    before = trajectory.time < GUSTS.onset
+    outside = np.flatnonzero(np.abs(trajectory.error[before, channel]) > tolerance)
     if outside.size == 0:
         return 0.0
-    return float(flight.time[outside[-1] + 1]) if outside[-1] + 1 < before.sum() else np.inf
+    return float(trajectory.time[outside[-1] + 1]) if outside[-1] + 1 < before.sum() else np.inf
 
 
 def _estimate(true: Floats, seen: Floats) -> dict[str, float]:

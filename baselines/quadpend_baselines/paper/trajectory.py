@@ -1,4 +1,4 @@
-"""A recorded flight, from whichever simulation it came."""
+"""A recorded trajectory, from whichever simulation it came."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ from quadpend_gym.core.arrays import Floats
 
 
 @dataclass(frozen=True)
-class Flight:
-    """A flight, sampled in time.
+class Trajectory:
+    """A trajectory, sampled in time.
 
     Attributes:
         time: s, shape (m,).
