@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.estimator import measurement_from_observation, write
+from quadpend_baselines.estimation.estimator import measurement_from_observation, observation_from_state
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid.companion import Companion
 from quadpend_baselines.policy.protocol import replace_rows, to_action, to_command
@@ -49,20 +49,20 @@ def random_observations(rows: int, outputs: bool) -> Floats32:
 def test_what_is_written_is_what_would_have_been_read(outputs: bool) -> None:
     """Beside any yaw reference; written upon a whole observation or upon one without velocities."""
     state, measured = random_states(200), random_observations(200, outputs)
-    observation = write(state, measured, ROD)
+    observation = observation_from_state(state, measured, ROD)
     assert observation.shape == (200, 36)
     assert observation.dtype == np.float32
     again = measurement_from_observation(observation, ROD)
     assert_allclose(again.state, state, atol=3e-6)
     assert_array_equal(again.reference, measurement_from_observation(measured, ROD).reference)
     assert_array_equal(again.yaw_reference, measurement_from_observation(measured, ROD).yaw_reference)
-    assert_allclose(write(again.state, observation, ROD), observation, atol=1e-5)
+    assert_allclose(observation_from_state(again.state, observation, ROD), observation, atol=1e-5)
 
 
 def test_writing_changes_none_of_what_is_written_from() -> None:
     state, measured = random_states(5), random_observations(5, False)
     kept = state.copy(), measured.copy()
-    write(state, measured, ROD)
+    observation_from_state(state, measured, ROD)
     assert_same((state, measured), kept)
 
 
