@@ -1,1 +1,1 @@
-"""What every other room uses: array types, compilation, validation, random streams, model registries."""
+"""Shared foundations: array types, compilation, validation, random streams, and models as data."""

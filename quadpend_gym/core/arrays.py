@@ -1,4 +1,4 @@
-"""Names for the array types that cross the package's borders."""
+"""Names of the array types in the signatures of the packages."""
 
 import numpy as np
 from numpy.typing import NDArray

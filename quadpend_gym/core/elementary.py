@@ -1,13 +1,15 @@
-"""Sine, cosine, arcsine and logarithm without branches or library calls, so that loops that use them vectorise.
+"""Sine, cosine, arcsine and logarithm without branches and library calls.
+
+Compilers can therefore turn a loop that calls them into vector instructions.
 
 | function | method | error |
 |---|---|---|
 | `sincos` | Cody–Waite reduction to [−π/4, π/4] in three parts of π/2, minimax polynomials | ≤ 2 ulp for abs(x) ≤ 10⁵ |
-| `arcsin` | rational in x², above ½ by arcsin x = π/2 − 2 arcsin √((1−x)/2) | ≤ 2 ulp on [0, 1] |
+| `arcsin` | rational function of x²; for x > ½ the identity arcsin x = π/2 − 2 arcsin √((1−x)/2) | ≤ 2 ulp on [0, 1] |
 | `log`    | x = 2ᵏ·m with m in [√½, √2), series in s = (m−1)/(m+1) | ≤ 2 ulp for normal x > 0 |
 
-Coefficients: the minimax polynomials of FDLIBM (Sun Microsystems, 1993). The errors are measured in
-``tests/quadpend_gym/core/test_elementary.py``.
+The coefficients are those of FDLIBM (Sun Microsystems, 1993). ``tests/quadpend_gym/core/test_elementary.py`` measures
+the errors.
 """
 
 import numpy as np
@@ -15,19 +17,19 @@ import numpy as np
 from quadpend_gym.core.jit import inlined
 
 _TWO_OVER_PI = 0.6366197723675814
-# π/2 as a sum; the first two terms have 33 significant bits, so k·term is exact for k < 2²⁰.
+# π/2 as a sum. The first two terms have 33 significant bits, so the product k·term is exact for k < 2²⁰.
 _HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 
 
 @inlined
 def sincos(x: float) -> tuple[float, float]:
-    """(sin x, cos x) for x in rad."""
+    """Return (sin x, cos x) for x in rad."""
     k = np.rint(x * _TWO_OVER_PI)
     rest = x - k * _HALF_PI[0]
     middle = k * _HALF_PI[1]
     reduced = rest - middle
-    # The part of `middle` that rounding lost in `reduced` is taken off together with the last term.
+    # Rounding loses a part of `middle` in `reduced`; subtract this part together with the last term.
     r = reduced - (k * _HALF_PI[2] - ((rest - reduced) - middle))
     z = r * r
     s = 1.58969099521155010221e-10
@@ -55,7 +57,7 @@ def sincos(x: float) -> tuple[float, float]:
 
 @inlined
 def arcsin(x: float) -> float:
-    """Inverse sine of x in [0, 1], rad."""
+    """Return the arcsine of x in rad, for x in [0, 1]."""
     steep = x > 0.5
     z = 0.5 * (1.0 - x) if steep else x * x
     y = np.sqrt(z) if steep else x
@@ -77,9 +79,9 @@ def arcsin(x: float) -> float:
 
 @inlined
 def log(x: float) -> float:
-    """Natural logarithm of a normal positive x."""
+    """Return the natural logarithm of x, a positive normal number (not a subnormal one)."""
     bits = np.float64(x).view(np.int64)
-    # Adding the distance from √½ to 1 makes the exponent field round m into [√½, √2).
+    # The added constant is the distance from √½ to 1 in the bits; it puts m into [√½, √2).
     k = ((bits + 0x95F619980C433) >> 52) - 1023
     m = np.int64(bits - (k << 52)).view(np.float64)
     f = m - 1.0

@@ -1,12 +1,11 @@
-"""Typed doors to numba: `compiled` for what Python calls, `inlined` for what kernels are made of.
+"""Decorators that compile functions with numba: `compiled` for functions that Python calls, `inlined` for their parts.
 
-`inlined` functions vanish into their caller (LLVM ``alwaysinline``), which is what lets a loop over rows become
-vector instructions. `compiled` functions are cached on disk. Numba would only notice when the file of a compiled
-function changes, not the files of what it inlines, so the cache is stamped with all of the package's files (but those
-of its pictures) and its own.
+LLVM copies `inlined` functions into their callers (``alwaysinline``), which it needs to turn a loop over
+sub-environments into vector instructions. `compiled` functions are cached on disk. A cache is valid until a source file
+of this package or the file of the function changes; the files of the viewer do not count, since they compile nothing.
 
-``fastmath`` stays off: it makes ``isfinite`` lie and the scalar and vectorised loops differ in their last bits.
-``error_model="numpy"`` lets a division by zero give inf instead of a branch.
+``fastmath`` is off: it would let the compiler assume that every number is finite, which breaks ``isfinite``, and round
+scalar and vectorised loops differently. With ``error_model="numpy"`` a division by zero gives inf, without a branch.
 """
 
 from collections.abc import Callable
@@ -27,12 +26,14 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def compiled(function: Function) -> Function:
-    """Compile `function` for calls from Python, with an on-disk cache."""
+    """Compile `function` for calls from Python, and cache the machine code on disk."""
     dispatcher: Any = njit(cache=True, error_model="numpy", nogil=True)(function)
+    # Numba checks only the file of `function`, not the files of the functions inlined into it, and has no public option
+    # for more files. This therefore replaces the private stamp that numba compares with its cache.
     dispatcher._cache._cache_file._source_stamp = (*_SOURCE_STAMP, _stamp(Path(function.__code__.co_filename)))
     return cast(Function, dispatcher)
 
 
 def inlined(function: Function) -> Function:
-    """Compile `function` to be inlined wherever a kernel calls it."""
+    """Compile `function` so that it is inlined into every compiled function that calls it."""
     return cast(Function, njit(forceinline=True, error_model="numpy")(function))

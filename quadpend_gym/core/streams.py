@@ -1,10 +1,12 @@
 """Random numbers as a pure function of (seed, episode, stream, index).
 
-A stream is a 64-bit key; its number n = 0, 1, … is ``mix(key + (n + 1)·γ)``: the SplitMix64 generator (Steele, Lea &
-Flood, OOPSLA 2014) read by index instead of in sequence. Keys are derived by the same mixing, so every sub-environment,
-episode and purpose has a stream of its own: what happens in episode k depends on the seed and on k, not on the number
-of rows, the policy, or what else is drawn. Uniform and normal numbers of one stream share its bits: whoever needs both
-derives two.
+A stream is a 64-bit key. Its n-th number, n = 0, 1, …, is ``mix(key + (n + 1)·γ)``: the SplitMix64 generator (Steele,
+Lea & Flood, OOPSLA 2014) with random access. The same mixing derives keys from keys, so every sub-environment, episode
+and purpose has its own stream. The random numbers of episode k therefore depend only on the seed and on k; they do not
+depend on the number of sub-environments, on the policy, or on other draws.
+
+The uniform and the normal numbers of one stream are computed from the same bits. Code that needs independent uniform
+and normal numbers must derive two streams.
 """
 
 from dataclasses import dataclass
@@ -18,7 +20,7 @@ from quadpend_gym.core.jit import compiled, inlined
 
 Keys = NDArray[np.uint64]
 
-# One stream for each purpose, so that adding wind leaves starts and references unchanged.
+# Each purpose has its own stream, so that adding wind does not change starts and references.
 START_STREAM, REFERENCE_STREAM, WIND_STREAM, SENSOR_STREAM, ACTUATOR_STREAM, PARAMETER_STREAM = 1, 2, 3, 4, 5, 6
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
@@ -34,26 +36,26 @@ def _mix(x: Any) -> Any:
 
 @inlined
 def derive(key: Any, number: int) -> Any:
-    """Key of the `number`-th stream that hangs below the stream `key`."""
+    """Return the key of the `number`-th substream of the stream `key`."""
     return _mix(_mix(key) + np.uint64(number) * _GAMMA)
 
 
 @inlined
 def uniform(key: Any, index: int) -> float:
-    """The `index`-th number of a stream, uniform in (0, 1)."""
+    """Return the `index`-th number of a stream, uniform in (0, 1)."""
     bits = _mix(key + (np.uint64(index) + np.uint64(1)) * _GAMMA)
     return (float(np.int64(bits >> np.uint64(12))) + 0.5) * 2.0**-52
 
 
 @inlined
 def uniform_between(key: Any, index: int, low: float, high: float) -> float:
-    """The `index`-th number of a stream, uniform between `low` and `high`."""
+    """Return the `index`-th number of a stream, uniform between `low` and `high`."""
     return low + (high - low) * uniform(key, index)
 
 
 @inlined
 def normal_pair(key: Any, index: int) -> tuple[float, float]:
-    """The `index`-th pair of independent standard normal numbers of a stream (Box–Muller)."""
+    """Return the `index`-th pair of independent standard normal numbers of a stream (Box–Muller)."""
     radius = np.sqrt(-2.0 * log(uniform(key, 2 * index)))
     sine, cosine = sincos(_TWO_PI * uniform(key, 2 * index + 1))
     return radius * cosine, radius * sine
@@ -92,22 +94,26 @@ def _fill_normal(keys: Keys, index: NDArray[np.int64], out: NDArray[np.float64])
 
 @dataclass(frozen=True)
 class Streams:
-    """One random stream for each of n rows.
+    """A batch of n random streams, usually one for each sub-environment.
 
     Attributes:
-        keys: the streams' keys, shape (n,).
+        keys: Keys of the streams, shape (n,).
     """
 
     keys: Keys
 
     @classmethod
     def from_seeds(cls, seeds: list[int]) -> "Streams":
-        """Streams for non-negative integer seeds, one for each row."""
+        """Return one stream for each of the seeds, which are non-negative integers."""
         states = [np.random.SeedSequence(seed).generate_state(1, np.uint64) for seed in seeds]
         return cls(np.concatenate(states) if states else np.empty(0, np.uint64))
 
     def derive(self, numbers: int | NDArray[np.int64]) -> "Streams":
-        """The streams numbered `numbers`, an integer or one for each row, below these."""
+        """Return one substream of each stream.
+
+        Args:
+            numbers: Number of the substream: one integer for all streams, or an array of shape (n,).
+        """
         out = np.empty_like(self.keys)
         if isinstance(numbers, int):
             _derive_same(self.keys, numbers, out)
@@ -116,25 +122,46 @@ class Streams:
         return Streams(out)
 
     def __getitem__(self, rows: Any) -> "Streams":
-        """The streams of some of the rows."""
+        """Return the streams with indices `rows`."""
         return Streams(self.keys[rows])
 
     def uniform(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
-        """Numbers uniform in (0, 1), shape (n, columns): the `index`-th such block of each row's stream."""
+        """Draw numbers uniform in (0, 1).
+
+        Args:
+            index: Number of the block of `columns` numbers in each stream: one integer for all streams, or an array of
+                shape (n,).
+            columns: Size of a block.
+
+        Returns:
+            Shape (n, columns).
+        """
         out = np.empty((columns, self.keys.shape[0]))
-        _fill_uniform(self.keys, self._each(index), out)
+        _fill_uniform(self.keys, self._as_array(index), out)
         return out.T
 
     def between(self, index: int | NDArray[np.int64], lowest: Any, highest: Any) -> NDArray[np.float64]:
-        """Numbers uniform between bounds, each of shape (columns,), otherwise as `uniform`."""
+        """Draw numbers uniform between bounds.
+
+        Args:
+            index: As in `uniform`.
+            lowest: Lower bounds, shape (columns,).
+            highest: Upper bounds, shape (columns,).
+
+        Returns:
+            Shape (n, columns).
+        """
         low, high = np.asarray(lowest), np.asarray(highest)
         return np.asarray(low + (high - low) * self.uniform(index, low.size))
 
     def normal(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
-        """Standard normal numbers, shape (n, columns): the `index`-th such block of each row's stream."""
+        """Draw standard normal numbers; see `uniform` for the arguments and the result.
+
+        A block of an odd number of columns takes as many numbers of the stream as the next even one.
+        """
         out = np.empty((columns + columns % 2, self.keys.shape[0]))
-        _fill_normal(self.keys, self._each(index), out)
+        _fill_normal(self.keys, self._as_array(index), out)
         return out[:columns].T
 
-    def _each(self, index: int | NDArray[np.int64]) -> NDArray[np.int64]:
+    def _as_array(self, index: int | NDArray[np.int64]) -> NDArray[np.int64]:
         return np.full(self.keys.shape, index) if isinstance(index, int) else index

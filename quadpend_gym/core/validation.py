@@ -1,7 +1,8 @@
-"""Frozen dataclasses as plain data and back, with one sentence for every mistake.
+"""Checks of arguments, and conversion between frozen dataclasses and plain data.
 
-Environment specifications travel as JSON, where a dataclass becomes a mapping and a tuple a list. `build` turns them
-back, strictly: unknown or missing fields and wrong types are refused.
+Environment specifications are stored as JSON, in which a dataclass is a mapping and a tuple is a list. `from_plain`
+converts them back and raises an error for unknown fields, missing fields and wrong types. Every error message is one
+sentence that names the argument, its value and the permitted values.
 """
 
 from collections.abc import Mapping
@@ -11,20 +12,20 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-Record = TypeVar("Record")
+Dataclass = TypeVar("Dataclass")
 
 
-def from_plain(kind: type[Record], value: Any, name: str) -> Record:
-    """Make a `kind` of `value`, which is one already or a mapping of its fields.
+def from_plain(kind: type[Dataclass], value: Any, name: str) -> Dataclass:
+    """Convert plain data to an instance of a dataclass.
 
     Args:
-        kind: a dataclass.
-        value: an instance of `kind`, or a mapping from field names to values.
-        name: what the value is called in error messages.
+        kind: Dataclass.
+        value: Instance of `kind`, which is returned as it is, or mapping from field names to values.
+        name: Name of the value in error messages.
 
     Raises:
-        TypeError: `value` is neither, or misses a field.
-        ValueError: `value` has a field that `kind` has not.
+        TypeError: If `value` is neither, or lacks a field without a default.
+        ValueError: If `value` has a field that `kind` does not have.
     """
     if isinstance(value, kind):
         return value
@@ -35,7 +36,7 @@ def from_plain(kind: type[Record], value: Any, name: str) -> Record:
         raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(known)}")
     for field in known.values():
         if field.name not in value and field.default is MISSING and field.default_factory is MISSING:
-            raise TypeError(f"{name} misses the field {field.name!r}")
+            raise TypeError(f"{name} lacks the field {field.name!r}")
     hints = get_type_hints(kind)
     return kind(**{key: _restore(hints[key], item, f"{name}.{key}") for key, item in value.items()})
 
@@ -47,26 +48,27 @@ def _restore(hint: Any, item: Any, name: str) -> Any:
 
 
 def to_plain_fields(instance: Any) -> None:
-    """Make plain data of a frozen dataclass's fields: numpy's numbers Python's, lists and arrays tuples.
+    """Convert the fields of a frozen dataclass in place: NumPy scalars to Python numbers, lists and arrays to tuples.
 
-    So that a model is equal to its like, can be hashed, and goes to JSON, whatever it was made from.
+    Instances with the same values then compare equal, are hashable and can be written as JSON, independently of the
+    types that they were created with.
     """
     for field in fields(instance):
-        object.__setattr__(instance, field.name, _tidied(getattr(instance, field.name)))
+        object.__setattr__(instance, field.name, _plain(getattr(instance, field.name)))
 
 
-def _tidied(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
-    return tuple(_tidied(item) for item in value) if isinstance(value, list | tuple) else value
+    return tuple(_plain(item) for item in value) if isinstance(value, list | tuple) else value
 
 
 def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> float:
-    """Check that `value` is a finite number in [low, high].
+    """Return `value` as a float after checking that it is a finite number in [low, high].
 
     Raises:
-        TypeError: it is not a number.
-        ValueError: it is not finite or outside the interval.
+        TypeError: If `value` is not a number.
+        ValueError: If `value` is not finite or outside the interval.
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
         raise TypeError(f"{name} must be a number, not {value!r}")
@@ -76,25 +78,27 @@ def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.i
 
 
 def as_float_array(value: Any, name: str) -> NDArray[Any]:
-    """`value` as an array of real numbers.
+    """Return `value` as an array after checking that it contains real numbers only.
+
+    The type of the numbers is kept.
 
     Raises:
-        TypeError: it is not made of them.
+        TypeError: If `value` contains anything else.
     """
     try:
         array = np.asarray(value)
     except ValueError as error:
-        raise TypeError(f"{name} must be made of numbers, not {value!r}") from error
+        raise TypeError(f"{name} must contain only numbers, not {value!r}") from error
     if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be made of numbers, not {value!r}")
+        raise TypeError(f"{name} must contain only numbers, not {value!r}")
     return array
 
 
 def check_int(value: Any, name: str, least: int) -> int:
-    """Check that `value` is a whole number of at least `least`.
+    """Return `value` after checking that it is an integer of at least `least`.
 
     Raises:
-        ValueError: it is not.
+        ValueError: If it is not.
     """
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
@@ -102,11 +106,11 @@ def check_int(value: Any, name: str, least: int) -> int:
 
 
 def check_positive(value: Any, name: str) -> float:
-    """Check that `value` is a finite number above zero.
+    """Return `value` as a float after checking that it is a finite number above zero.
 
     Raises:
-        TypeError: it is not a number.
-        ValueError: it is not finite or not above zero.
+        TypeError: If `value` is not a number.
+        ValueError: If `value` is not finite or not above zero.
     """
     if check_number(value, name) <= 0.0:
         raise ValueError(f"{name} must be above zero, not {value!r}")
@@ -114,26 +118,31 @@ def check_positive(value: Any, name: str) -> float:
 
 
 def check_interval(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> tuple[float, float]:
-    """Check that `value` is a pair (lowest, highest) within [low, high].
+    """Return `value` as a pair of floats after checking that it is a pair (lowest, highest) within [low, high].
 
     Raises:
-        TypeError: it is not a pair of numbers.
-        ValueError: a number is out of range or the pair is out of order.
+        TypeError: If `value` is not a pair of numbers.
+        ValueError: If a number is outside [low, high], or the first number is larger than the second.
     """
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise TypeError(f"{name} must be a pair (lowest, highest), not {value!r}")
     first, last = (check_number(item, name, low, high) for item in value)
     if first > last:
-        raise ValueError(f"{name} must be in order, not {value!r}")
+        raise ValueError(f"{name} must be in the order (lowest, highest), not {value!r}")
     return first, last
 
 
 def as_vector(value: Any, size: int, name: str) -> tuple[float, ...]:
-    """Check that `value` is a finite number, meant for every component, or a sequence of `size` such numbers.
+    """Return `value` as a tuple of `size` floats after checking that all are finite.
+
+    Args:
+        value: One number for all components, or a sequence of `size` numbers.
+        size: Number of components.
+        name: Name of the value in error messages.
 
     Raises:
-        TypeError: it is neither a number nor a sequence of `size` numbers.
-        ValueError: a number is not finite.
+        TypeError: If `value` is neither a number nor a sequence of `size` numbers.
+        ValueError: If a number is not finite.
     """
     if isinstance(value, np.ndarray):
         value = value.tolist()

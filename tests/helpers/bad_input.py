@@ -50,13 +50,13 @@ BAD_ACTIONS: Table = {
     "short": ((0, 0, 0), ValueError, r"action must have shape \(4,\), not \(3,\)"),
     "scalar": (0.0, ValueError, r"action must have shape \(4,\), not \(\)"),
     "nested": (((0, 0, 0, 0),), ValueError, r"action must have shape \(4,\), not \(1, 4\)"),
-    "text": ("hover", TypeError, "action must be made of numbers, not 'hover'"),
-    "numerals": (("1", "0", "0", "0"), TypeError, "action must be made of numbers"),
-    "nothing": (None, TypeError, "action must be made of numbers, not None"),
-    "nothings": ((None,) * 4, TypeError, "action must be made of numbers"),
-    "complex": (np.zeros(4, complex), TypeError, "action must be made of numbers"),
-    "ragged": (((0, 0), (0,)), TypeError, "action must be made of numbers"),
-    "mapping": ({"thrust": 1.0}, TypeError, "action must be made of numbers"),
+    "text": ("hover", TypeError, "action must contain only numbers, not 'hover'"),
+    "numerals": (("1", "0", "0", "0"), TypeError, "action must contain only numbers"),
+    "nothing": (None, TypeError, "action must contain only numbers, not None"),
+    "nothings": ((None,) * 4, TypeError, "action must contain only numbers"),
+    "complex": (np.zeros(4, complex), TypeError, "action must contain only numbers"),
+    "ragged": (((0, 0), (0,)), TypeError, "action must contain only numbers"),
+    "mapping": ({"thrust": 1.0}, TypeError, "action must contain only numbers"),
 }
 
 

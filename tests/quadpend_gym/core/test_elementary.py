@@ -1,4 +1,4 @@
-"""The hand-written functions are as accurate as they say, against 120-bit arithmetic."""
+"""Accuracy of the elementary functions, compared with 120-bit arithmetic."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ mpmath.mp.prec = 120
 
 
 def largest_error(function: Callable[[float], float], exact: Callable[[float], mpmath.mpf], x: Floats) -> float:
-    """Largest error over the points `x`, in units in the last place of the exact result."""
+    """Return the largest error over the points `x`, in units in the last place of the exact result."""
     return max(
         float(abs(mpmath.mpf(function(value)) - exact(value)) / np.spacing(abs(float(exact(value)))))
         for value in x.tolist()
@@ -21,15 +21,15 @@ def largest_error(function: Callable[[float], float], exact: Callable[[float], m
 
 
 def angles() -> Floats:
-    """Angles up to 10⁵ rad, many of them where it is hardest: at the quarter turns, and π/6 from them.
+    """Return angles up to 10⁵ rad, many of them in the two difficult places: at multiples of π/2, and π/6 from them.
 
-    There the sine or cosine is just below one half, so its last place is half of that of the reduced angle.
+    At π/6 the sine or cosine is just below one half, so its last place is half that of the reduced angle.
     """
     rng = np.random.default_rng(0)
-    anywhere = [rng.uniform(-limit, limit, 5000) for limit in (1.0, 10.0, 1e3, 1e5)]
+    everywhere = [rng.uniform(-limit, limit, 5000) for limit in (1.0, 10.0, 1e3, 1e5)]
     quarter_turns = rng.integers(-60_000, 60_000, 10_000) * (np.pi / 2)
     near_sixths = quarter_turns + rng.choice([-1.0, 1.0], 10_000) * rng.uniform(0.49, 0.55, 10_000)
-    return np.concatenate([*anywhere, quarter_turns[quarter_turns != 0.0], near_sixths, [1e5, -1e5]])
+    return np.concatenate([*everywhere, quarter_turns[quarter_turns != 0.0], near_sixths, [1e5, -1e5]])
 
 
 def test_sine_and_cosine_are_within_two_ulp_up_to_1e5() -> None:
@@ -47,8 +47,8 @@ def test_arcsine_is_within_two_ulp() -> None:
 def test_logarithm_is_within_two_ulp() -> None:
     rng = np.random.default_rng(0)
     near_one, normal = rng.uniform(0.5, 2.0, 4000), np.exp(rng.uniform(-708.0, 709.0, 4000))
-    near_folds = np.sqrt(0.5) * 2.0 ** rng.integers(-50, 51, 500) * (1.0 + 1e-9 * rng.normal(size=500))
-    x = np.concatenate([near_one, normal, near_folds, 1.0 + np.geomspace(1e-15, 1e-2, 500), [np.finfo(float).tiny]])
+    near_branches = np.sqrt(0.5) * 2.0 ** rng.integers(-50, 51, 500) * (1.0 + 1e-9 * rng.normal(size=500))
+    x = np.concatenate([near_one, normal, near_branches, 1.0 + np.geomspace(1e-15, 1e-2, 500), [np.finfo(float).tiny]])
     assert largest_error(log, mpmath.log, x[x != 1.0]) <= 2.0
 
 

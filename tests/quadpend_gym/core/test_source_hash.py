@@ -1,4 +1,4 @@
-"""The hash of source code ignores words and notices everything else."""
+"""The hash of source code ignores docstrings, comments and layout, and depends on everything else."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def empty() -> None:
 
 
 def package(folder: Path, source: str = SOURCE, file: str = "model.py") -> Path:
-    """A package of one module."""
+    """Create a package with one module and return its folder."""
     package = folder / "package"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()

@@ -1,4 +1,4 @@
-"""Random streams: SplitMix64 by index, of the distributions they claim, and independent of each other."""
+"""Random streams: they read SplitMix64 by index, have the stated distributions, and are independent of each other."""
 
 import numpy as np
 import pytest
@@ -20,17 +20,17 @@ PURPOSES = [START_STREAM, REFERENCE_STREAM, WIND_STREAM]
 
 
 def block(streams: Streams, index: int) -> Integers:
-    """The same block index for every row."""
+    """Return the same block index for every stream."""
     return np.full(streams.keys.shape, index)
 
 
 def correlations(numbers: Floats) -> Floats:
-    """Correlation coefficients of different rows, shape (n (n−1) / 2,)."""
+    """Return the correlation coefficients of different rows, shape (n (n−1) / 2,)."""
     return np.asarray(np.corrcoef(numbers))[np.triu_indices(len(numbers), 1)]
 
 
 def test_a_stream_is_splitmix64_read_by_index() -> None:
-    """Against the published outputs of the generator seeded with 1234567."""
+    """The generator's published outputs for the seed 1234567 are the reference."""
     outputs = [
         6457827717110365317,
         3203168211198807973,
@@ -63,16 +63,16 @@ def test_first_numbers_of_successive_episodes_are_uniform_and_normal() -> None:
     assert stats.kstest(episodes.normal(block(episodes, 0), 1)[:, 0], "norm").pvalue > 0.01
 
 
-def family() -> Streams:
-    """The streams of four seeds, four episodes and three purposes."""
+def all_streams() -> Streams:
+    """Return the streams of four seeds, four episodes and three purposes."""
     seeds = Streams.from_seeds(list(range(4)))
     keys = [seeds.derive(episode).derive(purpose).keys for episode in range(4) for purpose in PURPOSES]
     return Streams(np.concatenate(keys))
 
 
 @pytest.mark.parametrize("draw", ["uniform", "normal"])
-def test_rows_episodes_and_purposes_are_uncorrelated(draw: str) -> None:
-    streams, n = family(), 100_000
+def test_streams_of_different_seeds_episodes_and_purposes_are_uncorrelated(draw: str) -> None:
+    streams, n = all_streams(), 100_000
     numbers = getattr(streams, draw)(block(streams, 0), n)
     # 1128 coefficients, each nearly normal with a deviation of 1/√n: none is five deviations from zero.
     assert np.abs(correlations(numbers)).max() < 5.0 / np.sqrt(n)
@@ -80,9 +80,9 @@ def test_rows_episodes_and_purposes_are_uncorrelated(draw: str) -> None:
     assert np.abs(successive).max() < 5.0 / np.sqrt(n)
 
 
-def test_no_stream_runs_into_another() -> None:
-    """All streams walk through the same sequence of 2⁶⁴ numbers; from different places, they share none."""
-    streams = family()
+def test_streams_do_not_overlap() -> None:
+    """All streams are parts of one sequence of 2⁶⁴ numbers. Their first 10 000 numbers have none in common."""
+    streams = all_streams()
     numbers = streams.uniform(block(streams, 0), 10_000)
     assert np.unique(numbers).size == numbers.size
 
@@ -93,7 +93,7 @@ def test_streams_of_different_seeds_episodes_and_purposes_have_different_keys() 
     assert np.unique(np.concatenate(keys)).size == 50 * 100 * len(PURPOSES)
 
 
-def test_numbers_do_not_depend_on_the_rows_drawn_beside_them() -> None:
+def test_numbers_of_a_stream_do_not_depend_on_the_other_streams_of_the_batch() -> None:
     many = Streams.from_seeds(list(range(20))).derive(np.arange(20))
     for row in (0, 7, 19):
         alone = Streams.from_seeds([row]).derive(row)
@@ -112,6 +112,6 @@ def test_blocks_are_consecutive_numbers_of_the_stream() -> None:
     assert stream.normal(np.array([2]), 3).tolist() == [[*pairs[0], pairs[1][0]]]
 
 
-def test_uniform_between_scales_the_same_number() -> None:
+def test_uniform_between_scales_the_uniform_number_of_the_same_index() -> None:
     key = np.uint64(11)
     assert uniform_between(key, 5, -2.0, 3.0) == -2.0 + 5.0 * uniform(key, 5)

@@ -48,7 +48,7 @@ BAD_ROW_ACTIONS: Table = {
     "too large": (in_row(1, 0, 0, 1.5, 0), ValueError, r"action of row 1 .* \[-1, 1\], not .* 1.5"),
     "one for all": (np.zeros(4), ValueError, r"action must have shape \(3, 4\), not \(4,\)"),
     "too many rows": (np.zeros((4, 4)), ValueError, r"action must have shape \(3, 4\), not \(4, 4\)"),
-    "text": ("hover", TypeError, "action must be made of numbers"),
+    "text": ("hover", TypeError, "action must contain only numbers"),
 }
 BAD_OPTIONS: Table = {
     "unknown option": ({"wind": None}, ValueError, "no option 'wind'; the options are state, reference"),

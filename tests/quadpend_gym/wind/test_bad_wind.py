@@ -36,7 +36,7 @@ for model, names in ((Gusts, ("pause", "length", "heading")), (Drawn, ("strength
     for name in names:
         BAD += [(model, name, value, f"{name} must be ") for value in NOT_PAIRS]
         BAD += [(model, name, (1.0, value), f"{name} must be a finite number .* not") for value in NOT_FINITE]
-        BAD += [(model, name, (2.0, 1.0), f"{name} must be in order, not .2.0, 1.0")]
+        BAD += [(model, name, (2.0, 1.0), f"{name} must be in the order .lowest, highest., not .2.0, 1.0")]
 BAD += [
     (Gusts, "pause", (-0.1, 1.0), r"pause must be a finite number in \[0, inf\], not -0.1"),
     (Gusts, "length", (0.0, 1.0), r"length must be a finite number in \[0.01, inf\], not 0.0"),
@@ -112,7 +112,7 @@ def test_a_bad_setting_in_a_mapping_is_refused_when_an_environment_is_made(kind:
 
 
 def test_a_drawn_wind_needs_a_wind() -> None:
-    assert_refused(lambda: as_wind({"kind": "drawn"}), "wind misses the field 'wind'", TypeError)
+    assert_refused(lambda: as_wind({"kind": "drawn"}), "wind lacks the field 'wind'", TypeError)
 
 
 class Silent:
