@@ -1,0 +1,48 @@
+"""Train SAC to balance the pendulum in wind, with plain Stable-Baselines3.
+
+    python train/sac.py                             # about two minutes on one core
+    python train/sac.py --total-timesteps 400_000   # a better policy, about ten minutes
+
+Writes `sac.zip`. `python train/compare.py sac.zip` compares it with two classical controllers.
+"""
+
+import argparse
+
+import gymnasium as gym
+import torch
+from stable_baselines3 import SAC
+from stable_baselines3.common.evaluation import evaluate_policy
+
+from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+
+parser = argparse.ArgumentParser(description="Train SAC in wind.")
+parser.add_argument("--total-timesteps", type=int, default=100_000, help="environment steps of training")
+parser.add_argument("--wind", default="windy", help="calm, breeze, windy, storm or paper")
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--out", default="sac.zip", help="file of the trained model")
+args = parser.parse_args()
+
+torch.set_num_threads(1)  # more threads slow down networks as small as this one
+envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=16, wind=args.wind, autoreset_mode="SameStep")
+model = SAC(
+    "MlpPolicy",
+    SB3VecEnv(envs),
+    train_freq=1,  # a step of all 16 sub-environments
+    gradient_steps=4,
+    batch_size=256,
+    buffer_size=300_000,
+    learning_starts=10_000,
+    learning_rate=lambda remaining: 1e-3 * remaining,
+    gamma=0.99,
+    ent_coef="auto_0.1",
+    policy_kwargs={"net_arch": [64, 64]},
+    seed=args.seed,
+    device="cpu",
+    verbose=1,
+)
+model.learn(args.total_timesteps, log_interval=50)
+model.save(args.out)
+
+test_envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=20, wind=args.wind, autoreset_mode="SameStep")
+mean, deviation = evaluate_policy(model, SB3VecEnv(test_envs), n_eval_episodes=20)
+print(f"Return of an episode: {mean:.0f} ± {deviation:.0f} of at most 1000. Saved: {args.out}")
