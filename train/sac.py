@@ -45,4 +45,4 @@ model.save(args.out)
 
 test_envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=20, wind=args.wind, autoreset_mode="SameStep")
 mean, deviation = evaluate_policy(model, SB3VecEnv(test_envs), n_eval_episodes=20)
-print(f"Return of an episode: {mean:.0f} ± {deviation:.0f} of at most 1000. Saved: {args.out}")
+print(f"Mean return of 20 episodes: {mean:.0f} ± {deviation:.0f}; the maximum is 1000. Saved: {args.out}")

@@ -1,1 +1,1 @@
-"""Vector environments for training: the Stable-Baselines3 adapter and wrappers of the training loop."""
+"""Vector environments for training: the adapter to Stable-Baselines3 and the wrappers of the training loop."""

@@ -1,4 +1,4 @@
-"""A learner that decides less often than the environment steps."""
+"""Action repeat: the learner chooses an action less often than the environment steps."""
 
 from typing import Any
 
@@ -9,14 +9,16 @@ from quadpend_gym.wrappers.same_step import last_observations, replace_final_obs
 
 
 class ActionRepeat(VectorWrapper):
-    """Hold every action for several steps of `env`, and add up the rewards.
+    """Apply every action for several steps of `env` and return the sum of their rewards.
 
-    A row whose episode ends while an action is held begins the next one with zero actions, which is the companion alone
-    for a learner that steers, until the learner decides again.
+    A sub-environment whose episode ends during the repeats resets at once. Until the repeats of the others are over it
+    receives zero actions, whose rewards do not count. For a hybrid, a zero action is the base controller alone.
+
+    The info is that of the last of the repeated steps; only ``final_obs`` is collected over all of them.
 
     Args:
-        env: with same-step autoreset.
-        steps: that an action is held.
+        env: A vector environment with same-step autoreset.
+        steps: The number of steps for which an action is applied.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], steps: int) -> None:
@@ -25,21 +27,21 @@ class ActionRepeat(VectorWrapper):
         self._steps = steps
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step every row several times."""
-        earned, deciding = np.zeros(self.num_envs), np.ones(self.num_envs, np.bool_)
-        terminated, truncated = np.zeros(self.num_envs, np.bool_), np.zeros(self.num_envs, np.bool_)
+        """Step every sub-environment several times with its action."""
+        reward_sum, running = np.zeros(self.num_envs), np.ones(self.num_envs, np.bool_)
+        any_terminated, any_truncated = np.zeros(self.num_envs, np.bool_), np.zeros(self.num_envs, np.bool_)
         last = np.zeros(self.observation_space.shape or (), np.float32)
         observation: Any = None
         info: dict[str, Any] = {}
         for _ in range(self._steps):
-            held = np.where(deciding[:, np.newaxis], actions, np.float32(0.0))
-            observation, reward, fell, ran_out, info = self.env.step(held)
-            earned += deciding * reward
-            if (ended := deciding & (fell | ran_out)).any():
-                last[ended] = last_observations(observation, info, fell | ran_out)[ended]
-                terminated |= ended & fell
-                truncated |= ended & ran_out
-                deciding &= ~ended
+            repeated = np.where(running[:, np.newaxis], actions, np.float32(0.0))
+            observation, reward, terminated, truncated, info = self.env.step(repeated)
+            reward_sum += running * reward
+            if (ended := running & (terminated | truncated)).any():
+                last[ended] = last_observations(observation, info, terminated | truncated)[ended]
+                any_terminated |= ended & terminated
+                any_truncated |= ended & truncated
+                running &= ~ended
         info = dict(info)
-        replace_final_observations(info, ~deciding, last)
-        return observation, earned, terminated, truncated, info
+        replace_final_observations(info, ~running, last)
+        return observation, reward_sum, any_terminated, any_truncated, info

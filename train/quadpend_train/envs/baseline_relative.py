@@ -1,18 +1,20 @@
-"""Reward relative to a controller in the very same episodes: a control variate that the seeds give away.
+"""Reward relative to a baseline controller in the same episodes: a control variate.
 
-Every row has a twin with the same start, reference, wind and noise, which the controller flies alone. The learner is
-rewarded with
+Each sub-environment has a *baseline copy*: an environment with the same start, reference, wind and noise, in which a
+classical controller acts alone. The learner's reward is
 
-    (1)  r − r_twin,
+    (1)  r − r_b,
 
-in which the luck that both have cancels, and what is left is what the learner's actions did. The twin begins anew
-whenever the learner's episode ends. Falling must not pay where r < r_twin, so at a fall of the learner all that the
-twin is still to earn is taken off at once, as if it flew on for ever and earned what it earns now; and falls have a
-price c:
+where r is the reward of the learner's step and r_b that of the copy's step. Luck that affects both cancels, so the
+variance of (1) is smaller than that of r. The copy begins a new episode whenever the learner's episode ends.
 
-    (2)  − r_twin γ/(1 − γ) − c     at a fall of the learner,       + c     at a fall of the twin
+A fall, that is an early termination, must not pay when r < r_b. Therefore a fall of the learner costs everything that
+the copy would still earn, estimated as if it earned r_b at every step for ever, and each fall has a penalty c:
 
-(1) alone would leave the best policy what it was, but for the approximation in (2); c moves it towards caution.
+    (2)  − r_b γ/(1 − γ) − c     when the learner falls,       + c     when the copy falls.
+
+After a fall of the copy r_b = 0 until the learner's episode ends. Without c, and apart from the estimate in (2), the
+best policy under (1) is the best policy under r. A positive c makes falls more expensive.
 """
 
 from itertools import pairwise
@@ -29,81 +31,90 @@ from quadpend_train.envs.concatenated import worlds
 
 
 class BaselineRelativeReward(VectorWrapper):
-    """Equations (1) and (2) around `env`.
+    """Replace the reward of `env` by equations (1) and (2).
+
+    The wrapper steps the worlds of `baseline_env` and not the environment itself, because a baseline copy begins its
+    episodes with the learner and goes on after its own fall.
 
     Args:
-        env: a QuadPendulum vector environment or a `Mixture` of them with same-step autoreset, wrapped or not.
-        twin: the same, made once more, without what belongs to the learner.
-        controller: that flies the twin.
-        gamma: γ of a step, below 1.
-        failure_penalty: c.
+        env: A QuadPendulum vector environment or a `ConcatenatedVectorEnv` of several, with same-step autoreset,
+            wrapped or not.
+        baseline_env: The same environment, made a second time, without the wrappers that belong to the learner.
+        controller: The controller that acts in the baseline copies.
+        gamma: The discount factor γ of one step of `env`, below 1.
+        failure_penalty: The penalty c of a fall.
     """
 
     def __init__(
         self,
         env: VectorEnv[Any, Any, Any],
-        twin: VectorEnv[Any, Any, Any],
+        baseline_env: VectorEnv[Any, Any, Any],
         controller: Policy,
         gamma: float,
         failure_penalty: float = 0.0,
     ) -> None:
-        """Pair the rows."""
+        """Pair each sub-environment with its baseline copy."""
         VectorWrapper.__init__(self, env)
         edges = np.cumsum([0, *(world.rows for world in worlds(env))])
         self._parts = [
-            (*worlds_of_both, slice(*edge))
-            for *worlds_of_both, edge in zip(worlds(env), worlds(twin), pairwise(edges), strict=True)
+            (*pair, slice(*edge))
+            for *pair, edge in zip(worlds(env), worlds(baseline_env), pairwise(edges), strict=True)
         ]
-        self._controller, self._ahead, self._fall_cost = controller, gamma / (1.0 - gamma), failure_penalty
-        hidden = twin.single_observation_space.shape == (OUTPUT_FEEDBACK_SIZE,)
+        self._controller, self._failure_penalty = controller, failure_penalty
+        self._horizon = gamma / (1.0 - gamma)
+        hidden = baseline_env.single_observation_space.shape == (OUTPUT_FEEDBACK_SIZE,)
         self._columns = OUTPUT_FEEDBACK_COLUMNS if hidden else np.arange(OBSERVATION_SIZE)
-        self._observation = np.empty((self.num_envs, OBSERVATION_SIZE), np.float32)
+        self._observation = np.empty((self.num_envs, OBSERVATION_SIZE), np.float32)  # of the baseline copies
         self._memory: Any = None
-        self._begun = np.ones(self.num_envs, np.bool_)
-        self._fallen = np.zeros(self.num_envs, np.bool_)  # twins, whose learner flies on
+        self._started = np.ones(self.num_envs, np.bool_)  # copies whose next step is the first of an episode
+        self._fallen = np.zeros(self.num_envs, np.bool_)  # copies that fell while the learner's episode goes on
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Begin in every row, and in its twin.
+        """Begin an episode in every sub-environment and in its baseline copy.
 
         Raises:
-            ValueError: there are options, which twins do not know.
+            ValueError: If `options` are given: the baseline copies could not receive them.
         """
         if options:
-            raise ValueError(f"a paired environment takes no options, not {options!r}")
+            raise ValueError(f"options must be empty for an environment with baseline copies, not {options!r}")
         observation, info = self.env.reset(seed=seed)
-        self._follow(np.ones(self.num_envs, np.bool_))
+        self._copy_episodes(np.ones(self.num_envs, np.bool_))
         return observation, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step every row and its twin."""
+        """Step every sub-environment and its baseline copy."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        earned, fell = self._fly_twins()
-        paid = reward - earned + self._fall_cost * fell
-        paid -= terminated * (~self._fallen * earned * self._ahead + self._fall_cost)
+        baseline_reward, baseline_fell = self._step_copies()
+        relative = reward - baseline_reward + self._failure_penalty * baseline_fell
+        relative -= terminated * (~self._fallen * baseline_reward * self._horizon + self._failure_penalty)
         if (ended := terminated | truncated).any():
-            self._follow(ended)
-        return observation, paid, terminated, truncated, info
+            self._copy_episodes(ended)
+        return observation, relative, terminated, truncated, info
 
-    def _fly_twins(self) -> tuple[Floats, Booleans]:
-        """What the twins earn with a step, nothing after a fall, and whether they fall with it, shape (n,)."""
-        seen = self._observation[:, self._columns]
-        action, self._memory = self._controller.predict(seen, self._memory, self._begun)
-        earned, fallen = np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)
-        for _, twin, rows in self._parts:
-            self._observation[rows], outcome = twin.step(action[rows])
-            earned[rows], fallen[rows] = outcome[REWARD], outcome[TERMINATED] != 0.0
-        earned[self._fallen] = 0.0
-        fell = fallen & ~self._fallen
-        self._fallen |= fallen
-        self._begun[:] = False
-        return earned, fell
+    def _step_copies(self) -> tuple[Floats, Booleans]:
+        """Step the baseline copies.
 
-    def _follow(self, begun: Booleans) -> None:
-        """Let twins begin the episodes that their learners have begun."""
-        for learner, twin, part in self._parts:
-            rows = np.flatnonzero(begun[part])
+        Returns:
+            The reward of each copy, zero after its fall, and whether it fell at this step, both of shape (n,).
+        """
+        observed = self._observation[:, self._columns]
+        action, self._memory = self._controller.predict(observed, self._memory, self._started)
+        reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)
+        for _, baseline_world, rows in self._parts:
+            self._observation[rows], outcome = baseline_world.step(action[rows])
+            reward[rows], terminated[rows] = outcome[REWARD], outcome[TERMINATED] != 0.0
+        reward[self._fallen] = 0.0
+        fell = terminated & ~self._fallen
+        self._fallen |= terminated
+        self._started[:] = False
+        return reward, fell
+
+    def _copy_episodes(self, started: Booleans) -> None:
+        """Begin in the baseline copies the episodes that the learner has just begun, where `started`."""
+        for world, baseline_world, part in self._parts:
+            rows = np.flatnonzero(started[part])
             if rows.size:
-                twin.follow(learner, rows)
-                self._observation[part][rows] = twin.look(rows)[0]
-        self._begun |= begun
-        self._fallen &= ~begun
+                baseline_world.follow(world, rows)
+                self._observation[part][rows] = baseline_world.look(rows)[0]
+        self._started |= started
+        self._fallen &= ~started

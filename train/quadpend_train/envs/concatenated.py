@@ -1,4 +1,4 @@
-"""Several vector environments as one: a learner that trains in many scenarios at once."""
+"""Several vector environments as one, so that a learner can train in many scenarios at once."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -10,38 +10,40 @@ from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.envs.spaces import check_action
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
+from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
 
 class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
-    """The rows of several environments with same-step autoreset, one environment's after the other's.
+    """The sub-environments of several vector environments, in the order of `envs`.
 
-    Its info has ``tracking_error``, ``tilt`` and ``reward_terms`` only.
+    The info has only ``tracking_error``, ``tilt`` and ``reward_terms``, beside the keys of same-step autoreset.
 
     Args:
-        envs: with the same spaces and the same nominal simulation.
+        envs: QuadPendulum vector environments, wrapped or not, with same-step autoreset, equal observation spaces and
+            equal nominal simulations.
 
     Raises:
-        ValueError: there are none, they reset differently, or have different spaces or simulations.
+        ValueError: If `envs` is empty, or the environments differ in one of these properties.
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
-        """Put the environments together."""
+        """Concatenate the environments."""
         if not envs:
-            raise ValueError("a mixture needs an environment")
+            raise ValueError("envs must have at least one environment, not none")
         first = envs[0]
         for env in envs:
             if (mode := env.metadata.get("autoreset_mode")) is not AutoresetMode.SAME_STEP:
-                raise ValueError(f"a mixture's environments must have autoreset_mode SAME_STEP, not {mode}")
+                raise ValueError(f"envs must have autoreset_mode {AutoresetMode.SAME_STEP}, not {mode}")
             if not isinstance(env.unwrapped, QuadPendulumVectorEnv):
-                raise ValueError(f"a mixture is made of QuadPendulum environments, not of {env}")
+                raise ValueError(f"envs must be QuadPendulum vector environments, not {env}")
             if env.single_observation_space != first.single_observation_space:
                 raise ValueError(
-                    f"a mixture's environments must have the same observations, not {first.single_observation_space}"
+                    f"envs must have the same observation space, not {first.single_observation_space}"
                     f" and {env.single_observation_space}"
                 )
             if _world(env).simulation != _world(first).simulation:
-                raise ValueError("a mixture's environments must have the same nominal simulation")
+                raise ValueError("envs must have the same nominal simulation")
         self.envs = list(envs)
         self.metadata = dict(first.metadata)
         self.num_envs = sum(env.num_envs for env in envs)
@@ -54,43 +56,50 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
 
     @property
     def world(self) -> Any:
-        """That of the first environment; all have the same nominal simulation."""
+        """The world of the first environment; the nominal simulation is the same in all of them."""
         return _world(self.envs[0])
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every row; `seed` as in `QuadPendulumVectorEnv.reset`."""
+        """Begin an episode in every sub-environment; `seed` and `options` as in `QuadPendulumVectorEnv.reset`."""
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + row for row in range(self.num_envs)]
         if seed is not None and (not hasattr(seed, "__len__") or len(seed) != self.num_envs):
             raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
-        begun = [
+        results = [
             env.reset(seed=None if seed is None else seed[rows], options=options)
             for env, rows in zip(self.envs, self._rows, strict=True)
         ]
-        return np.concatenate([observation for observation, _ in begun]), _merged([info for _, info in begun])
+        return np.concatenate([observation for observation, _ in results]), _concatenate([info for _, info in results])
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step every row."""
-        actions = check_action(actions, (self.num_envs, 4))
-        if not (np.abs(actions) <= 1.0).all():
-            raise ValueError("action must be four numbers in [-1, 1] in every row")
-        stepped = [env.step(actions[rows]) for env, rows in zip(self.envs, self._rows, strict=True)]
+        """Step every sub-environment."""
+        actions = check_action(actions, (self.num_envs, ACTION_SIZE))
+        if not (np.abs(actions) <= 1.0).all():  # before the first environment moves
+            raise ValueError(f"action must be {ACTION_SIZE} numbers in [-1, 1] for every sub-environment")
+        results = [env.step(actions[rows]) for env, rows in zip(self.envs, self._rows, strict=True)]
         observation, reward, terminated, truncated = (
-            np.concatenate([result[part] for result in stepped]) for part in range(4)
+            np.concatenate([result[item] for result in results]) for item in range(4)
         )
-        info = _merged([result[4] for result in stepped])
+        info = _concatenate([result[4] for result in results])
         ended = terminated | truncated
         if ended.any():
-            last = [last_observations(first, part, fell | ran_out) for first, _, fell, ran_out, part in stepped]
+            last = [last_observations(obs, part, fell | ran_out) for obs, _, fell, ran_out, part in results]
             replace_final_observations(info, ended, np.concatenate(last))
-            finals = [part.get("final_info", part) for *_, part in stepped]  # where none ended, none is read
-            info |= {"final_info": _merged(finals), "_final_info": ended}
+            # The rows of an environment in which no episode ended are masked, so its ordinary info fills them.
+            final_infos = [part.get("final_info", part) for *_, part in results]
+            info |= {"final_info": _concatenate(final_infos), "_final_info": ended}
         return observation, reward, terminated, truncated, info
 
     def close(self, **kwargs: Any) -> None:
-        """Close all."""
+        """Close all environments."""
         for env in self.envs:
             env.close(**kwargs)
+
+
+def worlds(env: VectorEnv[Any, Any, Any]) -> list[Any]:
+    """Return the worlds under an environment: those of the parts of a `ConcatenatedVectorEnv`, or the only one."""
+    unwrapped: Any = env.unwrapped
+    return [_world(part) for part in unwrapped.envs] if isinstance(unwrapped, ConcatenatedVectorEnv) else [_world(env)]
 
 
 def _world(env: VectorEnv[Any, Any, Any]) -> Any:
@@ -99,15 +108,9 @@ def _world(env: VectorEnv[Any, Any, Any]) -> Any:
     return unwrapped.world
 
 
-def _merged(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _concatenate(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
     terms = [info["reward_terms"] for info in infos]
     return {
         **{name: np.concatenate([info[name] for info in infos]) for name in ("tracking_error", "tilt")},
         "reward_terms": {name: np.concatenate([term[name] for term in terms]) for name in terms[0]},
     }
-
-
-def worlds(env: VectorEnv[Any, Any, Any]) -> list[Any]:
-    """The worlds under an environment: one, or those of the parts of a `Mixture`."""
-    inner: Any = env.unwrapped
-    return [_world(part) for part in inner.envs] if isinstance(inner, ConcatenatedVectorEnv) else [_world(inner)]

@@ -1,6 +1,6 @@
-"""Any Gymnasium `VectorEnv` with same-step autoreset as a Stable-Baselines3 `VecEnv`.
+"""An adapter from Gymnasium's `VectorEnv` to Stable-Baselines3's `VecEnv`.
 
-Stable-Baselines3 has its own vector interface; this adapter costs no Python per row except where an episode ended.
+The adapter runs Python code for a single sub-environment only when its episode ends.
 """
 
 import time
@@ -13,14 +13,16 @@ from stable_baselines3.common.vec_env import VecEnv
 
 
 class SB3VecEnv(VecEnv):
-    """`env` as Stable-Baselines3 wants it, with episode statistics as its `Monitor` would give them.
+    """A Gymnasium vector environment with the interface of Stable-Baselines3.
+
+    When an episode ends, ``info["episode"]`` has its return, length and time, as from Stable-Baselines3's `Monitor`.
 
     Args:
-        env: a vector environment whose `metadata["autoreset_mode"]` is `AutoresetMode.SAME_STEP`.
-        reward_scale: factor on the rewards that the learner sees; episode statistics keep the true ones.
+        env: A vector environment whose ``metadata["autoreset_mode"]`` is `AutoresetMode.SAME_STEP`.
+        reward_scale: A factor on the rewards that the learner receives. Episode returns are not scaled.
 
     Raises:
-        ValueError: it resets differently.
+        ValueError: If `env` has another autoreset mode.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], reward_scale: float = 1.0) -> None:
@@ -34,15 +36,15 @@ class SB3VecEnv(VecEnv):
         self._actions = np.empty(0)
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, np.int64)
-        self._began = time.perf_counter()
+        self._start_time = time.perf_counter()
         self._sums: dict[str, float] = {}
         self._steps = 0
 
     def reset(self) -> Any:
-        """Reset every row, with the seeds and options set by `seed` and `set_options`."""
+        """Reset every sub-environment with the seeds and options set by `seed` and `set_options`."""
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         if any(options != self._options[0] for options in self._options):
-            raise ValueError("options must be the same for every row")
+            raise ValueError(f"options must be the same for every sub-environment, not {self._options}")
         observation, _ = self.env.reset(seed=seeds, options=self._options[0] or None)  # type: ignore[arg-type]
         self._reset_seeds()
         self._reset_options()
@@ -51,34 +53,40 @@ class SB3VecEnv(VecEnv):
         return observation
 
     def step_async(self, actions: Any) -> None:
-        """Keep the actions for `step_wait`."""
+        """Store the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
-        """Step every row; rows that end come back with their next episode's first observation."""
+        """Step every sub-environment.
+
+        Returns:
+            Observations, scaled rewards, whether each episode ended, and one info per sub-environment. Where an episode
+            ended, the observation is the first of the next episode and the info has ``terminal_observation``,
+            ``TimeLimit.truncated`` and ``episode``; elsewhere the info is empty.
+        """
         observation, reward, terminated, truncated, vector_info = self.env.step(self._actions)
-        self._count(vector_info)
+        self._add_to_means(vector_info)
         self._returns += reward
         self._lengths += 1
         ended = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for row in np.flatnonzero(ended):
-            infos[row] = {
-                "terminal_observation": vector_info["final_obs"][row],
-                "TimeLimit.truncated": bool(truncated[row] and not terminated[row]),
+        for index in np.flatnonzero(ended):
+            infos[index] = {
+                "terminal_observation": vector_info["final_obs"][index],
+                "TimeLimit.truncated": bool(truncated[index] and not terminated[index]),
                 "episode": {
-                    "r": float(self._returns[row]),
-                    "l": int(self._lengths[row]),
-                    "t": round(time.perf_counter() - self._began, 6),
+                    "r": float(self._returns[index]),
+                    "l": int(self._lengths[index]),
+                    "t": round(time.perf_counter() - self._start_time, 6),
                 },
             }
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
         return observation, (self.reward_scale * reward).astype(np.float32), ended, infos
 
-    def _count(self, vector_info: dict[str, Any]) -> None:
+    def _add_to_means(self, vector_info: dict[str, Any]) -> None:
         self._steps += 1
-        if "tracking_error" in vector_info:  # not of other environments
+        if "tracking_error" in vector_info:  # only QuadPendulum environments have it
             error = np.linalg.norm(vector_info["tracking_error"], axis=1).mean()
             self._sums["tracking_error"] = self._sums.get("tracking_error", 0.0) + error
         for name, value in vector_info.get("reward_terms", {}).items():
@@ -86,16 +94,17 @@ class SB3VecEnv(VecEnv):
                 self._sums[name] = self._sums.get(name, 0.0) + value.mean()
 
     def take_means(self) -> dict[str, float]:
-        """Means of the reward's terms, and of the tracking error (m), over all rows and the steps since the last call.
+        """Return the means of the reward terms and of the tracking error (m), and start new ones.
 
-        At a step that ends an episode they are of the next one's beginning.
+        The means are over all sub-environments and over the steps since the last call. At a step that ends an episode
+        they count the start of the next episode, because the info of the vector environment does.
         """
         means = {name: float(total) / self._steps for name, total in self._sums.items()}
         self._sums, self._steps = {}, 0
         return means
 
     def get_images(self) -> Sequence[Any]:
-        """A picture of each row, of which `render` makes one; of environments with the render mode ``rgb_array``."""
+        """Return a picture of each sub-environment; the render mode of `env` must be ``rgb_array``."""
         return self.env.render()  # type: ignore[return-value]
 
     def close(self) -> None:
@@ -103,27 +112,34 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The vector environment's attribute, once for each row asked for."""
-        return [getattr(self.env, attr_name)] * len(self._rows(indices))
+        """Return the vector environment's attribute, once for each of `indices`."""
+        return [getattr(self.env, attr_name)] * len(self._indices(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set the vector environment's attribute; it has no attributes of single rows."""
-        if len(self._rows(indices)) != self.num_envs:
-            raise ValueError(f"{attr_name} can only be set for all rows at once")
+        """Set the vector environment's attribute.
+
+        Raises:
+            ValueError: If `indices` are not all sub-environments: the vector environment has one value for all.
+        """
+        if len(self._indices(indices)) != self.num_envs:
+            raise ValueError(f"indices must be None or all sub-environments to set {attr_name}, not {indices}")
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call the vector environment's method once; its result, once for each row asked for."""
-        return [getattr(self.env, method_name)(*args, **kwargs)] * len(self._rows(indices))
+        """Call the vector environment's method once and return its result once for each of `indices`."""
+        return [getattr(self.env, method_name)(*args, **kwargs)] * len(self._indices(indices))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Whether a wrapper of this class is around the vector environment; episodes are monitored here."""
+        """Return whether a wrapper of this class is around the vector environment.
+
+        For Stable-Baselines3's `Monitor` the answer is True, because this class itself gives the episode statistics.
+        """
         layer: Any = self.env
         found = wrapper_class.__name__ == "Monitor"
         while not found and layer is not None:
             found = isinstance(layer, wrapper_class)
             layer = getattr(layer, "env", None)
-        return [found] * len(self._rows(indices))
+        return [found] * len(self._indices(indices))
 
-    def _rows(self, indices: Any) -> Sequence[int]:
+    def _indices(self, indices: Any) -> Sequence[int]:
         return list(self._get_indices(indices))

@@ -1,0 +1,42 @@
+"""The scripts in `train/` run as they stand, only for fewer steps."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.sources import ROOT
+
+SCRIPTS = sorted((ROOT / "train").glob("*.py"))
+
+
+def run_script(name: str, folder: Path, *arguments: str) -> str:
+    """Run a script of `train/` in `folder` and return what it prints."""
+    command = [sys.executable, str(ROOT / "train" / name), *arguments]
+    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+def test_there_are_three_scripts() -> None:
+    assert [path.name for path in SCRIPTS] == ["compare.py", "ppo.py", "sac.py"]
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_scripts_have_30_to_60_lines_and_name_their_command_at_the_top(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert 30 <= len(text.splitlines()) <= 60
+    assert f"python train/{path.name}" in text.split('"""')[1]
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_a_model_is_trained_saved_evaluated_and_compared(algo: str, tmp_path: Path) -> None:
+    printed = run_script(f"{algo}.py", tmp_path, "--total-timesteps", "2000")
+    assert "Mean return" in printed
+    assert (tmp_path / f"{algo}.zip").is_file()
+    table = run_script("compare.py", tmp_path, f"{algo}.zip", "--episodes", "2").splitlines()
+    assert [line.split()[:2] for line in table[1:]] == [
+        [scenario, name] for scenario in ("windy", "gusts") for name in (algo, "flatness", "adrc-paper")
+    ]
+    assert (tmp_path / f"{algo}.npz").is_file()
