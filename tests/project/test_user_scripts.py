@@ -42,4 +42,6 @@ def test_the_training_examples_run_beside_a_local_package_of_that_name(package: 
 
 def test_a_copy_of_the_ppo_script_runs_as_train_py(tmp_path: Path) -> None:
     code = (ROOT / "train/ppo.py").read_text(encoding="utf-8")
-    run_as_train_py(re.sub(r"default=[\d_]+, help=\"environment steps", 'default=64, help="environment steps', code), tmp_path)
+    run_as_train_py(
+        re.sub(r"default=[\d_]+, help=\"environment steps", 'default=64, help="environment steps', code), tmp_path
+    )

@@ -1,4 +1,4 @@
-"""Rewards beside a controller's in the same episodes, and actions that are held."""
+"""`BaselineRelativeReward` subtracts the reward of a controller in the same episodes."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,72 +8,73 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
-from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.training.environment import make_env
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, draw_actions, make_vec
 from tests.helpers.training import BRIEF
-from tests.helpers.wrappers import SHORT
 
-IDLE = np.zeros((16, 4), np.float32)
+ZERO_ACTIONS = np.zeros((16, 4), np.float32)
 SETTINGS = replace(BRIEF, companion="flatness", paired=True, max_episode_steps=15, reward_scale=1.0)
-CALM: dict[str, Any] = {"wind": "windy", "autoreset_mode": "SameStep"}
+OPTIONS: dict[str, Any] = {"wind": "windy", "autoreset_mode": "SameStep"}
+GAMMA, PENALTY = 0.9, 2.0
 
 
 @pytest.mark.parametrize("hold", [1, 5])
 @pytest.mark.parametrize("steers", ["action", "pace"])
 @pytest.mark.parametrize("scenario", ["training", "turbulence"])
-def test_who_leaves_the_companion_alone_earns_nothing(scenario: str, steers: Any, hold: int) -> None:
-    """Exactly, in episode after episode: the twin meets the same start, reference, wind, noise and plant."""
+def test_base_controller_alone_has_exactly_zero_reward(scenario: str, steers: Any, hold: int) -> None:
+    """In every episode: the copy has the same start, reference, wind, noise and parameters."""
     env = make_env(replace(SETTINGS, scenario=(scenario,), steers=steers, hold=hold))
     env.seed(7)
     env.reset()
     ends = 0
     for _ in range(50 // hold):
-        _, reward, ended, _ = env.step(IDLE)
+        _, reward, ended, _ = env.step(ZERO_ACTIONS)
         assert_array_equal(reward, 0.0)
         ends += ended.sum()
     assert ends >= 3 * 16
 
 
-def paired(rows: int, **more: Any) -> BaselineRelativeReward:
-    envs = [make_vec(rows, **CALM, **more) for _ in range(2)]
-    return BaselineRelativeReward(*envs, controller("flatness"), 0.9, 2.0)
+def make_relative(num_envs: int) -> BaselineRelativeReward:
+    envs = [make_vec(num_envs, **OPTIONS) for _ in range(2)]
+    return BaselineRelativeReward(*envs, controller("flatness"), GAMMA, PENALTY)
 
 
-def test_a_reward_is_the_difference_from_the_controllers() -> None:
-    env, learner, teacher, policy = paired(4), make_vec(4, **CALM), make_vec(4, **CALM), controller("flatness")
+def test_reward_is_the_difference_from_the_reward_of_the_controller() -> None:
+    env, learner, baseline = make_relative(4), make_vec(4, **OPTIONS), make_vec(4, **OPTIONS)
+    policy = controller("flatness")
     assert_array_equal(env.reset(seed=3)[0], learner.reset(seed=3)[0])
-    observation, memory = teacher.reset(seed=3)[0], None
+    observation, memory = baseline.reset(seed=3)[0], None
     for action in 0.05 * draw_actions(0, 15, 4):
-        seen, paid, terminated, truncated, info = env.step(action)
-        expected, earned, *_, their_info = learner.step(action)
-        bare, memory = policy.predict(observation, memory)
-        observation, beside, *_ = teacher.step(bare)
+        observed, relative, terminated, truncated, info = env.step(action)
+        expected, reward, *_, expected_info = learner.step(action)
+        baseline_action, memory = policy.predict(observation, memory)
+        observation, baseline_reward, *_ = baseline.step(baseline_action)
         assert not (terminated | truncated).any()
-        assert_array_equal(seen, expected)
-        assert_same(info, their_info)
-        assert_allclose(paid, earned - beside, atol=1e-12)
+        assert_array_equal(observed, expected)
+        assert_same(info, expected_info)
+        assert_allclose(relative, reward - baseline_reward, atol=1e-12)
 
 
-def test_a_fall_costs_what_the_controller_would_have_earned_from_there() -> None:
-    env, learner, teacher, policy = paired(3), make_vec(3, **CALM), make_vec(3, **CALM), controller("flatness")
+def test_fall_costs_the_discounted_rewards_that_the_controller_would_still_earn() -> None:
+    env, learner, baseline = make_relative(3), make_vec(3, **OPTIONS), make_vec(3, **OPTIONS)
+    policy = controller("flatness")
     env.reset(seed=3), learner.reset(seed=3)
-    observation, memory = teacher.reset(seed=3)[0], None
+    observation, memory = baseline.reset(seed=3)[0], None
     terminated = np.zeros(3, np.bool_)
-    falling = np.tile(np.float32([-1.0, 0.0, 0.0, 0.0]), (3, 1))
+    no_thrust = np.tile(np.float32([-1.0, 0.0, 0.0, 0.0]), (3, 1))
     while not terminated.any():
-        _, paid, terminated, _, _ = env.step(falling)
-        earned = learner.step(falling)[1]
-        bare, memory = policy.predict(observation, memory)
-        observation, beside, *_ = teacher.step(bare)
-    lost = beside * 0.9 / (1.0 - 0.9) + 2.0
-    assert_allclose(paid, earned - beside - terminated * lost, rtol=1e-9)
+        _, relative, terminated, _, _ = env.step(no_thrust)
+        reward = learner.step(no_thrust)[1]
+        baseline_action, memory = policy.predict(observation, memory)
+        observation, baseline_reward, *_ = baseline.step(baseline_action)
+    cost = baseline_reward * GAMMA / (1.0 - GAMMA) + PENALTY
+    assert_allclose(relative, reward - baseline_reward - terminated * cost, rtol=1e-9)
 
 
-class Falling:
-    """No thrust."""
+class NoThrust:
+    """A policy that falls."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -81,47 +82,22 @@ class Falling:
         return np.tile(np.float32([-1.0, 0.0, 0.0, 0.0]), (len(observation), 1)), None
 
 
-def test_where_only_the_twin_falls_its_fall_is_gained_and_where_both_fall_nothing_is() -> None:
-    envs = [make_vec(3, **CALM) for _ in range(2)]
-    env, policy, memory = BaselineRelativeReward(*envs, Falling(), 0.9, 2.0), controller("flatness"), None
-    observation, gained = env.reset(seed=3)[0], np.zeros(3)
+def test_fall_of_the_controller_alone_is_rewarded_and_a_fall_of_both_is_neutral() -> None:
+    envs = [make_vec(3, **OPTIONS) for _ in range(2)]
+    env, policy, memory = BaselineRelativeReward(*envs, NoThrust(), GAMMA, PENALTY), controller("flatness"), None
+    observation, largest = env.reset(seed=3)[0], np.zeros(3)
     for _ in range(100):
         action, memory = policy.predict(observation, memory)
-        observation, paid, *_ = env.step(action)
-        gained = np.maximum(gained, paid)
-    assert ((gained > 2.0) & (gained < 3.0)).all()
-    assert ((paid > 0.5) & (paid <= 1.0)).all()
+        observation, relative, *_ = env.step(action)
+        largest = np.maximum(largest, relative)
+    assert ((largest > 2.0) & (largest < 3.0)).all()
+    assert ((relative > 0.5) & (relative <= 1.0)).all()
     env.reset(seed=3)
     terminated = np.zeros(3, np.bool_)
     while not terminated.any():
-        _, paid, terminated, *_ = env.step(Falling().predict(observation)[0])
-        assert_array_equal(paid, 0.0)
+        _, relative, terminated, *_ = env.step(NoThrust().predict(observation)[0])
+        assert_array_equal(relative, 0.0)
 
 
-def test_a_paired_environment_takes_no_options() -> None:
-    assert_refused(lambda: paired(2).reset(options={"state": {}}), "takes no options", ValueError)
-
-
-def test_a_held_action_is_taken_again_and_again_and_its_rewards_add_up() -> None:
-    """A row that begins anew waits, without action, until the others decide again."""
-    held, plain = (make_vec(5, **CALM, **SHORT) for _ in range(2))
-    env = ActionRepeat(held, 4)
-    assert_array_equal(env.reset(seed=1)[0], plain.reset(seed=1)[0])
-    ends = 0
-    for action in 0.3 * draw_actions(0, 15, 5):
-        observation, reward, terminated, truncated, info = env.step(action)
-        going, earned, last = np.ones(5, np.bool_), np.zeros(5), [None] * 5
-        ended = np.zeros((2, 5), np.bool_)
-        for _ in range(4):
-            expected, more, fell, ran_out, their_info = plain.step(np.where(going[:, np.newaxis], action, 0.0))
-            earned += going * more
-            for row in np.flatnonzero(going & (fell | ran_out)):
-                last[row], ended[:, row] = their_info["final_obs"][row], (fell[row], ran_out[row])
-                going[row] = False
-        assert_array_equal(observation, expected)
-        assert_array_equal(reward, earned)
-        assert_array_equal([terminated, truncated], ended)
-        for row in np.flatnonzero(terminated | truncated):
-            assert_array_equal(info["final_obs"][row], last[row])
-        ends += (terminated | truncated).sum()
-    assert ends >= 8
+def test_reset_options_are_refused() -> None:
+    assert_refused(lambda: make_relative(2).reset(options={"state": {}}), "options must be empty", ValueError)

@@ -1,4 +1,4 @@
-"""The adapter gives Stable-Baselines3 what its own vector environments would."""
+"""`SB3VecEnv` behaves like the vector environments of Stable-Baselines3."""
 
 from typing import Any
 
@@ -12,24 +12,24 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from quadpend_gym import OrnsteinUhlenbeck, QuadPendulumVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 
-ROWS, STEPS = 3, 150
+NUM_ENVS, STEPS = 3, 150
 
 
-def single() -> gym.Env[Any, Any]:
+def make_monitored() -> gym.Env[Any, Any]:
     return Monitor(gym.make("quadpend_gym:QuadPendulum-v0", wind=OrnsteinUhlenbeck(), max_episode_steps=60))
 
 
-def test_it_does_exactly_what_dummy_vec_env_with_monitors_does() -> None:
-    """Observations, rewards, ends, terminal observations, truncation and episode statistics, row by row."""
-    reference = DummyVecEnv([single] * ROWS)
+def test_steps_equal_those_of_dummy_vec_env_with_monitors() -> None:
+    """Observations, rewards, dones, terminal observations, truncation and episode statistics."""
+    reference = DummyVecEnv([make_monitored] * NUM_ENVS)
     env = SB3VecEnv(
         QuadPendulumVectorEnv(
-            ROWS, wind=OrnsteinUhlenbeck(), max_episode_steps=60, autoreset_mode=AutoresetMode.SAME_STEP
+            NUM_ENVS, wind=OrnsteinUhlenbeck(), max_episode_steps=60, autoreset_mode=AutoresetMode.SAME_STEP
         )
     )
     reference.seed(5), env.seed(5)
     np.testing.assert_array_equal(reference.reset(), env.reset())
-    actions = np.random.default_rng(0).normal(scale=0.03, size=(STEPS, ROWS, 4)).clip(-1, 1).astype(np.float32)
+    actions = np.random.default_rng(0).normal(scale=0.03, size=(STEPS, NUM_ENVS, 4)).clip(-1, 1).astype(np.float32)
     ended = 0
     for action in actions:
         expected, given = reference.step(action), env.step(action)
@@ -42,16 +42,16 @@ def test_it_does_exactly_what_dummy_vec_env_with_monitors_does() -> None:
             assert info["episode"]["l"] == other["episode"]["l"]
             assert info["episode"]["r"] == pytest.approx(other["episode"]["r"], abs=1e-5)
             ended += 1
-    assert ended > ROWS
+    assert ended > NUM_ENVS
 
 
-def test_rows_whose_episode_goes_on_have_an_empty_info() -> None:
+def test_info_is_empty_while_an_episode_goes_on() -> None:
     env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
     env.reset()
     assert env.step(np.zeros((2, 4), np.float32))[3] == [{}, {}]
 
 
-def test_any_vector_env_with_same_step_autoreset_will_do() -> None:
+def test_other_vector_environments_with_same_step_autoreset_are_accepted() -> None:
     cartpole = gym.make_vec(
         "CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
     )
@@ -61,7 +61,7 @@ def test_any_vector_env_with_same_step_autoreset_will_do() -> None:
     assert any("episode" in info for _, _, _, infos in ends for info in infos)
 
 
-def test_scaled_rewards_leave_the_episode_statistics_alone() -> None:
+def test_reward_scale_does_not_change_episode_statistics() -> None:
     plain, scaled = (
         SB3VecEnv(QuadPendulumVectorEnv(2, max_episode_steps=3, autoreset_mode="SameStep"), scale)
         for scale in (1.0, 0.01)
@@ -74,12 +74,12 @@ def test_scaled_rewards_leave_the_episode_statistics_alone() -> None:
     assert given[3][0]["episode"]["r"] == expected[3][0]["episode"]["r"]
 
 
-def test_another_autoreset_mode_is_refused() -> None:
+def test_other_autoreset_modes_are_refused() -> None:
     with pytest.raises(ValueError, match=r"must have autoreset_mode AutoresetMode.SAME_STEP, not AutoresetMode.NEXT"):
         SB3VecEnv(QuadPendulumVectorEnv(2))
 
 
-def test_options_and_seeds_reach_the_environment_once() -> None:
+def test_options_and_seeds_apply_to_one_reset() -> None:
     env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
     env.seed(1)
     env.set_options({"state": {"position": [1.0, 2.0, 3.0]}})
@@ -89,36 +89,36 @@ def test_options_and_seeds_reach_the_environment_once() -> None:
     assert not np.any(env.env.unwrapped.state.position == [1.0, 2.0, 3.0])  # type: ignore[attr-defined]
 
 
-def test_attributes_and_wrappers_are_those_of_the_vector_environment() -> None:
+def test_attributes_and_wrappers_belong_to_the_vector_environment() -> None:
     env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
     assert env.get_attr("num_envs") == [2, 2]
     assert env.env_is_wrapped(Monitor) == [True, True]
     assert env.env_is_wrapped(gym.Wrapper) == [False, False]
-    with pytest.raises(ValueError, match="can only be set for all rows"):
+    with pytest.raises(ValueError, match="all sub-environments to set num_envs"):
         env.set_attr("num_envs", 3, indices=[0])
 
 
-def test_means_are_of_all_rows_and_the_steps_since_the_last() -> None:
-    inner, twin = (QuadPendulumVectorEnv(3, wind=OrnsteinUhlenbeck(), autoreset_mode="SameStep") for _ in range(2))
+def test_means_cover_all_sub_environments_and_the_steps_since_the_last_call() -> None:
+    inner, reference = (QuadPendulumVectorEnv(3, wind=OrnsteinUhlenbeck(), autoreset_mode="SameStep") for _ in range(2))
     env = SB3VecEnv(inner, 0.01)
     env.seed(0)
     env.reset()
     assert env.take_means() == {}
-    twin.reset(seed=0)
+    reference.reset(seed=0)
     for steps in (1, 4):
-        told = [twin.step(np.zeros((3, 4), np.float32))[4] for _ in range(steps)]
+        step_infos = [reference.step(np.zeros((3, 4), np.float32))[4] for _ in range(steps)]
         for _ in range(steps):
             env.step(np.zeros((3, 4), np.float32))
         means = env.take_means()
         assert means.keys() == {"tracking", "upright", "yaw", "effort", "tracking_error"}
-        error = np.mean([np.linalg.norm(info["tracking_error"], axis=1) for info in told])
+        error = np.mean([np.linalg.norm(info["tracking_error"], axis=1) for info in step_infos])
         assert means.pop("tracking_error") == pytest.approx(error)
         for name, value in means.items():
-            assert value == pytest.approx(np.mean([info["reward_terms"][name] for info in told]))
+            assert value == pytest.approx(np.mean([info["reward_terms"][name] for info in step_infos]))
     assert env.take_means() == {}
 
 
-def test_other_environments_have_no_means() -> None:
+def test_environments_without_reward_terms_have_no_means() -> None:
     env = SB3VecEnv(
         gym.make_vec("CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": "SameStep"})
     )

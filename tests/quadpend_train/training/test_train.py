@@ -353,7 +353,7 @@ def test_the_learner_is_rewarded_for_what_the_settings_say() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"scenario": ("calm", "output_feedback")}, "same observations"),
+        ({"scenario": ("calm", "output_feedback")}, "same observation space"),
         ({"companion": "lqr", "steers": "pace"}, "only the flatness-based controller has a pace"),
         ({**STEERED, "authority": 4.0}, "authority .* not 4.0"),
         ({**STEERED, "scenario": json.dumps({"history": 2})}, "36 or 27 numbers"),
