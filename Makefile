@@ -1,12 +1,12 @@
-# Two commands for newcomers: `make demo` and `make test`. Everything runs in .venv, which is made on first use.
+# Start with `make demo` and `make test`. All targets run in .venv, which the first one creates.
 
 PYTHON ?= python3
 BIN := .venv/bin
-TEST_SEED := 1000000  # of the first test episode; nothing is tuned on these
+TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
 .PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat golden clean
 
-demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO and the best classical controller
+demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
 	$(BIN)/quadpend train --settings demo --out runs/demo
 	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=runs/demo --scenarios calm windy --episodes 200 --seed $(TEST_SEED) --out results/demo
@@ -14,20 +14,20 @@ demo: .venv/.installed  ## train PPO in wind, compare it with ADRC-DESO and the 
 SEEDS := 0 1 2 3 4
 comma := ,
 space := $(subst ,, )
-evidence: .venv/.installed  ## the results table of the README: five training seeds against classical controllers
+evidence: .venv/.installed  ## results table of the README: five training seeds against classical controllers
 	rm -rf $(SEEDS:%=runs/demo-%)
 	$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings demo --seed $(seed) --out runs/demo-$(seed) &&) true
 	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
 LEARNERS := ppo-pace sac-pace ppo-pace-hover sac-pace-hover
-learners: .venv/.installed  ## the learned policies of the package: five training seeds each
+learners: .venv/.installed  ## train the learned policies that the package ships: five training seeds each
 	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
 	mkdir -p train/quadpend_train/policies/shipped
 	$(foreach name,$(LEARNERS),$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings $(name) --seed $(seed) --out runs/$(name)-$(seed) && \
 		cp runs/$(name)-$(seed)/policy.npz train/quadpend_train/policies/shipped/$(name)-$(seed).npz &&)) true
 
-ablations: .venv/.installed  ## the part of docs/results.md that says what each part of a learner is worth
+ablations: .venv/.installed  ## section of docs/results.md that compares training with and without each part of a learner
 	$(BIN)/quadpend ablate --document docs/results.md
 
 CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
@@ -37,23 +37,24 @@ results: .venv/.installed  ## docs/results.md: learned policies and classical co
 	$(BIN)/quadpend evaluate --policies flatness adrc-paper ppo-pace-hover sac-pace-hover --scenarios hover hover_windy --episodes 200 \
 		--seed $(TEST_SEED) --out docs/hover
 
-animation: .venv/.installed  ## the film of the README: a gust, the paper's controller and a learned policy, at half speed
+animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
 	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-pace-0 --scenario docs/gust.toml --seconds 1.5 5 --speed 0.5 \
 		--zoom 1.4 --fps 16.7 --size 960 560 --out docs/gust.gif
 
-pictures: .venv/.installed  ## the pictures of docs/models.md
+pictures: .venv/.installed  ## figures of docs/models.md
 	$(BIN)/quadpend wind --out docs/models
 
-test: .venv/.installed  ## the tests
-	$(BIN)/python -m pytest
+WORKERS := auto  # processes that run the tests; 0 runs them in one process
+test: .venv/.installed  ## run the tests
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
-check: .venv/.installed  ## what CI runs: format, lint, types, tests
+check: .venv/.installed  ## run what CI runs: format, lint, types, tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(MAKE) test
 
-format: .venv/.installed  ## let ruff format and mend
+format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
@@ -66,7 +67,7 @@ time-to-beat: .venv/.installed  ## docs/time_to_beat.md: training time until a p
 golden: .venv/.installed  ## hashes of results: written on the first run, compared on the next; run before and after a refactoring
 	$(BIN)/python -m benchmarks.golden
 
-clean:  ## caches of the compiler and the tools; numba does not notice edits in inlined functions of other files
+clean:  ## delete the caches of numba and of the tools
 	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
 
