@@ -7,7 +7,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import as_float_array, from_plain
-from quadpend_gym.physics.kernel import DIVERGED
+from quadpend_gym.physics.kernel import DIVERGENCE_LIMIT
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks.references import Reference
 
@@ -54,8 +54,10 @@ def _check_state(state: Any, rows: int) -> dict[str, Floats]:
         array = as_float_array(value, f"options['state'][{name!r}]").astype(np.float64)
         if array.shape not in {(3,), (rows, 3)}:
             raise ValueError(f"options['state'][{name!r}] must have shape (3,) or ({rows}, 3), not {array.shape}")
-        if not (np.abs(array) < DIVERGED).all():
-            raise ValueError(f"options['state'][{name!r}] must be finite and below {DIVERGED:g}, not {array.tolist()}")
+        if not (np.abs(array) < DIVERGENCE_LIMIT).all():
+            raise ValueError(
+                f"options['state'][{name!r}] must be finite and below {DIVERGENCE_LIMIT:g}, not {array.tolist()}"
+            )
         checked[name] = array
     if "direction" in checked and not np.linalg.norm(checked["direction"], axis=-1).all():
         raise ValueError("options['state']['direction'] must not be zero")

@@ -38,7 +38,15 @@ from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import (
     thrust_axis,
 )
-from quadpend_gym.physics.kernel import BLOCK, DIVERGED, LANE_STATE, THRUST_AXIS, gather, integrate, scatter
+from quadpend_gym.physics.kernel import (
+    BLOCK,
+    DIVERGENCE_LIMIT,
+    LANE_STATE_SIZE,
+    THRUST_AXIS,
+    gather,
+    integrate,
+    scatter,
+)
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, POSITION, STATE_SIZE
 from quadpend_gym.physics.vectors import Vec3, load, norm, store
@@ -47,12 +55,12 @@ from quadpend_gym.tasks.observation import (
     REFERENCE_START,
     TARGET_SIZE,
     Target,
-    Tracking,
+    TrackingErrors,
     load_target,
     observe_reference,
     observe_state,
     store_target,
-    track,
+    tracking_errors,
 )
 from quadpend_gym.tasks.references import REFERENCE_SIZE, reference_point
 from quadpend_gym.tasks.rewards import reward_terms
@@ -64,7 +72,7 @@ MEMORY_EDGES = (0, *accumulate((STATE_SIZE, PARAMETERS_SIZE, REFERENCE_SIZE)))
 # reference, time.
 _TARGET = OUTCOME_SIZE
 _STATE, _ACTION, _REFERENCE, _TIME, _END = (
-    _TARGET + size for size in accumulate((SEEN_STATE, LANE_STATE, ACTION_SIZE, REFERENCE_SIZE, 1))
+    _TARGET + size for size in accumulate((SEEN_STATE, LANE_STATE_SIZE, ACTION_SIZE, REFERENCE_SIZE, 1))
 )
 
 
@@ -93,7 +101,7 @@ def _diverged(state: Any, lane: int) -> bool:
     size = 0.0
     for field in range(STATE_SIZE):
         size = size + abs(state[field, lane])
-    return not (size < DIVERGED)
+    return not (size < DIVERGENCE_LIMIT)
 
 
 @inlined
@@ -110,7 +118,7 @@ def _over(state: Any, lane: int, error: Vec3, rod_length: float, limits: Any) ->
 
 @inlined
 def _measure(
-    state: Any, action: Any, physics: Any, lane: int, tracking: Tracking, limits: Any, weights: Any, out: Any
+    state: Any, action: Any, physics: Any, lane: int, tracking: TrackingErrors, limits: Any, weights: Any, out: Any
 ) -> None:
     """Write reward, termination and measurements into column `lane` of a (10, n) buffer."""
     r = load(state, DIRECTION, lane)
@@ -200,7 +208,7 @@ def _step(
             target = Target(point.d0, point.d1, point.yaw)
             store_target(target, target_lanes, lane)
             target_lanes[TARGET_SIZE, lane] = physics_lanes[ROD_LENGTH, lane]
-            tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
+            tracking = tracking_errors(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
             _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, buffer)
         for lane in range(lanes):
             if diverged[lane]:
@@ -212,7 +220,9 @@ def _step(
             scatter(observation_lanes[REFERENCE_START:], first, lanes, observation[:, REFERENCE_START:])
         else:
             for lane in range(lanes):
-                tracking = track(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], load_target(target_lanes, lane))
+                tracking = tracking_errors(
+                    state_lanes, lane, physics_lanes[ROD_LENGTH, lane], load_target(target_lanes, lane)
+                )
                 observe_state(state_lanes, lane, tracking, observation_lanes, lane)
             scatter(observation_lanes, first, lanes, observation)
     return -1
@@ -278,7 +288,7 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
         size = min(BLOCK, sensed.shape[1] - first)
         for lane in range(size):
             column = first + lane
-            tracking = track(state, column, sensed[TARGET_SIZE, column], load_target(sensed, column))
+            tracking = tracking_errors(state, column, sensed[TARGET_SIZE, column], load_target(sensed, column))
             observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
             for field in range(REFERENCE_START):

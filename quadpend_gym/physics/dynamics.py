@@ -102,7 +102,7 @@ def euler_acceleration(torque: Vec3, physics: Physics) -> Vec3:
 
 
 @inlined
-def rod_pull(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
+def unconstrained_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
     """w = (d_B/m_c − F/M) / l, the acceleration that equation (3) projects; `force` is F."""
     of_bob = 1.0 / (physics.bob_mass * physics.rod_length)
     of_quadrotor = -1.0 / (physics.quadrotor_mass * physics.rod_length)
@@ -139,7 +139,7 @@ def _accelerations(state: Floats, command: Floats, disturbance: Floats, paramete
         torque = axpy(1.0, load(disturbance, TORQUE, row), load(command, COMMAND_TORQUE, row))
         force = axpy(command[THRUST, row], thrust_axis(load(state, EULER, row)), load(disturbance, FORCE, row))
         bob_force = load(disturbance, BOB_FORCE, row)
-        pull = rod_pull(force, bob_force, physics)
+        pull = unconstrained_acceleration(force, bob_force, physics)
         r_ddot = direction_acceleration(load(state, DIRECTION, row), load(state, DIRECTION_RATE, row), pull)
         position_ddot = axpy(-centre_offset(physics), r_ddot, centre_acceleration(force, bob_force, physics))
         euler_ddot = euler_acceleration(torque, physics)

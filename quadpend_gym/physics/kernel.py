@@ -27,7 +27,7 @@ from quadpend_gym.physics.dynamics import (
     direction_acceleration,
     euler_acceleration,
     load_physics,
-    rod_pull,
+    unconstrained_acceleration,
     thrust_axis,
 )
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE
@@ -55,12 +55,12 @@ BLOCK = 64
 THRUST_AXIS = STATE_SIZE
 
 
-LANE_STATE = STATE_SIZE + 3
+LANE_STATE_SIZE = STATE_SIZE + 3
 
 
 # Edges of the parts of the buffer of lanes in `advance`.
-_COMMAND, _DISTURBANCE, _PHYSICS, _END = accumulate((LANE_STATE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE))
-DIVERGED = 1e6  # a state this large is no longer a state
+_COMMAND, _DISTURBANCE, _PHYSICS, _END = accumulate((LANE_STATE_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE))
+DIVERGENCE_LIMIT = 1e6  # a state this large is no longer a state
 
 
 @inlined
@@ -82,15 +82,15 @@ def _substep(state: Any, command: Any, disturbance: Any, physics_lanes: Any, lan
     force_m = axpy(thrust, thrust_axis(_euler_after(euler, euler_rate, euler_ddot, 0.5 * h)), quadrotor_force)
     force_1 = axpy(thrust, axis_end, quadrotor_force)
 
-    pull_m = rod_pull(force_m, bob_force, physics)
+    pull_m = unconstrained_acceleration(force_m, bob_force, physics)
     r, v1 = load(state, DIRECTION, lane), load(state, DIRECTION_RATE, lane)
-    a1 = direction_acceleration(r, v1, rod_pull(force_0, bob_force, physics))
+    a1 = direction_acceleration(r, v1, unconstrained_acceleration(force_0, bob_force, physics))
     v2 = axpy(0.5 * h, a1, v1)
     a2 = direction_acceleration(axpy(0.5 * h, v1, r), v2, pull_m)
     v3 = axpy(0.5 * h, a2, v1)
     a3 = direction_acceleration(axpy(0.5 * h, v2, r), v3, pull_m)
     v4 = axpy(h, a3, v1)
-    a4 = direction_acceleration(axpy(h, v3, r), v4, rod_pull(force_1, bob_force, physics))
+    a4 = direction_acceleration(axpy(h, v3, r), v4, unconstrained_acceleration(force_1, bob_force, physics))
     r_end = axpy(h / 6.0, add(add(v1, v4), scale(2.0, add(v2, v3))), r)
     v_end = axpy(h / 6.0, add(add(a1, a4), scale(2.0, add(a2, a3))), v1)
     r_end = scale(1.0 / norm(r_end), r_end)
@@ -134,7 +134,7 @@ def scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
 def integrate(
     state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
 ) -> None:
-    """As `advance`, on (field, lane) buffers; three more rows of `state` take the thrust axis, see `LANE_STATE`."""
+    """As `advance`, on (field, lane) buffers; three more rows of `state` take the thrust axis, see `LANE_STATE_SIZE`."""
     for lane in range(lanes):
         store(state, THRUST_AXIS, lane, thrust_axis(load(state, EULER, lane)))
     for _ in range(substeps):

@@ -109,7 +109,7 @@ def store_target(target: Target, lanes: Any, lane: int) -> None:
     lanes[6, lane] = target.yaw
 
 
-class Tracking(NamedTuple):
+class TrackingErrors(NamedTuple):
     """How well the reference is tracked: flat-output error (m), its rate (m/s), yaw error (rad)."""
 
     error: Vec3
@@ -118,14 +118,14 @@ class Tracking(NamedTuple):
 
 
 @inlined
-def track(state: Any, lane: int, rod_length: float, target: Target) -> Tracking:
+def tracking_errors(state: Any, lane: int, rod_length: float, target: Target) -> TrackingErrors:
     """Tracking errors of the state in column `lane` of an (18, n) buffer."""
     bob = axpy(rod_length, load(state, DIRECTION, lane), load(state, POSITION, lane))
     bob_rate = axpy(rod_length, load(state, DIRECTION_RATE, lane), load(state, VELOCITY, lane))
     should, rate = target.position, target.velocity
     error = Vec3(bob.x - should.x, bob.y - should.y, state[POSITION + 2, lane] - should.z)
     error_rate = Vec3(bob_rate.x - rate.x, bob_rate.y - rate.y, state[VELOCITY + 2, lane] - rate.z)
-    return Tracking(error, error_rate, state[EULER + 2, lane] - target.yaw)
+    return TrackingErrors(error, error_rate, state[EULER + 2, lane] - target.yaw)
 
 
 _RECIPROCAL = (1.0 / OBSERVATION_SCALE).astype(np.float32)
@@ -138,7 +138,7 @@ def _store_scaled(out: Any, first: int, lane: int, a: Vec3) -> None:
 
 
 @inlined
-def observe_state(state: Any, lane: int, tracking: Tracking, out: Any, place: int) -> None:
+def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, place: int) -> None:
     """Write what the observation has of the state in column `lane`, true or sensed, into column `place` of `out`."""
     attitude = Vec3(state[EULER, lane], state[EULER + 1, lane], tracking.yaw_error)
     _store_scaled(out, _TRACKING_ERROR, place, tracking.error)

@@ -12,7 +12,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import check_interval, check_number, from_plain
 
 EPISODE_STEPS = 1000  # control steps of an episode that is not terminated early: 10 s at the default period
-Range = tuple[float, float]
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class ReferenceSettings:
     circle: float = 1.0
     figure_eight: float = 1.0
     helix: float = 1.0
-    height: Range = (2.0, 3.0)  # m, above the ground z = 0
-    radius: Range = (0.3, 1.5)  # m
-    acceleration: Range = (0.2, 1.0)  # m/s², horizontal peak
-    climb: Range = (-0.1, 0.1)  # m/s, of a helix
+    height: Interval = (2.0, 3.0)  # m, above the ground z = 0
+    radius: Interval = (0.3, 1.5)  # m
+    acceleration: Interval = (0.2, 1.0)  # m/s², horizontal peak
+    climb: Interval = (-0.1, 0.1)  # m/s, of a helix
     yaw_offset: float = 0.5  # rad, drawn in ±
     yaw_amplitude: float = 0.3  # rad
     yaw_frequency: float = 1.0  # rad/s

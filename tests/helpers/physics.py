@@ -42,7 +42,7 @@ def random_disturbances(rows: int, seed: int) -> Floats:
     return np.random.default_rng([2, seed]).normal(size=(rows, 9))
 
 
-def flown(
+def simulate_period(
     state: Floats, command: Floats, disturbance: Floats, parameters: Parameters, period: float, substeps: int
 ) -> Floats:
     """The states after `period` seconds of constant inputs, shape (rows, 18)."""

@@ -12,7 +12,7 @@ from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.kernel import LANE_STATE, integrate
+from quadpend_gym.physics.kernel import LANE_STATE_SIZE, integrate
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
@@ -28,7 +28,7 @@ from quadpend_gym.physics.state import (
 LARGEST = 64  # number of futures of a row
 # Edges of the parts of one buffer of lanes, which the compiler can tell apart.
 _DEVIATION, _COMMAND, _USED, _FORCES, _PHYSICS, _COST, _END = accumulate(
-    (LANE_STATE, MODEL_STATE_SIZE, COMMAND_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE, 1)
+    (LANE_STATE_SIZE, MODEL_STATE_SIZE, COMMAND_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE, 1)
 )
 BARRIER = 1e4  # cost per squared excess of a cosine
 LEAST_UPRIGHT, LEAST_LEVEL = 0.6, 0.3  # cosines of the pendulum's and the body's angle where the barrier begins

@@ -27,7 +27,7 @@ from tests.helpers.controllers import (
     tracking_errors,
     true_estimate,
 )
-from tests.helpers.physics import UNEQUAL, flown
+from tests.helpers.physics import UNEQUAL, simulate_period
 
 FEEDBACK = LqrGains(0.4, 1.3, 1.6, 3.5)
 GAINS_HERE = MppiGains(FEEDBACK, samples=33, horizon=20, steps_per_period=2, knots=5, spread=0.3, temperature=0.1)
@@ -79,7 +79,7 @@ def paid(law: Mppi, state: Floats, plan: Floats, reference: Reference, wind: Flo
         change = [np.interp(step, knots, plan[:, component]) for component in range(4)]
         used = np.clip(wanted[0] - gain @ off + change, low, high) - wanted[0]
         total += 0.5 * (off @ Q @ off + used @ R @ used)
-        state = flown(state, (wanted[0] + used), wind, p, coarse.period, coarse.substeps)
+        state = simulate_period(state, (wanted[0] + used), wind, p, coarse.period, coarse.substeps)
         s = State(state[0])
         upright, level = s.direction[2], np.cos(s.euler[0]) * np.cos(s.euler[1])
         total += 1e4 * (max(0.6 - upright, 0.0) ** 2 + max(0.3 - level, 0.0) ** 2)

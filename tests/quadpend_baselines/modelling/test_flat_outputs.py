@@ -13,7 +13,7 @@ from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks import StartSettings, Task
 from tests.helpers.controllers import CALM, HOVER, flat_state_and_command
 from tests.helpers.envs import make_unwrapped
-from tests.helpers.physics import UNEQUAL, flown
+from tests.helpers.physics import UNEQUAL, simulate_period
 
 TIME = 0.3
 ON_QUADROTOR = np.array([0.3, -0.2, 0.15, 0.0, 0.0, 0.0, 0.1, -0.05, 0.03])
@@ -42,7 +42,7 @@ def open_loop(reference: Reference, disturbance: Floats, p: Parameters, period: 
         _, command = flat_state_and_command(
             reference, (step + 0.5) * period, disturbance, p
         )  # the middle stands for its period
-        state = flown(state, command, disturbance, p, period, 1)
+        state = simulate_period(state, command, disturbance, p, period, 1)
         should, _ = flat_state_and_command(reference, (step + 1) * period, disturbance, p)
         strayed = max(strayed, float(np.abs(state - should).max()))
     return strayed

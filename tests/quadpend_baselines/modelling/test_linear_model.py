@@ -21,7 +21,7 @@ from quadpend_gym import PAPER, Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_SIZE
 from tests.helpers import symbolic as symbolic
-from tests.helpers.physics import UNEQUAL, flown
+from tests.helpers.physics import UNEQUAL, simulate_period
 
 PERIODS = (0.002, 0.01, 0.02)
 
@@ -105,7 +105,7 @@ def test_small_deviations_fly_as_it_says_up_to_their_square() -> None:
         r[2] = np.sqrt(1.0 - r[0] ** 2 - r[1] ** 2)
         v[2] = -(r[:2] @ v[:2]) / r[2]
         pushed = size * command + [UNEQUAL.hover_thrust, 0.0, 0.0, 0.0]
-        after = flown(state, pushed, disturbance, UNEQUAL, simulation.period, simulation.substeps)[0]
+        after = simulate_period(state, pushed, disturbance, UNEQUAL, simulation.period, simulation.substeps)[0]
         return float(np.abs(after[STATE_COLUMNS] - size * linear).max())
 
     large, small = error(1e-2), error(1e-3)
@@ -135,6 +135,8 @@ def test_in_the_headings_axes_the_plant_is_the_same_whatever_the_yaw() -> None:
     state[:, STATE_COLUMNS], state[:, 14] = rotate_state(x, np.array([yaw])), 1.0
     state[:, 8] += yaw
     hover = np.array([UNEQUAL.hover_thrust, 0.0, 0.0, 0.0])
-    after = flown(state, hover, np.zeros(9), UNEQUAL, simulation.period, simulation.substeps)[:, STATE_COLUMNS]
+    after = simulate_period(state, hover, np.zeros(9), UNEQUAL, simulation.period, simulation.substeps)[
+        :, STATE_COLUMNS
+    ]
     after[:, 8] -= yaw
     assert_allclose(rotate_state(after, np.array([-yaw])), x @ linearise(simulation).transition.T, atol=1e-8)

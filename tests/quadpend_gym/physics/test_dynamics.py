@@ -11,7 +11,7 @@ from quadpend_gym.physics.dynamics import accelerations, energy, momentum
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.parameters import PAPER, Parameters
 from quadpend_gym.physics.state import STATE_SIZE, State
-from tests.helpers.physics import UNEQUAL, flown, random_commands, random_disturbances, random_states
+from tests.helpers.physics import UNEQUAL, simulate_period, random_commands, random_disturbances, random_states
 
 ROWS = 50
 NO_COMMAND, NO_DISTURBANCE = np.zeros(4), np.zeros(9)
@@ -65,7 +65,7 @@ def test_energy_grows_by_the_power_of_the_inputs() -> None:
 
 def test_energy_is_conserved_without_inputs() -> None:
     state = random_states(ROWS, 1)
-    after = flown(state, NO_COMMAND, NO_DISTURBANCE, UNEQUAL, period=10.0, substeps=8000)
+    after = simulate_period(state, NO_COMMAND, NO_DISTURBANCE, UNEQUAL, period=10.0, substeps=8000)
     assert_allclose(energy(after, UNEQUAL), energy(state, UNEQUAL), rtol=0.0, atol=1e-8)
 
 
@@ -79,7 +79,7 @@ def test_energy_is_conserved_in_a_constant_field_of_force() -> None:
         work = np.concatenate([s.position, bob, s.euler], axis=-1) * disturbance
         return np.asarray(energy(state, UNEQUAL) - work.sum(-1))
 
-    after = flown(state, NO_COMMAND, disturbance, UNEQUAL, period=2.0, substeps=2000)
+    after = simulate_period(state, NO_COMMAND, disturbance, UNEQUAL, period=2.0, substeps=2000)
     assert_allclose(total(after), total(state), rtol=0.0, atol=1e-9)
 
 
@@ -88,7 +88,7 @@ def test_momentum_changes_by_the_impulse_of_the_external_forces() -> None:
     period, intervals = 1.0, 400
     times = np.linspace(0.0, period, 2 * intervals + 1)
     weights = np.array([1.0, *[4.0, 2.0] * (intervals - 1), 4.0, 1.0]) / (6.0 * intervals)
-    path = [flown(state, command, disturbance, UNEQUAL, time, 200) for time in times]
+    path = [simulate_period(state, command, disturbance, UNEQUAL, time, 200) for time in times]
     thrust = sum(w * thrust_force(point, command) for w, point in zip(weights, path, strict=True))
     weight = UNEQUAL.total_mass * UNEQUAL.gravity * UP
     impulse = thrust + period * (disturbance[:, 0:3] + disturbance[:, 3:6] - weight)
@@ -116,8 +116,10 @@ def test_direction_stays_a_unit_vector_perpendicular_to_its_rate() -> None:
 def test_integrator_is_of_fourth_order() -> None:
     state, command, disturbance = wild(5)
     substeps = np.array([40, 80, 160, 320])
-    exact = flown(state, command, disturbance, UNEQUAL, period=0.2, substeps=5000)
-    errors = [State(np.abs(flown(state, command, disturbance, UNEQUAL, 0.2, int(n)) - exact)) for n in substeps]
+    exact = simulate_period(state, command, disturbance, UNEQUAL, period=0.2, substeps=5000)
+    errors = [
+        State(np.abs(simulate_period(state, command, disturbance, UNEQUAL, 0.2, int(n)) - exact)) for n in substeps
+    ]
     for field in ("position", "velocity", "direction", "direction_rate"):
         largest = [getattr(error, field).max() for error in errors]
         slope = np.polyfit(np.log(0.2 / substeps), np.log(largest), 1)[0]
@@ -130,7 +132,7 @@ def test_attitude_is_exact() -> None:
     s = State(state)
     euler_ddot = (command[:, 1:4] + disturbance[:, 6:9]) / UNEQUAL.as_array()[4:7]
     for substeps in (1, 20):
-        after = State(flown(state, command, disturbance, UNEQUAL, 0.5, substeps))
+        after = State(simulate_period(state, command, disturbance, UNEQUAL, 0.5, substeps))
         assert_allclose(after.euler, s.euler + 0.5 * s.euler_rate + 0.125 * euler_ddot, rtol=0.0, atol=1e-13)
         assert_allclose(after.euler_rate, s.euler_rate + 0.5 * euler_ddot, rtol=0.0, atol=1e-13)
 
@@ -165,15 +167,15 @@ def test_turning_the_world_about_the_vertical_turns_accelerations_and_flights(ya
     assert_allclose(after.euler, here.euler, rtol=0.0, atol=1e-12)
     assert_allclose(after.direction, turned(here.direction, rotation), rtol=0.0, atol=1e-11)
 
-    flight = flown(state, command, disturbance, UNEQUAL, period=0.5, substeps=100)
-    assert_allclose(flown(*there, 0.5, 100), turned_state(flight, rotation, yaw), rtol=0.0, atol=1e-11)
+    flight = simulate_period(state, command, disturbance, UNEQUAL, period=0.5, substeps=100)
+    assert_allclose(simulate_period(*there, 0.5, 100), turned_state(flight, rotation, yaw), rtol=0.0, atol=1e-11)
 
 
 def test_moving_the_world_moves_flights() -> None:
     state, command, disturbance = wild(8)
     shift = np.zeros(STATE_SIZE)
     State(shift).position[:] = 5.0, -7.0, 11.0
-    moved, still = (flown(start, command, disturbance, UNEQUAL, 0.5, 100) for start in (state + shift, state))
+    moved, still = (simulate_period(start, command, disturbance, UNEQUAL, 0.5, 100) for start in (state + shift, state))
     assert_allclose(moved, still + shift, rtol=0.0, atol=1e-12)
 
 
@@ -191,9 +193,9 @@ def test_a_swing_through_upright_is_no_different_from_one_elsewhere() -> None:
     elsewhere = Rotation.from_rotvec([0.7, -0.4, 0.2]).as_matrix()
     tilt = []
     for time in np.linspace(0.01, 0.5, 50):
-        here = State(flown(through, NO_COMMAND, disturbance, UNEQUAL, time, 100))
+        here = State(simulate_period(through, NO_COMMAND, disturbance, UNEQUAL, time, 100))
         there = State(
-            flown(
+            simulate_period(
                 turned_state(through, elsewhere),
                 NO_COMMAND,
                 turned_disturbance(disturbance, elsewhere),
@@ -219,7 +221,7 @@ def test_motion_is_smooth_through_upright_in_every_direction(beta: float) -> Non
         swing(np.sin(angle) * heading + np.cos(angle) * UP, 5.0 * (np.cos(angle) * heading - np.sin(angle) * UP))
         for angle in (-tilt, 0.0, tilt)
     ]
-    flights = [flown(state, command, disturbance, UNEQUAL, 0.2, 40) for state in states]
+    flights = [simulate_period(state, command, disturbance, UNEQUAL, 0.2, 40) for state in states]
     rates = [state_rate(state, command, disturbance, UNEQUAL) for state in states]
     for before, at, after in (flights, rates):
         assert_allclose(at, (before + after) / 2.0, rtol=0.0, atol=1e3 * tilt**2)

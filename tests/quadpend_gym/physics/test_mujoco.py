@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.parameters import Parameters, Simulation
 from quadpend_gym.physics.state import State
-from tests.helpers.physics import UNEQUAL, flown, random_commands, random_disturbances, random_states
+from tests.helpers.physics import UNEQUAL, simulate_period, random_commands, random_disturbances, random_states
 
 DURATION, PERIOD, TIMESTEP = 2.0, 0.01, 1e-4
 
@@ -86,7 +86,7 @@ def test_tumbling_flight_agrees_with_mujoco(seed: int) -> None:
     for command, disturbance in zip(commands, disturbances, strict=True):
         for thrust in middle_thrusts(state, command, disturbance, p):
             engine.step(thrust + disturbance[0:3], disturbance[3:6])
-        state = flown(state, command, disturbance, p, PERIOD, Simulation().substeps)[0]
+        state = simulate_period(state, command, disturbance, p, PERIOD, Simulation().substeps)[0]
         s = State(state)
         ours = np.array([s.position, s.position + p.rod_length * s.direction])
         largest = max(largest, np.abs(ours - engine.positions()).max())
