@@ -24,7 +24,7 @@ from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Delay, Dropout, Noise
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
-from quadpend_train.policies.loading import learners, load_policy
+from quadpend_train.policies.loading import load_policy, shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import from_mapping
 from quadpend_train.training.train import train
@@ -150,7 +150,7 @@ def episodes(names: Sequence[str] = (), scenarios: Sequence[str] = SCENARIOS, co
         scenarios: Scenarios.
         count: Episodes in each scenario.
     """
-    for name in names or [*CONTROLLERS, *(seeds[0] for seeds in learners().values())]:
+    for name in names or [*CONTROLLERS, *(seeds[0] for seeds in shipped_policies().values())]:
         for scenario in scenarios:
             yield f"{name}, {scenario}", digest(run_episodes([load_policy(name)], scenario, count, TEST_SEED))
 

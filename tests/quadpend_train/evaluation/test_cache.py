@@ -13,7 +13,7 @@ from quadpend_train.cli.main import main
 from quadpend_train.evaluation import cache, jobs
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
-from quadpend_train.policies.loading import identity
+from quadpend_train.policies.loading import policy_fingerprint
 from quadpend_train.scenarios import Scenario, find_scenario
 
 BOTH = {"one": "adrc-paper", "two": "adrc-matched"}
@@ -77,7 +77,7 @@ def test_a_damaged_file_is_flown_again(tmp_path: Path, damage: bytes) -> None:
 
 
 def test_whatever_decides_a_flight_is_in_its_key(monkeypatch: pytest.MonkeyPatch) -> None:
-    paper, matched = identity("adrc-paper"), identity("adrc-matched")
+    paper, matched = policy_fingerprint("adrc-paper"), policy_fingerprint("adrc-matched")
     keys = [
         cache.key([paper], Scenario(), 10, 0),
         cache.key([matched], Scenario(), 10, 0),
@@ -95,12 +95,12 @@ def test_whatever_decides_a_flight_is_in_its_key(monkeypatch: pytest.MonkeyPatch
 def test_a_models_identity_is_its_file(tmp_path: Path) -> None:
     (tmp_path / "policy.npz").write_bytes(b"weights")
     (tmp_path / "copy.npz").write_bytes(b"weights")
-    first = identity(str(tmp_path))
-    assert first == identity(str(tmp_path / "copy.npz"))
+    first = policy_fingerprint(str(tmp_path))
+    assert first == policy_fingerprint(str(tmp_path / "copy.npz"))
     (tmp_path / "policy.npz").write_bytes(b"other weights")
-    assert identity(str(tmp_path)) != first
+    assert policy_fingerprint(str(tmp_path)) != first
     with pytest.raises(ValueError, match="there is no policy 'nix'"):
-        identity("nix")
+        policy_fingerprint("nix")
 
 
 def test_policies_without_a_name_are_not_kept(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""From Stable-Baselines3's models to policies in files: the same actions, or a sentence why not."""
+"""An exported policy acts like the model of Stable-Baselines3, or the export is refused with a reason."""
 
 import json
 import zipfile
@@ -51,28 +51,28 @@ def observations(size: int = 36) -> Floats32:
     return np.random.default_rng(1).normal(size=(50, size)).astype(np.float32)
 
 
-def assert_flies_alike(policy: MlpPolicy, made: Any) -> None:
-    seen = observations()
-    expected, _ = made.predict(seen, deterministic=True)
-    action, _ = policy.predict(seen)
+def assert_same_actions(policy: MlpPolicy, made: Any) -> None:
+    observed = observations()
+    expected, _ = made.predict(observed, deterministic=True)
+    action, _ = policy.predict(observed)
     assert action.dtype == np.float32
     assert_allclose(action, expected, atol=1e-5)
     for row in range(3):
-        assert_allclose(policy.predict(seen[row])[0], made.predict(seen[row], deterministic=True)[0], atol=1e-5)
+        assert_allclose(policy.predict(observed[row])[0], made.predict(observed[row], deterministic=True)[0], atol=1e-5)
 
 
 @pytest.mark.parametrize("activation", ACTIVATION_MODULES)
 @algorithms
-def test_the_policy_does_what_the_model_does(algo: str, activation: str, tmp_path: Path) -> None:
-    """Alone and among others, and after a journey through a file."""
+def test_exported_policy_acts_like_the_model(algo: str, activation: str, tmp_path: Path) -> None:
+    """For one observation and for many, before and after it is saved and loaded."""
     made = model(algo, activation_fn=ACTIVATION_MODULES[activation])
     policy = export(made, note="x")
     assert policy.card["activation"] == activation
     assert policy.card["squashed"] == (algo != "ppo")
     assert policy.card["note"] == "x"
     policy.save(tmp_path / "policy.npz")
-    assert_flies_alike(policy, made)
-    assert_flies_alike(MlpPolicy.load(tmp_path / "policy.npz"), made)
+    assert_same_actions(policy, made)
+    assert_same_actions(MlpPolicy.load(tmp_path / "policy.npz"), made)
 
 
 @algorithms
@@ -82,28 +82,28 @@ def test_networks_of_any_depth_are_exported(algo: str) -> None:
         assert [weights.shape[1] for weights, _ in policy.layers] == [*depth, 4]
 
 
-def test_the_policys_network_is_taken_not_the_critics() -> None:
+def test_policy_network_is_exported_not_the_value_network() -> None:
     made = model("ppo", net_arch={"pi": [7], "vf": [9, 9]})
-    assert_flies_alike(export(made), made)
+    assert_same_actions(export(made), made)
 
 
 @pytest.mark.parametrize("sde", [False, True], ids=["", "gSDE"])
 @algorithms
-def test_large_actions_are_limited_as_the_model_limits_them(algo: str, sde: bool) -> None:
-    """PPO's are clipped; those of SAC and TQC squashed, and with gSDE clipped before."""
+def test_large_actions_are_limited_like_those_of_the_model(algo: str, sde: bool) -> None:
+    """PPO clips actions; SAC and TQC squash them by a tanh, and with gSDE clip them before that."""
     made = model(algo, gain=300.0 if algo == "ppo" else 60.0, sde=sde)
-    seen = observations()
-    assert np.mean(np.abs(made.predict(seen, deterministic=True)[0]) > 0.95) > 0.2
-    assert_flies_alike(export(made), made)
+    observed = observations()
+    assert np.mean(np.abs(made.predict(observed, deterministic=True)[0]) > 0.95) > 0.2
+    assert_same_actions(export(made), made)
 
 
 @algorithms
-def test_states_that_explore_together_are_exported_too(algo: str) -> None:
+def test_models_with_gsde_are_exported(algo: str) -> None:
     made = model(algo, sde=True)
-    assert_flies_alike(export(made), made)
+    assert_same_actions(export(made), made)
 
 
-def test_an_exported_policy_does_not_change_when_its_model_learns_on() -> None:
+def test_exported_policy_does_not_change_when_the_model_learns() -> None:
     made = model("ppo")
     policy = export(made)
     before = [weights.copy() for weights, _ in policy.layers]
@@ -116,68 +116,71 @@ def test_an_exported_policy_does_not_change_when_its_model_learns_on() -> None:
         np.testing.assert_array_equal(bias, old_bias)
 
 
-def test_a_view_of_more_is_kept() -> None:
+def test_history_is_exported_when_the_view_says_so() -> None:
     around = SB3VecEnv(make_wrapped_vec(2, [HISTORY], autoreset_mode="SameStep"))
     made = model("ppo", around)
     view = {**export(model("ppo")).card["view"], "history": 3, "history_actions": 2}
     policy = export(made, view)
-    seen = observations(116)
-    assert_allclose(policy.act(seen), made.predict(seen, deterministic=True)[0], atol=1e-5)
+    observed = observations(116)
+    assert_allclose(policy.act(observed), made.predict(observed, deterministic=True)[0], atol=1e-5)
     assert_refused(lambda: export(made), "takes 116 numbers, not the 36 or 27", ValueError)
 
 
-class Tenfold(FlattenExtractor):
-    """Features that are more than the observation."""
+class TenfoldExtractor(FlattenExtractor):
+    """A features extractor that changes the observation."""
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         return 10.0 * super().forward(observations)
 
 
-class Pictures(gym.Env[Any, Any]):
+class ImageEnv(gym.Env[Any, Any]):
     observation_space = gym.spaces.Box(0, 255, (36, 36, 1), np.uint8)
     action_space = gym.spaces.Box(-1.0, 1.0, (4,))
 
 
-class Wide(gym.Env[Any, Any]):
+class WideActionEnv(gym.Env[Any, Any]):
     observation_space = gym.spaces.Box(-1.0, 1.0, (36,))
     action_space = gym.spaces.Box(-2.0, 2.0, (4,))
 
 
-MORE: dict[str, tuple[Any, str]] = {
+REFUSED: dict[str, tuple[Any, str]] = {
     "silu": (
         lambda: model("ppo", activation_fn=torch.nn.SiLU),
-        "only networks of linear layers with relu, tanh or elu",
+        "must have linear layers with relu, tanh or elu",
     ),
-    "leaky relu": (lambda: model("sac", activation_fn=torch.nn.LeakyReLU), "only networks of linear layers"),
-    "features": (lambda: model("ppo", features_extractor_class=Tenfold), "does more than its network"),
-    "pictures": (
-        lambda: PPO("CnnPolicy", Pictures(), n_steps=4, batch_size=4, device="cpu"),
+    "leaky relu": (lambda: model("sac", activation_fn=torch.nn.LeakyReLU), "must have linear layers"),
+    "features extractor": (
+        lambda: model("ppo", features_extractor_class=TenfoldExtractor),
+        "differ from those of its policy network",
+    ),
+    "images": (
+        lambda: PPO("CnnPolicy", ImageEnv(), n_steps=4, batch_size=4, device="cpu"),
         "takes 512 numbers, not the 36 or 27",
     ),
-    "memory": (
+    "recurrent": (
         lambda: RecurrentPPO("MlpLstmPolicy", env(), n_steps=4, batch_size=8, device="cpu"),
         "takes 256 numbers, not the 36 or 27",
     ),
-    "other actions": (
+    "discrete actions": (
         lambda: PPO("MlpPolicy", gym.make("CartPole-v1"), n_steps=4, batch_size=4, device="cpu"),
         "puts out 2 numbers, not an action's 4",
     ),
-    "a wider range": (lambda: model("sac", Wide()), "does more than its network"),
-    "another squashing": (
+    "wider action range": (lambda: model("sac", WideActionEnv()), "differ from those of its policy network"),
+    "PPO with a squashed output": (
         lambda: model("ppo", gain=300.0, sde=True, squash_output=True),
-        "does more than its network",
+        "differ from those of its policy network",
     ),
 }
 
 
 @pytest.mark.filterwarnings("ignore:You are trying to run PPO on the GPU")
-@pytest.mark.parametrize(("make", "message"), MORE.values(), ids=MORE.keys())
-def test_what_is_more_than_a_network_is_refused(make: Any, message: str) -> None:
+@pytest.mark.parametrize(("make", "message"), REFUSED.values(), ids=REFUSED.keys())
+def test_models_that_are_more_than_a_network_are_refused(make: Any, message: str) -> None:
     assert_refused(lambda: export(make()), message, ValueError)
 
 
 @algorithms
-def test_a_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
+def test_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
     made = model(algo)
     made.save(tmp_path / "model.zip")
     assert type(read_zip(tmp_path / "model.zip")) is KINDS[algo][0]
@@ -186,7 +189,7 @@ def test_a_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
     assert difference(policy, export(made)) == 0.0
 
 
-def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
+def test_files_that_are_not_models_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
     assert_refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
     path.write_bytes(b"weights")

@@ -1,4 +1,4 @@
-"""The learned policies of the package are what their cards say."""
+"""The learned policies of the package agree with their cards."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_train.policies.loading import learners, load_policies
+from quadpend_train.policies.loading import load_policies, shipped_policies
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.training.settings import from_mapping, read_settings, to_mapping
 from quadpend_train.training.train import CARD_SEED
@@ -16,13 +16,13 @@ FILES = sorted(SHIPPED.glob("*.npz"))
 
 
 def test_each_task_has_ppo_and_sac_with_five_seeds() -> None:
-    assert {"ppo-pace", "sac-pace", "ppo-pace-hover", "sac-pace-hover"} <= set(learners())
-    assert all(len(seeds) == 5 for seeds in learners().values())
+    assert {"ppo-pace", "sac-pace", "ppo-pace-hover", "sac-pace-hover"} <= set(shipped_policies())
+    assert all(len(seeds) == 5 for seeds in shipped_policies().values())
     assert len(load_policies("ppo-pace")) == 5
 
 
 @pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
-def test_a_card_says_what_the_policy_is(path: Path) -> None:
+def test_card_agrees_with_settings_and_policy(path: Path) -> None:
     name, _, seed = path.stem.rpartition("-")
     card = MlpPolicy.load(path).card
     settings = from_mapping(card["settings"], path.stem)
@@ -34,8 +34,8 @@ def test_a_card_says_what_the_policy_is(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["ppo-pace-0", "sac-pace-hover-1"])
-def test_a_policy_flies_as_well_as_its_card_says(name: str) -> None:
-    """So whatever changes what it sees, or what becomes of its action, is noticed."""
+def test_policy_has_the_score_on_its_card(name: str) -> None:
+    """This detects changes of the observation and of the use of the action."""
     policy = MlpPolicy.load(name)
     score = validate(policy, from_mapping(policy.card["settings"], name), CARD_SEED)
     assert_allclose(score, [policy.card["score"][key] for key in ("survival", "penalised_rmse")], rtol=1e-3)

@@ -136,7 +136,7 @@ def evaluate(
     from quadpend_train.common import documents
     from quadpend_train.evaluation.comparison import compare
     from quadpend_train.evaluation.leaderboard import leaderboard
-    from quadpend_train.policies.loading import load_policies, members
+    from quadpend_train.policies.loading import load_policies, policy_names
     from quadpend_train.reports import learning_curves, results, tables
     from quadpend_train.reports.replay import recorded
     from quadpend_train.studies.robustness import measure_robustness
@@ -148,7 +148,7 @@ def evaluate(
     comparison = compare(named, _scenarios(scenarios), episodes, seed, store, fresh, jobs)
     endured = (
         measure_robustness(
-            {name: members(policy)[0] for name, policy in named.items()},
+            {name: policy_names(policy)[0] for name, policy in named.items()},
             episodes=robustness,
             seed=seed,
             folder=store,

@@ -48,7 +48,7 @@ def key(policies: Sequence[str], scenario: Scenario, episodes: int, seed: int) -
     """What the file of these flights is called.
 
     Args:
-        policies: what tells each from all others, see `quadpend_train.policies.loading.identity`.
+        policies: what tells each from all others, see `quadpend_train.policies.loading.policy_fingerprint`.
         scenario: flown.
         episodes: how many.
         seed: of the first.

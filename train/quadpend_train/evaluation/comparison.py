@@ -20,7 +20,7 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
 from quadpend_train.policies.adaptation import adapt_policy
-from quadpend_train.policies.loading import identities, load_policies, members
+from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
 from quadpend_train.scenarios import Scenario, file_hash, find_scenario, scenario_hash
 
 Cell = tuple[str, str]  # scenario and policy, by name
@@ -199,7 +199,7 @@ def compare(
     found = {name: find_scenario(scenario) for name, scenario in named.items()}
     cells = {(s, p): Job(contenders[p], found[s], episodes, seed) for s in found for p in policies}
     _check_flights({cell: job for cell, job in cells.items() if fresh or not _kept(job, folder)})
-    known = {name: identities(given) for name, given in contenders.items() if isinstance(given, str)}
+    known = {name: policy_fingerprints(given) for name, given in contenders.items() if isinstance(given, str)}
     return Comparison(tuple(policies), found, episodes, seed, run_jobs(cells, folder, fresh, jobs), known)
 
 
@@ -210,7 +210,9 @@ def _kept(job: Job, folder: Path | None) -> bool:
 
 def _check_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> None:
     """Differences are taken seed by seed, or from one policy."""
-    sizes = {name: len(members(policy) if isinstance(policy, str) else policy) for name, policy in policies.items()}
+    sizes = {
+        name: len(policy_names(policy) if isinstance(policy, str) else policy) for name, policy in policies.items()
+    }
     if len(set(sizes.values()) - {1}) > 1:
         told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
         raise ValueError(f"learners must have the same number of training seeds to be compared: {told}")

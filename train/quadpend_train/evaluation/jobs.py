@@ -15,7 +15,7 @@ from tqdm.auto import tqdm
 from quadpend_baselines import Policy
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
-from quadpend_train.policies.loading import identities, load_policies
+from quadpend_train.policies.loading import load_policies, policy_fingerprints
 from quadpend_train.scenarios import Scenario
 
 Name = TypeVar("Name", bound=Hashable)
@@ -39,7 +39,7 @@ class Job(NamedTuple):
         """What the flights are kept under, see `store.key`; None: they are not."""
         if not isinstance(self.policies, str):
             return None
-        known = identities(self.policies)
+        known = policy_fingerprints(self.policies)
         if self.options is not None:
             told = json.dumps(self.options, sort_keys=True, default=lambda array: array.tolist())
             known.append(hashlib.sha256(told.encode()).hexdigest())

@@ -1,1 +1,1 @@
-"""Policies in files: networks, their export, and loading by name."""
+"""Learned policies: their file format, their export from Stable-Baselines3, and loading by name."""

@@ -1,4 +1,4 @@
-"""Policies adapted to a scenario."""
+"""Adapt a policy to a scenario: its simulation, its actuators and what it observes."""
 
 from typing import Any
 
@@ -15,10 +15,11 @@ from quadpend_train.scenarios import Scenario
 
 
 def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
-    """The policy as it flies in a scenario.
+    """Return the policy for a scenario.
 
-    A controller, or a policy's companion, is told the nominal simulation. A controller flies rotors, where there are
-    any, through their mixing. A learned policy that wants to see velocities takes differences where they are hidden.
+    - A classical controller, also the base controller of a hybrid, receives the scenario's nominal simulation.
+    - Where the action commands rotors, a classical controller receives a `RotorAllocation`.
+    - Where velocities are not observed, a learned policy that needs them receives finite differences.
     """
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
@@ -32,14 +33,14 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
 
 
 def estimated_disturbance(policy: Policy, memory: Any) -> Floats:
-    """The disturbance that a policy, seated or not, has estimated, shape (n, 9); nan where it estimates none.
+    """Return the disturbance that a policy estimates, shape (n, 9); nan, shape (1, 9), if it estimates none.
 
     Args:
-        policy: flown.
-        memory: what its `predict` returned.
+        policy: A policy, adapted by `adapt_policy` or not.
+        memory: The memory that its `predict` returned.
     """
-    flown, known = (getattr(policy, "policy", policy), memory)
+    inner, inner_memory = getattr(policy, "policy", policy), memory
     if isinstance(policy, FiniteDifferencePolicy):
-        known = memory.policy
-    estimate: Any = getattr(flown, "estimated_disturbance", None)
-    return np.full((1, DISTURBANCE_SIZE), np.nan) if estimate is None else np.asarray(estimate(known))
+        inner_memory = memory.policy
+    estimate: Any = getattr(inner, "estimated_disturbance", None)
+    return np.full((1, DISTURBANCE_SIZE), np.nan) if estimate is None else np.asarray(estimate(inner_memory))

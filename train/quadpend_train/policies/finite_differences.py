@@ -1,4 +1,4 @@
-"""Flying where velocities are hidden with a policy that wants to see them."""
+"""Finite differences for a policy that needs velocities where only outputs are observed."""
 
 from typing import Any, NamedTuple
 
@@ -10,23 +10,24 @@ from quadpend_gym import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS
 
-# what is measured, and its rate
+# Observed fields and the fields of their rates.
 _RATES = {"tracking_error": "tracking_error_rate", "direction": "direction_rate", "attitude": "euler_rate"}
 
 
 class _Memory(NamedTuple):
     policy: Any
-    measured: dict[str, Floats]  # the last values, (n, 3) each
+    outputs: dict[str, Floats]  # the last values of the observed fields, shape (n, 3) each
 
 
 class FiniteDifferencePolicy:
-    """`policy` for an environment behind `OutputFeedbackWrapper`: differences of two observations stand for rates.
+    """A policy for environments behind `OutputFeedbackWrapper` that computes rates from two successive observations.
 
-    At the beginning of an episode errors and direction are taken to rest.
+    At the first step of an episode the rates of the tracking error, the direction and the roll and pitch angles are
+    zero, and the yaw rate is that of the reference.
 
     Args:
-        policy: anything that predicts from the whole observation.
-        period: of a control step, s.
+        policy: A policy that predicts from the observation with velocities.
+        period: The control period, s.
     """
 
     def __init__(self, policy: Policy, period: float) -> None:
@@ -37,17 +38,17 @@ class FiniteDifferencePolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
-        """Action and memory for observations of shape (n, 27); see `Policy.predict`."""
+        """Return action and memory for observations of shape (n, 27); see `quadpend_baselines.Policy.predict`."""
         started = episode_start_mask(episode_start, state is None, len(observation))[:, np.newaxis]
-        measured = {name: read_observation(observation, name) for name in _RATES}
-        whole = np.empty((len(observation), OBSERVATION_SIZE), np.float32)
-        whole[:, OUTPUT_FEEDBACK_COLUMNS] = observation
-        for name, value in measured.items():
-            last = value if state is None else np.where(started, value, state.measured[name])
+        outputs = {name: read_observation(observation, name) for name in _RATES}
+        full = np.empty((len(observation), OBSERVATION_SIZE), np.float32)
+        full[:, OUTPUT_FEEDBACK_COLUMNS] = observation
+        for name, value in outputs.items():
+            last = value if state is None else np.where(started, value, state.outputs[name])
             rate = (value - last) / self.period
-            if name == "attitude":  # whose yaw is an error, while its rate is ψ̇
+            if name == "attitude":  # its yaw is the yaw error, but the rate that belongs to it is ψ̇
                 rate[:, 2] += read_observation(observation, "yaw_reference")[:, 1]
-            place = OBSERVATION_FIELDS[_RATES[name]]
-            whole[:, place] = rate / OBSERVATION_SCALE[place]
-        action, memory = self.policy.predict(whole, state and state.policy, episode_start, deterministic)
-        return action, _Memory(memory, measured)
+            columns = OBSERVATION_FIELDS[_RATES[name]]
+            full[:, columns] = rate / OBSERVATION_SCALE[columns]
+        action, memory = self.policy.predict(full, state and state.policy, episode_start, deterministic)
+        return action, _Memory(memory, outputs)

@@ -1,4 +1,4 @@
-"""Policies by name, as the command line gives them."""
+"""Policies by name, as the command line takes them."""
 
 import hashlib
 from pathlib import Path
@@ -9,20 +9,23 @@ from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 
 
 def load_policies(names: str) -> list[Policy]:
-    """The policies under one name: one, or several separated by commas, the training seeds of one learner.
+    """Load the policies that `names` stands for, see `policy_names`."""
+    return [load_policy(name) for name in policy_names(names)]
 
-    The name of a learner of this package (``"ppo-pace"``) stands for all its seeds (``"ppo-pace-0"``, …).
+
+def policy_names(names: str) -> list[str]:
+    """Return the names of single policies that `names` stands for.
+
+    Args:
+        names: One name, or several separated by commas: the training seeds of one learned policy. The name of a learned
+            policy of this package without its seed (``"ppo-pace"``) stands for all seeds (``"ppo-pace-0"``, …).
     """
-    return [load_policy(name) for name in members(names)]
+    shipped = shipped_policies()
+    return [single for name in names.split(",") for single in (shipped.get(name) or [name])]
 
 
-def members(names: str) -> list[str]:
-    """The single policies under one name."""
-    return [member for name in names.split(",") for member in (learners().get(name) or [name])]
-
-
-def learners() -> dict[str, list[str]]:
-    """The learned policies of this package, by learner, in the order of their seeds."""
+def shipped_policies() -> dict[str, list[str]]:
+    """Return the learned policies of this package: their names without a seed, and the names of all seeds in order."""
     found: dict[str, list[str]] = {}
     for path in sorted(SHIPPED.glob("*-[0-9]*.npz")):
         found.setdefault(path.stem.rpartition("-")[0], []).append(path.stem)
@@ -30,15 +33,19 @@ def learners() -> dict[str, list[str]]:
 
 
 def load_policy(name: str) -> Policy:
-    """The policy that `name` stands for.
+    """Load a policy.
 
     Args:
-        name: of a classical controller, a key of `baselines.CONTROLLERS`; of a learned policy of this package; the
-            path of a run folder or of a policy file; or of a model (.zip) saved by PPO, SAC or TQC, which executes code
-            that is in it: load only files whose origin you trust.
+        name: One of
+
+            - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
+            - the name of a learned policy of this package, with its seed (``"ppo-pace-0"``);
+            - the path of a run folder or of a policy file (.npz);
+            - the path of a model (.zip) saved by PPO, SAC or TQC of Stable-Baselines3. Loading a model executes code
+              that is in the file: load only files whose source you trust.
 
     Raises:
-        ValueError: it is none of these.
+        ValueError: If `name` is none of these.
     """
     if name in CONTROLLERS:
         return controller(name)
@@ -50,16 +57,19 @@ def load_policy(name: str) -> Policy:
     return export_zip(path)
 
 
-def identities(names: str) -> list[str]:
-    """What tells the policies under one name, as in `load_policies`, from all others: see `identity`."""
-    return [identity(name) for name in members(names)]
+def policy_fingerprints(names: str) -> list[str]:
+    """Return the fingerprint of each policy that `names` stands for, see `policy_names` and `policy_fingerprint`."""
+    return [policy_fingerprint(name) for name in policy_names(names)]
 
 
-def identity(name: str) -> str:
-    """What tells a policy from all others: a controller's name and gains, the hash of a model's file.
+def policy_fingerprint(name: str) -> str:
+    """Return a text that differs for different policies: a controller's name and gains, or the hash of a file.
+
+    Args:
+        name: As for `load_policy`.
 
     Raises:
-        ValueError: there is no such policy.
+        ValueError: If there is no such policy.
     """
     if name in CONTROLLERS:
         return f"{name} {GAINS[name]!r}"
@@ -67,10 +77,13 @@ def identity(name: str) -> str:
 
 
 def policy_file(name: str) -> Path:
-    """The file of a learned policy, by the names that `load_policy` takes.
+    """Return the file of a learned policy.
+
+    Args:
+        name: As for `load_policy`, but no classical controller.
 
     Raises:
-        ValueError: there is none.
+        ValueError: If there is no such file.
     """
     path = Path(name)
     if path.is_dir():
@@ -78,6 +91,6 @@ def policy_file(name: str) -> Path:
     if not path.is_file():
         path = SHIPPED / f"{name}.npz"
     if not path.is_file():
-        known = ", ".join([*CONTROLLERS, *learners()])
-        raise ValueError(f"there is no policy {name!r}: it is neither {known} nor a finished run or a file")
+        known = ", ".join([*CONTROLLERS, *shipped_policies()])
+        raise ValueError(f"there is no policy {name!r}: give {known}, or the path of a finished run or a policy file")
     return path
