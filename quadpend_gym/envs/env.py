@@ -143,7 +143,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         if self.recorder is not None:
             self.recorder.step(action, outcome)
             self.recorder.show()
-            truncated = self.recorder.asked()
+            truncated = self.recorder.pop_end_request()
         return observation[0], numbers[_REWARD], terminated, truncated, self.world.info(row, numbers)
 
     def render(self) -> Any:

@@ -112,9 +112,9 @@ class Recorder:
             self._window = Window(self.world.simulation.period)
         self._window.show(self.snapshots)
 
-    def asked(self) -> bool:
-        """Whether whoever watches wants the running episodes to end; told once."""
-        return self._window is not None and bool(self._window.asked())
+    def pop_end_request(self) -> bool:
+        """Return whether the user has asked to end the running episodes, and clear this request."""
+        return self._window is not None and bool(self._window.pop_end_request())
 
     def render(self) -> Any:
         """For each row an array of shape (480, 640, 3), uint8; ``mosaic``: one array; ``human``: None.
@@ -133,8 +133,8 @@ class Recorder:
 
             self._picture = Picture()
         if self.mode == "mosaic":
-            return self._picture.array(snapshots)
-        return tuple(self._picture.array([seen]) for seen in snapshots)
+            return self._picture.render(snapshots)
+        return tuple(self._picture.render([seen]) for seen in snapshots)
 
     def close(self) -> None:
         """Close the window, if there is one."""

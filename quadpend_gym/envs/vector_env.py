@@ -169,7 +169,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             self.recorder.close()
 
     def _truncated(self) -> Booleans:
-        if self.recorder is not None and self.recorder.asked():
+        if self.recorder is not None and self.recorder.pop_end_request():
             return np.ones(self.num_envs, np.bool_)
         if self.max_episode_steps is None:
             return np.zeros(self.num_envs, np.bool_)

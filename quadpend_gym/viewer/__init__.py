@@ -1,14 +1,19 @@
-"""Pictures of a world: `film` keeps what is to be seen, `picture` and `window` show it with pygame-ce.
+"""Pictures of the environments, drawn with pygame-ce.
 
-Nothing here imports pygame before the first picture is asked for.
+`snapshot` has the data of a picture, `picture` draws snapshots, and `window` shows them in real time. Importing this
+package does not import pygame.
 """
 
 from gymnasium.error import DependencyNotInstalled
 
 
 def check_pygame() -> None:
-    """Raise DependencyNotInstalled unless there is a pygame that can draw what we want."""
+    """Check that pygame-ce is installed.
+
+    Raises:
+        DependencyNotInstalled: If pygame is missing, or is not pygame-ce.
+    """
     try:
-        from pygame.draw import aacircle  # noqa: F401  # which pygame has not, only pygame-ce
+        from pygame.draw import aacircle  # noqa: F401  # only pygame-ce has this function
     except ImportError as error:
         raise DependencyNotInstalled("pictures need pygame-ce: pip install 'quadpend-gym[view]'") from error

@@ -1,116 +1,151 @@
-"""What one reads off a picture in numbers: tilt, thrust, wind, time, error and return."""
+"""The head-up display: tilt, thrust, wind, time, error and return of a snapshot."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_gym.viewer import palette as paint
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.state import Disturbance
+from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import View
-from quadpend_gym.viewer.palette import Colour, mixed
-from quadpend_gym.viewer.primitives import area, arrow, disc, line, ring
+from quadpend_gym.viewer.palette import Colour, blend
+from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 
-_MOST = 2.0  # of the weight, at the end of the thrust's bar
-_STRONG = 0.5  # N, at the rim of the wind's gauge
-_SMALLEST = 0.55  # of the usual size, below which a picture has no gauges
+_MAX_THRUST = 2.0  # of the weight, at the upper end of the thrust bar
+_MAX_FORCE = 0.5  # N, at the rim of the wind dial
+_MIN_UNIT = 0.55  # pixels; smaller pictures have no display
+_PANEL_OPACITY = 190
 
 
-def draw(surface: Any, view: View, letters: TextRenderer, seen: Snapshot, title: str, colour: Colour) -> None:
-    """Draw them into the corners, the directions as the camera sees them."""
+class _Canvas(NamedTuple):
+    """A surface with its text renderer and its unit of length.
+
+    Attributes:
+        surface: Surface of pygame.
+        text: Renderer of the text.
+        unit: Unit of length, pixels; 1 in a picture of 640 × 480 pixels.
+    """
+
+    surface: Any
+    text: TextRenderer
+    unit: float
+
+    @property
+    def font_size(self) -> int:
+        """Font size of everything but the title, pixels."""
+        return round(20 * self.unit)
+
+    def write(self, text: str, at: Point, colour: Colour = palette.INK, anchor: str = "topleft") -> None:
+        """Write a line of text."""
+        self.text.write(self.surface, text, at, self.font_size, colour, anchor)
+
+
+def draw(surface: Any, view: View, text: TextRenderer, snapshot: Snapshot, title: str, colour: Colour) -> None:
+    """Draw the display into the corners of a picture; directions are those that the camera sees."""
     width, height = surface.get_size()
     unit = min(height / 480.0, width / 440.0)
-    if unit < _SMALLEST:
+    if unit < _MIN_UNIT:
         return
-    small, large = round(20 * unit), round(26 * unit)
-    margin = 12.0 * unit
-    wide = max(150.0 * unit, letters.width(title, large) + 16.0 * unit)
-    _box(surface, (margin, margin), (wide, (102.0 if title else 74.0) * unit))
+    canvas, margin, radius = _Canvas(surface, text, unit), 12.0 * unit, 36.0 * unit
+    _draw_numbers(canvas, margin, snapshot, title, colour)
+    _draw_legend(canvas, (width - 100.0 * unit, margin), colour)
+    row = height - margin - radius - 26.0 * unit
+    to_picture = _horizontal_rotation(view)
+    _draw_tilt(canvas, (margin + radius + 8.0 * unit, row), radius, snapshot, to_picture, colour)
+    wind_dial = (width - margin - radius - 8.0 * unit, row)
+    _draw_wind(canvas, wind_dial, radius, to_picture, Disturbance(snapshot.disturbance).force)
+    corner = np.array([wind_dial[0] - radius - 60.0 * unit, row - radius])
+    _draw_thrust(canvas, corner, 12.0 * unit, 2.0 * radius, snapshot.thrust / _MAX_THRUST)
+
+
+def _draw_numbers(canvas: _Canvas, margin: float, snapshot: Snapshot, title: str, colour: Colour) -> None:
+    surface, text, unit = canvas
+    title_size = round(26 * unit)
+    panel_width = max(150.0 * unit, text.width(title, title_size) + 16.0 * unit)
+    _draw_panel(surface, (margin, margin), (panel_width, (102.0 if title else 74.0) * unit))
     y = margin + 8.0 * unit
     if title:
-        letters.write(surface, title, (margin + 8.0 * unit, y), large, mixed(colour, paint.INK, 0.15))
+        text.write(surface, title, (margin + 8.0 * unit, y), title_size, blend(colour, palette.INK, 0.15))
         y += 27.0 * unit
     for name, value in (
-        ("time", f"{seen.time:.2f} s"),
-        ("error", f"{1e3 * seen.error:.0f} mm"),
-        ("return", f"{seen.episode_return:.1f}"),
+        ("time", f"{snapshot.time:.2f} s"),
+        ("error", f"{1e3 * snapshot.error:.0f} mm"),
+        ("return", f"{snapshot.episode_return:.1f}"),
     ):
-        letters.write(surface, name, (margin + 8.0 * unit, y), small, paint.FAINT)
-        letters.write(surface, value, (margin + 142.0 * unit, y), small, paint.INK, "topright")
+        canvas.write(name, (margin + 8.0 * unit, y), palette.GREY)
+        canvas.write(value, (margin + 142.0 * unit, y), anchor="topright")
         y += 21.0 * unit
 
-    _legend(surface, letters, (width - 100.0 * unit, margin), small, unit, colour)
-    radius = 36.0 * unit
-    right = _heading(view)
-    level = (margin + radius + 8.0 * unit, height - margin - radius - 26.0 * unit)
-    _dial(surface, letters, level, radius, f"tilt {np.degrees(seen.tilt):.0f}°", small, unit)
-    ring(surface, level, 0.5 * radius, mixed(paint.FAINT, paint.PAPER, 0.6))
-    lean = right @ seen.state.direction[:2]
-    if np.hypot(*lean) < 1e-9:  # upright, or hanging
-        lean = np.array([1e-9, 0.0])
-    share = min(seen.tilt / max(seen.tilt_limit, 1e-9), 1.0) / float(np.hypot(*lean))
-    disc(surface, (level[0] + radius * share * lean[0], level[1] - radius * share * lean[1]), 6.0 * unit, colour)
 
-    rose = (width - margin - radius - 8.0 * unit, level[1])
-    force = seen.disturbance[:3]
-    strength = float(np.linalg.norm(force))
-    _dial(surface, letters, rose, radius, f"wind {strength:.2f} N", small, unit)
-    blow = right @ force[:2] / _STRONG
-    blow *= radius / max(float(np.hypot(*blow)), 1.0)
-    if strength > 0.005:
-        middle, half = np.array(rose), np.array([blow[0], -blow[1]])
-        arrow(surface, middle - half, middle + half, paint.WIND, 4.0 * unit)
-
-    bar = np.array([rose[0] - radius - 60.0 * unit, rose[1] - radius])
-    _bar(surface, letters, bar, 12.0 * unit, 2.0 * radius, seen.thrust / _MOST, small, unit)
+def _draw_legend(canvas: _Canvas, at: tuple[float, float], colour: Colour) -> None:
+    """Draw the symbols of bob, target and wind with their names."""
+    (surface, _, unit), (x, y) = canvas, at
+    _draw_panel(surface, at, (88.0 * unit, 74.0 * unit))
+    circle(surface, (x + 16.0 * unit, y + 15.0 * unit), 5.0 * unit, colour)
+    circle(surface, (x + 16.0 * unit, y + 36.0 * unit), 7.0 * unit, palette.REFERENCE, max(round(2.0 * unit), 1))
+    arrow_y = y + 57.0 * unit
+    arrow(surface, (x + 6.0 * unit, arrow_y), (x + 28.0 * unit, arrow_y), palette.WIND, 3.0 * unit)
+    for i, name in enumerate(("bob", "target", "wind")):
+        canvas.write(name, (x + 34.0 * unit, y + (8.0 + 21.0 * i) * unit))
 
 
-def _legend(
-    surface: Any, letters: TextRenderer, at: tuple[float, float], size: int, unit: float, colour: Colour
+def _draw_tilt(
+    canvas: _Canvas, at: tuple[float, float], radius: float, snapshot: Snapshot, to_picture: Floats, colour: Colour
 ) -> None:
-    """What the scene's signs mean."""
-    x, y = at
-    _box(surface, at, (88.0 * unit, 74.0 * unit))
-    disc(surface, (x + 16.0 * unit, y + 15.0 * unit), 5.0 * unit, colour)
-    ring(surface, (x + 16.0 * unit, y + 36.0 * unit), 7.0 * unit, paint.REFERENCE, max(round(2.0 * unit), 1))
-    middle = y + 57.0 * unit
-    arrow(surface, (x + 6.0 * unit, middle), (x + 28.0 * unit, middle), paint.WIND, 3.0 * unit)
-    for i, text in enumerate(("bob", "target", "wind")):
-        letters.write(surface, text, (x + 34.0 * unit, y + (8.0 + 21.0 * i) * unit), size, paint.INK)
+    """Draw a dial with a dot in the direction of the pendulum's tilt; the rim is the tilt limit."""
+    _draw_dial(canvas, at, radius, f"tilt {np.degrees(snapshot.tilt):.0f}°")
+    circle(canvas.surface, at, 0.5 * radius, blend(palette.GREY, palette.WHITE, 0.6), width=1)
+    lean = to_picture @ snapshot.state.direction[:2]
+    if np.hypot(*lean) < 1e-9:  # upright or hanging: the direction is undefined
+        lean = np.array([1e-9, 0.0])
+    fraction = min(snapshot.tilt / max(snapshot.tilt_limit, 1e-9), 1.0) / float(np.hypot(*lean))
+    dot = (at[0] + radius * fraction * lean[0], at[1] - radius * fraction * lean[1])
+    circle(canvas.surface, dot, 6.0 * canvas.unit, colour)
 
 
-def _heading(view: View) -> Any:
-    """What turns a horizontal vector of the world into one to the right and away, shape (2, 2)."""
+def _draw_wind(canvas: _Canvas, at: tuple[float, float], radius: float, to_picture: Floats, force: Floats) -> None:
+    """Draw a dial with an arrow along the horizontal part of the force on the quadrotor, N, shape (3,)."""
+    strength = float(np.linalg.norm(force))
+    _draw_dial(canvas, at, radius, f"wind {strength:.2f} N")
+    needle = to_picture @ force[:2] / _MAX_FORCE
+    needle *= radius / max(float(np.hypot(*needle)), 1.0)
+    if strength > 0.005:
+        centre, half = np.array(at), np.array([needle[0], -needle[1]])
+        arrow(canvas.surface, centre - half, centre + half, palette.WIND, 4.0 * canvas.unit)
+
+
+def _draw_thrust(canvas: _Canvas, at: Any, width: float, height: float, fraction: float) -> None:
+    """Draw a bar that is filled to a fraction of its height, with a mark at one half, which is hover."""
+    (surface, _, unit), (x, y) = canvas, at
+    _draw_panel(surface, (x, y), (width, height))
+    top = y + height * (1.0 - min(max(fraction, 0.0), 1.0))
+    corners = np.array([[x, top], [x + width, top], [x + width, y + height], [x, y + height]])
+    polygon(surface, corners, palette.SKY_BLUE)
+    hover = y + 0.5 * height
+    line(surface, (x - 3.0 * unit, hover), (x + width + 3.0 * unit, hover), palette.INK)
+    canvas.write("thrust", (x + 0.5 * width, y + height + 7.0 * unit), anchor="midtop")
+
+
+def _draw_panel(surface: Any, at: tuple[float, float], size: tuple[float, float]) -> None:
+    """Draw a translucent rectangle behind text."""
+    (x, y), (w, h) = at, size
+    corners = np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])
+    polygon(surface, corners, palette.WHITE, _PANEL_OPACITY)
+
+
+def _draw_dial(canvas: _Canvas, at: tuple[float, float], radius: float, caption: str) -> None:
+    """Draw a translucent disc with a rim and a caption below it."""
+    surface, _, unit = canvas
+    angle = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
+    unit_circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    polygon(surface, np.asarray(at) + (radius + 4.0 * unit) * unit_circle, palette.WHITE, _PANEL_OPACITY)
+    circle(surface, at, radius, palette.GREY, width=1)
+    canvas.write(caption, (at[0], at[1] + radius + 7.0 * unit), anchor="midtop")
+
+
+def _horizontal_rotation(view: View) -> Floats:
+    """Return the rotation of horizontal world vectors to components (right, away from the camera), shape (2, 2)."""
     right = view.axes[0, :2]
     return np.array([right, [-right[1], right[0]]])
-
-
-def _box(surface: Any, at: tuple[float, float], size: tuple[float, float]) -> None:
-    (x, y), (w, h) = at, size
-    area(surface, np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]), paint.PAPER, 190)
-
-
-def _dial(
-    surface: Any, letters: TextRenderer, at: tuple[float, float], radius: float, text: str, size: int, unit: float
-) -> None:
-    turn = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
-    area(
-        surface,
-        np.asarray(at) + (radius + 4.0 * unit) * np.column_stack([np.cos(turn), np.sin(turn)]),
-        paint.PAPER,
-        190,
-    )
-    ring(surface, at, radius, paint.FAINT)
-    letters.write(surface, text, (at[0], at[1] + radius + 7.0 * unit), size, paint.INK, "midtop")
-
-
-def _bar(
-    surface: Any, letters: TextRenderer, at: Any, width: float, height: float, share: float, size: int, unit: float
-) -> None:
-    x, y = at
-    _box(surface, (x, y), (width, height))
-    top = y + height * (1.0 - min(max(share, 0.0), 1.0))
-    area(surface, np.array([[x, top], [x + width, top], [x + width, y + height], [x, y + height]]), paint.SKY_BLUE)
-    middle = y + 0.5 * height
-    line(surface, (x - 3.0 * unit, middle), (x + width + 3.0 * unit, middle), paint.INK)
-    letters.write(surface, "thrust", (x + 0.5 * width, y + height + 7.0 * unit), size, paint.INK, "midtop")

@@ -1,4 +1,4 @@
-"""A picture of one snapshot, or of many side by side."""
+"""A picture of one snapshot, or of several side by side."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,63 +7,64 @@ import numpy as np
 import pygame
 
 from quadpend_gym.core.arrays import Bytes
-from quadpend_gym.viewer import hud, scene
-from quadpend_gym.viewer import palette as paint
+from quadpend_gym.viewer import hud, palette, scene
 from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.palette import Colour
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 
 SIZE = (640, 480)
-_BELOW = 0.24  # of the distance, below the vehicle one looks, so that its shadow is in the picture
+_TARGET_BELOW = 0.24  # of the distance: the camera looks this far below the vehicle, to keep its shadow in the picture
 
 
 class Picture:
-    """Draws snapshots onto pygame surfaces, with one camera for all of them.
+    """Draws snapshots onto pygame surfaces with one camera.
 
     Attributes:
-        camera: where one looks from; change it as you like.
+        camera: The camera, which may be changed between two pictures.
+        text: Renderer of the text.
     """
 
     def __init__(self, camera: Camera | None = None) -> None:
-        """Nothing is drawn yet."""
+        """Prepare a picture of 640 × 480 pixels."""
         self.camera = camera or Camera()
-        self.letters = TextRenderer()
+        self.text = TextRenderer()
         self._backdrop, self._surface = scene.Backdrop(), pygame.Surface(SIZE)
 
-    def draw(self, surface: Any, seen: Snapshot, title: str = "", colour: Colour = paint.BOB) -> None:
+    def draw(self, surface: Any, snapshot: Snapshot, title: str = "", colour: Colour = palette.BOB) -> None:
         """Draw a snapshot over the whole of a surface.
 
         Args:
-            surface: of pygame.
-            seen: what is to be seen.
-            title: to stand in the corner.
-            colour: of the bob, its trail and the title.
+            surface: Surface of pygame to draw on.
+            snapshot: Snapshot to draw.
+            title: Title in the top left corner.
+            colour: Colour of the bob, its trail and the title.
         """
-        middle = seen.focus - np.array([0.0, 0.0, _BELOW * self.camera.distance * np.cos(self.camera.elevation)])
-        view = self.camera.look(middle, *surface.get_size())
-        scene.draw(surface, view, self._backdrop, seen, colour)
-        hud.draw(surface, view, self.letters, seen, title, colour)
+        below = np.array([0.0, 0.0, _TARGET_BELOW * self.camera.distance * np.cos(self.camera.elevation)])
+        view = self.camera.view(snapshot.focus - below, *surface.get_size())
+        scene.draw(surface, view, self._backdrop, snapshot, colour)
+        hud.draw(surface, view, self.text, snapshot, title, colour)
 
-    def mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
-        """Draw snapshots side by side; a single one has all of the surface."""
+    def draw_mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
+        """Draw snapshots side by side; a single one fills the surface."""
         width, height = surface.get_size()
         columns = int(np.ceil(np.sqrt(len(snapshots))))
         rows = -(-len(snapshots) // columns)
-        surface.fill(paint.INK)
-        for i, seen in enumerate(snapshots):
+        surface.fill(palette.INK)
+        for i, snapshot in enumerate(snapshots):
             left, right = (width * (i % columns + k) // columns for k in (0, 1))
             top, bottom = (height * (i // columns + k) // rows for k in (0, 1))
             edge = 0 if len(snapshots) == 1 else 1
-            self.draw(surface.subsurface((left, top, max(right - left - edge, 1), max(bottom - top - edge, 1))), seen)
+            tile = surface.subsurface((left, top, max(right - left - edge, 1), max(bottom - top - edge, 1)))
+            self.draw(tile, snapshot)
 
-    def array(self, snapshots: Sequence[Snapshot]) -> Bytes:
-        """The same as an array of shape (480, 640, 3), uint8."""
-        self.mosaic(self._surface, snapshots)
-        return pixels(self._surface)
+    def render(self, snapshots: Sequence[Snapshot]) -> Bytes:
+        """Draw snapshots side by side and return the picture, shape (480, 640, 3), uint8."""
+        self.draw_mosaic(self._surface, snapshots)
+        return surface_to_array(self._surface)
 
 
-def pixels(surface: Any) -> Bytes:
-    """What is on a surface, shape (height, width, 3), uint8."""
+def surface_to_array(surface: Any) -> Bytes:
+    """Return the pixels of a pygame surface, shape (height, width, 3), uint8."""
     width, height = surface.get_size()
     return np.frombuffer(pygame.image.tobytes(surface, "RGB"), np.uint8).reshape(height, width, 3).copy()

@@ -1,4 +1,4 @@
-"""What a picture shows of one sub-environment at one instant."""
+"""The data that a picture shows of one sub-environment at one instant."""
 
 from typing import NamedTuple
 
@@ -10,23 +10,23 @@ from quadpend_gym.tasks.references import Reference
 
 
 class Snapshot(NamedTuple):
-    """One sub-environment at one instant; all vectors are in the world frame.
+    """One sub-environment at one instant. All vectors are in the world frame.
 
     Attributes:
-        time: since the episode began, s.
-        state: see `quadpend_gym.physics.state`.
-        rod_length: m.
-        reference: see `quadpend_gym.tasks.references`.
-        disturbance: force on the quadrotor and on the bob, N, and torque, N·m, of the last step, shape (9,).
-        thrust: of the last step, over the weight.
-        error: norm of the tracking error, m.
-        tilt: of the pendulum from upright, rad.
-        tilt_limit: where an episode ends, rad.
-        episode_return: the sum of the rewards.
-        focus: where the camera looks, m, shape (3,).
-        trail: where the bob was, the latest last, m, shape (k, 3).
-        drift: how far the wind has carried the air's streaks, m, shape (3,).
-        spin: of the rotors, rad.
+        time: Time since the episode began, s.
+        state: State, see `quadpend_gym.physics.state`.
+        rod_length: Length of the rod, m.
+        reference: Reference, see `quadpend_gym.tasks.references`.
+        disturbance: Disturbance during the last step, shape (9,), see `quadpend_gym.physics.state.Disturbance`.
+        thrust: Thrust of the last step divided by the weight.
+        error: Norm of the tracking error, m.
+        tilt: Angle of the pendulum from upright, rad.
+        tilt_limit: Tilt at which an episode terminates, rad.
+        episode_return: Sum of the rewards of the episode so far.
+        focus: Point that the camera follows, m, shape (3,).
+        trail: Past positions of the bob, the latest last, m, shape (k, 3).
+        streak_offset: Displacement of the wind streaks since the episode began, m, shape (3,).
+        rotor_angle: Angle of the drawn rotor blades, rad.
     """
 
     time: float
@@ -41,10 +41,10 @@ class Snapshot(NamedTuple):
     episode_return: float
     focus: Floats
     trail: Floats
-    drift: Floats
-    spin: float
+    streak_offset: Floats
+    rotor_angle: float
 
     @property
     def bob(self) -> Floats:
-        """The bob's position, m, shape (3,)."""
+        """Position of the bob, m, shape (3,)."""
         return np.asarray(self.state.position + self.rod_length * self.state.direction)

@@ -1,4 +1,4 @@
-"""The window of the render mode ``human``: pictures in real time, and keys."""
+"""The window of the render mode ``human``: pictures in real time, with keys and mouse."""
 
 import os
 import time
@@ -8,7 +8,7 @@ from typing import Any
 import pygame
 from gymnasium.error import Error
 
-from quadpend_gym.viewer import palette as paint
+from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.snapshot import Snapshot
@@ -17,78 +17,80 @@ SIZE = (960, 720)
 HELP = (
     "space pause   . step   R restart   S F slower faster   arrows mouse orbit   + - zoom   T top   V view   Esc close"
 )
-_FRAME = 1.0 / 60.0  # s
-_TURN, _ZOOM = 0.05, 1.1  # rad and factor of one key press
-_DRAG = 0.008  # rad per pixel
-_SLOWEST, _FASTEST = 1.0 / 16.0, 4.0
+_FRAME_TIME = 1.0 / 60.0  # s
+_ORBIT_STEP, _ZOOM_STEP = 0.05, 1.1  # rad and factor of one key press
+_ORBIT_PER_PIXEL = 0.008  # rad
+_TO_TOP = 2.0  # rad, enough to reach the highest elevation from any other
+_MIN_SPEED, _MAX_SPEED = 1.0 / 16.0, 4.0
 
 
 class Controls:
-    """What keys and mouse do, for a window of any kind.
+    """The state of a window that keys and mouse change.
 
     Attributes:
-        paused: whether time stands still.
-        speed: of the time shown.
-        steps: to go although paused.
-        over: whether the running episode is to end.
-        closed: whether the window is closed, or is to close.
-        help: whether the keys are shown.
+        paused: Whether playback is paused.
+        speed: Playback speed; 1 is real time.
+        steps: Number of single steps still to make while paused.
+        end_requested: Whether the user has asked to end the running episode.
+        closed: Whether the window is closed, or the user has asked to close it.
+        help: Whether the list of keys is shown.
     """
 
     def __init__(self, picture: Picture) -> None:
-        """Everything as at the beginning."""
+        """Control the camera of a picture."""
         self._camera = picture.camera
-        self._turns = {
-            pygame.K_LEFT: (-_TURN, 0.0),
-            pygame.K_RIGHT: (_TURN, 0.0),
-            pygame.K_UP: (0.0, _TURN),
-            pygame.K_DOWN: (0.0, -_TURN),
-            pygame.K_t: (0.0, 2.0),
+        self._orbit_keys = {
+            pygame.K_LEFT: (-_ORBIT_STEP, 0.0),
+            pygame.K_RIGHT: (_ORBIT_STEP, 0.0),
+            pygame.K_UP: (0.0, _ORBIT_STEP),
+            pygame.K_DOWN: (0.0, -_ORBIT_STEP),
+            pygame.K_t: (0.0, _TO_TOP),
         }
-        self.paused, self.speed, self.steps, self.over, self.closed, self.help = False, 1.0, 0, False, False, False
+        self.paused, self.help, self.end_requested, self.closed = False, False, False, False
+        self.speed, self.steps = 1.0, 0
 
     def handle(self, event: Any) -> None:
-        """Do what an event asks for."""
+        """Respond to an event of pygame."""
         if event.type == pygame.QUIT:
-            self.over = self.closed = True
+            self.end_requested = self.closed = True
         elif event.type == pygame.KEYDOWN:
             self._press(event.key)
         elif event.type == pygame.MOUSEMOTION and event.buttons[0]:
-            self._camera.orbit(-_DRAG * event.rel[0], _DRAG * event.rel[1])
+            self._camera.orbit(-_ORBIT_PER_PIXEL * event.rel[0], _ORBIT_PER_PIXEL * event.rel[1])
         elif event.type == pygame.MOUSEWHEEL:
-            self._camera.zoom(_ZOOM**-event.y)
+            self._camera.zoom(_ZOOM_STEP**-event.y)
 
     def _press(self, key: int) -> None:
-        if key in self._turns:
-            self._camera.orbit(*self._turns[key])
+        if key in self._orbit_keys:
+            self._camera.orbit(*self._orbit_keys[key])
         elif key in (pygame.K_PLUS, pygame.K_EQUALS, pygame.K_KP_PLUS):
-            self._camera.zoom(1.0 / _ZOOM)
+            self._camera.zoom(1.0 / _ZOOM_STEP)
         elif key in (pygame.K_MINUS, pygame.K_KP_MINUS):
-            self._camera.zoom(_ZOOM)
+            self._camera.zoom(_ZOOM_STEP)
         elif key == pygame.K_SPACE:
             self.paused = not self.paused
         elif key == pygame.K_PERIOD:
             self.paused, self.steps = True, self.steps + 1
         elif key in (pygame.K_s, pygame.K_f):
-            self.speed = min(max(self.speed * (0.5 if key == pygame.K_s else 2.0), _SLOWEST), _FASTEST)
+            self.speed = min(max(self.speed * (0.5 if key == pygame.K_s else 2.0), _MIN_SPEED), _MAX_SPEED)
         elif key == pygame.K_v:
             vars(self._camera).update(vars(Camera()))
         elif key == pygame.K_h:
             self.help = not self.help
         elif key == pygame.K_r:
-            self.over = True
+            self.end_requested = True
         elif key in (pygame.K_ESCAPE, pygame.K_q):
-            self.over = self.closed = True
+            self.end_requested = self.closed = True
 
 
 class Window:
-    """A window that shows snapshots as time passes.
+    """A window that shows snapshots in real time.
 
     Args:
-        period: s, between two snapshots.
+        period: Time between two snapshots, s.
 
     Raises:
-        Error: no window can be opened.
+        Error: If no window can be opened.
     """
 
     def __init__(self, period: float) -> None:
@@ -98,25 +100,29 @@ class Window:
         self._screen = open_window("QuadPendulum", SIZE)
         self._due = self._drawn = time.perf_counter()
 
-    def asked(self) -> bool:
-        """Whether whoever watches wants the running episodes to end; told once."""
-        asked, self._controls.over = self._controls.over, False
-        return asked
+    def pop_end_request(self) -> bool:
+        """Return whether the user has asked to end the running episodes, and clear this request."""
+        requested, self._controls.end_requested = self._controls.end_requested, False
+        return requested
 
     def show(self, snapshots: Callable[[], Sequence[Snapshot]]) -> None:
-        """Show what `snapshots` returns when it is time for it; return when it is time for the next."""
+        """Show the present snapshots and wait until the next ones are due.
+
+        Args:
+            snapshots: Function that returns the present snapshots; it is called only if a picture is drawn.
+        """
         controls = self._controls
-        controls.closed |= not pygame.display.get_init()  # somebody else may have closed pygame's one window
+        controls.closed |= not pygame.display.get_init()  # other code may have closed pygame's one window
         if controls.closed:
             return
-        while not controls.over:
+        while not controls.end_requested:
             now = time.perf_counter()
-            if now - self._drawn >= _FRAME or now >= self._due:
+            if now - self._drawn >= _FRAME_TIME or now >= self._due:
                 for event in pygame.event.get():
                     controls.handle(event)
-                if now - self._drawn >= _FRAME or controls.steps:
+                if now - self._drawn >= _FRAME_TIME or controls.steps:
                     self._draw(snapshots())
-                    self._drawn = time.perf_counter()  # so that pictures that take long are left out
+                    self._drawn = time.perf_counter()  # after drawing, so that slow pictures are skipped
             if controls.steps:
                 controls.steps -= 1
                 break
@@ -134,16 +140,16 @@ class Window:
         pygame.display.quit()
 
     def _draw(self, snapshots: Sequence[Snapshot]) -> None:
-        self.picture.mosaic(self._screen, snapshots)
-        write_state(self._screen, self.picture, self._controls)
+        self.picture.draw_mosaic(self._screen, snapshots)
+        draw_status(self._screen, self.picture, self._controls)
         pygame.display.flip()
 
 
 def open_window(title: str, size: tuple[int, int]) -> Any:
-    """A window of pygame, which has one for each process, that can be resized.
+    """Open a resizable window and return its surface. Pygame has one window per process.
 
     Raises:
-        Error: it cannot be opened.
+        Error: If the window cannot be opened.
     """
     try:
         pygame.display.init()
@@ -155,22 +161,22 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     return window
 
 
-def unseen() -> bool:
-    """Whether the window that is open is one that SDL falls back to without a screen."""
+def is_headless() -> bool:
+    """Return whether SDL has fallen back to a driver without a screen that the user did not ask for."""
     driver = pygame.display.get_driver()
     return driver in ("dummy", "offscreen") and os.environ.get("SDL_VIDEODRIVER") != driver
 
 
-def write_state(surface: Any, picture: Picture, controls: Controls) -> None:
-    """Write into a window's lower edge what the keys are, and whether time is slowed or stopped."""
+def draw_status(surface: Any, picture: Picture, controls: Controls) -> None:
+    """Write the playback speed and the keys along the lower edge of a window."""
     width, height = surface.get_size()
-    shown = ["paused"] if controls.paused else []
-    shown += [f"{controls.speed:g} × time"] if controls.speed != 1.0 else []
-    shown += [HELP] if controls.help or controls.paused else ["H help"]
-    text = "   ".join(shown)
+    parts = ["paused"] if controls.paused else []
+    parts += [f"{controls.speed:g} × time"] if controls.speed != 1.0 else []
+    parts += [HELP] if controls.help or controls.paused else ["H help"]
+    text = "   ".join(parts)
     size = 20 if len(text) < 20 else max(min(20, round(2.4 * width / len(text))), 10)
-    veil = pygame.Surface((width, size + 8))
-    veil.fill(paint.PAPER)
-    veil.set_alpha(150 if len(shown) > 1 else 0)
-    surface.blit(veil, (0, height - size - 8))
-    picture.letters.write(surface, text, (width / 2, height - 5), size, paint.INK, "midbottom")
+    background = pygame.Surface((width, size + 8))
+    background.fill(palette.WHITE)
+    background.set_alpha(150 if len(parts) > 1 else 0)
+    surface.blit(background, (0, height - size - 8))
+    picture.text.write(surface, text, (width / 2, height - 5), size, palette.INK, "midbottom")

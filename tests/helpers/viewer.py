@@ -11,8 +11,7 @@ from quadpend_gym import Reference, State
 from quadpend_gym.core.arrays import Booleans, Bytes, Floats
 from quadpend_gym.viewer import scene
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.picture import pixels as pixels_of
+from quadpend_gym.viewer.picture import Picture, surface_to_array
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 from tests.helpers.envs import AT_REST
@@ -45,8 +44,8 @@ def still(**fields: Any) -> Snapshot:
         episode_return=0.0,
         focus=state.position.copy(),
         trail=(state.position + 0.3 * state.direction)[np.newaxis],
-        drift=np.zeros(3),
-        spin=0.0,
+        streak_offset=np.zeros(3),
+        rotor_angle=0.0,
     )
 
 
@@ -59,14 +58,14 @@ def drawn(seen: Snapshot, camera: Camera | None = None, size: tuple[int, int] = 
     """The whole picture of a snapshot."""
     surface = pygame.Surface(size)
     Picture(camera).draw(surface, seen)
-    return pixels_of(surface)
+    return surface_to_array(surface)
 
 
 def painted(seen: Snapshot, camera: Camera, at: Floats | tuple[float, ...]) -> Bytes:
     """The scene alone, without gauges, as a camera sees it that looks at a point."""
     surface = pygame.Surface(SIZE)
-    scene.draw(surface, camera.look(np.asarray(at, float), *SIZE), scene.Backdrop(), seen)
-    return pixels_of(surface)
+    scene.draw(surface, camera.view(np.asarray(at, float), *SIZE), scene.Backdrop(), seen)
+    return surface_to_array(surface)
 
 
 def projected(camera: Camera, at: Any, points: Any) -> Floats:
@@ -74,7 +73,7 @@ def projected(camera: Camera, at: Any, points: Any) -> Floats:
     turn = Rotation.from_euler("ZY", [camera.azimuth, -camera.elevation])
     x, y, z = turn.inv().apply(np.asarray(points, float) - at).T
     depth = camera.distance - x
-    focal = SIZE[1] / 2 / np.tan(camera.angle / 2)
+    focal = SIZE[1] / 2 / np.tan(camera.field_of_view / 2)
     return np.column_stack([SIZE[0] / 2 + focal * y / depth, SIZE[1] / 2 - focal * z / depth, depth])
 
 
@@ -85,7 +84,7 @@ def like(pixels: Bytes, colour: tuple[int, int, int], tolerance: int = 12) -> Bo
 
 def projected_metre(camera: Camera, place: Any) -> float:
     """Pixels of a metre across at the depth of a projected point."""
-    return float(SIZE[1] / 2 / np.tan(camera.angle / 2) / place[2])
+    return float(SIZE[1] / 2 / np.tan(camera.field_of_view / 2) / place[2])
 
 
 def greenish(pixels: Any) -> Any:

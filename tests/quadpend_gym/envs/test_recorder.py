@@ -87,7 +87,7 @@ def test_a_row_that_was_reset_shows_its_new_episode(mode: str) -> None:
     for seen in snapshots(env):
         assert (seen.time, seen.episode_return, len(seen.trail)) == (0.0, 0.0, 1)
         assert_array_equal(seen.focus, seen.state.position)
-        assert not seen.drift.any()
+        assert not seen.streak_offset.any()
 
 
 def test_a_row_is_seen_as_the_single_environment_is() -> None:

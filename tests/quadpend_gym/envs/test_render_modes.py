@@ -18,7 +18,7 @@ from stable_baselines3.common.env_checker import check_env as check_with_sb3
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from quadpend_gym import QuadPendulumEnv, QuadPendulumVectorEnv, Reference
-from quadpend_gym.viewer.picture import Picture, pixels
+from quadpend_gym.viewer.picture import Picture, surface_to_array
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.envs import (
     AUTORESET_MODES,
@@ -89,8 +89,8 @@ def test_a_mosaic_has_a_tile_for_each_row() -> None:
 @pytest.mark.parametrize("rows", [1, 3, 64])
 def test_pictures_can_be_tiny(rows: int, size: tuple[int, int]) -> None:
     surface = pygame.Surface(size)
-    Picture().mosaic(surface, [still()] * rows)
-    assert pixels(surface).shape == (size[1], size[0], 3)
+    Picture().draw_mosaic(surface, [still()] * rows)
+    assert surface_to_array(surface).shape == (size[1], size[0], 3)
 
 
 @pytest.mark.parametrize("mode", ["rgb_array", "human"])

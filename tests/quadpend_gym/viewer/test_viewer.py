@@ -12,8 +12,7 @@ from scipy.ndimage import binary_erosion
 from quadpend_gym import Reference
 from quadpend_gym.viewer import hud, palette, scene
 from quadpend_gym.viewer.camera import NEAR, Camera
-from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.picture import pixels as pixels_of
+from quadpend_gym.viewer.picture import Picture, surface_to_array
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 from quadpend_train.reports import side_by_side
@@ -46,14 +45,14 @@ GONE = still(position=(900.0, 0.0, 2.0))  # out of every picture
 def test_the_camera_is_a_rotated_pinhole(camera: Camera) -> None:
     at = np.array([1.0, -2.0, 3.0])
     points = at + np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)) * camera.distance / 3
-    assert_allclose(camera.look(at, *SIZE).project(points), projected(camera, at, points), rtol=1e-9, atol=1e-9)
+    assert_allclose(camera.view(at, *SIZE).project(points), projected(camera, at, points), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_segments_are_cut_where_they_pass_behind_the_camera(camera: Camera) -> None:
     at = np.array([0.5, 0.0, 1.0])
     ends = at + np.random.default_rng(1).normal(size=(200, 2, 3)) * camera.distance
-    pixels, visible = camera.look(at, *SIZE).segments(ends.copy())
+    pixels, visible = camera.view(at, *SIZE).project_segments(ends.copy())
     depth = projected(camera, at, ends.reshape(-1, 3))[:, 2].reshape(-1, 2)
     assert (visible == (depth.max(axis=1) > NEAR)).all()
     assert (visible & (depth.min(axis=1) < NEAR)).sum() > 10
@@ -68,13 +67,13 @@ def test_the_horizon_is_where_level_ground_ends(elevation: float) -> None:
     camera = Camera(azimuth=0.3, elevation=elevation)
     at = np.array([0.0, 0.0, 2.0])
     far = at - 1e9 * np.array([[np.cos(0.3), np.sin(0.3), 0.0]])
-    assert_allclose(camera.look(at, *SIZE).horizon(), projected(camera, at, far)[0, 1], atol=1e-4)
+    assert_allclose(camera.view(at, *SIZE).horizon(), projected(camera, at, far)[0, 1], atol=1e-4)
 
 
 def test_from_the_top_all_is_ground_and_x_stays_to_the_right() -> None:
-    view = ABOVE.look(np.array(BODY), *SIZE)
+    view = ABOVE.view(np.array(BODY), *SIZE)
     assert view.horizon() == -np.inf
-    right, away = view.project(np.array([[0.5, 0.0, 2.0], [0.0, 0.5, 2.0]]))[:, :2] - view.middle
+    right, away = view.project(np.array([[0.5, 0.0, 2.0], [0.0, 0.5, 2.0]]))[:, :2] - view.centre
     assert_allclose(right, (-away[1], 0.0), atol=1e-9)
     assert not like(drawn(still(), ABOVE), palette.SKY).any()
 
@@ -189,16 +188,16 @@ def test_the_wind_s_streaks_are_as_long_as_it_is_strong_and_calm_air_has_none() 
 
 def test_no_streak_of_a_storm_is_so_near_that_it_hides_the_scene() -> None:
     for drift in 0.37 * np.arange(12):
-        pixels = painted(blown(1.0, 1.0, 0.1)._replace(drift=np.full(3, drift)), Camera(), BODY)
+        pixels = painted(blown(1.0, 1.0, 0.1)._replace(streak_offset=np.full(3, drift)), Camera(), BODY)
         assert not binary_erosion(greenish(pixels), np.ones((11, 11))).any()
 
 
 def gauged(seen: Snapshot, camera: Camera = BESIDE) -> Any:
     """The lower half of the gauges alone, on white."""
     surface = pygame.Surface(SIZE)
-    surface.fill(palette.PAPER)
-    hud.draw(surface, camera.look(np.array(BODY), *SIZE), TextRenderer(), seen, "", palette.BOB)
-    return pixels_of(surface)[SIZE[1] // 2 :]
+    surface.fill(palette.WHITE)
+    hud.draw(surface, camera.view(np.array(BODY), *SIZE), TextRenderer(), seen, "", palette.BOB)
+    return surface_to_array(surface)[SIZE[1] // 2 :]
 
 
 def test_the_thrust_s_bar_is_half_full_in_hover() -> None:
@@ -228,7 +227,7 @@ def test_the_wind_s_needle_points_where_it_blows() -> None:
 def test_time_and_return_are_written_legibly(size: tuple[int, int]) -> None:
     """Inside of the picture, not over each other, and in no letters too small to be read."""
     picture, words = Picture(), Words()
-    picture.letters = words
+    picture.text = words
     picture.draw(pygame.Surface(size), still()._replace(time=1.23, episode_return=123.4, error=0.056), "flatness")
     if not words.written:
         assert size[1] < 320
@@ -265,5 +264,5 @@ def test_colours_that_mean_something_are_told_apart_by_the_colour_blind(vision: 
 
 @pytest.mark.parametrize("vision", COLOUR_VISION)
 def test_curves_are_told_from_the_true_wind_and_from_paper_by_the_colour_blind(vision: str) -> None:
-    for colour, other in product(side_by_side.COLOURS, (side_by_side.TRUE, palette.PAPER)):
+    for colour, other in product(side_by_side.COLOURS, (side_by_side.TRUE, palette.WHITE)):
         assert np.linalg.norm(lab(colour, vision) - lab(other, vision)) > 15.0

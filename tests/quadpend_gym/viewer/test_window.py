@@ -13,7 +13,7 @@ from gymnasium.error import Error
 
 from quadpend_gym.viewer import window
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.picture import Picture, pixels
+from quadpend_gym.viewer.picture import Picture, surface_to_array
 from tests.helpers.envs import ENDLESS, make, make_unwrapped, make_vec
 from tests.helpers.sources import ROOT
 from tests.helpers.viewer import Clock, lasted
@@ -130,7 +130,7 @@ def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
 def test_h_shows_what_the_keys_do(env: Any, clock: Clock) -> None:
     def written() -> int:
         fly(env, 3)
-        lower_edge = pixels(pygame.display.get_surface())[-20:]
+        lower_edge = surface_to_array(pygame.display.get_surface())[-20:]
         return int((lower_edge.max(axis=-1) < 100).sum())
 
     few = written()
@@ -146,8 +146,8 @@ def test_the_help_fits_into_the_window(size: tuple[int, int]) -> None:
     surface, controls = pygame.Surface(size), window.Controls(Picture())
     controls.paused, controls.speed = True, 0.0625
     surface.fill((255, 255, 255))
-    window.write_state(surface, Picture(), controls)
-    columns = np.flatnonzero((pixels(surface) < 200).any(axis=(0, 2)))
+    window.draw_status(surface, Picture(), controls)
+    columns = np.flatnonzero((surface_to_array(surface) < 200).any(axis=(0, 2)))
     assert columns[0] > 2
     assert columns[-1] < size[0] - 3
 

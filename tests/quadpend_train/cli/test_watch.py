@@ -14,7 +14,7 @@ from PIL import Image
 
 from quadpend_baselines import controller
 from quadpend_gym.viewer.palette import BLUE, GREEN, VERMILLION, VIOLET
-from quadpend_gym.viewer.picture import pixels
+from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.cli.main import main
 from quadpend_train.cli.watch import watch
 from quadpend_train.evaluation.episodes import PERIOD, run_episodes
@@ -38,7 +38,7 @@ def recordings() -> list[Recording]:
 def drawn(board: SideBySideView, step: int, size: tuple[int, int] = (1280, 720)) -> Any:
     surface = pygame.Surface(size)
     board.draw(surface, step)
-    return pixels(surface)
+    return surface_to_array(surface)
 
 
 def count(picture: Any, colour: tuple[int, int, int]) -> int:

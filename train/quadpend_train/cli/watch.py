@@ -98,10 +98,10 @@ def _check(
 
 
 def _open(size: tuple[int, int]) -> Any:
-    from quadpend_gym.viewer.window import open_window, unseen
+    from quadpend_gym.viewer.window import is_headless, open_window
 
     screen = open_window("quadpend watch", size)
-    if unseen():
+    if is_headless():
         raise ValueError("there is no screen for a window: give --out, a file for the film")
     return screen
 
@@ -110,7 +110,7 @@ def _play(board: Any, screen: Any, period: float, speed: float) -> None:
     """Show the board in a window until it is closed."""
     import pygame
 
-    from quadpend_gym.viewer.window import Controls, write_state
+    from quadpend_gym.viewer.window import Controls, draw_status
 
     controls = Controls(board.picture)
     controls.speed = speed
@@ -122,15 +122,15 @@ def _play(board: Any, screen: Any, period: float, speed: float) -> None:
         if controls.closed:
             break
         now = time.perf_counter()
-        if controls.over:
-            controls.over, at = False, first
+        if controls.end_requested:
+            controls.end_requested, at = False, first
         if controls.steps:
             at, controls.steps = at + controls.steps, 0
         elif not controls.paused:
             at += controls.speed * (now - before) / period
         at, before = min(at, last), now
         board.draw(screen, int(at))
-        write_state(screen, board.picture, controls)
+        draw_status(screen, board.picture, controls)
         pygame.display.flip()
         time.sleep(max(1.0 / _WINDOW_RATE - (time.perf_counter() - now), 0.0))
     pygame.display.quit()
@@ -141,12 +141,12 @@ def _pictures(board: Any, size: tuple[int, int], steps: list[int]) -> Iterator[A
     import pygame
     from tqdm import tqdm
 
-    from quadpend_gym.viewer.picture import pixels
+    from quadpend_gym.viewer.picture import surface_to_array
 
     surface = pygame.Surface(size)
     for step in tqdm(steps, desc="drawing", disable=None if len(steps) > 1 else True):
         board.draw(surface, step)
-        yield pixels(surface)
+        yield surface_to_array(surface)
 
 
 def _film(board: Any, out: Path, size: tuple[int, int], fps: float, rate: float) -> None:
@@ -196,9 +196,11 @@ def _palette(pictures: list[Any]) -> Any:
     import numpy as np
     from PIL import Image
 
-    from quadpend_gym.viewer.palette import INK, PAPER, TELLING, mixed
+    from quadpend_gym.viewer.palette import INK, MEANINGFUL, WHITE, blend
 
-    shades = [mixed(colour, other, share) for colour in TELLING for other in (PAPER, INK) for share in (0.0, 0.25, 0.5)]
+    shades = [
+        blend(colour, other, share) for colour in MEANINGFUL for other in (WHITE, INK) for share in (0.0, 0.25, 0.5)
+    ]
     few = np.concatenate(pictures)
     rows = len(few) // (2 * len(shades)) + 1
     swatches = np.repeat(np.array(shades, np.uint8), rows, axis=0)[:, np.newaxis]

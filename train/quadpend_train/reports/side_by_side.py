@@ -8,14 +8,14 @@ import numpy as np
 import pygame
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.viewer import palette as paint
-from quadpend_gym.viewer.palette import Colour, mixed
+from quadpend_gym.viewer import palette
+from quadpend_gym.viewer.palette import Colour, blend
 from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.primitives import line
 from quadpend_train.evaluation.recording import Recording
 
-COLOURS = (paint.VERMILLION, paint.VIOLET, paint.BROWN)  # of the policies, from the left
-TRUE = mixed(paint.WIND, paint.PAPER, 0.35)  # of the wind as it was
+COLOURS = (palette.VERMILLION, palette.VIOLET, palette.BROWN)  # of the policies, from the left
+TRUE = blend(palette.WIND, palette.WHITE, 0.35)  # of the wind as it was
 _CURVES = 0.3  # of the height, for the curves
 _LEAST = 1.0  # mm, the smallest error on the chart
 
@@ -69,7 +69,7 @@ class SideBySideView:
     def draw(self, surface: Any, step: int) -> None:
         """Draw what there was after a number of steps over the whole of a surface."""
         width, height = surface.get_size()
-        surface.fill(paint.PAPER)
+        surface.fill(palette.WHITE)
         below = round(height * (1.0 - _CURVES))
         n = len(self._recordings)
         for i, recording in enumerate(self._recordings):
@@ -86,30 +86,30 @@ class SideBySideView:
     def _tell_of_fall(self, surface: Any, time: float) -> None:
         width, height = surface.get_size()
         veil = pygame.Surface((width, height))
-        veil.fill(paint.PAPER)
+        veil.fill(palette.WHITE)
         veil.set_alpha(90)
         surface.blit(veil, (0, 0))
-        self.picture.letters.write(
-            surface, f"fell at {time:.1f} s", (width / 2, 0.62 * height), height // 12, paint.INK, "center"
+        self.picture.text.write(
+            surface, f"fell at {time:.1f} s", (width / 2, 0.62 * height), height // 12, palette.INK, "center"
         )
 
     def _draw_chart(self, surface: Any, chart: Chart, step: int) -> None:
         width, height = surface.get_size()
         size = max(round(height / 9.5), 12)
-        write = self.picture.letters.write
+        write = self.picture.text.write
         left, right, top, bottom = 2.6 * size, width - 0.8 * size, 1.6 * size, height - 1.6 * size
         begin, end = self.steps.start * self._period, self.steps.stop * self._period
         across, scale = (right - left) / (end - begin), (bottom - top) / (chart.high - chart.low)
         x = left
-        for text, colour in ((chart.title, paint.INK), *chart.names):
+        for text, colour in ((chart.title, palette.INK), *chart.names):
             x = write(surface, text, (x, 0.35 * size), size, colour) + 0.6 * size
         for value, text in chart.ticks:
             y = bottom - scale * (value - chart.low)
-            pygame.draw.line(surface, mixed(paint.GRID, paint.PAPER, 0.5), (left, y), (right, y))
-            write(surface, text, (left - 0.4 * size, y), size, paint.FAINT, "midright")
+            pygame.draw.line(surface, blend(palette.GRID, palette.WHITE, 0.5), (left, y), (right, y))
+            write(surface, text, (left - 0.4 * size, y), size, palette.GREY, "midright")
         for second in _ticks(begin, end):
             x = left + across * (second - begin)
-            write(surface, f"{second:g} s", (x, bottom + 0.3 * size), size, paint.FAINT, "midtop")
+            write(surface, f"{second:g} s", (x, bottom + 0.3 * size), size, palette.GREY, "midtop")
         for curve in chart.curves:
             shown = curve.values[self.steps.start : step + 1]
             x = left + across * self._period * (1.0 + np.arange(len(shown)))
@@ -118,7 +118,7 @@ class SideBySideView:
                 if np.isfinite(a[1] + b[1]) and not (curve.dashed and i % 8 > 4):
                     line(surface, a, b, curve.colour, curve.width)
         x = left + across * self._period * (step + 1 - self.steps.start)
-        pygame.draw.line(surface, paint.FAINT, (x, top), (x, bottom))
+        pygame.draw.line(surface, palette.GREY, (x, top), (x, bottom))
 
 
 def _error_chart(recordings: Sequence[Recording], shown: slice) -> Chart:
@@ -148,7 +148,7 @@ def _wind_chart(recordings: Sequence[Recording], shown: slice) -> Chart:
     curves = [Curve(true[:, axis], TRUE, 5)]
     for i, guess in zip(seeing, guesses, strict=True):
         curves.append(Curve(np.where(np.abs(guess) <= reach, guess, np.nan), COLOURS[i], 2, i == 1))
-    names = (("true", mixed(TRUE, paint.INK, 0.3)), *(_names(recordings)[i] for i in seeing))
+    names = (("true", blend(TRUE, palette.INK, 0.3)), *(_names(recordings)[i] for i in seeing))
     ticks = tuple((float(value), f"{value:g}") for value in _ticks(-reach, reach))
     return Chart(f"wind along {'xyz'[axis]} (N)", names, tuple(curves), -reach, reach, ticks)
 
