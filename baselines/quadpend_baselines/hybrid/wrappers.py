@@ -1,16 +1,11 @@
-"""Environments in which a classical controller flies along with the learner, see `companion`.
+"""Wrappers that put a hybrid around an environment, so that an agent learns or acts as its policy.
 
-| wrapper                          | what it brings                                                   |
-|----------------------------------|------------------------------------------------------------------|
-| `DisturbanceEstimateObservation` | the learner acts alone, and observes the controller's estimates  |
-| `ResidualAction`                 | the controller acts, and the learner corrects its actions        |
-| `PaceAction`                     | the controller acts, and the learner sets its bandwidths         |
+    env = HybridWrapper(gym.make("quadpend_gym:QuadPendulum-v0", wind="windy"), ResidualAction("flatness", 0.3))
 
-Each for a single environment and, as ``Vector…``, for a vector of them in every autoreset mode:
-
-    env = ResidualAction(gym.make("quadpend_gym:QuadPendulum-v0", wind="windy"), "flatness", authority=0.3)
+`HybridWrapper` is for a single environment, `VectorHybridWrapper` for a vector environment in every autoreset mode.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -20,8 +15,9 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from quadpend_baselines.controllers.registry import controller as by_name
-from quadpend_baselines.hybrid.companion import Companion, CompanionMemory
+from quadpend_baselines.hybrid.protocol import Hybrid, HybridMemory
+from quadpend_baselines.hybrid.registry import hybrid_from_data
+from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.spaces import check_action, observation_space
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
@@ -29,20 +25,22 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZ
 _SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 
 
-def _companion(env: Any, space: Any, controller: Any, steers: str, authority: float, caution: float) -> Companion:
+def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any]) -> Hybrid:
+    """Return the hybrid, adapted to the nominal simulation of `env` if its base controller was given by name."""
     if getattr(space, "shape", None) not in {(size,) for size in _SIZES}:
         raise ValueError(
-            f"a companion flies from an observation of {' or '.join(map(str, _SIZES))} numbers, not from {space}: put"
-            " its wrapper inside those that change the observation otherwise"
+            f"a hybrid takes observations of {' or '.join(map(str, _SIZES))} numbers, not of {space}: put its wrapper"
+            " inside those that change the observation otherwise"
         )
-    if isinstance(controller, str):
-        world = getattr(env.unwrapped, "world", None)
-        controller = by_name(controller, None if world is None else world.simulation)
-    return Companion(controller, steers, authority, caution)
+    found = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
+    world = getattr(env.unwrapped, "world", None)
+    if found.base_controller_name is None or world is None:
+        return found
+    return found.with_simulation(world.simulation)
 
 
-def _checked(action: Any, shape: tuple[int, ...], memory: Any) -> Floats32:
-    """The learner's action as the environment would take it; what acts in the end keeps to the limits anyway."""
+def _check_policy_action(action: Any, shape: tuple[int, ...], memory: HybridMemory | None) -> Floats32:
+    """Return the policy's action as float32 after the checks that the environment makes of its own action."""
     if memory is None:
         raise ResetNeeded("reset must be called before step")
     checked = check_action(action, shape)
@@ -51,180 +49,112 @@ def _checked(action: Any, shape: tuple[int, ...], memory: Any) -> Floats32:
     return checked
 
 
-class WithCompanion(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """What the wrappers of a single environment do."""
+class HybridWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Put a hybrid around a single environment: the agent acts as its policy.
 
-    def __init__(
-        self, env: gym.Env[Any, Any], controller: Any, steers: str, authority: float, caution: float = 0.0
-    ) -> None:
+    Args:
+        env: A QuadPendulum environment, wrapped or not, with or without velocities in the observation.
+        hybrid: The hybrid, or its plain data. If its base controller was given by name, the base controller is
+            designed for the nominal simulation of `env`.
+
+    Raises:
+        TypeError: If plain data are given and do not describe a hybrid.
+        ValueError: If `env` has another observation, or plain data do not describe a hybrid.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], hybrid: Hybrid | Mapping[str, Any]) -> None:
+        """Wrap `env`."""
+        self.hybrid = _hybrid_for(env, env.observation_space, hybrid)
+        named = self.hybrid.base_controller_name is not None  # then the specification of the environment can be JSON
+        RecordConstructorArgs.__init__(self, hybrid=self.hybrid.as_data() if named else hybrid)
         gym.Wrapper.__init__(self, env)
-        self.companion = _companion(env, env.observation_space, controller, steers, authority, caution)
-        self.observation_space = observation_space(self.companion.size(env.observation_space.shape[0]))  # type: ignore[index]
-        self._memory: Any = None
+        self.observation_space = observation_space(self.hybrid.observation_size(env.observation_space.shape[0]))  # type: ignore[index]
+        self._memory: HybridMemory | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats32, dict[str, Any]]:
-        """Begin an episode, in which the controller knows nothing yet."""
+        """Begin an episode and reset the base controller."""
         observation, info = self.env.reset(seed=seed, options=options)
-        return self._watch(observation, None), info
+        return self._observe(observation, None), info
 
     def step(self, action: Any) -> tuple[Floats32, Any, bool, bool, dict[str, Any]]:
-        """Let the learner's action act, alone or on top of the controller's."""
-        acting, memory = self.companion.act(_checked(action, (4,), self._memory)[np.newaxis], self._memory)
-        observation, reward, terminated, truncated, info = self.env.step(acting[0])
-        return self._watch(observation, memory), reward, terminated, truncated, info
+        """Apply the hybrid's action for the policy's `action`, shape (4,)."""
+        checked = _check_policy_action(action, (ACTION_SIZE,), self._memory)
+        applied, memory = self.hybrid.act(checked[np.newaxis], self._memory)  # type: ignore[arg-type]
+        observation, reward, terminated, truncated, info = self.env.step(applied[0])
+        return self._observe(observation, memory), reward, terminated, truncated, info
 
-    def _watch(self, observation: Floats32, memory: CompanionMemory | None) -> Floats32:
-        seen, self._memory = self.companion.watch(observation[np.newaxis], memory, np.array([memory is None]))
+    def _observe(self, observation: Floats32, memory: HybridMemory | None) -> Floats32:
+        seen, self._memory = self.hybrid.observe(observation[np.newaxis], memory, np.array([memory is None]))
         return np.asarray(seen[0])
 
 
-class VectorWithCompanion(VectorWrapper):
-    """What the wrappers of a vector environment do."""
+class VectorHybridWrapper(VectorWrapper):
+    """`HybridWrapper` for a vector environment, in every autoreset mode.
 
-    def __init__(
-        self, env: VectorEnv[Any, Any, Any], controller: Any, steers: str, authority: float, caution: float = 0.0
-    ) -> None:
+    Args:
+        env: A QuadPendulum vector environment, wrapped or not, with or without velocities in the observation.
+        hybrid: The hybrid, or its plain data; as for `HybridWrapper`.
+
+    Raises:
+        TypeError: If plain data are given and do not describe a hybrid.
+        ValueError: If `env` has another observation, or plain data do not describe a hybrid.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], hybrid: Hybrid | Mapping[str, Any]) -> None:
+        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        self.companion = _companion(env, env.single_observation_space, controller, steers, authority, caution)
-        size = self.companion.size(env.single_observation_space.shape[0])  # type: ignore[index]
+        self.hybrid = _hybrid_for(env, env.single_observation_space, hybrid)
+        size = self.hybrid.observation_size(env.single_observation_space.shape[0])  # type: ignore[index]
         self.single_observation_space = observation_space(size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._memory: Any = None
+        self._memory: HybridMemory | None = None
         self._seen = np.empty(0, np.float32)
         self._ended = np.zeros(self.num_envs, np.bool_)
 
+    @property
+    def base_action(self) -> Floats32:
+        """Actions that the base controller would apply now, shape (num_envs, 4); zeros with `BandwidthScheduling`.
+
+        Raises:
+            ResetNeeded: If the environment has not been reset.
+        """
+        if self._memory is None:
+            raise ResetNeeded("reset must be called before base_action")
+        return self._memory.base_action
+
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
-        """Begin an episode in every row that is reset, in which the controller knows nothing yet."""
-        mask = (options or {}).get("reset_mask")  # which other vector environments take out of the options
+        """Begin an episode and reset the base controller in every sub-environment that is reset."""
+        mask = (options or {}).get("reset_mask")  # read first: some vector environments remove it from the options
         observation, info = self.env.reset(seed=seed, options=options)
+        everywhere = np.ones(self.num_envs, np.bool_)
         if mask is None or self._memory is None:
-            self._seen, self._memory = self.companion.watch(observation, None, np.ones(self.num_envs, np.bool_))
+            self._seen, self._memory = self.hybrid.observe(observation, None, everywhere)
         else:
             self._restart(mask, observation)
-        self._ended = self._ended & ~(np.ones(self.num_envs, np.bool_) if mask is None else mask)
+        self._ended = self._ended & ~(everywhere if mask is None else mask)
         return self._seen.copy(), info
 
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:
-        """Let the learner's actions act, alone or on top of the controller's."""
-        acting, memory = self.companion.act(_checked(actions, (self.num_envs, 4), self._memory), self._memory)
-        observation, reward, terminated, truncated, info = self.env.step(acting)
-        ended, last = terminated | truncated, observation
-        if "final_obs" in info:  # same-step autoreset: the observation is of the next episode already
-            last = observation.copy()
-            last[ended] = np.stack(info["final_obs"][ended])
+        """Apply the hybrid's actions for the policy's `actions`, shape (num_envs, 4)."""
+        checked = _check_policy_action(actions, (self.num_envs, ACTION_SIZE), self._memory)
+        applied, memory = self.hybrid.act(checked, self._memory)  # type: ignore[arg-type]
+        observation, reward, terminated, truncated, info = self.env.step(applied)
+        ended = terminated | truncated
         begun = np.zeros(self.num_envs, np.bool_)
         if self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP:
             begun = self._ended
-        self._seen, self._memory = self.companion.watch(last, memory, begun)
+        self._seen, self._memory = self.hybrid.observe(last_observations(observation, info, ended), memory, begun)
         if "final_obs" in info:
-            for row in np.flatnonzero(ended):
-                info["final_obs"][row] = self._seen[row].copy()
+            replace_final_observations(info, ended, self._seen)
             self._restart(ended, observation)
         self._ended = ended
         return self._seen.copy(), reward, terminated, truncated, info
 
     def _restart(self, begun: Booleans, observation: Floats32) -> None:
-        """Begin anew in some rows."""
+        """Reset the base controller in the sub-environments whose episode begins."""
         rows = np.flatnonzero(begun)
-        seen, fresh = self.companion.watch(observation[rows], None, np.ones(rows.size, np.bool_))
+        seen, fresh = self.hybrid.observe(observation[rows], None, np.ones(rows.size, np.bool_))
         self._seen[rows] = seen
-        self._memory = Companion.restarted(rows, fresh, self._memory)
-
-
-class DisturbanceEstimateObservation(WithCompanion):
-    """Observe, besides `env`'s observation, the disturbance that a controller's observer estimates.
-
-    Of `Observed` controllers the whole observation is as their estimator sees it. See `companion` for the layout.
-
-    Args:
-        env: a QuadPendulum environment, wrapped or not, with or without velocities in the observation.
-        controller: whose observer it is: one of `baselines.CONTROLLERS` by name, or a controller.
-
-    Raises:
-        TypeError: the controller estimates no disturbance.
-        ValueError: there is no such controller, or `env` has another observation.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any], controller: Any = "adrc-matched") -> None:
-        """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, controller=controller)
-        super().__init__(env, controller, "alone", 1.0)
-
-
-class VectorDisturbanceEstimateObservation(VectorWithCompanion):
-    """`DisturbanceEstimateObservation` for a vector environment."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], controller: Any = "adrc-matched") -> None:
-        """Wrap `env`."""
-        super().__init__(env, controller, "alone", 1.0)
-
-
-class ResidualAction(WithCompanion):
-    """Let a controller fly `env`, and the agent add to its actions.
-
-    The agent observes what the controller knows and what it is about to do; zero actions are the controller alone.
-
-    Args:
-        env: a QuadPendulum environment, wrapped or not, with or without velocities in the observation.
-        controller: one of `baselines.CONTROLLERS` by name, or a controller.
-        authority: factor on the agent's actions, in (0, 3].
-        caution: how soon the agent is trusted less, γ of equation (4) of `companion`, in [0, 10]; 0: never.
-
-    Raises:
-        TypeError: the controller estimates no disturbance.
-        ValueError: there is no such controller, `env` has another observation, or authority or caution is out of range.
-    """
-
-    def __init__(
-        self, env: gym.Env[Any, Any], controller: Any = "flatness", authority: float = 0.3, caution: float = 0.0
-    ) -> None:
-        """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, controller=controller, authority=authority, caution=caution)
-        super().__init__(env, controller, "action", authority, caution)
-
-
-class VectorResidualAction(VectorWithCompanion):
-    """`ResidualAction` for a vector environment."""
-
-    def __init__(
-        self, env: VectorEnv[Any, Any, Any], controller: Any = "flatness", authority: float = 0.3, caution: float = 0.0
-    ) -> None:
-        """Wrap `env`."""
-        super().__init__(env, controller, "action", authority, caution)
-
-
-class PaceAction(WithCompanion):
-    """Let a controller fly `env`, and the agent set how fast it is.
-
-    The agent's four numbers are for the bandwidths of position, pendulum, attitude, and of height and yaw: a multiplies
-    one by (1 + authority)^a. Zero actions are the controller as it is.
-
-    Args:
-        env: a QuadPendulum environment, wrapped or not, with or without velocities in the observation.
-        controller: ``"flatness"``, or such a controller with gains of its own.
-        authority: how far the bandwidths can be moved, in (0, 3].
-        caution: how soon the agent is trusted less, γ of equation (4) of `companion`, in [0, 10]; 0: never.
-
-    Raises:
-        TypeError: the controller has no pace.
-        ValueError: there is no such controller, `env` has another observation, or authority or caution is out of range.
-    """
-
-    def __init__(
-        self, env: gym.Env[Any, Any], controller: Any = "flatness", authority: float = 1.0, caution: float = 0.0
-    ) -> None:
-        """Wrap `env`."""
-        RecordConstructorArgs.__init__(self, controller=controller, authority=authority, caution=caution)
-        super().__init__(env, controller, "pace", authority, caution)
-
-
-class VectorPaceAction(VectorWithCompanion):
-    """`PaceAction` for a vector environment."""
-
-    def __init__(
-        self, env: VectorEnv[Any, Any, Any], controller: Any = "flatness", authority: float = 1.0, caution: float = 0.0
-    ) -> None:
-        """Wrap `env`."""
-        super().__init__(env, controller, "pace", authority, caution)
+        self._memory = replace_rows(rows, fresh, self._memory)

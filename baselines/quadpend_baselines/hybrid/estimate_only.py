@@ -1,0 +1,62 @@
+"""The policy acts alone and observes the base controller's estimates."""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from quadpend_baselines.hybrid.base_controller import (
+    change_simulation,
+    estimate,
+    estimate_size,
+    find_base_controller,
+    name_of_base_controller,
+)
+from quadpend_baselines.hybrid.protocol import HybridMemory
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats32
+
+
+class EstimateOnly:
+    """Hybrid whose policy acts alone, equation (1) of `quadpend_baselines.hybrid.protocol`.
+
+    The policy observes the base controller's estimate of the state and of the disturbance.
+
+    Args:
+        base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
+
+    Raises:
+        TypeError: If the controller does not estimate the disturbance.
+        ValueError: If there is no controller with this name.
+    """
+
+    kind: ClassVar[str] = "estimate_only"
+
+    def __init__(self, base_controller: Any = "adrc-matched") -> None:
+        """Find the base controller."""
+        self.base_controller, self.base_controller_name = find_base_controller(base_controller)
+
+    def observation_size(self, size: int) -> int:
+        """Return the size of the policy's observation; see `Hybrid.observation_size`."""
+        return estimate_size(self.base_controller, size)
+
+    def observe(
+        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
+    ) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's observation and the memory; see `Hybrid.observe`."""
+        last = None if memory is None else memory.controller
+        base_action, known = self.base_controller.predict(observation, last, episode_start)
+        estimated, disturbance = estimate(self.base_controller, observation, known)
+        seen = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
+        return seen, HybridMemory(known, base_action, np.zeros(len(observation)))
+
+    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
+        return action, memory._replace(controller=self.base_controller.acted(memory.controller, action))
+
+    def with_simulation(self, simulation: Simulation) -> "EstimateOnly":
+        """Return this hybrid for another nominal simulation; see `Hybrid.with_simulation`."""
+        return change_simulation(self, simulation)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return plain data; see `Hybrid.as_data`."""
+        return {"kind": self.kind, "base_controller": name_of_base_controller(self)}

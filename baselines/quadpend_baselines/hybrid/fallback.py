@@ -1,0 +1,73 @@
+"""Fall back on the base controller where its observer reports an anomaly.
+
+With a fallback gain γ > 0 the hybrid uses c a instead of the policy's action a. The weight c decreases where the
+observer estimates a torque, because late actuators look like a torque (wind exerts hardly any), and where the pendulum
+leans far from upright. The anomaly score q decays within a second; the policy does not observe it. In control step k
+of 10 ms
+
+    (4)  c_k = 1/(1 + γ² q_k²),    q_k = max(|τ̂_k|/(0.5 N·m), |r_xy|/0.2, 0.99 q_{k−1}).
+
+| symbol | code name       | unit | frame        | shape  |
+|--------|-----------------|------|--------------|--------|
+| γ      | `fallback_gain` | 1    | –            | scalar |
+| q      | `anomaly_score` | 1    | –            | (n,)   |
+| τ̂      | `torque`        | N·m  | φ, θ, ψ axes | (n, 3) |
+| r      | `direction`     | 1    | world        | (n, 3) |
+"""
+
+from typing import Any
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.validation import check_number
+from quadpend_gym.physics.state import Disturbance
+from quadpend_gym.tasks.observation import read_observation
+
+LARGEST_GAIN = 10.0
+_TORQUE, _LEAN, _DECAY = 0.5, 0.2, 0.99  # N·m, 1, per control step
+
+
+def check_fallback_gain(value: Any) -> float:
+    """Return the fallback gain γ after a check that it is from 0 to 10.
+
+    Raises:
+        TypeError: If it is not a number.
+        ValueError: If it is out of range.
+    """
+    return check_number(value, "fallback_gain", 0.0, LARGEST_GAIN)
+
+
+def update_anomaly_score(
+    fallback_gain: float, observation: Floats32, disturbance: Floats, last_score: Floats | None, episode_start: Any
+) -> Floats:
+    """Return q_k of equation (4), shape (n,); zeros if the fallback gain is zero.
+
+    Args:
+        fallback_gain: γ.
+        observation: Estimated observation, shape (n, 36) or (n, 27).
+        disturbance: Estimated disturbance, shape (n, 9).
+        last_score: q_{k−1}, shape (n,); None at the first step.
+        episode_start: Mask of the rows whose episode begins, shape (n,).
+    """
+    if not fallback_gain:
+        return np.zeros(len(observation))
+    lean = np.linalg.norm(read_observation(observation, "direction")[:, :2], axis=1) / _LEAN
+    score = np.maximum(np.linalg.norm(Disturbance(disturbance).torque, axis=1) / _TORQUE, lean)
+    if last_score is not None:
+        score = np.where(episode_start, score, np.maximum(score, _DECAY * last_score))
+    return np.asarray(score)
+
+
+def weigh_action(fallback_gain: float, action: Floats32, anomaly_score: Floats) -> Floats32:
+    """Return c a of equation (4), shape (n, 4); the action itself if the fallback gain is zero.
+
+    Args:
+        fallback_gain: γ.
+        action: Action of the policy, shape (n, 4).
+        anomaly_score: q, shape (n,).
+    """
+    if not fallback_gain:
+        return action
+    weight = 1.0 / (1.0 + (fallback_gain * anomaly_score) ** 2)
+    return np.asarray((weight[:, np.newaxis] * action).astype(np.float32))
