@@ -1,1 +1,1 @@
-"""Equations of motion, physical parameters, the state and its integration."""
+"""Physics: the state, the physical parameters, the equations of motion, drag, and the integration in time."""

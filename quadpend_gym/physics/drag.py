@@ -1,17 +1,18 @@
-"""Aerodynamic drag: how a wind velocity becomes forces.
+"""Aerodynamic drag of the quadrotor and the bob, computed from the wind velocity.
 
     (1)  d_Q = ½ ρ A_Q |v − ζ̇| (v − ζ̇)                      on the quadrotor
     (2)  d_B = ½ ρ A_B |v − ζ̇ − l ṙ| (v − ζ̇ − l ṙ)          on the bob
 
-| symbol   | what it is                | unit  | default                                                              |
+| symbol   | meaning                   | unit  | default                                                              |
 |----------|---------------------------|-------|----------------------------------------------------------------------|
 | ρ        | air density               | kg/m³ | 1.225: ISO standard atmosphere at sea level                          |
-| A_Q      | drag area C_d A, any side | m²    | 0.01: a body of about 10 cm × 10 cm with C_d = 1                     |
+| A_Q      | drag area C_d A           | m²    | 0.01: a body of about 10 cm × 10 cm with C_d = 1                     |
 | A_B      | drag area C_d A           | m²    | 0.0005: a steel ball of 0.2 kg, 36 mm in diameter, with C_d = 0.47   |
 | v        | wind velocity, world      | m/s   |                                                                      |
 
-The forces are taken at the beginning of a control period and held over it. The rotors' own drag and the rod's are left
-out. Where no model moves the air there is no air: the paper's calm has no drag.
+The forces are computed at the beginning of a control period and are constant during it. The quadrotor has the same drag
+area in all directions. The drag of the rotors and of the rod is not modelled. Without a wind model that sets a wind
+velocity, no drag acts at all, as in the paper's calm simulations; the model `StillAir` adds the drag of air at rest.
 """
 
 from typing import Any
@@ -26,20 +27,20 @@ AIR_DENSITY = 1.225  # kg/m³
 
 @inlined
 def drag_force(area: float, relative: Vec3) -> Vec3:
-    """½ ρ A |v| v, N, of a relative air velocity v in m/s."""
+    """Return the drag ½ ρ A |v| v in N, for a drag area A in m² and a relative air velocity v in m/s."""
     return scale(0.5 * AIR_DENSITY * area * norm(relative), relative)
 
 
 @inlined
 def add_drag(wind: Vec3, state: Any, physics: Any, lane: int, out: Any) -> None:
-    """Add the drag (1) and (2) to the forces in column `lane` of a disturbance.
+    """Add the drag of equations (1) and (2) to the forces in column `lane` of a disturbance.
 
     Args:
-        wind: velocity of the air, m/s.
-        state: shape (18, n).
-        physics: shape (9, n).
-        lane: column.
-        out: shape (9, n).
+        wind: Wind velocity, m/s, world frame.
+        state: States, shape (18, n).
+        physics: Parameters in the order of `Parameters.as_array`, shape (9, n).
+        lane: Column of the arrays.
+        out: Disturbances, shape (9, n), changed in place.
     """
     on_quadrotor = axpy(-1.0, load(state, VELOCITY, lane), wind)
     on_bob = axpy(-physics[ROD_LENGTH, lane], load(state, DIRECTION_RATE, lane), on_quadrotor)

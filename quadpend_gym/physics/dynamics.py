@@ -1,7 +1,8 @@
-"""Equations of motion on R³ × R³ × S², free of the paper's singularity and of any matrix inverse.
+"""Equations of motion on R³ × R³ × S².
 
-With the force on the quadrotor F = u R e₃ + d_Q, the force on the bob d_B, the torque d_τ and the pull on the rod
-w = (d_B/m_c − F/M) / l:
+They need no matrix inverse and have no singularity; the paper's equations are singular when the pendulum is upright.
+With the force on the quadrotor F = u R e₃ + d_Q, the force on the bob d_B, the torque d_τ, and the acceleration
+w = (d_B/m_c − F/M) / l that r would have without the rod:
 
     (1)  R e₃ = (cψ sθ cφ + sψ sφ,  sψ sθ cφ − cψ sφ,  cθ cφ)       thrust axis
     (2)  η̈    = I⁻¹ (τ + d_τ)                                       attitude
@@ -9,18 +10,22 @@ w = (d_B/m_c − F/M) / l:
     (4)  Ẍ    = (F + d_B) / (M + m_c) − g e₃                        centre of mass X = ζ + μ r,  μ = m_c l/(M + m_c)
     (5)  ζ̈    = Ẍ − μ r̈                                             quadrotor
 
-(3) is the bob's acceleration relative to the quadrotor with the rod's force projected out; (4) holds because that
-force is internal. They are the Euler–Lagrange equations (7) of the paper, proven in ``tests/quadpend_gym/physics/test_lagrangian.py``
-against a Lagrangian derived by sympy and in ``tests/quadpend_gym/physics/test_mujoco.py`` against a rigid-body engine.
+In (3) the projection onto the plane perpendicular to r removes the force of the rod. In (4) that force cancels, because
+it is internal. The equations are equivalent to the paper's Euler–Lagrange equations (7). Two tests show this:
+``tests/quadpend_gym/physics/test_lagrangian.py`` compares them with a Lagrangian that sympy differentiates, and
+``tests/quadpend_gym/physics/test_mujoco.py`` with a rigid-body engine.
 
-| symbol   | code name          | unit        | frame        | shape  |
-|----------|--------------------|-------------|--------------|--------|
-| u        | thrust             | N           | along R e₃   | scalar |
-| τ        | torque             | N·m         | φ, θ, ψ axes | 3      |
-| d_Q, d_B | force on quad, bob | N           | world        | 3, 3   |
-| d_τ      | torque disturbance | N·m         | φ, θ, ψ axes | 3      |
-| w        | pull               | 1/s²        | world        | 3      |
-| μ        | offset             | m           |              | scalar |
+| symbol   | code name                               | unit | frame        | shape  |
+|----------|-----------------------------------------|------|--------------|--------|
+| u        | command[THRUST]                         | N    | along R e₃   | scalar |
+| τ        | command[COMMAND_TORQUE]                 | N·m  | φ, θ, ψ axes | 3      |
+| d_Q, d_B | disturbance[FORCE], [BOB_FORCE]         | N    | world        | 3, 3   |
+| d_τ      | disturbance[TORQUE]                     | N·m  | φ, θ, ψ axes | 3      |
+| F        | force                                   | N    | world        | 3      |
+| w        | `unconstrained_acceleration`            | 1/s² | world        | 3      |
+| μ        | `centre_offset`                         | m    |              | scalar |
+
+`quadpend_gym.physics.state` lists the symbols of the state, `quadpend_gym.physics.parameters` those of the parameters.
 """
 
 from dataclasses import dataclass
@@ -53,11 +58,11 @@ from quadpend_gym.physics.state import (
     TORQUE,
     State,
 )
-from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, scale
+from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, scale, store
 
 
 class Physics(NamedTuple):
-    """The parameters that the equations have, inside a kernel; `params.Parameters` has their units."""
+    """The parameters of the equations of motion inside compiled functions; see `Parameters` for symbols and units."""
 
     quadrotor_mass: float
     bob_mass: float
@@ -70,7 +75,7 @@ class Physics(NamedTuple):
 
 @inlined
 def load_physics(lanes: Any, lane: int) -> Physics:
-    """The parameters in column `lane` of a (9, n) buffer."""
+    """Return the parameters in column `lane` of a (9, n) buffer."""
     return Physics(
         lanes[QUADROTOR_MASS, lane],
         lanes[BOB_MASS, lane],
@@ -84,7 +89,7 @@ def load_physics(lanes: Any, lane: int) -> Physics:
 
 @inlined
 def thrust_axis(euler: Vec3) -> Vec3:
-    """R e₃, equation (1)."""
+    """Return the thrust axis R e₃, equation (1)."""
     sin_roll, cos_roll = sincos(euler.x)
     sin_pitch, cos_pitch = sincos(euler.y)
     sin_yaw, cos_yaw = sincos(euler.z)
@@ -97,27 +102,27 @@ def thrust_axis(euler: Vec3) -> Vec3:
 
 @inlined
 def euler_acceleration(torque: Vec3, physics: Physics) -> Vec3:
-    """η̈, equation (2); `torque` includes the disturbance."""
+    """Return η̈, equation (2); `torque` is τ + d_τ."""
     return Vec3(torque.x / physics.inertia_roll, torque.y / physics.inertia_pitch, torque.z / physics.inertia_yaw)
 
 
 @inlined
 def unconstrained_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
-    """w = (d_B/m_c − F/M) / l, the acceleration that equation (3) projects; `force` is F."""
-    of_bob = 1.0 / (physics.bob_mass * physics.rod_length)
-    of_quadrotor = -1.0 / (physics.quadrotor_mass * physics.rod_length)
-    return axpy(of_bob, bob_force, scale(of_quadrotor, force))
+    """Return w = (d_B/m_c − F/M) / l, the acceleration that r would have without the rod; `force` is F."""
+    per_bob_force = 1.0 / (physics.bob_mass * physics.rod_length)
+    per_force = -1.0 / (physics.quadrotor_mass * physics.rod_length)
+    return axpy(per_bob_force, bob_force, scale(per_force, force))
 
 
 @inlined
-def direction_acceleration(r: Vec3, r_dot: Vec3, pull: Vec3) -> Vec3:
-    """r̈, equation (3)."""
-    return axpy(-(dot(r, pull) + dot(r_dot, r_dot)), r, pull)
+def direction_acceleration(r: Vec3, r_dot: Vec3, w: Vec3) -> Vec3:
+    """Return r̈, equation (3)."""
+    return axpy(-(dot(r, w) + dot(r_dot, r_dot)), r, w)
 
 
 @inlined
 def centre_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
-    """Ẍ, equation (4); `force` is F."""
+    """Return Ẍ, equation (4); `force` is F."""
     per_mass = 1.0 / (physics.quadrotor_mass + physics.bob_mass)
     return Vec3(
         per_mass * (force.x + bob_force.x),
@@ -128,8 +133,12 @@ def centre_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
 
 @inlined
 def centre_offset(physics: Physics) -> float:
-    """μ = m_c l / (M + m_c), m: the centre of mass is at ζ + μ r."""
+    """Return μ = m_c l / (M + m_c) in m; the centre of mass is at ζ + μ r."""
     return physics.bob_mass * physics.rod_length / (physics.quadrotor_mass + physics.bob_mass)
+
+
+# Layout of the array of second derivatives.
+_POSITION, _EULER, _DIRECTION, _SIZE = 0, 3, 6, 9
 
 
 @compiled
@@ -139,33 +148,34 @@ def _accelerations(state: Floats, command: Floats, disturbance: Floats, paramete
         torque = axpy(1.0, load(disturbance, TORQUE, row), load(command, COMMAND_TORQUE, row))
         force = axpy(command[THRUST, row], thrust_axis(load(state, EULER, row)), load(disturbance, FORCE, row))
         bob_force = load(disturbance, BOB_FORCE, row)
-        pull = unconstrained_acceleration(force, bob_force, physics)
-        r_ddot = direction_acceleration(load(state, DIRECTION, row), load(state, DIRECTION_RATE, row), pull)
+        w = unconstrained_acceleration(force, bob_force, physics)
+        r_ddot = direction_acceleration(load(state, DIRECTION, row), load(state, DIRECTION_RATE, row), w)
         position_ddot = axpy(-centre_offset(physics), r_ddot, centre_acceleration(force, bob_force, physics))
         euler_ddot = euler_acceleration(torque, physics)
-        for i in range(3):
-            out[i, row] = position_ddot[i]
-            out[3 + i, row] = euler_ddot[i]
-            out[6 + i, row] = r_ddot[i]
+        store(out, _POSITION, row, position_ddot)
+        store(out, _EULER, row, euler_ddot)
+        store(out, _DIRECTION, row, r_ddot)
 
 
 @dataclass(frozen=True)
 class Accelerations:
-    """Second derivatives, world frame: ζ̈ (m/s²), η̈ (rad/s²), r̈ (1/s²), each of shape (..., 3)."""
+    """Second derivatives of position, Euler angles and pendulum direction, each of shape (..., 3)."""
 
-    position: Floats
-    euler: Floats
-    direction: Floats
+    position: Floats  # ζ̈, m/s², world frame
+    euler: Floats  # η̈, rad/s²
+    direction: Floats  # r̈, 1/s², world frame
 
 
 def accelerations(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Accelerations:
-    """Second derivatives of the state, equations (1)–(5).
+    """Compute the second derivatives with equations (1)–(5).
+
+    The leading dimensions of the three arrays are broadcast.
 
     Args:
-        state: shape (..., 18), laid out as in `quadpend_gym.physics.state`.
-        command: thrust u (N) and torques τφ, τθ, τψ (N·m), shape (..., 4).
-        disturbance: d_Q (N), d_B (N), d_τ (N·m), shape (..., 9).
-        parameters: the physical parameters.
+        state: States, shape (..., 18), see `State`.
+        command: Thrust u (N) and torques τφ, τθ, τψ (N·m), shape (..., 4).
+        disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (..., 9), see `Disturbance`.
+        parameters: Physical parameters.
     """
     shape = np.broadcast_shapes(state.shape[:-1], command.shape[:-1], disturbance.shape[:-1])
 
@@ -173,15 +183,15 @@ def accelerations(state: Floats, command: Floats, disturbance: Floats, parameter
         full = np.broadcast_to(array, (*shape, array.shape[-1]))
         return np.ascontiguousarray(full.reshape(-1, array.shape[-1]).T, dtype=np.float64)
 
-    out = np.empty((9, int(np.prod(shape))))
+    out = np.empty((_SIZE, int(np.prod(shape))))
     physics = np.broadcast_to(parameters.as_array(), (*shape, PARAMETERS_SIZE))
     _accelerations(columns(state), columns(command), columns(disturbance), columns(physics), out)
-    rows = np.ascontiguousarray(out.T).reshape(*shape, 9)
-    return Accelerations(rows[..., 0:3], rows[..., 3:6], rows[..., 6:9])
+    rows = np.ascontiguousarray(out.T).reshape(*shape, _SIZE)
+    return Accelerations(rows[..., _POSITION:_EULER], rows[..., _EULER:_DIRECTION], rows[..., _DIRECTION:_SIZE])
 
 
 def energy(state: Floats, parameters: Parameters) -> Floats:
-    """Kinetic plus potential energy, equations (2)–(5) of the paper, J, shape (...)."""
+    """Return the kinetic plus potential energy in J, equations (2)–(5) of the paper, shape (...)."""
     s, p = State(state), parameters
     bob_velocity = s.velocity + p.rod_length * s.direction_rate
     inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
@@ -195,6 +205,6 @@ def energy(state: Floats, parameters: Parameters) -> Floats:
 
 
 def momentum(state: Floats, parameters: Parameters) -> Floats:
-    """Linear momentum of quadrotor and bob in the world frame, kg·m/s, shape (..., 3)."""
+    """Return the linear momentum of both bodies in kg·m/s, world frame, shape (..., 3)."""
     s, p = State(state), parameters
     return np.asarray(p.total_mass * s.velocity + p.bob_mass * p.rod_length * s.direction_rate)

@@ -1,17 +1,18 @@
-"""The compiled loops over sub-environments: integration, measurement, and the start of episodes.
+"""Integration in time: the compiled loop that advances a batch of states by one control period.
 
-Rows are worked on in blocks of 64, copied into (field, lane) buffers so that each loop over lanes becomes vector
-instructions; a batch of one takes the same path, so its numbers are the same bits.
+One substep of length h uses the classical Runge–Kutta method (RK4) in coordinates in which most of the motion has an
+exact solution; `quadpend_gym.physics.dynamics` has the equations:
 
-One substep of length h integrates with the classical Runge–Kutta method (RK4), in coordinates in which most of it is
-done exactly (see `dynamics` for the equations):
+    attitude         exact: a quadratic function of time, since τ is constant during a control period
+    centre of mass   Ẍ depends on time only, so RK4 is Simpson's rule
+    pendulum         RK4 for (r, ṙ), with w at the times t, t + h/2 and t + h
 
-    attitude         a quadratic in time, since τ is held over a control period
-    centre of mass   Ẍ depends on time alone: RK4 is Simpson's rule
-    pendulum         RK4 for (r, ṙ), with the pull w at t, t + h/2 and t + h
+At the end of a substep r is normalised and ṙ is projected onto the plane perpendicular to r. The thrust axis at the end
+of a substep is also the one at the start of the next, so a substep computes it only twice.
 
-Afterwards r is normalised and ṙ projected onto its tangent plane. The thrust axis at the end of a substep is kept for
-the start of the next, so a substep takes two evaluations of the angles' sines.
+The loop works on blocks of 64 sub-environments. It copies each block into buffers of shape (field, lane), with one lane
+for each sub-environment, so that the compiler can turn every loop over lanes into vector instructions. A batch of one
+sub-environment takes the same path and gives the same bits.
 """
 
 from itertools import accumulate
@@ -49,48 +50,46 @@ from quadpend_gym.physics.state import (
 )
 from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, load, norm, scale, store
 
-BLOCK = 64
-
-
+BLOCK = 64  # sub-environments in a block
+# In the (field, lane) buffers, the thrust axis follows the state.
 THRUST_AXIS = STATE_SIZE
-
-
 LANE_STATE_SIZE = STATE_SIZE + 3
-
-
-# Edges of the parts of the buffer of lanes in `advance`.
+# Ends of the parts of the buffer in `advance`.
 _COMMAND, _DISTURBANCE, _PHYSICS, _END = accumulate((LANE_STATE_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE))
-DIVERGENCE_LIMIT = 1e6  # a state this large is no longer a state
+DIVERGENCE_LIMIT = 1e6  # a state diverges when the sum of its absolute values reaches this
 
 
 @inlined
-def _euler_after(euler: Vec3, rate: Vec3, acceleration: Vec3, time: float) -> Vec3:
+def _euler_at(euler: Vec3, rate: Vec3, acceleration: Vec3, time: float) -> Vec3:
     return axpy(time, axpy(0.5 * time, acceleration, rate), euler)
 
 
 @inlined
 def _substep(state: Any, command: Any, disturbance: Any, physics_lanes: Any, lane: int, h: float) -> None:
+    """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
     physics = load_physics(physics_lanes, lane)
     thrust = command[THRUST, lane]
     quadrotor_force, bob_force = load(disturbance, FORCE, lane), load(disturbance, BOB_FORCE, lane)
 
     euler, euler_rate = load(state, EULER, lane), load(state, EULER_RATE, lane)
     euler_ddot = euler_acceleration(add(load(command, COMMAND_TORQUE, lane), load(disturbance, TORQUE, lane)), physics)
-    euler_end = _euler_after(euler, euler_rate, euler_ddot, h)
+    euler_end = _euler_at(euler, euler_rate, euler_ddot, h)
     axis_end = thrust_axis(euler_end)
     force_0 = axpy(thrust, load(state, THRUST_AXIS, lane), quadrotor_force)
-    force_m = axpy(thrust, thrust_axis(_euler_after(euler, euler_rate, euler_ddot, 0.5 * h)), quadrotor_force)
+    force_m = axpy(thrust, thrust_axis(_euler_at(euler, euler_rate, euler_ddot, 0.5 * h)), quadrotor_force)
     force_1 = axpy(thrust, axis_end, quadrotor_force)
 
-    pull_m = unconstrained_acceleration(force_m, bob_force, physics)
+    w_0 = unconstrained_acceleration(force_0, bob_force, physics)
+    w_m = unconstrained_acceleration(force_m, bob_force, physics)
+    w_1 = unconstrained_acceleration(force_1, bob_force, physics)
     r, v1 = load(state, DIRECTION, lane), load(state, DIRECTION_RATE, lane)
-    a1 = direction_acceleration(r, v1, unconstrained_acceleration(force_0, bob_force, physics))
+    a1 = direction_acceleration(r, v1, w_0)
     v2 = axpy(0.5 * h, a1, v1)
-    a2 = direction_acceleration(axpy(0.5 * h, v1, r), v2, pull_m)
+    a2 = direction_acceleration(axpy(0.5 * h, v1, r), v2, w_m)
     v3 = axpy(0.5 * h, a2, v1)
-    a3 = direction_acceleration(axpy(0.5 * h, v2, r), v3, pull_m)
+    a3 = direction_acceleration(axpy(0.5 * h, v2, r), v3, w_m)
     v4 = axpy(h, a3, v1)
-    a4 = direction_acceleration(axpy(h, v3, r), v4, unconstrained_acceleration(force_1, bob_force, physics))
+    a4 = direction_acceleration(axpy(h, v3, r), v4, w_1)
     r_end = axpy(h / 6.0, add(add(v1, v4), scale(2.0, add(v2, v3))), r)
     v_end = axpy(h / 6.0, add(add(a1, a4), scale(2.0, add(a2, a3))), v1)
     r_end = scale(1.0 / norm(r_end), r_end)
@@ -99,11 +98,11 @@ def _substep(state: Any, command: Any, disturbance: Any, physics_lanes: Any, lan
     offset = centre_offset(physics)
     centre = axpy(offset, r, load(state, POSITION, lane))
     centre_rate = axpy(offset, v1, load(state, VELOCITY, lane))
-    c0 = centre_acceleration(force_0, bob_force, physics)
-    cm = centre_acceleration(force_m, bob_force, physics)
-    c1 = centre_acceleration(force_1, bob_force, physics)
-    centre = axpy(h * h / 6.0, axpy(2.0, cm, c0), axpy(h, centre_rate, centre))
-    centre_rate = axpy(h / 6.0, axpy(4.0, cm, add(c0, c1)), centre_rate)
+    centre_ddot_0 = centre_acceleration(force_0, bob_force, physics)
+    centre_ddot_m = centre_acceleration(force_m, bob_force, physics)
+    centre_ddot_1 = centre_acceleration(force_1, bob_force, physics)
+    centre = axpy(h * h / 6.0, axpy(2.0, centre_ddot_m, centre_ddot_0), axpy(h, centre_rate, centre))
+    centre_rate = axpy(h / 6.0, axpy(4.0, centre_ddot_m, add(centre_ddot_0, centre_ddot_1)), centre_rate)
 
     store(state, POSITION, lane, axpy(-offset, r_end, centre))
     store(state, VELOCITY, lane, axpy(-offset, v_end, centre_rate))
@@ -134,7 +133,7 @@ def scatter(lanes_in: Any, first: int, lanes: int, out: Any) -> None:
 def integrate(
     state: Any, command: Any, disturbance: Any, physics: Any, lanes: int, period: float, substeps: int
 ) -> None:
-    """As `advance`, on (field, lane) buffers; three more rows of `state` take the thrust axis, see `LANE_STATE_SIZE`."""
+    """Advance one block as `advance` does, in (field, lane) buffers; `state` has `LANE_STATE_SIZE` fields."""
     for lane in range(lanes):
         store(state, THRUST_AXIS, lane, thrust_axis(load(state, EULER, lane)))
     for _ in range(substeps):
@@ -146,15 +145,15 @@ def integrate(
 def advance(
     state: Floats, command: Floats, disturbance: Floats, parameters: Floats, period: float, substeps: int
 ) -> None:
-    """Physics alone: advance n states by `period`, in place.
+    """Advance n states in place by one period, during which commands and disturbances are constant.
 
     Args:
-        state: shape (n, 18), laid out as in `quadpend_gym.physics.state`.
-        command: thrust (N) and torques τφ, τθ, τψ (N·m), held over the period, shape (n, 4).
-        disturbance: d_Q (N), d_B (N), d_τ (N·m), world frame, held over the period, shape (n, 9).
-        parameters: rows of `Parameters.as_array`, shape (n, 9).
-        period: s.
-        substeps: number of Runge–Kutta steps the period is divided into.
+        state: States, shape (n, 18), see `State`.
+        command: Thrust u (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).
+        disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9), see `Disturbance`.
+        parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
+        period: Length of the period, s.
+        substeps: Number of Runge–Kutta steps in the period.
     """
     buffer = np.empty((_END, BLOCK))
     state_lanes, command_lanes = buffer[:_COMMAND], buffer[_COMMAND:_DISTURBANCE]

@@ -1,4 +1,7 @@
-"""Physical parameters (the paper's Table 1 and drag areas) and the limits of the actuators."""
+"""Physical parameters, command limits and simulation settings.
+
+The default values come from Table 1 of the paper; `quadpend_gym.physics.drag` gives the source of the drag areas.
+"""
 
 from dataclasses import astuple, dataclass, field, fields
 
@@ -10,11 +13,11 @@ from quadpend_gym.core.validation import check_number, check_positive, from_plai
 
 @dataclass(frozen=True)
 class Parameters:
-    """The bodies: a quadrotor of constant diagonal inertia, a massless rod and a bob of no extent.
+    """Physical parameters of a quadrotor with constant diagonal inertia, a massless rod and a point mass as bob.
 
     Raises:
-        TypeError: a value is not a number.
-        ValueError: a value is not finite or not above zero.
+        TypeError: If a value is not a number.
+        ValueError: If a value is not finite, a drag area is negative, or another value is not above zero.
     """
 
     quadrotor_mass: float = 0.5  # M, kg, Table 1
@@ -24,8 +27,8 @@ class Parameters:
     inertia_roll: float = 0.1  # I_φ, kg·m², Table 1
     inertia_pitch: float = 0.1  # I_θ, kg·m², Table 1
     inertia_yaw: float = 0.1  # I_ψ, kg·m², Table 1
-    quadrotor_drag_area: float = 0.01  # A_Q, m², see `drag`
-    bob_drag_area: float = 0.0005  # A_B, m², see `drag`
+    quadrotor_drag_area: float = 0.01  # A_Q, m², see `quadpend_gym.physics.drag`
+    bob_drag_area: float = 0.0005  # A_B, m², see `quadpend_gym.physics.drag`
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -36,21 +39,21 @@ class Parameters:
 
     @property
     def total_mass(self) -> float:
-        """M + m_c, kg."""
+        """Total mass M + m_c, kg."""
         return self.quadrotor_mass + self.bob_mass
 
     @property
     def hover_thrust(self) -> float:
-        """(M + m_c) g, N."""
+        """Thrust (M + m_c) g that balances the weight, N."""
         return self.total_mass * self.gravity
 
     @property
     def chain_stiffness(self) -> float:
-        """K = (M + m_c) g / (M l), 1/s²: r̈_x = K (r_x − θ) near hover, equation (26)."""
+        """K = (M + m_c) g / (M l), 1/s²; near hover r̈_x = K (r_x − θ), equation (26) of the paper."""
         return self.hover_thrust / (self.quadrotor_mass * self.rod_length)
 
     def as_array(self) -> Floats:
-        """The fields in order, shape (9,), SI units: the kernel's view."""
+        """Return the fields in order as an array of shape (9,), SI units."""
         return np.array(astuple(self))
 
 
@@ -74,15 +77,15 @@ CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
 
 @dataclass(frozen=True)
 class Actuators:
-    """Torques that an action of ±1 commands; the thrust's range follows from the weight, see `Simulation`.
+    """Torques that an action of ±1 commands. The range of the thrust follows from the weight, see `Simulation`.
 
     Raises:
-        TypeError: a value is not a number.
-        ValueError: a value is not finite or not above zero.
+        TypeError: If a value is not a number.
+        ValueError: If a value is not finite or not above zero.
     """
 
-    roll_pitch_torque: float = 5.0  # N·m; τφ, τθ = 5 a₁, 5 a₂
-    yaw_torque: float = 1.0  # N·m; τψ = a₃
+    roll_pitch_torque: float = 5.0  # N·m; by default τφ = 5 a₁ and τθ = 5 a₂
+    yaw_torque: float = 1.0  # N·m; by default τψ = a₃
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -91,11 +94,11 @@ class Actuators:
 
 @dataclass(frozen=True)
 class Simulation:
-    """What is simulated and how finely.
+    """Physical parameters, command limits, and step sizes of the simulation.
 
     Raises:
-        TypeError: a value has the wrong type.
-        ValueError: a value is out of range.
+        TypeError: If a value has the wrong type.
+        ValueError: If a value is out of range.
     """
 
     parameters: Parameters = PAPER
@@ -112,9 +115,10 @@ class Simulation:
 
     @property
     def command_scale(self) -> Floats:
-        """What an action a means, shape (4,): thrust scale₀ (1 + a₀) in N, torques scaleᵢ aᵢ in N·m.
+        """Scale of the command that an action a gives, shape (4,).
 
-        The thrust's scale is the weight, so zero action is hover.
+        The thrust is scale₀ (1 + a₀) in N and the torques are scaleᵢ aᵢ in N·m. scale₀ is the weight, so a zero action
+        commands the hover thrust and no torques.
         """
         a = self.actuators
         return np.array([self.parameters.hover_thrust, a.roll_pitch_torque, a.roll_pitch_torque, a.yaw_torque])

@@ -71,12 +71,12 @@ class State:
 
     @property
     def position(self) -> Floats:
-        """Quadrotor's centre ζ in the world frame, m, shape (..., 3)."""
+        """Position ζ of the quadrotor's centre in the world frame, m, shape (..., 3)."""
         return self.array[..., STATE_FIELDS["position"]]
 
     @property
     def velocity(self) -> Floats:
-        """Its velocity ζ̇, m/s, shape (..., 3)."""
+        """Velocity ζ̇ of the quadrotor's centre in the world frame, m/s, shape (..., 3)."""
         return self.array[..., STATE_FIELDS["velocity"]]
 
     @property
@@ -86,7 +86,7 @@ class State:
 
     @property
     def euler_rate(self) -> Floats:
-        """φ̇, θ̇, ψ̇, rad/s, shape (..., 3)."""
+        """Rates φ̇, θ̇, ψ̇ of the Euler angles, rad/s, shape (..., 3)."""
         return self.array[..., STATE_FIELDS["euler_rate"]]
 
     @property
@@ -96,7 +96,7 @@ class State:
 
     @property
     def direction_rate(self) -> Floats:
-        """Its rate ṙ, 1/s, shape (..., 3)."""
+        """Time derivative ṙ of `direction` in the world frame, 1/s, shape (..., 3)."""
         return self.array[..., STATE_FIELDS["direction_rate"]]
 
     @property
@@ -107,7 +107,7 @@ class State:
 
     @property
     def beta(self) -> Floats:
-        """Azimuth β of the pendulum, rad in (−π, π], shape (...); meaningless at α = 0."""
+        """Azimuth β of the pendulum, rad in (−π, π], shape (...); undefined at α = 0."""
         return np.asarray(np.arctan2(self.direction[..., 1], self.direction[..., 0]))
 
     @property

@@ -1,13 +1,13 @@
-"""Random states, inputs and flights for the tests of the physics."""
+"""Random states and inputs for tests of the physics, and a simulation of one period."""
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.parameters import Parameters
-from quadpend_gym.physics.state import STATE_SIZE, State
+from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE, THRUST, State
 
-# No two values alike, so that a swapped pair shows.
+# All values are different, so that swapped parameters change the result.
 UNEQUAL = Parameters(
     quadrotor_mass=0.7,
     bob_mass=0.25,
@@ -20,32 +20,32 @@ UNEQUAL = Parameters(
 
 
 def random_states(rows: int, seed: int, spread: float = 1.0) -> Floats:
-    """Tumbling states in all directions, shape (rows, 18); `spread` scales all but the pendulum's direction."""
+    """Draw tumbling states, shape (rows, 18); `spread` scales all but the direction of the pendulum."""
     rng = np.random.default_rng([0, seed])
     state = State(spread * rng.normal(size=(rows, STATE_SIZE)))
     direction = rng.normal(size=(rows, 3))
     state.direction[:] = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-    # A cross product with r is perpendicular to it.
+    # The cross product makes ṙ perpendicular to r.
     state.direction_rate[:] = 3.0 * np.cross(state.direction_rate, state.direction)
     return state.array
 
 
 def random_commands(rows: int, seed: int, parameters: Parameters) -> Floats:
-    """Thrust between nothing and twice the weight (N) and torques up to 1 N·m, shape (rows, 4)."""
-    action = np.random.default_rng([1, seed]).uniform(-1.0, 1.0, (rows, 4))
-    action[:, 0] = parameters.hover_thrust * (1.0 + action[:, 0])
-    return action
+    """Draw thrusts from zero to twice the weight (N) and torques up to ±1 N·m, shape (rows, 4)."""
+    command = np.random.default_rng([1, seed]).uniform(-1.0, 1.0, (rows, COMMAND_SIZE))
+    command[:, THRUST] = parameters.hover_thrust * (1.0 + command[:, THRUST])
+    return command
 
 
 def random_disturbances(rows: int, seed: int) -> Floats:
-    """Forces on both bodies (N) and torques (N·m) of order one, shape (rows, 9)."""
-    return np.random.default_rng([2, seed]).normal(size=(rows, 9))
+    """Draw forces on both bodies (N) and torques (N·m) of order one, shape (rows, 9)."""
+    return np.random.default_rng([2, seed]).normal(size=(rows, DISTURBANCE_SIZE))
 
 
 def simulate_period(
     state: Floats, command: Floats, disturbance: Floats, parameters: Parameters, period: float, substeps: int
 ) -> Floats:
-    """The states after `period` seconds of constant inputs, shape (rows, 18)."""
+    """Return the states after `period` seconds with constant inputs, shape (rows, 18)."""
     state = np.array(np.atleast_2d(state), order="C")
     rows = state.shape[0]
     command, disturbance, physics = (

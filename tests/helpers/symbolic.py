@@ -1,4 +1,7 @@
-"""The paper's energies (1)–(5), differentiated by sympy and linearised at hover: the oracle of its equations."""
+"""The paper's model, derived by sympy from the energies (1)–(5) and linearised at hover.
+
+Tests compare the paper's printed equations with it.
+"""
 
 from dataclasses import dataclass
 
@@ -16,7 +19,8 @@ THRUST_AXIS = (
     sp.rot_ccw_axis3(psi) * sp.rot_ccw_axis2(theta) * sp.rot_ccw_axis1(phi) * sp.Matrix([0, 0, 1])
 ).applyfunc(sp.expand)
 
-# The pendulum in the paper's spherical angles, and in its horizontal components, which are regular when it is upright
+# Coordinates and direction of the pendulum: the paper's spherical angles, and the horizontal components of r, which are
+# regular when the pendulum is upright.
 alpha, beta = sp.symbols("alpha beta", real=True)
 r_x, r_y = sp.symbols("r_x r_y", real=True)
 SPHERICAL = (alpha, beta), sp.Matrix([sp.sin(alpha) * sp.cos(beta), sp.sin(alpha) * sp.sin(beta), sp.cos(alpha)])
@@ -24,7 +28,7 @@ HORIZONTAL = (r_x, r_y), sp.Matrix([r_x, r_y, sp.sqrt(1 - r_x**2 - r_y**2)])
 
 
 def rate_of(symbol: sp.Symbol) -> sp.Symbol:
-    """The symbol of a coordinate's time derivative."""
+    """Return the symbol of a coordinate's time derivative."""
     return sp.Symbol(f"{symbol.name}'", real=True)
 
 
@@ -33,12 +37,13 @@ class Model:
     """M(q) q̈ + C(q, q̇) q̇ + G(q) = B(q) [u τ]ᵀ for one choice of the pendulum's two coordinates.
 
     Attributes:
-        q, q_dot: coordinates and rates, 8.
+        q: Coordinates, 8.
+        q_dot: Rates, 8.
         mass: M, 8 × 8.
-        coriolis: C, made of Christoffel symbols, 8 × 8.
+        coriolis: C, which consists of Christoffel symbols, 8 × 8.
         gravity: G, 8.
         inputs: B, 8 × 4.
-        forces: B by virtual work for a force on the quadrotor and one on the bob, 8 × 3 each.
+        forces: Matrices of generalised forces for a force on the quadrotor and a force on the bob, 8 × 3 each.
     """
 
     q: sp.Matrix
@@ -51,7 +56,7 @@ class Model:
 
 
 def derive(pendulum: tuple[tuple[sp.Symbol, sp.Symbol], sp.Matrix]) -> Model:
-    """The model for `SPHERICAL` or `HORIZONTAL` coordinates of the pendulum."""
+    """Derive the model for `SPHERICAL` or `HORIZONTAL` coordinates of the pendulum."""
     angles, direction = pendulum
     q = sp.Matrix([x, y, z, phi, theta, psi, *angles])
     q_dot = q.applyfunc(rate_of)
@@ -78,7 +83,7 @@ def derive(pendulum: tuple[tuple[sp.Symbol, sp.Symbol], sp.Matrix]) -> Model:
 
 
 def vanishes(expression: sp.Expr | sp.Matrix) -> bool:
-    """Whether every entry is zero: rational functions of sines and cosines, reduced by sin² + cos² = 1."""
+    """Whether every entry, a rational function of sines and cosines, is zero by sin² + cos² = 1."""
     return all(_is_zero(entry) for entry in sp.Matrix([expression]))
 
 
@@ -95,27 +100,27 @@ def _is_zero(entry: sp.Expr) -> bool:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Small deviations from hover with the pendulum upright; the thrust is a deviation from the weight.
+    """Model of small deviations from hover with the pendulum upright; the thrust is a deviation from the weight.
 
     Attributes:
-        rates: the time derivative of every coordinate and of every rate; inputs and forces are constant.
+        rates: Time derivative of every coordinate and of every rate, for constant inputs and forces.
     """
 
     rates: dict[sp.Symbol, sp.Expr]
 
     def acceleration(self, coordinate: sp.Symbol) -> sp.Expr:
-        """The second derivative of a coordinate."""
+        """Return the second derivative of a coordinate."""
         return self.rates[rate_of(coordinate)]
 
     def derivative(self, expression: sp.Expr, order: int = 1) -> sp.Expr:
-        """The time derivative of an expression in coordinates and rates."""
+        """Return the time derivative of an expression in coordinates and rates."""
         for _ in range(order):
             expression = sum((sp.diff(expression, s) * rate for s, rate in self.rates.items()), sp.Integer(0))
         return sp.expand(expression)
 
 
 def linearise() -> LinearModel:
-    """The model at hover in the coordinates r_x, r_y of the pendulum, which are regular there."""
+    """Linearise the model at hover, with the coordinates r_x and r_y of the pendulum, which are regular there."""
     model = derive(HORIZONTAL)
     on_quadrotor, on_bob = model.forces
     inputs = sp.Matrix([*COMMAND, *FORCE_ON_QUADROTOR, *FORCE_ON_BOB])

@@ -1,4 +1,4 @@
-"""Conservation laws, symmetries and the order of the integrator."""
+"""Conservation laws and symmetries of the equations of motion, and the order of the integrator."""
 
 import numpy as np
 import pytest
@@ -9,22 +9,30 @@ from scipy.spatial.transform import Rotation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, energy, momentum
 from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.parameters import PAPER, Parameters
-from quadpend_gym.physics.state import STATE_SIZE, State
-from tests.helpers.physics import UNEQUAL, simulate_period, random_commands, random_disturbances, random_states
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, PAPER, Parameters, Simulation
+from quadpend_gym.physics.state import (
+    COMMAND_SIZE,
+    COMMAND_TORQUE,
+    DISTURBANCE_SIZE,
+    STATE_SIZE,
+    THRUST,
+    Disturbance,
+    State,
+)
+from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
 
 ROWS = 50
-NO_COMMAND, NO_DISTURBANCE = np.zeros(4), np.zeros(9)
+NO_COMMAND, NO_DISTURBANCE = np.zeros(COMMAND_SIZE), np.zeros(DISTURBANCE_SIZE)
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def wild(seed: int, parameters: Parameters = UNEQUAL) -> tuple[Floats, Floats, Floats]:
-    """States, commands and disturbances of `ROWS` tumbling sub-environments."""
+def tumbling(seed: int, parameters: Parameters = UNEQUAL) -> tuple[Floats, Floats, Floats]:
+    """Draw the states, commands and disturbances of `ROWS` tumbling sub-environments."""
     return random_states(ROWS, seed), random_commands(ROWS, seed, parameters), random_disturbances(ROWS, seed)
 
 
 def state_rate(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Floats:
-    """Time derivative of the state, shape (n, 18)."""
+    """Return the time derivative of the state, shape (n, 18)."""
     s, rate = State(state), State(np.empty_like(state))
     second = accelerations(state, command, disturbance, parameters)
     rate.position[:], rate.velocity[:] = s.velocity, second.position
@@ -34,33 +42,33 @@ def state_rate(state: Floats, command: Floats, disturbance: Floats, parameters: 
 
 
 def thrust_force(state: Floats, command: Floats) -> Floats:
-    """u R e₃ from the product of the three rotations, N, shape (n, 3)."""
+    """Return u R e₃ from the product of the three rotation matrices, N, shape (n, 3)."""
     (s1, s2, s3), (c1, c2, c3) = np.sin(State(state).euler).T, np.cos(State(state).euler).T
     zero, one = np.zeros_like(s1), np.ones_like(s1)
     roll = np.array([[one, zero, zero], [zero, c1, -s1], [zero, s1, c1]])
     pitch = np.array([[c2, zero, s2], [zero, one, zero], [-s2, zero, c2]])
     yaw = np.array([[c3, -s3, zero], [s3, c3, zero], [zero, zero, one]])
     axis = np.einsum("ijn,jkn,kln,l->ni", yaw, pitch, roll, UP)
-    return np.asarray(command[:, :1] * axis)
+    return np.asarray(command[:, [THRUST]] * axis)
 
 
-def test_energy_grows_by_the_power_of_the_inputs() -> None:
+def test_the_rate_of_the_energy_is_the_power_of_the_inputs() -> None:
     """dE/dt = F·ζ̇ + d_B·ṗ + (τ + d_τ)·η̇."""
-    state, command, disturbance = wild(0)
-    s = State(state)
+    state, command, disturbance = tumbling(0)
+    s, d = State(state), Disturbance(disturbance)
     rate = state_rate(state, command, disturbance, UNEQUAL)
-    # The energy is a quadratic function of the state, so this difference is its derivative exactly.
-    growth = (energy(state + rate, UNEQUAL) - energy(state - rate, UNEQUAL)) / 2.0
+    # The energy is quadratic in the state except for linear terms, so this central difference is the exact derivative.
+    energy_rate = (energy(state + rate, UNEQUAL) - energy(state - rate, UNEQUAL)) / 2.0
     bob_velocity = s.velocity + UNEQUAL.rod_length * s.direction_rate
     powers = np.concatenate(
         [
-            (thrust_force(state, command) + disturbance[:, 0:3]) * s.velocity,
-            disturbance[:, 3:6] * bob_velocity,
-            (command[:, 1:4] + disturbance[:, 6:9]) * s.euler_rate,
+            (thrust_force(state, command) + d.force) * s.velocity,
+            d.bob_force * bob_velocity,
+            (command[:, COMMAND_TORQUE:] + d.torque) * s.euler_rate,
         ],
         axis=-1,
     )
-    assert_allclose(growth, powers.sum(-1), rtol=0.0, atol=1e-10 * np.abs(powers).max())
+    assert_allclose(energy_rate, powers.sum(-1), rtol=0.0, atol=1e-10 * np.abs(powers).max())
 
 
 def test_energy_is_conserved_without_inputs() -> None:
@@ -69,34 +77,34 @@ def test_energy_is_conserved_without_inputs() -> None:
     assert_allclose(energy(after, UNEQUAL), energy(state, UNEQUAL), rtol=0.0, atol=1e-8)
 
 
-def test_energy_is_conserved_in_a_constant_field_of_force() -> None:
-    """Forces and torques held constant have a potential: −d_Q·ζ − d_B·p − d_τ·η."""
-    state, _, disturbance = wild(2)
+def test_energy_is_conserved_with_constant_forces_and_torques() -> None:
+    """Constant forces and torques have the potential −d_Q·ζ − d_B·p − d_τ·η."""
+    state, _, disturbance = tumbling(2)
 
-    def total(state: Floats) -> Floats:
+    def total_energy(state: Floats) -> Floats:
         s = State(state)
         bob = s.position + UNEQUAL.rod_length * s.direction
         work = np.concatenate([s.position, bob, s.euler], axis=-1) * disturbance
         return np.asarray(energy(state, UNEQUAL) - work.sum(-1))
 
     after = simulate_period(state, NO_COMMAND, disturbance, UNEQUAL, period=2.0, substeps=2000)
-    assert_allclose(total(after), total(state), rtol=0.0, atol=1e-9)
+    assert_allclose(total_energy(after), total_energy(state), rtol=0.0, atol=1e-9)
 
 
 def test_momentum_changes_by_the_impulse_of_the_external_forces() -> None:
-    state, command, disturbance = wild(3)
+    state, command, disturbance = tumbling(3)
     period, intervals = 1.0, 400
     times = np.linspace(0.0, period, 2 * intervals + 1)
     weights = np.array([1.0, *[4.0, 2.0] * (intervals - 1), 4.0, 1.0]) / (6.0 * intervals)
     path = [simulate_period(state, command, disturbance, UNEQUAL, time, 200) for time in times]
     thrust = sum(w * thrust_force(point, command) for w, point in zip(weights, path, strict=True))
     weight = UNEQUAL.total_mass * UNEQUAL.gravity * UP
-    impulse = thrust + period * (disturbance[:, 0:3] + disturbance[:, 3:6] - weight)
+    impulse = thrust + period * (Disturbance(disturbance).force + Disturbance(disturbance).bob_force - weight)
     assert_allclose(momentum(path[-1], UNEQUAL) - momentum(state, UNEQUAL), impulse, rtol=0.0, atol=1e-7)
 
 
 def test_direction_stays_a_unit_vector_perpendicular_to_its_rate() -> None:
-    """Over 10⁵ control periods of random inputs."""
+    """The test runs 10⁵ control periods with random inputs."""
     state = random_states(4, 4)
     physics = np.tile(PAPER.as_array(), (4, 1))
     s = State(state)
@@ -105,7 +113,7 @@ def test_direction_stays_a_unit_vector_perpendicular_to_its_rate() -> None:
         commands = random_commands(4 * 1000, seed, PAPER).reshape(1000, 4, 4)
         disturbance = random_disturbances(4, seed)
         for command in commands:
-            advance(state, command, disturbance, physics, 0.01, 2)
+            advance(state, command, disturbance, physics, CONTROL_PERIOD, Simulation().substeps)
         s.euler[:], s.euler_rate[:] = s.euler % (2.0 * np.pi), 0.1 * s.euler_rate
         worst_length = max(worst_length, np.abs(np.linalg.norm(s.direction, axis=-1) - 1.0).max())
         worst_angle = max(worst_angle, np.abs(np.sum(s.direction * s.direction_rate, -1)).max())
@@ -114,7 +122,7 @@ def test_direction_stays_a_unit_vector_perpendicular_to_its_rate() -> None:
 
 
 def test_integrator_is_of_fourth_order() -> None:
-    state, command, disturbance = wild(5)
+    state, command, disturbance = tumbling(5)
     substeps = np.array([40, 80, 160, 320])
     exact = simulate_period(state, command, disturbance, UNEQUAL, period=0.2, substeps=5000)
     errors = [
@@ -126,68 +134,73 @@ def test_integrator_is_of_fourth_order() -> None:
         assert slope == pytest.approx(4.0, abs=0.15), field
 
 
-def test_attitude_is_exact() -> None:
-    """η̈ is constant over a period, so one substep and many give the parabola."""
-    state, command, disturbance = wild(6)
+def test_the_attitude_is_integrated_exactly() -> None:
+    """η̈ is constant during a period, so the attitude is a quadratic function of time for any number of substeps."""
+    state, command, disturbance = tumbling(6)
     s = State(state)
-    euler_ddot = (command[:, 1:4] + disturbance[:, 6:9]) / UNEQUAL.as_array()[4:7]
+    inertia = np.array([UNEQUAL.inertia_roll, UNEQUAL.inertia_pitch, UNEQUAL.inertia_yaw])
+    euler_ddot = (command[:, COMMAND_TORQUE:] + Disturbance(disturbance).torque) / inertia
     for substeps in (1, 20):
         after = State(simulate_period(state, command, disturbance, UNEQUAL, 0.5, substeps))
         assert_allclose(after.euler, s.euler + 0.5 * s.euler_rate + 0.125 * euler_ddot, rtol=0.0, atol=1e-13)
         assert_allclose(after.euler_rate, s.euler_rate + 0.5 * euler_ddot, rtol=0.0, atol=1e-13)
 
 
-def turned(array: Floats, rotation: Floats) -> Floats:
-    """An array of world vectors, shape (n, 3 k), with each of them rotated."""
+def rotate_vectors(array: Floats, rotation: Floats) -> Floats:
+    """Rotate each of the k world vectors in the rows of an array of shape (n, 3 k)."""
     return np.asarray((array.reshape(len(array), -1, 3) @ rotation.T).reshape(array.shape))
 
 
-def turned_state(state: Floats, rotation: Floats, yaw: float = 0.0) -> Floats:
-    """The same situation seen after a rotation of the world, which adds `yaw` to ψ."""
-    result = turned(state, rotation)
+def rotate_state(state: Floats, rotation: Floats, yaw: float = 0.0) -> Floats:
+    """Return the states after a rotation of the world, which adds `yaw` to ψ."""
+    result = rotate_vectors(state, rotation)
     State(result).euler[:] = State(state).euler + np.array([0.0, 0.0, yaw])
     State(result).euler_rate[:] = State(state).euler_rate
     return result
 
 
-def turned_disturbance(disturbance: Floats, rotation: Floats) -> Floats:
-    """The same with both forces rotated; the torque belongs to φ, θ, ψ."""
-    return np.concatenate([turned(disturbance[:, 0:6], rotation), disturbance[:, 6:9]], axis=-1)
+def rotate_disturbance(disturbance: Floats, rotation: Floats) -> Floats:
+    """Return the disturbances with both forces rotated; the torque is about the φ, θ and ψ axes and does not change."""
+    result = rotate_vectors(disturbance, rotation)
+    Disturbance(result).torque[:] = Disturbance(disturbance).torque
+    return result
 
 
 @pytest.mark.parametrize("yaw", [0.3, np.pi / 2, -2.0])
-def test_turning_the_world_about_the_vertical_turns_accelerations_and_flights(yaw: float) -> None:
-    state, command, disturbance = wild(7)
+def test_a_rotation_about_the_vertical_rotates_accelerations_and_motion(yaw: float) -> None:
+    state, command, disturbance = tumbling(7)
     rotation = Rotation.from_euler("z", yaw).as_matrix()
-    there = turned_state(state, rotation, yaw), command, turned_disturbance(disturbance, rotation), UNEQUAL
+    there = rotate_state(state, rotation, yaw), command, rotate_disturbance(disturbance, rotation), UNEQUAL
 
     here = accelerations(state, command, disturbance, UNEQUAL)
     after = accelerations(*there)
-    assert_allclose(after.position, turned(here.position, rotation), rtol=0.0, atol=1e-12)
+    assert_allclose(after.position, rotate_vectors(here.position, rotation), rtol=0.0, atol=1e-12)
     assert_allclose(after.euler, here.euler, rtol=0.0, atol=1e-12)
-    assert_allclose(after.direction, turned(here.direction, rotation), rtol=0.0, atol=1e-11)
+    assert_allclose(after.direction, rotate_vectors(here.direction, rotation), rtol=0.0, atol=1e-11)
 
-    flight = simulate_period(state, command, disturbance, UNEQUAL, period=0.5, substeps=100)
-    assert_allclose(simulate_period(*there, 0.5, 100), turned_state(flight, rotation, yaw), rtol=0.0, atol=1e-11)
+    motion = simulate_period(state, command, disturbance, UNEQUAL, period=0.5, substeps=100)
+    assert_allclose(simulate_period(*there, 0.5, 100), rotate_state(motion, rotation, yaw), rtol=0.0, atol=1e-11)
 
 
-def test_moving_the_world_moves_flights() -> None:
-    state, command, disturbance = wild(8)
+def test_a_shift_of_the_start_shifts_the_motion() -> None:
+    state, command, disturbance = tumbling(8)
     shift = np.zeros(STATE_SIZE)
     State(shift).position[:] = 5.0, -7.0, 11.0
-    moved, still = (simulate_period(start, command, disturbance, UNEQUAL, 0.5, 100) for start in (state + shift, state))
-    assert_allclose(moved, still + shift, rtol=0.0, atol=1e-12)
+    shifted, original = (
+        simulate_period(start, command, disturbance, UNEQUAL, 0.5, 100) for start in (state + shift, state)
+    )
+    assert_allclose(shifted, original + shift, rtol=0.0, atol=1e-12)
 
 
 def swing(direction: ArrayLike, rate: ArrayLike) -> Floats:
-    """A quadrotor at rest and level, its pendulum moving; shape (1, 18)."""
+    """Return the state of a level quadrotor at rest with a moving pendulum, shape (1, 18)."""
     state = np.zeros((1, STATE_SIZE))
     State(state).direction[:], State(state).direction_rate[:] = direction, rate
     return state
 
 
-def test_a_swing_through_upright_is_no_different_from_one_elsewhere() -> None:
-    """Constant forces, no thrust: the pendulum knows no vertical, so a rotated swing is the same swing rotated."""
+def test_a_swing_through_upright_is_computed_like_a_swing_in_any_other_direction() -> None:
+    """Gravity cancels in r̈, so without thrust a rotated start with rotated forces gives the rotated swing."""
     disturbance = np.array([[3.0, 0.0, 4.0, 1.0, 0.0, -0.5, 0.0, 0.0, 0.0]])
     through = swing([-np.sin(0.5), 0.0, np.cos(0.5)], [4.0 * np.cos(0.5), 0.0, 4.0 * np.sin(0.5)])
     elsewhere = Rotation.from_rotvec([0.7, -0.4, 0.2]).as_matrix()
@@ -196,16 +209,16 @@ def test_a_swing_through_upright_is_no_different_from_one_elsewhere() -> None:
         here = State(simulate_period(through, NO_COMMAND, disturbance, UNEQUAL, time, 100))
         there = State(
             simulate_period(
-                turned_state(through, elsewhere),
+                rotate_state(through, elsewhere),
                 NO_COMMAND,
-                turned_disturbance(disturbance, elsewhere),
+                rotate_disturbance(disturbance, elsewhere),
                 UNEQUAL,
                 time,
                 100,
             )
         )
-        assert_allclose(there.direction, turned(here.direction, elsewhere), rtol=0.0, atol=1e-12)
-        assert_allclose(there.direction_rate, turned(here.direction_rate, elsewhere), rtol=0.0, atol=1e-12)
+        assert_allclose(there.direction, rotate_vectors(here.direction, elsewhere), rtol=0.0, atol=1e-12)
+        assert_allclose(there.direction_rate, rotate_vectors(here.direction_rate, elsewhere), rtol=0.0, atol=1e-12)
         assert here.direction[0, 1] == 0.0
         tilt.append(here.alpha_x[0])
     assert tilt[0] < 0.0 < tilt[-1]
@@ -213,7 +226,7 @@ def test_a_swing_through_upright_is_no_different_from_one_elsewhere() -> None:
 
 @pytest.mark.parametrize("beta", [0.0, 1.0, 2.5, -2.0])
 def test_motion_is_smooth_through_upright_in_every_direction(beta: float) -> None:
-    """Exactly upright lies between its neighbours, whichever way it is passed."""
+    """The motion from the upright state is the mean of the motions from two adjacent states, to second order."""
     heading = np.array([np.cos(beta), np.sin(beta), 0.0])
     command, disturbance = np.array([8.0, 0.1, -0.2, 0.05]), np.array([0.5, -0.3, 0.2, 0.1, 0.4, -0.2, 0.0, 0.0, 0.0])
     tilt = 1e-4
@@ -221,8 +234,8 @@ def test_motion_is_smooth_through_upright_in_every_direction(beta: float) -> Non
         swing(np.sin(angle) * heading + np.cos(angle) * UP, 5.0 * (np.cos(angle) * heading - np.sin(angle) * UP))
         for angle in (-tilt, 0.0, tilt)
     ]
-    flights = [simulate_period(state, command, disturbance, UNEQUAL, 0.2, 40) for state in states]
+    motions = [simulate_period(state, command, disturbance, UNEQUAL, 0.2, 40) for state in states]
     rates = [state_rate(state, command, disturbance, UNEQUAL) for state in states]
-    for before, at, after in (flights, rates):
+    for before, at, after in (motions, rates):
         assert_allclose(at, (before + after) / 2.0, rtol=0.0, atol=1e3 * tilt**2)
         assert np.abs(after - before).max() < 1e3 * tilt

@@ -1,6 +1,7 @@
-"""The nonlinear model is exactly flat: the bob's position and the yaw determine everything, without integration.
+"""The nonlinear model is differentially flat: the bob's position and the yaw determine the state and the command.
 
-A function of time is held as its Taylor coefficients at t = 0, so derivatives are exact; each costs one coefficient.
+The tests represent a function of time by its Taylor coefficients at t = 0. Derivatives are then exact, and each one
+shortens the series by one coefficient.
 """
 
 import numpy as np
@@ -10,34 +11,34 @@ from scipy.linalg import solve_triangular, toeplitz
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
-from quadpend_gym.physics.state import STATE_SIZE, State
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
 from tests.helpers.physics import UNEQUAL
 
 UP = np.array([0.0, 0.0, 1.0])
 
 
 def rate(series: Floats) -> Floats:
-    """Time derivative, of (n,) or (3, n) coefficients."""
+    """Return the time derivative; coefficients of shape (n,) or (3, n)."""
     return series[..., 1:] * np.arange(1, series.shape[-1])
 
 
 def integral(series: Floats, start: float) -> Floats:
-    """What has this rate and this value at t = 0."""
+    """Return the integral of a series with the value `start` at t = 0."""
     return np.append(start, series / np.arange(1, series.size + 1))
 
 
 def times(a: Floats, b: Floats) -> Floats:
-    """a b."""
+    """Return a b."""
     return np.convolve(a, b)[: min(a.size, b.size)]
 
 
 def over(a: Floats, b: Floats) -> Floats:
-    """a / b."""
+    """Return a / b."""
     return np.asarray(solve_triangular(toeplitz(b, np.zeros(b.size))[: a.size, : a.size], a, lower=True))
 
 
 def root(a: Floats) -> Floats:
-    """√a, coefficient by coefficient."""
+    """Return √a."""
     out = np.zeros(a.size)
     out[0] = np.sqrt(a[0])
     for k in range(1, a.size):
@@ -46,43 +47,43 @@ def root(a: Floats) -> Floats:
 
 
 def angle(sine: Floats, cosine: Floats) -> Floats:
-    """atan2(sine, cosine), both times any length."""
+    """Return atan2(sine, cosine); both may be scaled by a common factor."""
     size = sine.size - 1
-    turned = times(rate(sine), cosine[:size]) - times(sine[:size], rate(cosine))
+    numerator = times(rate(sine), cosine[:size]) - times(sine[:size], rate(cosine))
     squared = times(sine, sine)[:size] + times(cosine, cosine)[:size]
-    return integral(over(turned, squared), float(np.arctan2(sine[0], cosine[0])))
+    return integral(over(numerator, squared), float(np.arctan2(sine[0], cosine[0])))
 
 
 def unit(vector: Floats) -> tuple[Floats, Floats]:
-    """The norm and the direction of a (3, n) vector."""
+    """Return the norm of a (3, n) vector and the unit vector along it."""
     norm = root(sum(times(component, component) for component in vector))
     return norm, np.array([over(component, norm) for component in vector])
 
 
 def with_weight(acceleration: Floats) -> Floats:
-    """a + g e₃."""
+    """Return a + g e₃."""
     out = acceleration.copy()
     out[:, 0] += UNEQUAL.gravity * UP
     return out
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_state_and_input_follow_from_the_bobs_position_and_yaw(seed: int) -> None:
-    """Six derivatives of the bob's position p and two of the yaw ψ, all at random."""
+def test_state_and_command_follow_from_the_bobs_position_and_the_yaw(seed: int) -> None:
+    """The position p of the bob and six derivatives, and the yaw ψ and two derivatives, are random."""
     p = UNEQUAL
     rng = np.random.default_rng([4, seed])
     orders = np.cumprod([1.0, *range(1, 7)])
     bob, yaw = rng.normal(size=(3, 7)) / orders, rng.normal(size=3)
     bob[:, 2:] *= 3.0
 
-    lift = with_weight(rate(rate(bob)))  # p̈ + g e₃ = N r / m_c: only rod and weight act on the bob
+    lift = with_weight(rate(rate(bob)))  # p̈ + g e₃ = N r / m_c, since only the rod and gravity act on the bob
     _, direction = unit(lift)
     quadrotor = bob[:, :5] - p.rod_length * direction
     force = p.quadrotor_mass * with_weight(rate(rate(quadrotor))) + p.bob_mass * lift[:, :3]
     thrust, axis = unit(force)  # u, R e₃
-    turn = np.exp(1j * yaw[0]) * np.array([1.0, 1j * yaw[1], 1j * yaw[2] - 0.5 * yaw[1] ** 2])  # e^(iψ)
-    cosine, sine = turn.real, turn.imag
-    # The axis seen from the heading is (sθ cφ, −sφ, cθ cφ).
+    heading = np.exp(1j * yaw[0]) * np.array([1.0, 1j * yaw[1], 1j * yaw[2] - 0.5 * yaw[1] ** 2])  # e^(iψ)
+    cosine, sine = heading.real, heading.imag
+    # In the frame rotated by the yaw, the axis is (sθ cφ, −sφ, cθ cφ).
     ahead = times(cosine, axis[0]) + times(sine, axis[1])
     left = times(cosine, axis[1]) - times(sine, axis[0])
     level = root(np.append(1.0, np.zeros(2)) - times(left, left))
@@ -94,6 +95,6 @@ def test_state_and_input_follow_from_the_bobs_position_and_yaw(seed: int) -> Non
     assert_allclose(np.linalg.norm(State(state).direction), 1.0, rtol=1e-12)
     inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
     command = np.append(thrust[0], inertia * rate(rate(euler))[:, 0])
-    actual = accelerations(state, command, np.zeros(9), p)
+    actual = accelerations(state, command, np.zeros(DISTURBANCE_SIZE), p)
     for name, series in (("position", quadrotor), ("euler", euler), ("direction", direction)):
         assert_allclose(getattr(actual, name), rate(rate(series))[:, 0], rtol=1e-9, atol=1e-9, err_msg=name)

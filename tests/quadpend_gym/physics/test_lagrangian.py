@@ -1,4 +1,4 @@
-"""The equations of motion agree with a Lagrangian that sympy derives here from the paper's (1)–(5) alone."""
+"""The equations of motion agree with those that sympy derives here from the paper's energies (1)–(5)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,16 +18,24 @@ from quadpend_gym.physics.lagrangian import (
     mass_matrix,
     state_from_coordinates,
 )
-from quadpend_gym.physics.parameters import Parameters
-from quadpend_gym.physics.state import STATE_SIZE, State
+from quadpend_gym.physics.parameters import QUADROTOR_DRAG_AREA, Parameters
+from quadpend_gym.physics.state import (
+    COMMAND_SIZE,
+    COMMAND_TORQUE,
+    DISTURBANCE_FIELDS,
+    DISTURBANCE_SIZE,
+    STATE_SIZE,
+    THRUST,
+    State,
+)
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances
 
 
 @pytest.fixture(scope="module")
 def derived() -> SimpleNamespace:
-    """Functions of (q, q̇, q̈, u τ, d_Q d_B d_τ, parameters) made from the energies by sympy."""
+    """Return functions of (q, q̇, q̈, u τ, d_Q d_B d_τ, parameters) that sympy derives from the energies."""
     q, q_dot, q_ddot = (sp.Matrix(sp.symbols(f"{name}:8")) for name in ("q", "v", "a"))
-    command, disturbance = sp.Matrix(sp.symbols("u:4")), sp.Matrix(sp.symbols("d:9"))
+    command, disturbance = sp.Matrix(sp.symbols(f"u:{COMMAND_SIZE}")), sp.Matrix(sp.symbols(f"d:{DISTURBANCE_SIZE}"))
     parameters = sp.Matrix(sp.symbols("M m_c l g I_phi I_theta I_psi", positive=True))
     M, m_c, length, g, *inertia = parameters
 
@@ -49,14 +57,13 @@ def derived() -> SimpleNamespace:
     euler_lagrange = rate(momentum) - lagrangian.jacobian(q).T
     mass = momentum.jacobian(q_dot)
 
-    turns = (sp.rot_ccw_axis3(euler[2]), sp.rot_ccw_axis2(euler[1]), sp.rot_ccw_axis1(euler[0]))
-    thrust_axis = turns[0] * turns[1] * turns[2] * sp.Matrix([0, 0, 1])
-    force = command[0] * thrust_axis + disturbance[0:3, :]
-    torque = command[1:4, :] + disturbance[6:9, :]
-    # Virtual work: each force times the virtual displacement of the point it acts on.
-    generalised = (
-        quadrotor.jacobian(q).T * force + bob.jacobian(q).T * disturbance[3:6, :] + euler.jacobian(q).T * torque
-    )
+    rotations = (sp.rot_ccw_axis3(euler[2]), sp.rot_ccw_axis2(euler[1]), sp.rot_ccw_axis1(euler[0]))
+    thrust_axis = rotations[0] * rotations[1] * rotations[2] * sp.Matrix([0, 0, 1])
+    force = command[THRUST] * thrust_axis + disturbance[DISTURBANCE_FIELDS["force"], :]
+    torque = command[COMMAND_TORQUE:, :] + disturbance[DISTURBANCE_FIELDS["torque"], :]
+    bob_force = disturbance[DISTURBANCE_FIELDS["bob_force"], :]
+    # Virtual work: each force acts along the virtual displacement of its point of application.
+    generalised = quadrotor.jacobian(q).T * force + bob.jacobian(q).T * bob_force + euler.jacobian(q).T * torque
 
     arguments = [list(v) for v in (q, q_dot, q_ddot, command, disturbance, parameters)]
 
@@ -82,7 +89,7 @@ def derived() -> SimpleNamespace:
 
 @dataclass(frozen=True)
 class Sample:
-    """Random coordinates, inputs and forces, the pendulum at least 0.1 rad away from both poles."""
+    """Random coordinates, inputs and forces; the pendulum is at least 0.1 rad from upright and from hanging."""
 
     q: Floats
     q_dot: Floats
@@ -91,14 +98,14 @@ class Sample:
     parameters: Parameters = UNEQUAL
 
     def arguments(self, q_ddot: Floats | None = None) -> tuple[Floats, ...]:
-        """What the derived functions take."""
+        """Return the arguments of the derived functions."""
         q_ddot = np.zeros(8) if q_ddot is None else q_ddot
-        parameters = self.parameters.as_array()[:7]  # drag is no part of the Lagrangian
+        parameters = self.parameters.as_array()[:QUADROTOR_DRAG_AREA]  # the Lagrangian has no drag
         return self.q, self.q_dot, q_ddot, self.command, self.disturbance, parameters
 
 
 def sample(seed: int) -> Sample:
-    """The sample numbered `seed`."""
+    """Draw the sample of a seed."""
     rng = np.random.default_rng([3, seed])
     q, q_dot = rng.normal(size=(2, 8))
     q[3:6] = rng.uniform(-np.pi, np.pi, 3)
@@ -134,14 +141,14 @@ def test_energy_and_momentum_are_those_of_the_lagrangian(derived: SimpleNamespac
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_spherical_angles_are_views_of_the_direction(seed: int) -> None:
+def test_alpha_and_beta_are_the_spherical_angles_of_the_direction(seed: int) -> None:
     given = sample(seed)
     state = State(state_from_coordinates(given.q, given.q_dot))
     assert_allclose([state.alpha, state.beta], given.q[6:8], rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_matrices_are_the_derived_ones(derived: SimpleNamespace, seed: int) -> None:
+def test_the_corrected_matrices_are_the_derived_ones(derived: SimpleNamespace, seed: int) -> None:
     given = sample(seed)
     q, q_dot, parameters, arguments = given.q, given.q_dot, given.parameters, given.arguments()
     pairs = {
@@ -157,7 +164,7 @@ def test_matrices_are_the_derived_ones(derived: SimpleNamespace, seed: int) -> N
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_mass_rate_minus_twice_coriolis_is_skew(derived: SimpleNamespace, seed: int) -> None:
+def test_mass_rate_minus_twice_coriolis_is_skew_symmetric(derived: SimpleNamespace, seed: int) -> None:
     given = sample(seed)
     skew = derived.mass_rate(*given.arguments()) - 2.0 * coriolis_matrix(given.q, given.q_dot, given.parameters)
     assert_allclose(skew, -skew.T, rtol=0.0, atol=1e-12)
@@ -177,21 +184,23 @@ def test_mass_matrix_is_singular_when_the_pendulum_is_upright() -> None:
 
 
 def hover(parameters: Parameters) -> tuple[Floats, Floats]:
-    """The state and the command of hovering with the pendulum upright."""
+    """Return the state and the command of hovering with the pendulum upright."""
     state = np.zeros(STATE_SIZE)
     State(state).direction[:] = 0.0, 0.0, 1.0
-    return state, np.array([parameters.hover_thrust, 0.0, 0.0, 0.0])
+    command = np.zeros(COMMAND_SIZE)
+    command[THRUST] = parameters.hover_thrust
+    return state, command
 
 
 def test_hover_is_an_equilibrium() -> None:
     state, command = hover(UNEQUAL)
-    at_hover = accelerations(state, command, np.zeros(9), UNEQUAL)
+    at_hover = accelerations(state, command, np.zeros(DISTURBANCE_SIZE), UNEQUAL)
     for name in ("position", "euler", "direction"):
         assert_allclose(getattr(at_hover, name), 0.0, atol=1e-14, err_msg=name)
 
 
-def test_linearisation_at_hover_is_the_paper_s_corrected_one() -> None:
-    """Equations (12), (24)–(26) as printed, (27)–(29) with the signs of a right-handed frame, and z̈ = u_δ/(M+m_c)."""
+def test_linearisation_at_hover_is_the_corrected_one_of_the_paper() -> None:
+    """(12) and (24)–(26) are as printed, (27)–(29) have the signs of a right-handed frame, z̈ = u_δ/(M+m_c)."""
     p = UNEQUAL
     M, m_c, g = p.quadrotor_mass, p.bob_mass, p.gravity
     K = p.total_mass * g / (M * p.rod_length)
@@ -214,7 +223,7 @@ def test_linearisation_at_hover_is_the_paper_s_corrected_one() -> None:
         State(state).euler[:] = deviation[0:3]
         r_x, r_y = deviation[3:5]
         State(state).direction[:] = r_x, r_y, np.sqrt(1.0 - r_x**2 - r_y**2)
-        result = accelerations(state, command + deviation[5:9], np.zeros(9), p)
+        result = accelerations(state, command + deviation[5:9], np.zeros(DISTURBANCE_SIZE), p)
         return np.concatenate([result.position, result.euler, result.direction])
 
     steps = 1e-5 * np.eye(9)

@@ -1,7 +1,8 @@
-"""The simulation agrees with MuJoCo, an independent rigid-body engine, in tumbling flight.
+"""The simulation of a tumbling quadrotor agrees with MuJoCo, an independent rigid-body engine.
 
-The attitude is a model of its own (a constant inertia on the Euler angles), so MuJoCo gets the quadrotor as a point
-mass under the same thrust, a force in the world frame, and only translation and pendulum are compared.
+The attitude model of this package (a constant inertia in the Euler angles) has no counterpart in MuJoCo. The test
+therefore models the quadrotor as a point mass in MuJoCo, applies the same thrust as a force in the world frame, and
+compares the translation and the pendulum only.
 """
 
 import mujoco
@@ -10,13 +11,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import Parameters, Simulation
-from quadpend_gym.physics.state import State
-from tests.helpers.physics import UNEQUAL, simulate_period, random_commands, random_disturbances, random_states
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, Parameters, Simulation
+from quadpend_gym.physics.state import COMMAND_TORQUE, THRUST, Disturbance, State
+from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
 
-DURATION, PERIOD, TIMESTEP = 2.0, 0.01, 1e-4
+DURATION, TIMESTEP = 2.0, 1e-4  # s
 
-# The bob's own inertia only keeps MuJoCo's mass matrix regular: 1e-12 kg·m² beside m_c l² = 0.04 kg·m².
+# MuJoCo needs an inertia of the bob for a regular mass matrix; 1e-12 kg·m² is negligible beside m_c l² = 0.04 kg·m².
 MODEL = """
 <mujoco>
   <compiler angle="radian"/>
@@ -40,53 +41,54 @@ MODEL = """
 
 
 class Engine:
-    """MuJoCo flying the two bodies; the quadrotor is body 1, the bob body 2."""
+    """MuJoCo simulation of the two bodies; the quadrotor is body 1, the bob body 2."""
 
     def __init__(self, state: Floats, parameters: Parameters) -> None:
         self.model = mujoco.MjModel.from_xml_string(MODEL.format(p=parameters, timestep=TIMESTEP))
         self.data = mujoco.MjData(self.model)
         s = State(state)
-        turn, _ = Rotation.align_vectors([s.direction], [[0.0, 0.0, 1.0]])
+        rotation, _ = Rotation.align_vectors([s.direction], [[0.0, 0.0, 1.0]])
         spin = np.cross(s.direction, s.direction_rate)
         self.data.qpos[0:3], self.data.qvel[0:3] = s.position, s.velocity
-        self.data.qpos[3:7] = turn.as_quat(scalar_first=True)
-        # MuJoCo takes the rate of a ball joint in the frame of the moving body.
-        self.data.qvel[3:6] = turn.inv().apply(spin)
+        self.data.qpos[3:7] = rotation.as_quat(scalar_first=True)
+        # MuJoCo expresses the angular velocity of a ball joint in the frame of the moving body.
+        self.data.qvel[3:6] = rotation.inv().apply(spin)
         mujoco.mj_forward(self.model, self.data)
 
     def step(self, force: Floats, bob_force: Floats) -> None:
-        """Advance by one timestep under constant forces in the world frame, N."""
+        """Advance by one timestep with constant forces in the world frame, N."""
         self.data.xfrc_applied[1, 0:3], self.data.xfrc_applied[2, 0:3] = force, bob_force
         mujoco.mj_step(self.model, self.data)
 
     def positions(self) -> Floats:
-        """Quadrotor and bob, m, shape (2, 3)."""
+        """Return the positions of quadrotor and bob, m, shape (2, 3)."""
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         return np.array(self.data.xipos[1:3])
 
 
 def middle_thrusts(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Floats:
-    """The thrust u R e₃ in the middle of each timestep of a control period, N, shape (steps, 3)."""
+    """Return the thrust u R e₃ in the middle of each timestep of a control period, N, shape (steps, 3)."""
     s = State(state)
-    time = (np.arange(round(PERIOD / TIMESTEP))[:, None] + 0.5) * TIMESTEP
-    euler_ddot = (command[1:4] + disturbance[6:9]) / parameters.as_array()[4:7]
+    time = (np.arange(round(CONTROL_PERIOD / TIMESTEP))[:, None] + 0.5) * TIMESTEP
+    inertia = np.array([parameters.inertia_roll, parameters.inertia_pitch, parameters.inertia_yaw])
+    euler_ddot = (command[COMMAND_TORQUE:] + Disturbance(disturbance).torque) / inertia
     euler = s.euler + s.euler_rate * time + 0.5 * euler_ddot * time**2
-    return np.asarray(command[0] * Rotation.from_euler("ZYX", euler[:, ::-1]).apply([0.0, 0.0, 1.0]))
+    return np.asarray(command[THRUST] * Rotation.from_euler("ZYX", euler[:, ::-1]).apply([0.0, 0.0, 1.0]))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_tumbling_flight_agrees_with_mujoco(seed: int) -> None:
+def test_tumbling_motion_agrees_with_mujoco(seed: int) -> None:
     p = UNEQUAL
-    periods = round(DURATION / PERIOD)
+    periods = round(DURATION / CONTROL_PERIOD)
     state = random_states(1, seed)[0]
     commands, disturbances = random_commands(periods, seed, p), random_disturbances(periods, seed)
     engine = Engine(state, p)
     largest = 0.0
     for command, disturbance in zip(commands, disturbances, strict=True):
         for thrust in middle_thrusts(state, command, disturbance, p):
-            engine.step(thrust + disturbance[0:3], disturbance[3:6])
-        state = simulate_period(state, command, disturbance, p, PERIOD, Simulation().substeps)[0]
+            engine.step(thrust + Disturbance(disturbance).force, Disturbance(disturbance).bob_force)
+        state = simulate_period(state, command, disturbance, p, CONTROL_PERIOD, Simulation().substeps)[0]
         s = State(state)
         ours = np.array([s.position, s.position + p.rod_length * s.direction])
         largest = max(largest, np.abs(ours - engine.positions()).max())
