@@ -20,7 +20,7 @@ evidence: .venv/.installed  ## results table of the README: five training seeds 
 	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
-LEARNERS := ppo-pace sac-pace ppo-pace-hover sac-pace-hover
+LEARNERS := ppo-gain-scheduling sac-gain-scheduling ppo-gain-scheduling-hover sac-gain-scheduling-hover
 learners: .venv/.installed  ## train the learned policies that the package ships: five training seeds each
 	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
 	mkdir -p train/quadpend_train/policies/shipped
@@ -32,13 +32,13 @@ ablations: .venv/.installed  ## section of docs/results.md that compares trainin
 
 CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
 results: .venv/.installed  ## docs/results.md: learned policies and classical controllers in all test scenarios
-	$(BIN)/quadpend evaluate --policies ppo-pace sac-pace $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
+	$(BIN)/quadpend evaluate --policies ppo-gain-scheduling sac-gain-scheduling $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
 		--robustness 50 --out docs/results --document docs/results.md
-	$(BIN)/quadpend evaluate --policies flatness adrc-paper ppo-pace-hover sac-pace-hover --scenarios hover hover_windy --episodes 200 \
+	$(BIN)/quadpend evaluate --policies flatness adrc-paper ppo-gain-scheduling-hover sac-gain-scheduling-hover --scenarios hover hover_windy --episodes 200 \
 		--seed $(TEST_SEED) --out docs/hover
 
 animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
-	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-pace-0 --scenario docs/gust.toml --seconds 1.5 5 --speed 0.5 \
+	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenario docs/gust.toml --seconds 1.5 5 --speed 0.5 \
 		--zoom 1.4 --fps 16.7 --size 960 560 --out docs/gust.gif
 
 pictures: .venv/.installed  ## figures of docs/models.md

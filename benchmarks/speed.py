@@ -145,7 +145,7 @@ def measure_training(steps: int = 150_000, rounds: int = 9) -> dict[str, float]:
         rounds: Timings of each environment; the result is their median.
     """
     settings = read_settings("demo")
-    torch.set_num_threads(settings.torch_threads)
+    torch.set_num_threads(settings.num_threads)
     envs = {
         "PPO on QuadPendulum-v0 in wind": make_env(settings),
         "PPO on a free environment": SB3VecEnv(FreeVectorEnv(settings.num_envs)),
@@ -163,7 +163,7 @@ def measure_training(steps: int = 150_000, rounds: int = 9) -> dict[str, float]:
 def measure_policies() -> dict[str, float]:
     """Return how many times faster `MlpPolicy.predict` is than `predict` of the SB3 model it was exported from."""
     settings = read_settings("demo")
-    torch.set_num_threads(settings.torch_threads)
+    torch.set_num_threads(settings.num_threads)
     model = make_model(settings, make_env(settings), None)
     policy = export(model)
     observations = np.random.default_rng(0).normal(size=(256, OBSERVATION_SIZE)).astype(np.float32)

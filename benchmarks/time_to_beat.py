@@ -103,7 +103,7 @@ def _better_than_classical(seed: int) -> Check:
 GOALS = {
     "balanced": Goal("fast", 100_000, 20.0, _balanced),
     "paper": Goal("fast", 250_000, 45.0, _better_than_paper),
-    "classical": Goal("ppo-pace", 100_000, 1200.0, _better_than_classical),
+    "classical": Goal("ppo-gain-scheduling", 100_000, 1200.0, _better_than_classical),
 }
 
 
@@ -116,7 +116,7 @@ class _GoalCallback(BaseCallback):
         self.reached: dict[str, GoalTime] = {}
         self.paused, self.start = 0.0, time.perf_counter()
         # An untrained policy is not evaluated, unless it has learned by imitation.
-        self.next = {name: 0 if settings.imitation_steps else interval for name, (interval, _) in checks.items()}
+        self.next = {name: 0 if settings.hybrid.imitation_timesteps else interval for name, (interval, _) in checks.items()}
 
     def _on_rollout_start(self) -> None:
         for name, (interval, blocks) in self.checks.items():
@@ -124,9 +124,10 @@ class _GoalCallback(BaseCallback):
                 continue
             self.next[name] = self.num_timesteps + interval
             now = time.perf_counter()
-            policy = export(self.model, self.settings.view())
+            policy = export(self.model, **self.settings.policy_interface())
             if all(check(policy) for check in blocks):
-                steps = float(self.num_timesteps * self.settings.hold + self.settings.imitation_steps)
+                hybrid = self.settings.hybrid
+                steps = float(self.num_timesteps * hybrid.action_repeat + hybrid.imitation_timesteps)
                 self.reached[name] = GoalTime(now - self.start - self.paused, steps)
             self.paused += time.perf_counter() - now
 

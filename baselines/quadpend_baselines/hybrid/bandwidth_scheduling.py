@@ -44,7 +44,7 @@ class BandwidthScheduling:
     ) -> None:
         """Find the base controller and check the numbers."""
         self.base_controller, self.base_controller_name = find_base_controller(base_controller)
-        if not getattr(self.base_controller, "has_pace", False):
+        if not getattr(self.base_controller, "has_bandwidth_scale", False):
             raise TypeError(f"only the flatness-based controller has bandwidths to scale, not {base_controller!r}")
         self.action_scale = check_action_scale(action_scale)
         self.fallback_gain = check_fallback_gain(fallback_gain)
@@ -61,7 +61,7 @@ class BandwidthScheduling:
         The base controller computes its action in `act`, with the scaled bandwidths. Until then `base_action` is zero.
         """
         last, last_score = (None, None) if memory is None else (memory.controller, memory.anomaly_score)
-        known = self.base_controller.observe(observation, last, episode_start)
+        known = self.base_controller.update(observation, last, episode_start)
         estimated, disturbance = estimate(self.base_controller, observation, known)
         score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last_score, episode_start)
         seen = np.concatenate([magnify_state(estimated), disturbance], axis=1, dtype=np.float32)
@@ -71,7 +71,7 @@ class BandwidthScheduling:
         """Return the base controller's action with scaled bandwidths and the memory; see `Hybrid.act`."""
         exponent = weigh_action(self.fallback_gain, action, memory.anomaly_score).astype(np.float64)
         scales = (1.0 + self.action_scale) ** exponent
-        applied, known = self.base_controller.decide(memory.controller, pace=scales)
+        applied, known = self.base_controller.control(memory.controller, bandwidth_scale=scales)
         return applied, HybridMemory(known, applied, memory.anomaly_score)
 
     def with_simulation(self, simulation: Simulation) -> "BandwidthScheduling":

@@ -11,7 +11,7 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.validation import check_number
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, STATE_PART
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
 
 LARGEST_ACTION_SCALE = 3.0
 MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation
@@ -95,7 +95,7 @@ def estimate(base_controller: Any, observation: Floats32, memory: Any) -> tuple[
 
 def magnify_state(observation: Floats32) -> Floats32:
     """Multiply the part of an observation that depends on the state by `MAGNIFICATION`, in place, and return it."""
-    observation[:, : STATE_PART - OBSERVATION_SIZE] *= MAGNIFICATION
+    observation[:, : REFERENCE_START - OBSERVATION_SIZE] *= MAGNIFICATION
     return observation
 
 

@@ -51,7 +51,7 @@ class EstimateOnly:
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
-        return action, memory._replace(controller=self.base_controller.acted(memory.controller, action))
+        return action, memory._replace(controller=self.base_controller.with_applied_action(memory.controller, action))
 
     def with_simulation(self, simulation: Simulation) -> "EstimateOnly":
         """Return this hybrid for another nominal simulation; see `Hybrid.with_simulation`."""

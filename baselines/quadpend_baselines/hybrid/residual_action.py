@@ -65,7 +65,7 @@ class ResidualAction:
         """Return the corrected action and the memory; see `Hybrid.act`."""
         residual = np.float32(self.action_scale) * weigh_action(self.fallback_gain, action, memory.anomaly_score)
         applied = np.clip(memory.base_action + residual, -1.0, 1.0)
-        return applied, memory._replace(controller=self.base_controller.acted(memory.controller, applied))
+        return applied, memory._replace(controller=self.base_controller.with_applied_action(memory.controller, applied))
 
     def with_simulation(self, simulation: Simulation) -> "ResidualAction":
         """Return this hybrid for another nominal simulation; see `Hybrid.with_simulation`."""

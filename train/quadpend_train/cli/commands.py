@@ -65,7 +65,7 @@ def card(policy: tyro.conf.Positional[str]) -> None:
     """Print where a learned policy comes from.
 
     Args:
-        policy: A policy of this package (ppo-pace-0), a run folder or a policy file.
+        policy: A policy of this package (ppo-gain-scheduling-0), a run folder or a policy file.
     """
     import json
 
@@ -79,23 +79,23 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     """Train a learned policy again, from its card, and say whether the weights are the same.
 
     Args:
-        policy: A policy of this package (ppo-pace-0), a run folder or a policy file.
+        policy: A policy of this package (ppo-gain-scheduling-0), a run folder or a policy file.
         out: Folder of the new run.
     """
     from quadpend_train.policies.loading import policy_file
-    from quadpend_train.policies.mlp_policy import MlpPolicy, difference
+    from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
     from quadpend_train.training import train as training
 
     before = MlpPolicy.load(policy_file(policy))
-    if missing := [name for name in ("settings", "scenarios", "origin") if name not in before.card]:
+    if missing := [name for name in ("settings", "scenarios", "provenance") if name not in before.card]:
         raise ValueError(f"the card of {policy} has no {missing[0]}: it was exported, not trained here")
     for name, flown in before.card["scenarios"].items():
         if scenario_hash(find_scenario(name)) != flown:
             raise ValueError(f"the scenario {name} is another than the one {policy} was trained in")
     after = MlpPolicy.load(training.train(from_mapping(before.card["settings"], f"the card of {policy}"), out))
-    if largest := difference(before, after):
+    if largest := weight_difference(before, after):
         print(f"The weights differ by up to {largest:g}: expect that on another machine or with other versions.")
-        print(f"The card's: {before.card['origin']['machine']}, {before.card['origin']['packages']}")
+        print(f"The card's: {before.card['provenance']['machine']}, {before.card['provenance']['packages']}")
         sys.exit(1)
     print("The same weights.")
 

@@ -16,7 +16,7 @@ _WINDOW_RATE = 60.0  # pictures per second
 
 
 def watch(
-    policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-pace-0"),
+    policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-gain-scheduling-0"),
     scenario: str = "windy",
     seed: int = VALIDATION_SEED,
     out: Path | None = None,

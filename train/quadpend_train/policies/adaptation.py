@@ -27,7 +27,7 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     if not isinstance(policy, MlpPolicy):
         rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]
         return RotorAllocation(policy, rotors[0], scenario.simulation) if rotors and policy is not adaptable else policy
-    if scenario.output_feedback and policy.sizes == (OBSERVATION_SIZE,):
+    if scenario.output_feedback and policy.observation_sizes == (OBSERVATION_SIZE,):
         return FiniteDifferencePolicy(policy, scenario.simulation.period)
     return policy
 

@@ -8,39 +8,29 @@ import numpy as np
 import torch
 
 from quadpend_gym.core.arrays import Floats32
-from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
+from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, is_on_policy, output_layer, read_zip
 
-PLAIN_VIEW = {
-    "companion": "",
-    "steers": "alone",
-    "authority": 1.0,
-    "caution": 0.0,
-    "hold": 1,
-    "history": 1,
-    "history_actions": 0,
-}
 _TOLERANCE = 1e-5  # of a component of the action: torch and numpy sum float32 numbers in different orders
 
 
-def export(model: Any, view: dict[str, Any] | None = None, **card: Any) -> MlpPolicy:
+def export(model: Any, **card: Any) -> MlpPolicy:
     """Return the policy of a model, without its critic and its optimizer.
 
     Args:
         model: PPO, SAC or TQC with an `MlpPolicy`.
-        view: The entry ``view`` of the card, see `quadpend_train.policies.mlp_policy.MlpPolicy`; by default the policy
-            receives the observation alone.
-        card: Further entries of the card.
+        card: Further entries of the card. Without the entries of `quadpend_train.policies.mlp_policy.PLAIN_INTERFACE`
+            the policy receives the present observation alone.
 
     Raises:
-        ValueError: If the policy is not a feedforward network that receives what `view` says.
+        ValueError: If the policy is not a feedforward network of what its card says that it receives.
     """
     layers, activation = _network(model)
     entries: dict[str, Any] = {
         "format": FORMAT,
         "activation": activation,
         "squashed": not is_on_policy(model),
-        "view": dict(view or PLAIN_VIEW),
+        **PLAIN_INTERFACE,
     }
     last = output_layer(model)
     if isinstance(last, torch.nn.Sequential):  # gSDE of SAC and TQC clips the output of the last layer
@@ -49,7 +39,7 @@ def export(model: Any, view: dict[str, Any] | None = None, **card: Any) -> MlpPo
     policy = MlpPolicy(layers, {**entries, **card})
     inputs = np.random.default_rng(0).normal(size=(64, layers[0][0].shape[0])).astype(np.float32)
     expected, _ = model.predict(inputs, deterministic=True)
-    if not np.allclose(policy.act(inputs), expected, atol=_TOLERANCE):
+    if not np.allclose(policy.forward(inputs), expected, atol=_TOLERANCE):
         raise ValueError("the actions of the model differ from those of its policy network, so it cannot be exported")
     return policy
 

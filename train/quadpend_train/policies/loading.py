@@ -5,6 +5,7 @@ from pathlib import Path
 
 from quadpend_baselines import CONTROLLERS, Policy, controller
 from quadpend_baselines.gains import GAINS
+from quadpend_train.common.version_0_1 import current_name
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 
 
@@ -18,10 +19,10 @@ def policy_names(names: str) -> list[str]:
 
     Args:
         names: One name, or several separated by commas: the training seeds of one learned policy. The name of a learned
-            policy of this package without its seed (``"ppo-pace"``) stands for all seeds (``"ppo-pace-0"``, …).
+            policy of this package without its seed (``"ppo-gain-scheduling"``) stands for all its seeds.
     """
     shipped = shipped_policies()
-    return [single for name in names.split(",") for single in (shipped.get(name) or [name])]
+    return [single for name in names.split(",") for single in (shipped.get(current_name(name)) or [name])]
 
 
 def shipped_policies() -> dict[str, list[str]]:
@@ -89,7 +90,7 @@ def policy_file(name: str) -> Path:
     if path.is_dir():
         path = path / "policy.npz"
     if not path.is_file():
-        path = SHIPPED / f"{name}.npz"
+        path = SHIPPED / f"{current_name(name)}.npz"
     if not path.is_file():
         known = ", ".join([*CONTROLLERS, *shipped_policies()])
         raise ValueError(f"there is no policy {name!r}: give {known}, or the path of a finished run or a policy file")

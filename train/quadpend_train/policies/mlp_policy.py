@@ -1,38 +1,52 @@
-"""Learned policies in a file that executes nothing: weights, and a card that says where they come from.
+"""Learned policies in files that execute nothing when they are loaded.
 
-A file is an npz archive with float32 matrices and vectors and one JSON text, the card. numpy is all that is needed to
-load and fly it, and where a policy has a companion, a classical controller of `baselines`; neither torch nor SB3 is:
+A policy file is an npz archive with float32 weights and biases and a JSON text, the card. Loading and running a policy
+needs numpy and, for a hybrid, the classical controllers of `quadpend_baselines`. It needs neither PyTorch nor
+Stable-Baselines3:
 
-    policy = LearnedPolicy.load("ppo-pace-0")
+    policy = MlpPolicy.load("ppo-gain-scheduling-0")
     action, memory = policy.predict(observation, memory)
+
+Fields of a card that determine the policy:
+
+| field             | meaning                                                                                          |
+|-------------------|--------------------------------------------------------------------------------------------------|
+| `format`          | version of the format, `FORMAT`                                                                  |
+| `activation`      | activation function of the hidden layers, one of `ACTIVATIONS`                                   |
+| `squashed`        | whether the output goes through tanh; otherwise it is clipped to [−1, 1]                         |
+| `bound`           | limit of the output before tanh; optional                                                        |
+| `hybrid`          | data for `quadpend_baselines.hybrid.hybrid_from_data`; null for a policy without base controller |
+| `action_repeat`   | control steps for which each output of the network is used                                       |
+| `history`         | number of latest observations that the network receives, oldest first                            |
+| `history_actions` | number of its own latest outputs that the network receives after them, oldest first              |
+
+A trained policy's card also has the settings, the score, the learning curve and the provenance of its training.
 """
 
 import json
 import zipfile
 from collections.abc import Callable, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
+from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
+from quadpend_baselines.policy.protocol import select_rows, episode_start_mask
+from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
+from quadpend_gym.core.validation import check_int
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_train.common.version_0_1 import current_card, current_name
 
 SHIPPED = Path(__file__).parent / "shipped"
-FORMAT = "quadpend policy 1"
+FORMAT = "quadpend policy 2"
 OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
-_LARGEST = 64 * 2**20  # bytes
-VIEW = {
-    "companion": str,
-    "steers": str,
-    "authority": float,
-    "caution": float,
-    "hold": int,
-    "history": int,
-    "history_actions": int,
-}
+# Fields of the card of a policy that receives the present observation alone
+PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1, "history": 1, "history_actions": 0}
+_LARGEST_FILE = 64 * 2**20  # bytes, unpacked
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -41,78 +55,83 @@ ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
 
 
 class MlpMemory(NamedTuple):
-    """What a policy with a companion or a history remembers from one call to the next, for n rows."""
+    """The state of a policy between two calls, for n rows; for policies of a hybrid or with a history."""
 
-    companion: Any
-    observations: Floats32  # the latest of what it sees, oldest first, (n, k, m)
-    actions: Floats32  # the latest that it took, (n, j, 4)
-    held: Floats32  # what it decided last, (n, 4)
-    age: Integers  # steps since the episode began, (n,)
+    hybrid: Any  # memory of the hybrid; None without
+    observations: Floats32  # latest k observations of m numbers, oldest first, (n, k, m)
+    actions: Floats32  # latest j outputs of the network, oldest first, (n, j, 4)
+    output: Floats32  # latest output of the network, (n, 4)
+    steps: Integers  # control steps since the start of the episode, (n,)
 
 
 class MlpPolicy:
-    """A feedforward network as a policy with the `predict` protocol; it acts deterministically.
+    """A feedforward network as a deterministic policy with the `predict` protocol.
 
     Args:
-        layers: weights of shape (inputs, outputs) and biases of each layer, float32.
-        card: where it comes from. Of it ``activation`` (relu, tanh, elu), ``squashed`` (whether a tanh bounds the
-            action, which is clipped otherwise), ``bound`` (of what goes into that, if there is one) and ``view``
-            (``companion``, ``steers``, ``authority``, ``caution``, ``hold``, ``history`` and ``history_actions`` of
-            `quadpend_train.training.settings.TrainSettings`) say how it flies.
+        layers: Weights of shape (inputs, outputs) and biases of shape (outputs,) of each layer, float32.
+        card: Description of the policy; the module's docstring lists the fields that determine it.
+
+    Attributes:
+        layers: The layers.
+        card: The card.
+        hybrid: The hybrid that the policy belongs to; None without.
+        observation_sizes: Sizes of the observations that the policy accepts: 36, 27 or both.
 
     Raises:
-        ValueError: layers and card do not make a policy.
+        TypeError: If a field of the card has the wrong type.
+        ValueError: If the card or the layers are invalid, or do not fit together.
     """
 
     def __init__(self, layers: Sequence[tuple[Floats32, Floats32]], card: dict[str, Any]) -> None:
-        """Check that the parts fit together."""
+        """Check that layers and card fit together."""
         _check_card(card)
         self.layers = [(weights, biases) for weights, biases in layers]
         self.card = card
-        view = card["view"]
-        self._hold, self._history, self._history_actions = (
-            view[name] for name in ("hold", "history", "history_actions")
+        self.hybrid: Hybrid | None = None if card["hybrid"] is None else hybrid_from_data(card["hybrid"])
+        self._action_repeat, self._history, self._history_actions = (
+            card[name] for name in ("action_repeat", "history", "history_actions")
         )
-        self._bend, self._squashed = ACTIVATIONS[card["activation"]], card["squashed"]
-        self._companion: Any = None
-        if view["companion"]:
-            self._companion = _companion(view)
-        self._memoryless = self._companion is None and self._history == 1 and not self._history_actions
+        self._activation, self._squashed = ACTIVATIONS[card["activation"]], card["squashed"]
+        self._stateless = self.hybrid is None and self._history == 1 and not self._history_actions
         _check_layers(self.layers)
-        self.sizes = tuple(size for size in OBSERVATION_SIZES if self._inputs(size) == self.layers[0][0].shape[0])
-        if not self.sizes:
+        inputs = self.layers[0][0].shape[0]
+        self.observation_sizes = tuple(size for size in OBSERVATION_SIZES if self._input_size(size) == inputs)
+        if not self.observation_sizes:
             raise ValueError(
-                f"its first layer takes {self.layers[0][0].shape[0]} numbers, not the"
-                f" {' or '.join(str(self._inputs(size)) for size in OBSERVATION_SIZES)} that its card asks for"
+                f"its first layer takes {inputs} numbers, not the"
+                f" {' or '.join(str(self._input_size(size)) for size in OBSERVATION_SIZES)} that its card requires"
             )
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
-        """The policy in a file, or that of this package which is called so (``"ppo-pace-0"``).
+        """Load a policy file.
+
+        Args:
+            name: The path of a file, or the name of a policy of this package (``"ppo-gain-scheduling-0"``).
 
         Raises:
-            ValueError: there is no such file, or it holds no policy.
+            ValueError: If there is no such file, or it does not contain a policy.
         """
         path = Path(name)
-        if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
-            raise ValueError(f"there is no learned policy {str(name)!r}: it is neither a file nor one of this package")
+        if not path.is_file() and not (path := SHIPPED / f"{current_name(str(name))}.npz").is_file():
+            raise ValueError(f"{str(name)!r} must be the path of a policy file or the name of a policy of this package")
         try:
             _check_size(path)
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 arrays = {key: data[key] for key in data.files}
-            card = json.loads(str(arrays.pop("card")))
+            card = current_card(json.loads(str(arrays.pop("card"))))
             count = len(arrays) // 2
             layers = [(arrays.pop(f"weights_{i}"), arrays.pop(f"biases_{i}")) for i in range(count)]
             if arrays:
-                raise ValueError(f"it also holds {', '.join(sorted(arrays))}")
+                raise ValueError(f"it also contains {', '.join(sorted(arrays))}")
             return cls(layers, card)
         except KeyError as error:
-            raise ValueError(f"{path} is no learned policy: it has no {error}") from error
-        except Exception as error:  # whatever a broken archive makes its readers raise
-            raise ValueError(f"{path} is no learned policy: {error}") from error
+            raise ValueError(f"{path} is no policy file: it has no {error}") from error
+        except Exception as error:  # a broken archive can raise nearly any exception
+            raise ValueError(f"{path} is no policy file: {error}") from error
 
     def save(self, path: Path) -> None:
-        """Write the policy to a file; an interruption leaves what was there."""
+        """Write the policy to a file; if the process is interrupted, an older file stays as it was."""
         arrays: dict[str, Any] = {"card": np.array(json.dumps(self.card))}
         for i, (weights, biases) in enumerate(self.layers):
             arrays |= {f"weights_{i}": weights, f"biases_{i}": biases}
@@ -121,85 +140,85 @@ class MlpPolicy:
             np.savez_compressed(file, **arrays)
         unfinished.replace(path)
 
-    def with_simulation(self, simulation: Any) -> "MlpPolicy":
-        """The same policy, whose companion believes in another nominal simulation."""
-        if self._companion is None:
+    def with_simulation(self, simulation: Simulation) -> "MlpPolicy":
+        """Return the policy with its base controller designed for another nominal simulation."""
+        if self.hybrid is None:
             return self
-        other = MlpPolicy(self.layers, self.card)
-        other._companion = _companion(self.card["view"], simulation)
+        other = copy(self)
+        other.hybrid = self.hybrid.with_simulation(simulation)
         return other
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
-        """Action and memory; see `baselines.Policy.predict`.
+        """Return the action and the memory; see `quadpend_baselines.Policy.predict`.
 
         Raises:
-            ValueError: the observation has another size than this policy flies from, or `deterministic` is False.
+            ValueError: If the observation has another size than the policy accepts, or `deterministic` is False.
         """
         observation = np.asarray(observation, np.float32)
-        if observation.shape[-1] not in self.sizes or not deterministic:
+        if observation.shape[-1] not in self.observation_sizes:
             raise ValueError(
-                "a LearnedPolicy acts deterministically, it keeps no noise"
-                if observation.shape[-1] in self.sizes
-                else f"this policy takes observations of {' or '.join(map(str, self.sizes))} numbers, not of shape"
-                f" {observation.shape}"
+                f"this policy takes observations of {' or '.join(map(str, self.observation_sizes))} numbers, not of"
+                f" shape {observation.shape}"
             )
-        if self._memoryless:
-            return self.act(observation), None
+        if not deterministic:
+            raise ValueError("deterministic must be True: an MlpPolicy acts deterministically")
+        if self._stateless:
+            return self.forward(observation), None
         single = observation.ndim == 1
-        action, memory = self._remembering(np.atleast_2d(observation), state, episode_start)
+        action, memory = self._predict_rows(np.atleast_2d(observation), state, episode_start)
         return (action[0] if single else action), memory
 
     def estimated_disturbance(self, memory: Any) -> Floats:
-        """The disturbance that its companion has estimated, shape (n, 9); nan where it has none."""
-        if self._companion is None:
+        """Return the base controller's estimate of the disturbance, shape (n, 9); nan without base controller."""
+        if self.hybrid is None:
             return np.full((1, DISTURBANCE_SIZE), np.nan)
-        return np.asarray(self._companion.controller.estimated_disturbance(memory.companion.controller))
+        return np.asarray(self.hybrid.base_controller.estimated_disturbance(memory.hybrid.controller))
 
-    def act(self, seen: Floats32) -> Floats32:
-        """What the network makes of all that it sees, shape (inputs,) or (n, inputs): (4,) or (n, 4)."""
+    def forward(self, inputs: Floats32) -> Floats32:
+        """Return the network's output for inputs of shape (m,) or (n, m), shape (4,) or (n, 4)."""
         for weights, biases in self.layers[:-1]:
-            seen = self._bend(seen @ weights + biases)
+            inputs = self._activation(inputs @ weights + biases)
         weights, biases = self.layers[-1]
-        action = seen @ weights + biases
+        output = inputs @ weights + biases
         if "bound" in self.card:
-            action = np.clip(action, -self.card["bound"], self.card["bound"])
-        return np.asarray(np.tanh(action) if self._squashed else np.minimum(np.maximum(action, -1.0), 1.0))
+            output = np.clip(output, -self.card["bound"], self.card["bound"])
+        return np.asarray(np.tanh(output) if self._squashed else np.minimum(np.maximum(output, -1.0), 1.0))
 
-    def _remembering(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, MlpMemory]:
+    def _predict_rows(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, MlpMemory]:
         started = episode_start_mask(episode_start, state is None, len(observation))
-        seen, companion = observation, None
-        if self._companion is not None:
-            seen, companion = self._companion.watch(observation, state and state.companion, started)
+        seen, hybrid = observation, None
+        if self.hybrid is not None:
+            seen, hybrid = self.hybrid.observe(observation, state and state.hybrid, started)
         memory = MlpMemory(
-            companion,
+            hybrid,
             np.repeat(seen[:, np.newaxis], self._history, axis=1),
             np.zeros((len(seen), self._history_actions, ACTION_SIZE), np.float32),
             np.zeros((len(seen), ACTION_SIZE), np.float32),
             np.zeros(len(seen), np.int64),
         )
         if state is not None:
-            kept = state._replace(companion=(), observations=_pushed(state.observations, seen))
-            memory = select_rows(started, memory._replace(companion=()), kept)
+            kept = state._replace(hybrid=(), observations=_pushed(state.observations, seen))
+            memory = select_rows(started, memory._replace(hybrid=()), kept)
         flat = [memory.observations.reshape(len(seen), -1), memory.actions.reshape(len(seen), -1)]
-        action = self.act(np.concatenate(flat, axis=1))
-        if self._hold > 1:
-            action = select_rows(memory.age % self._hold == 0, action, memory.held)
-        memory = MlpMemory(companion, memory.observations, _pushed(memory.actions, action), action, memory.age + 1)
-        if self._companion is not None:
-            action, companion = self._companion.act(action, companion)
-            memory = memory._replace(companion=companion)
+        action = self.forward(np.concatenate(flat, axis=1))
+        if self._action_repeat > 1:
+            action = select_rows(memory.steps % self._action_repeat == 0, action, memory.output)
+        memory = MlpMemory(hybrid, memory.observations, _pushed(memory.actions, action), action, memory.steps + 1)
+        if self.hybrid is not None:
+            action, hybrid = self.hybrid.act(action, memory.hybrid)
+            memory = memory._replace(hybrid=hybrid)
         return action, memory
 
-    def _inputs(self, observations: int) -> int:
-        """How many numbers the network takes where an observation has so many."""
-        seen = observations if self._companion is None else self._companion.size(observations)
+    def _input_size(self, size: int) -> int:
+        """Return how many numbers the network receives if an observation has `size` numbers."""
+        seen = size if self.hybrid is None else self.hybrid.observation_size(size)
         return int(self._history * seen + self._history_actions * ACTION_SIZE)
 
 
-def difference(policy: MlpPolicy, other: MlpPolicy) -> float:
-    """The largest difference of two policies' weights; infinite where they are built differently."""
+def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
+    """Return the largest absolute difference of two policies' weights; inf if their layers have other shapes."""
     pairs = [pair for layers in zip(policy.layers, other.layers, strict=False) for pair in zip(*layers, strict=True)]
     if len(policy.layers) != len(other.layers) or any(a.shape != b.shape for a, b in pairs):
         return float("inf")
@@ -207,23 +226,16 @@ def difference(policy: MlpPolicy, other: MlpPolicy) -> float:
 
 
 def _check_size(path: Path) -> None:
-    """Raise ValueError if a file would unpack to more than a policy ever is."""
+    """Raise ValueError if the file is larger, unpacked, than a policy can be."""
     with zipfile.ZipFile(path) as archive:
         size = sum(item.file_size for item in archive.infolist())
-    if size > _LARGEST:
-        raise ValueError(f"it would unpack to {size} bytes, and a policy has at most {_LARGEST}")
+    if size > _LARGEST_FILE:
+        raise ValueError(f"it has {size} bytes unpacked, and a policy has at most {_LARGEST_FILE}")
 
 
 def _pushed(memory: Floats32, value: Floats32) -> Floats32:
-    """`memory` without its oldest, and with `value` as its latest."""
+    """Return `memory` without its oldest entry and with `value` as its latest."""
     return np.concatenate([memory[:, 1:], value[:, np.newaxis]], axis=1)[:, : memory.shape[1]]
-
-
-def _companion(view: dict[str, Any], simulation: Any = None) -> Any:
-    from quadpend_baselines import controller
-    from quadpend_baselines.hybrid.companion import Companion
-
-    return Companion(controller(view["companion"], simulation), view["steers"], view["authority"], view["caution"])
 
 
 def _check_card(card: Any) -> None:
@@ -236,12 +248,10 @@ def _check_card(card: Any) -> None:
     bound = card.get("bound", 1.0)
     if not isinstance(bound, float) or not 0.0 < bound < float("inf"):
         raise ValueError(f"bound must be a number above zero, not {bound!r}")
-    if isinstance(view := card.get("view"), dict):
-        view.setdefault("caution", 0.0)  # which older cards do not know
-    if not isinstance(view, dict) or {name: type(value) for name, value in view.items()} != VIEW:
-        raise ValueError(f"its view must have {', '.join(VIEW)}, not {view!r}")
-    if view["hold"] < 1 or view["history"] < 1 or view["history_actions"] < 0:
-        raise ValueError(f"its view must hold at least 1 step, with a history of at least 1 and 0, not {view!r}")
+    if missing := [name for name in PLAIN_INTERFACE if name not in card]:
+        raise ValueError(f"its card has no {missing[0]!r}")
+    for name, least in (("action_repeat", 1), ("history", 1), ("history_actions", 0)):
+        check_int(card[name], name, least)
 
 
 def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:
@@ -257,4 +267,4 @@ def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:
             raise ValueError(f"layer {i} has numbers that are not finite")
         inputs = biases.shape
     if inputs != (ACTION_SIZE,):
-        raise ValueError(f"it puts out {inputs[0]} numbers, not an action's {ACTION_SIZE}")
+        raise ValueError(f"its last layer has {inputs[0]} outputs, and an action has {ACTION_SIZE} numbers")

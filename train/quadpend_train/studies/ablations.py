@@ -33,8 +33,8 @@ BESIDE_STEPS = 1_000_000  # of those that steer a controller, and begin as good 
 EPISODES = 100
 _HIDDEN = '{"wind": "breeze", "output_feedback": true}'
 # What trainings beside a controller share, whatever of it they steer.
-_BESIDE = {
-    "companion": "flatness",
+_BESIDE: dict[str, Any] = {
+    "hybrid": {"base_controller": "flatness"},
     "total_timesteps": BESIDE_STEPS,
     "learning_rate": 1e-3,
     "gamma": 0.99,
@@ -43,10 +43,18 @@ _BESIDE = {
     "ppo": {"log_std_init": -2.0, "gae_lambda": 0.98, "n_epochs": 5},
     "reward": {"tracking": 1.0, "upright": 0.0, "yaw": 0.05, "effort": 0.0, "tip": 0.3},
 }
-_RESIDUAL = {**_BESIDE, "steers": "action", "authority": 0.3}
-_PACE = {**_BESIDE, "steers": "pace", "authority": 1.0}
-_HELD = {  # and what follows from it: the same horizons and batches, in decisions
-    "hold": 10,
+_RESIDUAL: dict[str, Any] = {
+    **_BESIDE,
+    "hybrid": {"base_controller": "flatness", "mode": "residual_action", "action_scale": 0.3},
+}
+_SCHEDULING: dict[str, Any] = {
+    **_BESIDE,
+    "hybrid": {"base_controller": "flatness", "mode": "bandwidth_scheduling", "action_scale": 1.0},
+}
+_RELATIVE: dict[str, Any] = {"hybrid": {"baseline_relative_reward": True}}
+_RELATIVE_SCHEDULING: dict[str, Any] = {**_SCHEDULING, "hybrid": {**_SCHEDULING["hybrid"], **_RELATIVE["hybrid"]}}
+_HELD: dict[str, Any] = {  # and what follows from it: the same horizons and batches, in decisions
+    "hybrid": {"action_repeat": 10},
     "gamma": 0.92,
     "batch_size": 512,
     "total_timesteps": BESIDE_STEPS // 10,
@@ -65,13 +73,13 @@ class Ablation(NamedTuple):
 
 ABLATIONS = {
     "tip": Ablation("reward with a sharp tip", "windy", {"reward": {"tip": 0.0}}, {"reward": {"tip": 0.5}}),
-    "deso": Ablation("the DESO's disturbance estimate observed", "windy", {}, {"companion": "adrc-matched"}),
-    "kalman": Ablation("the Kalman observer's state and disturbance observed", "windy", {}, {"companion": "flatness"}),
+    "deso": Ablation("the DESO's disturbance estimate observed", "windy", {}, {"hybrid": {"base_controller": "adrc-matched"}}),
+    "kalman": Ablation("the Kalman observer's state and disturbance observed", "windy", {}, {"hybrid": {"base_controller": "flatness"}}),
     "imitation": Ablation(
         "imitation of the flatness-based controller first",
         "windy",
-        {"companion": "flatness", "ppo": {"log_std_init": -1.0}},
-        {"imitation_steps": 250_000, "total_timesteps": STEPS - 250_000},
+        {"hybrid": {"base_controller": "flatness"}, "ppo": {"log_std_init": -1.0}},
+        {"hybrid": {"imitation_timesteps": 250_000}, "total_timesteps": STEPS - 250_000},
     ),
     "gsde": Ablation("state-dependent exploration", "windy", {}, {"sde_sample_freq": 8}),
     "curriculum": Ablation(
@@ -102,17 +110,22 @@ ABLATIONS = {
         "corrections of the flatness-based controller's action, instead of acting alone",
         "windy",
         _BESIDE,
-        {"steers": "action", "authority": 0.3},
+        {"hybrid": {"mode": "residual_action", "action_scale": 0.3}},
     ),
-    "paired residual": Ablation("the same, rewarded relative to the controller", "windy", _RESIDUAL, {"paired": True}),
-    "pace": Ablation("setting its bandwidths, instead of correcting its action", "windy", _RESIDUAL, _PACE),
-    "paired pace": Ablation("the same, rewarded relative to the controller", "windy", _PACE, {"paired": True}),
-    "held pace": Ablation("and held for ten steps", "windy", {**_PACE, "paired": True}, _HELD),
+    "paired residual": Ablation("the same, rewarded relative to the controller", "windy", _RESIDUAL, _RELATIVE),
+    "pace": Ablation("setting its bandwidths, instead of correcting its action", "windy", _RESIDUAL, _SCHEDULING),
+    "paired pace": Ablation("the same, rewarded relative to the controller", "windy", _SCHEDULING, _RELATIVE),
+    "held pace": Ablation("and held for ten steps", "windy", _RELATIVE_SCHEDULING, _HELD),
     "caution": Ablation(
         "and, trained in all training scenarios, trusted less where actions come late or it leans far",
         "training_lagged",
-        {"scenario": ("training",), **_PACE, "paired": True, **_HELD, "failure_penalty": 100.0},
-        {"caution": 1.0},
+        {
+            **_RELATIVE_SCHEDULING,
+            **_HELD,
+            "scenario": ("training",),
+            "hybrid": {**_RELATIVE_SCHEDULING["hybrid"], **_HELD["hybrid"], "failure_penalty": 100.0},
+        },
+        {"hybrid": {"fallback_gain": 1.0}},
     ),
 }
 CONSTANT = "the pace decided anew, instead of its mean (`ppo-pace`, trained in full)"
@@ -159,7 +172,7 @@ def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS))
 
 
 def _constant_outcome(seeds: int) -> Outcome:
-    policies = [MlpPolicy.load(f"ppo-pace-{seed}") for seed in range(seeds)]
+    policies = [MlpPolicy.load(f"ppo-gain-scheduling-{seed}") for seed in range(seeds)]
     without, added = (
         np.stack(
             [run_episodes([policy], CONSTANT_SCENARIO, EPISODES, VALIDATION_SEED).penalised_rmse[0] for policy in group]
@@ -172,7 +185,7 @@ def _constant_outcome(seeds: int) -> Outcome:
 def _at_its_mean(policy: MlpPolicy) -> MlpPolicy:
     """The policy with what it decides on average in the training scenarios, always."""
     env = concatenate_scenarios([find_scenario(name) for name in expand(("training",))], 8 * 32)
-    decided = [step.memory.held[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
+    decided = [step.memory.output[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
     weights, _ = policy.layers[-1]
     constant = np.concatenate(decided).mean(axis=0).astype(np.float32)
     return MlpPolicy([*policy.layers[:-1], (np.zeros_like(weights), constant)], policy.card)

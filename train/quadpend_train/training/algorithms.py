@@ -33,7 +33,7 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
         device="cpu",
         **own,
     )
-    if settings.steers != "alone":
+    if settings.hybrid.mode != "estimate_only":
         _begin_at_zero(model, settings)
     return model
 
@@ -73,5 +73,5 @@ def _begin_at_zero(model: Any, settings: TrainSettings) -> None:
             layer = layer[0]
         layer.weight *= 0.1
         layer.bias.zero_()
-        if settings.paired and settings.algo == "ppo":
+        if settings.hybrid.baseline_relative_reward and settings.algo == "ppo":
             model.policy.value_net.weight.zero_()

@@ -138,7 +138,7 @@ class EvaluationCallback(BaseCallback):
     def evaluate(self) -> None:
         """Fly, and write down how well."""
         paused = time.perf_counter()
-        policy = export(self.model, self.settings.view())
+        policy = export(self.model, **self.settings.policy_interface())
         survival, rmse = validate(policy, self.settings)
         seconds = self.before + paused - self.began - self.flown
         score = Score(self.num_timesteps, round(seconds, 2), survival, rmse)

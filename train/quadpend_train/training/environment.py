@@ -1,4 +1,4 @@
-"""The environment that a learner trains in."""
+"""The environment for training: scenarios, the hybrid, the history and the reward, as settings describe them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,8 +6,9 @@ from typing import Any
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_baselines import controller
-from quadpend_baselines.hybrid.wrappers import VectorWithCompanion
+from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym.actuators import Rotors
+from quadpend_gym.tasks.task import EPISODE_STEPS
 from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
@@ -17,49 +18,71 @@ from quadpend_train.scenarios import Scenario, expand, find_scenario
 from quadpend_train.training.settings import TrainSettings
 
 
-def concatenate_scenarios(scenarios: Sequence[Scenario], rows: int, steps: int = 1000) -> VectorEnv[Any, Any, Any]:
-    """Scenarios in equal shares of `rows`, for episodes of `steps`."""
-    envs = [scenario.make_vec(rows // len(scenarios), AutoresetMode.SAME_STEP, steps) for scenario in scenarios]
+def concatenate_scenarios(
+    scenarios: Sequence[Scenario], num_envs: int, max_episode_steps: int = EPISODE_STEPS
+) -> VectorEnv[Any, Any, Any]:
+    """Return one vector environment with an equal number of sub-environments of each scenario and same-step autoreset.
+
+    Args:
+        scenarios: The scenarios.
+        num_envs: Number of sub-environments in all, a multiple of the number of scenarios.
+        max_episode_steps: Control steps after which an episode is truncated.
+
+    Raises:
+        ValueError: If the scenarios have different observations or different nominal simulations.
+    """
+    share = num_envs // len(scenarios)
+    envs = [scenario.make_vec(share, AutoresetMode.SAME_STEP, max_episode_steps) for scenario in scenarios]
     return envs[0] if len(envs) == 1 else ConcatenatedVectorEnv(envs)
 
 
 def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) -> VectorEnv[Any, Any, Any]:
-    """`env` as the learner sees it: with its companion and its history."""
-    if settings.companion:
-        if any(
-            isinstance(model, Rotors) for name in expand(settings.scenario) for model in find_scenario(name).actuators
-        ):
+    """Wrap `env` with the hybrid and the history of the settings.
+
+    Raises:
+        TypeError: If the base controller does not fit the hybrid's mode.
+        ValueError: If a scenario commands rotors, which base controllers cannot, or `env` has another observation.
+    """
+    if data := settings.hybrid.as_data():
+        models = [model for name in expand(settings.scenario) for model in find_scenario(name).actuators]
+        if any(isinstance(model, Rotors) for model in models):
             raise ValueError(
-                f"{settings.companion} commands thrust and torques: it cannot fly along where rotors are commanded"
+                f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
+                " of a hybrid in a scenario where rotors are commanded"
             )
-        env = VectorWithCompanion(env, settings.companion, settings.steers, settings.authority, settings.caution)
+        env = VectorHybridWrapper(env, hybrid_from_data(data))
     if settings.history > 1 or settings.history_actions:
         env = VectorHistoryWrapper(env, settings.history, settings.history_actions)
     return env
 
 
-def scenarios_at(settings: TrainSettings, steps: int) -> tuple[str, ...]:
-    """What is trained in after so many steps: a stage of the curriculum, or the scenarios of the run."""
-    if steps >= settings.curriculum_steps:
+def scenarios_at(settings: TrainSettings, timesteps: int) -> tuple[str, ...]:
+    """Return the training scenarios after so many timesteps: a stage of the curriculum, or the scenarios of the run."""
+    if timesteps >= settings.curriculum_steps:
         return settings.scenario
-    return (settings.curriculum[steps * len(settings.curriculum) // settings.curriculum_steps],)
+    return (settings.curriculum[timesteps * len(settings.curriculum) // settings.curriculum_steps],)
 
 
 def check_curriculum(settings: TrainSettings) -> None:
-    """Raise ValueError unless all stages can be flown by the same policy and companion: a `Mixture` of them."""
+    """Check that one policy and one base controller fit all stages of the curriculum.
+
+    Raises:
+        ValueError: If the stages have different observations or different nominal simulations.
+    """
     names = expand((*settings.curriculum, *settings.scenario))
     concatenate_scenarios([find_scenario(name) for name in names], len(names))
 
 
-def make_env(settings: TrainSettings, steps: int = 0) -> SB3VecEnv:
-    """What is trained in after so many steps, as Stable-Baselines3 wants it."""
-    scenarios = [find_scenario(name).rewarded(settings.reward) for name in expand(scenarios_at(settings, steps))]
+def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
+    """Return the training environment for Stable-Baselines3 after so many timesteps."""
+    scenarios = [find_scenario(name).rewarded(settings.reward) for name in expand(scenarios_at(settings, timesteps))]
     env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps), settings)
-    if settings.paired:
-        twin = concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps)
-        beside = controller(settings.companion, scenarios[0].simulation)
-        gamma = settings.gamma ** (1.0 / settings.hold)
-        env = BaselineRelativeReward(env, twin, beside, gamma, settings.failure_penalty)
-    if settings.hold > 1:
-        env = ActionRepeat(env, settings.hold)
+    hybrid = settings.hybrid
+    if hybrid.baseline_relative_reward:
+        baseline = concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps)
+        base_controller = controller(hybrid.base_controller, scenarios[0].simulation)
+        gamma = settings.gamma ** (1.0 / hybrid.action_repeat)  # of a control step
+        env = BaselineRelativeReward(env, baseline, base_controller, gamma, hybrid.failure_penalty)
+    if hybrid.action_repeat > 1:
+        env = ActionRepeat(env, hybrid.action_repeat)
     return SB3VecEnv(env, settings.reward_scale)

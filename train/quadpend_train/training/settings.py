@@ -1,4 +1,4 @@
-"""Training settings: dataclasses with every default, and files with what a run does differently."""
+"""Training settings: dataclasses with all defaults, and the files that change some of them."""
 
 import json
 from dataclasses import asdict, dataclass, field, fields
@@ -6,36 +6,38 @@ from pathlib import Path
 from typing import Any, Literal
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.hybrid.companion import STEERS
+from quadpend_baselines.hybrid import HYBRIDS
+from quadpend_baselines.hybrid.base_controller import check_action_scale
+from quadpend_baselines.hybrid.fallback import check_fallback_gain
 from quadpend_gym import RewardWeights
 from quadpend_gym.core.validation import check_int, check_number, check_positive, from_plain
 from quadpend_train.common.files import read_mapping
-from quadpend_train.policies.mlp_policy import ACTIVATIONS, VIEW, MlpPolicy
+from quadpend_train.common.version_0_1 import current_name, current_settings
+from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
 from quadpend_train.scenarios import SETS, expand, resolve
 
-FOLDER = Path(__file__).with_name("presets")
-ACTIVATIONS = tuple(ACTIVATIONS)
+PRESETS = Path(__file__).with_name("presets")
 ALGORITHMS = ("ppo", "sac", "tqc")
 
 
 @dataclass(frozen=True)
 class PpoSettings:
-    """What only PPO has."""
+    """Settings of PPO only."""
 
     n_steps: int = 64
-    """Steps of each row between two updates."""
+    """Steps of each sub-environment in a rollout."""
     n_epochs: int = 3
-    """Passes over a rollout."""
+    """Epochs over each rollout."""
     gae_lambda: float = 0.95
-    """λ of the generalised advantage estimate."""
+    """Factor λ of generalised advantage estimation."""
     clip_range: float = 0.2
-    """Of the ratio of new and old policy."""
+    """Clipping range of the probability ratio of new and old policy."""
     ent_coef: float = 0.0
-    """Of the entropy bonus."""
+    """Coefficient of the entropy bonus in the loss."""
     log_std_init: float = 0.0
-    """Logarithm of the action noise at the beginning."""
+    """Initial logarithm of the standard deviation of the action noise."""
     critic_warmup_steps: int = 0
-    """Environment steps at the beginning in which only the critic learns, for policies that begin well."""
+    """Timesteps at the beginning during which only the critic is trained; for policies that are good from the start."""
 
     def __post_init__(self) -> None:
         for name in ("n_steps", "n_epochs"):
@@ -49,20 +51,20 @@ class PpoSettings:
 
 @dataclass(frozen=True)
 class SacSettings:
-    """What only SAC and TQC have."""
+    """Settings of SAC and TQC only."""
 
     gradient_steps: int = 4
-    """Gradient steps after each step of all rows."""
+    """Gradient steps after each step of the vector environment."""
     buffer_size: int = 300_000
-    """Transitions that are remembered."""
+    """Size of the replay buffer in transitions."""
     learning_starts: int = 10_000
-    """Environment steps with random actions before learning begins."""
+    """Timesteps with random actions before training begins."""
     tau: float = 0.005
-    """Share of the critic that its slow copy takes over in a gradient step."""
+    """Polyak coefficient τ of the target network update."""
     ent_coef_init: float = 0.1
-    """Weight of the entropy at the beginning; it is learned."""
+    """Initial entropy coefficient; it is learned."""
     target_entropy: float = -4.0
-    """Of the policy, which that weight is learned for."""
+    """Target entropy of the policy, for which the entropy coefficient is learned."""
 
     def __post_init__(self) -> None:
         for name in ("gradient_steps", "buffer_size", "learning_starts"):
@@ -73,150 +75,173 @@ class SacSettings:
 
 
 @dataclass(frozen=True)
+class HybridSettings:
+    """Settings of a hybrid, that is a policy combined with a classical base controller."""
+
+    base_controller: str = ""
+    """Name of the base controller; empty for a policy without base controller."""
+    mode: Literal["estimate_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
+    """Use of the policy's action: it acts alone on the base controller's estimates, it is added to the base
+    controller's action, or it scales the base controller's bandwidths."""
+    action_scale: float = 1.0
+    """Factor κ on the policy's action in a hybrid of the last two modes, in (0, 3]."""
+    fallback_gain: float = 0.0
+    """Gain γ in [0, 10] that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
+    action_repeat: int = 1
+    """Control steps for which each action of the policy is repeated. Timesteps count the policy's actions."""
+    baseline_relative_reward: bool = False
+    """Subtract the reward that the base controller alone earns in a copy of the same episode."""
+    failure_penalty: float = 0.0
+    """Penalty for a fall (early termination) with a baseline-relative reward."""
+    imitation_timesteps: int = 0
+    """Timesteps before training in which the policy imitates the base controller (DAgger)."""
+
+    def __post_init__(self) -> None:
+        for name, known in (("base_controller", ("", *CONTROLLERS)), ("mode", tuple(HYBRIDS))):
+            _check_choice(getattr(self, name), name, known)
+        object.__setattr__(self, "action_scale", check_action_scale(self.action_scale))
+        object.__setattr__(self, "fallback_gain", check_fallback_gain(self.fallback_gain))
+        check_int(self.action_repeat, "action_repeat", 1)
+        check_number(self.failure_penalty, "failure_penalty", 0.0)
+        check_int(self.imitation_timesteps, "imitation_timesteps", 0)
+        self._check_combination()
+
+    def _check_combination(self) -> None:
+        alone = self.mode == "estimate_only"
+        if not self.base_controller and (not alone or self.imitation_timesteps):
+            raise ValueError(f"mode {self.mode!r} and imitation_timesteps need a base_controller")
+        if not alone and self.imitation_timesteps:
+            raise ValueError(f"imitation_timesteps must be 0 with mode {self.mode!r}, not {self.imitation_timesteps}")
+        if alone and self.action_repeat > 1:
+            raise ValueError(f"action_repeat must be 1 with mode 'estimate_only', not {self.action_repeat}")
+        if alone and self.fallback_gain:
+            raise ValueError(f"fallback_gain must be 0 with mode 'estimate_only', not {self.fallback_gain:g}")
+        if self.failure_penalty and not self.baseline_relative_reward:
+            raise ValueError("failure_penalty needs baseline_relative_reward")
+        if self.baseline_relative_reward and not self.base_controller:
+            raise ValueError("baseline_relative_reward needs a base_controller")
+
+    def as_data(self) -> dict[str, Any] | None:
+        """Return the data from which `hybrid_from_data` makes the hybrid; None without base controller."""
+        if not self.base_controller:
+            return None
+        data = {"kind": self.mode, "base_controller": self.base_controller}
+        if self.mode == "estimate_only":
+            return data
+        return {**data, "action_scale": self.action_scale, "fallback_gain": self.fallback_gain}
+
+
+@dataclass(frozen=True)
 class TrainSettings:
-    """Everything that decides how a policy is trained.
+    """All settings of a training run.
+
+    Timesteps are steps of the vector environment times its number of sub-environments, as in Stable-Baselines3.
 
     Raises:
-        ValueError: a setting is unknown or out of range.
+        TypeError: If a setting has the wrong type.
+        ValueError: If a setting is out of range, or two settings contradict each other.
     """
 
     algo: Literal["ppo", "sac", "tqc"] = "ppo"
-    """The algorithm; TQC is sb3-contrib's."""
+    """Algorithm; TQC comes from sb3-contrib."""
     scenario: tuple[str, ...] = ("windy",)
-    """Scenarios to train in, which share the rows: names, sets of them, TOML or JSON files, or JSON, see
-    `quadpend_train.scenarios`."""
+    """Scenarios to train in, with an equal number of sub-environments each: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()
-    """Scenarios to train in before, one after the other, for equal shares of `curriculum_steps`."""
+    """Scenarios to train in first, one after the other, for equal parts of curriculum_steps."""
     curriculum_steps: int = 0
-    """Environment steps that the curriculum takes."""
+    """Timesteps of the whole curriculum."""
     total_timesteps: int = 7_000_000
-    """Environment steps to train for."""
+    """Timesteps of the whole training."""
     max_seconds: float = 0.0
-    """Wall-clock seconds after which a run, or its resumption, ends at the latest; 0: no such limit."""
+    """Wall-clock time in seconds after which a run, or the resumption of a run, ends; 0 for no limit."""
     seed: int = 0
-    """Of the networks and the episodes."""
+    """Seed of the networks and the episodes."""
     num_envs: int = 256
-    """Rows of the vector environment."""
+    """Number of sub-environments of the vector environment."""
     max_episode_steps: int = 1000
-    """Control steps after which an episode is truncated while training."""
-    companion: str = ""
-    """Classical controller that flies along, see `quadpend_baselines.hybrid.companion`; none without."""
-    steers: Literal["alone", "action", "pace"] = "alone"
-    """What the learner does beside its companion: act alone, correct its action, or set its bandwidths."""
-    authority: float = 1.0
-    """How much a correction or a pace counts, κ."""
-    caution: float = 0.0
-    """How soon a learner that steers is trusted less, γ of equation (4) of `quadpend_baselines.hybrid.companion`."""
-    hold: int = 1
-    """Control steps that an action is held, where the learner steers. But for this and `max_episode_steps`, steps count the
-    learner's decisions."""
-    paired: bool = False
-    """Whether the reward is relative to what the companion alone earns in the same episode, see `quadpend_train.envs.baseline_relative`."""
-    failure_penalty: float = 0.0
-    """What a fall takes off a paired reward besides: an RMSE counts it as 1 m, the reward as what is not earned."""
+    """Control steps after which a training episode is truncated."""
+    hybrid: HybridSettings = field(default_factory=HybridSettings)
+    """Settings of a hybrid."""
     history: int = 1
-    """Observations that the learner sees side by side."""
+    """Number of latest observations that the policy receives."""
     history_actions: int = 0
-    """Its own latest actions beside them."""
-    imitation_steps: int = 0
-    """Environment steps before all others in which the policy imitates its companion."""
+    """Number of its own latest actions that the policy receives as well."""
     batch_size: int = 1024
-    """Samples in a gradient step."""
+    """Samples of a gradient step."""
     learning_rate: float = 2e-3
-    """Of Adam, at the beginning."""
+    """Learning rate of Adam at the beginning."""
     final_learning_rate: float = 4e-5
-    """Of Adam, at the end; it falls linearly."""
+    """Learning rate of Adam at the end; it decreases linearly."""
     gamma: float = 0.995
-    """γ."""
+    """Discount factor γ."""
     reward: RewardWeights = field(default_factory=RewardWeights)
-    """What the learner is rewarded for, instead of the task's weights; see `quadpend_gym.tasks.rewards`."""
+    """Reward weights for training, in place of those of the task."""
     reward_scale: float = 0.01
-    """Factor on the rewards that the learner sees, so that returns are of order one."""
+    """Factor on the rewards that the algorithm receives, to bring returns to order one."""
     net_arch: tuple[int, ...] = (64, 64)
-    """Widths of the hidden layers of policy and critic."""
+    """Widths of the hidden layers of actor and critic."""
     activation_fn: Literal["relu", "tanh", "elu"] = "relu"
-    """Between the layers."""
+    """Activation function of the hidden layers."""
     sde_sample_freq: int = 0
-    """Steps that an exploration lasts, which depends on the state (gSDE); 0: noise that is new at every step."""
+    """Steps between two samples of state-dependent exploration noise (gSDE); 0 for independent noise at every step."""
     save_freq: int = 1_000_000
-    """Environment steps between two checkpoints, at which all rows begin new episodes."""
+    """Timesteps between two checkpoints; all sub-environments begin new episodes at a checkpoint."""
     eval_freq: int = 0
-    """Environment steps between two evaluations in the training scenarios; 0: none."""
+    """Timesteps between two evaluations in the training scenarios; 0 for none."""
     n_eval_episodes: int = 32
     """Episodes of each scenario in an evaluation."""
     patience: int = 0
-    """Evaluations without a better score after which training ends; 0: never."""
-    torch_threads: int = 1
-    """Of torch. Two are faster on two idle cores, and many times slower on busy ones."""
+    """Evaluations without a better score after which training stops; 0 for no early stopping."""
+    num_threads: int = 1
+    """Threads of PyTorch. Two are faster on two idle cores, and many times slower on busy cores."""
     ppo: PpoSettings = field(default_factory=PpoSettings)
-    """Of PPO alone."""
+    """Settings of PPO only."""
     sac: SacSettings = field(default_factory=SacSettings)
-    """Of SAC and TQC alone."""
+    """Settings of SAC and TQC only."""
 
     def __post_init__(self) -> None:
-        for name, kind in (("ppo", PpoSettings), ("sac", SacSettings), ("reward", RewardWeights)):
+        for name, kind in _TABLES.items():
             object.__setattr__(self, name, from_plain(kind, getattr(self, name), name))
         for name in ("scenario", "curriculum"):
             object.__setattr__(self, name, _scenarios(getattr(self, name), name))
         if not isinstance(self.net_arch, tuple | list):
-            raise TypeError(f"net_arch must be widths, not {self.net_arch!r}")
+            raise TypeError(f"net_arch must be a list of widths, not {self.net_arch!r}")
         object.__setattr__(self, "net_arch", tuple(self.net_arch))
-        for name in ("total_timesteps", "num_envs", "max_episode_steps", "hold", "history", "batch_size", "save_freq"):
+        for name in ("total_timesteps", "num_envs", "max_episode_steps", "history", "batch_size", "save_freq"):
             check_int(getattr(self, name), name, 1)
-        for name in ("n_eval_episodes", "torch_threads"):
+        for name in ("n_eval_episodes", "num_threads"):
             check_int(getattr(self, name), name, 1)
-        for name in ("seed", "curriculum_steps", "history_actions", "imitation_steps", "sde_sample_freq"):
-            check_int(getattr(self, name), name, 0)
-        for name in ("eval_freq", "patience"):
+        for name in ("seed", "curriculum_steps", "history_actions", "sde_sample_freq", "eval_freq", "patience"):
             check_int(getattr(self, name), name, 0)
         for i, width in enumerate(self.net_arch):
             check_int(width, f"net_arch[{i}]", 1)
-        for name in ("learning_rate", "reward_scale", "authority"):
+        for name in ("learning_rate", "reward_scale"):
             object.__setattr__(self, name, check_positive(getattr(self, name), name))
-        object.__setattr__(self, "caution", float(check_number(self.caution, "caution", 0.0, 10.0)))
         check_number(self.gamma, "gamma", 0.0, 1.0)
-        for name in ("max_seconds", "final_learning_rate", "failure_penalty"):
+        for name in ("max_seconds", "final_learning_rate"):
             check_number(getattr(self, name), name, 0.0)
-        self._check_choices()
-        self._check_together()
+        for name, known in (("algo", ALGORITHMS), ("activation_fn", tuple(ACTIVATIONS))):
+            _check_choice(getattr(self, name), name, known)
+        self._check_combination()
 
-    def _check_choices(self) -> None:
-        for name, known in (
-            ("algo", ALGORITHMS),
-            ("activation_fn", ACTIVATIONS),
-            ("companion", ("", *CONTROLLERS)),
-            ("steers", STEERS),
-        ):
-            if (value := getattr(self, name)) not in known:
-                raise ValueError(f"{name} must be one of {', '.join(filter(None, known))}, not {value!r}")
-
-    def _check_together(self) -> None:
+    def _check_combination(self) -> None:
         if not self.scenario:
-            raise ValueError("scenario must name at least one")
+            raise ValueError("scenario must name at least one scenario")
         for scenarios in (self.scenario, *((item,) for item in self.curriculum)):
             if self.num_envs % len(expand(scenarios)):
                 raise ValueError(
-                    f"num_envs must be a multiple of the {len(expand(scenarios))} scenarios that share the rows, not"
-                    f" {self.num_envs}"
+                    f"num_envs must be a multiple of the {len(expand(scenarios))} scenarios that share the"
+                    f" sub-environments, not {self.num_envs}"
                 )
         if bool(self.curriculum) != bool(self.curriculum_steps):
             raise ValueError("curriculum and curriculum_steps belong together: give both or neither")
-        if (self.steers != "alone" or self.imitation_steps) and not self.companion:
-            raise ValueError("a learner that steers or imitates needs a companion")
-        if self.steers != "alone" and self.imitation_steps:
-            raise ValueError("a learner that steers its companion cannot imitate it: give no imitation_steps")
-        if self.hold > 1 and self.steers == "alone":
-            raise ValueError("only a learner that steers its companion can hold its action")
-        if self.caution and self.steers == "alone":
-            raise ValueError("only a learner that steers its companion can be met with caution")
-        if self.max_episode_steps % self.hold:
-            raise ValueError(f"hold must divide max_episode_steps = {self.max_episode_steps}, not be {self.hold}")
-        if self.failure_penalty and not self.paired:
-            raise ValueError("only a paired reward has a failure_penalty")
-        if self.paired and not self.companion:
-            raise ValueError("a paired reward needs a companion")
-        if self.paired and self.gamma == 1.0:
-            raise ValueError("a paired reward needs a gamma below 1")
+        if self.max_episode_steps % self.hybrid.action_repeat:
+            raise ValueError(
+                f"action_repeat must divide max_episode_steps = {self.max_episode_steps}, not be"
+                f" {self.hybrid.action_repeat}"
+            )
+        if self.hybrid.baseline_relative_reward and self.gamma == 1.0:
+            raise ValueError("baseline_relative_reward needs a gamma below 1")
         if self.patience and not self.eval_freq:
             raise ValueError("patience needs eval_freq")
         if self.algo == "ppo" and self.num_envs * self.ppo.n_steps % self.batch_size:
@@ -225,33 +250,51 @@ class TrainSettings:
                 f" not be {self.batch_size}"
             )
 
-    def view(self) -> dict[str, Any]:
-        """What the policy sees and what becomes of its action, as a `LearnedPolicy` needs to know it."""
-        return {name: getattr(self, name) for name in VIEW}
+    def policy_interface(self) -> dict[str, Any]:
+        """Return the fields of a policy's card that say what the policy observes and how its action is applied."""
+        return {
+            "hybrid": self.hybrid.as_data(),
+            "action_repeat": self.hybrid.action_repeat,
+            "history": self.history,
+            "history_actions": self.history_actions,
+        }
+
+
+_TABLES: dict[str, Any] = {
+    "hybrid": HybridSettings,
+    "ppo": PpoSettings,
+    "sac": SacSettings,
+    "reward": RewardWeights,
+}
+
+
+def _check_choice(value: Any, name: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise ValueError(f"{name} must be one of {', '.join(filter(None, known))}, not {value!r}")
 
 
 def _scenarios(value: Any, name: str) -> tuple[str, ...]:
     items = (value,) if isinstance(value, str | dict) else value
     try:
         if "test" in items:
-            raise ValueError(f"{name} cannot be 'test', which is held out: train in 'training', or in single scenarios")
+            raise ValueError(f"{name} cannot be 'test', which is held out: use 'training' or single scenarios")
         items = [json.dumps(item, default=str) if isinstance(item, dict) else item for item in items]
         return tuple(item for given in items for item in ([given] if given in SETS else [resolve(given)]))
     except (TypeError, AttributeError) as error:
-        raise TypeError(f"{name} must be a scenario or several, not {value!r}: {error}") from error
+        raise TypeError(f"{name} must be one scenario or a list of scenarios, not {value!r}: {error}") from error
 
 
 def read_settings(name: str) -> TrainSettings:
-    """The defaults, changed by a file.
+    """Return the defaults, changed by a file.
 
     Args:
-        name: of a file here without its ending (``demo``), or the path of a TOML or JSON file, such as the
-            ``settings.json`` of a run to repeat.
+        name: The name of a preset (``"demo"``), the path of a TOML or JSON file, such as the ``settings.json`` of a
+            run, or the path of a policy file, whose card has the settings of its training.
 
     Raises:
-        ValueError: there is no such file, or it sets something unknown.
+        ValueError: If there is no such file, or it sets something unknown.
     """
-    path = FOLDER / f"{name}.toml"
+    path = PRESETS / f"{current_name(name)}.toml"
     if not path.is_file():
         path = Path(name)
     if path.suffix == ".npz":
@@ -260,20 +303,26 @@ def read_settings(name: str) -> TrainSettings:
             raise ValueError(f"the card of {path} has no settings")
         return from_mapping(card["settings"], f"the card of {path}")
     if not path.is_file():
-        known = ", ".join(sorted(item.stem for item in FOLDER.glob("*.toml")))
-        raise ValueError(f"there are no settings {name!r}; there are {known}, or give the path of a file")
+        known = ", ".join(sorted(item.stem for item in PRESETS.glob("*.toml")))
+        raise ValueError(f"settings must be the path of a file or one of {known}, not {name!r}")
     return from_mapping(read_mapping(path), str(path))
 
 
 def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
-    """The defaults, changed by `values`, which come from `source`.
+    """Return the defaults, changed by `values`.
+
+    Args:
+        values: Settings by name, some or all. Names of version 0.1 are accepted too.
+        source: Where the settings come from, for error messages.
 
     Raises:
-        ValueError: a key is unknown or a value out of range.
+        TypeError: If a setting has the wrong type.
+        ValueError: If a name is unknown or a value out of range.
     """
-    for name, kind in (("", TrainSettings), ("ppo", PpoSettings), ("sac", SacSettings), ("reward", RewardWeights)):
+    values = current_settings(values, source)
+    for name, kind in {"": TrainSettings, **_TABLES}.items():
         known = [item.name for item in fields(kind)]
-        given = values if not name else values.get(name, {})
+        given = values.get(name, {}) if name else values
         if not isinstance(given, dict):
             raise TypeError(f"{name} must be a mapping, not {given!r}")
         if unknown := [key for key in given if key not in known]:
@@ -282,5 +331,5 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
 
 
 def to_mapping(settings: TrainSettings) -> dict[str, Any]:
-    """All settings as plain data."""
+    """Return all settings as plain data."""
     return asdict(settings)

@@ -1,6 +1,6 @@
 """Training PPO, SAC or TQC on the native vector environment.
 
-A run folder holds everything that a run is: `settings.json` (resolved), `origin.json` (versions, commit, hardware),
+A run folder holds everything that a run is: `settings.json` (resolved), `provenance.json` (versions, commit, hardware),
 `checkpoint.zip` (the latest; for SAC and TQC with `buffer.pkl`), `curve.csv` and `best.npz` (if it is evaluated),
 TensorBoard's events, and at the end `model.zip` and `policy.npz`, which is the best policy, or the last without
 evaluations. Interrupted, a run goes on from its checkpoint as if nothing had been.
@@ -17,6 +17,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from quadpend_train.common.provenance import provenance
+from quadpend_train.common.version_0_1 import provenance_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
@@ -40,7 +41,8 @@ from quadpend_train.training.settings import TrainSettings, read_settings, to_ma
 from quadpend_train.training.validation import validate
 
 CARD_SEED = VALIDATION_SEED + 100_000  # of the episodes behind a card's score, on which no policy was chosen
-SETTINGS, CHECKPOINT, MODEL, POLICY = "settings.json", "checkpoint.zip", "model.zip", "policy.npz"
+SETTINGS, PROVENANCE, CHECKPOINT = "settings.json", "provenance.json", "checkpoint.zip"
+MODEL, POLICY = "model.zip", "policy.npz"
 
 
 def train(settings: TrainSettings, folder: Path, *, progress: bool = True, more: Sequence[BaseCallback] = ()) -> Path:
@@ -64,7 +66,7 @@ def train(settings: TrainSettings, folder: Path, *, progress: bool = True, more:
     model = fresh_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     _write_json(folder / SETTINGS, to_mapping(settings))
-    _write_json(folder / "origin.json", provenance())
+    _write_json(folder / PROVENANCE, provenance())
     return _learn(model, settings, folder, progress, more)
 
 
@@ -85,7 +87,7 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
     settings = read_settings(str(folder / SETTINGS))
     if not (folder / CHECKPOINT).is_file():
         return _learn(fresh_model(settings, folder), settings, folder, progress)
-    torch.set_num_threads(settings.torch_threads)
+    torch.set_num_threads(settings.num_threads)
     model = algorithm_class(settings.algo).load(folder / CHECKPOINT, env=make_env(settings), device="cpu")
     if settings.algo != "ppo":
         model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
@@ -94,15 +96,15 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
 
 def fresh_model(settings: TrainSettings, folder: Path | None) -> Any:
     """The model that a run begins with: untrained, or an imitation of its companion."""
-    torch.set_num_threads(settings.torch_threads)
+    torch.set_num_threads(settings.num_threads)
     env = make_env(settings)
     if settings.curriculum:
         check_curriculum(settings)
     model = make_model(settings, env, folder)
-    if settings.imitation_steps:
+    if settings.hybrid.imitation_timesteps:
         env.seed(first_episode(settings) + 2**31)  # half a block away from all other episodes of the run
         left = dagger(model, env, settings)
-        print(f"Imitation of {settings.companion}: actions differ by {left:.4f} (root mean square).")
+        print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {left:.4f} (root mean square).")
     return model
 
 
@@ -143,7 +145,7 @@ def _learn(
 def _policy(model: Any, settings: TrainSettings, folder: Path, seconds: float) -> MlpPolicy:
     """What a run has learned, with its card."""
     best = folder / BEST
-    policy = MlpPolicy.load(best) if best.is_file() else export(model, settings.view())
+    policy = MlpPolicy.load(best) if best.is_file() else export(model, **settings.policy_interface())
     curve = read_curve(folder)
     survival, rmse = validate(policy, settings, CARD_SEED)
     best_at = min(curve, key=lambda score: score.penalised_rmse).steps if best.is_file() else model.num_timesteps
@@ -159,7 +161,7 @@ def _policy(model: Any, settings: TrainSettings, folder: Path, seconds: float) -
         "scenarios": {
             name: scenario_hash(find_scenario(name)) for name in expand((*settings.scenario, *settings.curriculum))
         },
-        "origin": json.loads((folder / "origin.json").read_text(encoding="utf-8")),
+        "provenance": json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8")),
     }
     return MlpPolicy(policy.layers, card)
 
