@@ -116,7 +116,9 @@ class _GoalCallback(BaseCallback):
         self.reached: dict[str, GoalTime] = {}
         self.paused, self.start = 0.0, time.perf_counter()
         # An untrained policy is not evaluated, unless it has learned by imitation.
-        self.next = {name: 0 if settings.hybrid.imitation_timesteps else interval for name, (interval, _) in checks.items()}
+        self.next = {
+            name: 0 if settings.hybrid.imitation_timesteps else interval for name, (interval, _) in checks.items()
+        }
 
     def _on_rollout_start(self) -> None:
         for name, (interval, blocks) in self.checks.items():

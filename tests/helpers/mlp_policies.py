@@ -1,4 +1,4 @@
-"""Small learned policies with random weights."""
+"""Small MLP policies with random weights."""
 
 from itertools import pairwise
 from typing import Any
@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats32
-from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
-from quadpend_train.training.settings import TrainSettings
+from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 
-PLAIN = TrainSettings().view()  # of the observation alone
+ESTIMATE_ONLY = {"kind": "estimate_only", "base_controller": "flatness"}
+RESIDUAL_ACTION = {"kind": "residual_action", "base_controller": "flatness", "action_scale": 1.0}
+BANDWIDTH_SCHEDULING = {"kind": "bandwidth_scheduling", "base_controller": "flatness", "action_scale": 1.0}
 
 
 def layers(*sizes: int, seed: int = 0, scale: float = 0.1) -> list[tuple[Floats32, Floats32]]:
-    """Random weights and biases from one size to the next."""
+    """Random weights and biases between layers of these sizes."""
     random = np.random.default_rng(seed)
 
     def draw(*shape: int) -> Floats32:
@@ -22,12 +23,11 @@ def layers(*sizes: int, seed: int = 0, scale: float = 0.1) -> list[tuple[Floats3
     return [(draw(inputs, outputs), draw(outputs)) for inputs, outputs in pairwise(sizes)]
 
 
-def card(view: dict[str, Any] | None = None, **changes: Any) -> dict[str, Any]:
-    """A card that says how to fly, with changes to it and to its view."""
-    seen = {**PLAIN, **(view or {})}
-    return {"format": FORMAT, "activation": "relu", "squashed": False, "view": seen, **changes}
+def card(**fields: Any) -> dict[str, Any]:
+    """The card of a policy that receives the present observation alone, with `fields` on top."""
+    return {"format": FORMAT, "activation": "relu", "squashed": False, **PLAIN_INTERFACE, **fields}
 
 
-def learned(inputs: int, view: dict[str, Any] | None = None, seed: int = 0, **changes: Any) -> MlpPolicy:
-    """A policy with two small hidden layers."""
-    return MlpPolicy(layers(inputs, 8, 6, 4, seed=seed), card(view, **changes))
+def mlp_policy(inputs: int, seed: int = 0, **fields: Any) -> MlpPolicy:
+    """A policy with two small hidden layers and `fields` on its card."""
+    return MlpPolicy(layers(inputs, 8, 6, 4, seed=seed), card(**fields))

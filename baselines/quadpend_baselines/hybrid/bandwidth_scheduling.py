@@ -21,7 +21,7 @@ from quadpend_gym.physics.state import ACTION_SIZE
 
 
 class BandwidthScheduling:
-    """Hybrid whose policy scales the base controller's bandwidths, equation (3) of `quadpend_baselines.hybrid.protocol`.
+    """Hybrid whose policy scales bandwidths, equation (3) of `quadpend_baselines.hybrid.protocol`.
 
     The four components of the policy's action belong to the bandwidths of position, pendulum, attitude, and of height
     and yaw together. A component a multiplies its bandwidth by (1 + κ)^a. With a = 0 the base controller keeps its

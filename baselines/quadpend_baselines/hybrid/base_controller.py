@@ -63,8 +63,7 @@ def name_of_base_controller(hybrid: Hybrid) -> str:
     """
     if hybrid.base_controller_name is None:
         raise ValueError(
-            "a hybrid has plain data only if its base controller is given by name, not as"
-            f" {hybrid.base_controller!r}"
+            f"a hybrid has plain data only if its base controller is given by name, not as {hybrid.base_controller!r}"
         )
     return hybrid.base_controller_name
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose, assert_array_equal
+from quadpend_baselines.hybrid.companion import Companion, CompanionMemory
 
 from quadpend_baselines import controller
-from quadpend_baselines.hybrid.companion import Companion, CompanionMemory
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_train.evaluation.episodes import VALIDATION_SEED

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from quadpend_baselines.hybrid.companion import Companion
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimator import measurement_from_observation, observation_from_state
 from quadpend_baselines.gains import GAINS
-from quadpend_baselines.hybrid.companion import Companion
 from quadpend_baselines.policy.protocol import replace_rows, to_action, to_command
 from quadpend_gym import OBSERVATION_FIELDS, Actuators, Constant, Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32

@@ -12,11 +12,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env as check_with_gymnasium
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 from numpy.testing import assert_allclose, assert_array_equal
+from quadpend_baselines.hybrid.companion import Companion
 from stable_baselines3.common.env_checker import check_env as check_with_sb3
 
 from quadpend_baselines import controller
 from quadpend_baselines.hybrid import wrappers
-from quadpend_baselines.hybrid.companion import Companion
 from quadpend_baselines.hybrid.wrappers import (
     DisturbanceEstimateObservation,
     PaceAction,

@@ -46,7 +46,7 @@ def count(picture: Any, colour: tuple[int, int, int]) -> int:
     return int((picture == colour).all(axis=-1).sum())
 
 
-@pytest.mark.parametrize("name", ["adrc-paper", "flatness", "ppo-pace-0"])
+@pytest.mark.parametrize("name", ["adrc-paper", "flatness", "ppo-gain-scheduling-0"])
 @pytest.mark.parametrize("scenario", ["windy", "output_feedback", "lagged"])
 def test_a_recording_is_the_flight_that_is_compared(name: str, scenario: str) -> None:
     flown = run_episodes([load_policy(name)], scenario, 1, SEED)
@@ -58,7 +58,7 @@ def test_a_recording_is_the_flight_that_is_compared(name: str, scenario: str) ->
     assert_allclose([seen.time for seen in recorded.snapshots], PERIOD * np.arange(1, steps + 1))
 
 
-@pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-pace-0"])
+@pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-gain-scheduling-0"])
 def test_a_recording_has_what_the_policy_took_the_wind_for(name: str) -> None:
     scenario = find_scenario('{"wind": {"kind": "constant", "force": [0.3, -0.2, 0.1]}}')
     recorded = record(name, load_policy(name), scenario, SEED)
@@ -202,7 +202,7 @@ def test_without_pygame_ce_the_command_names_the_extra(
     [
         ({"policies": ()}, "one to three policies .* not 0"),
         ({"policies": ("lqr", "lqi", "mppi", "flatness")}, "one to three policies .* not 4"),
-        ({"policies": ("ppo-pace",)}, "ppo-pace has several training seeds: choose one of them"),
+        ({"policies": ("ppo-gain-scheduling",)}, "ppo-gain-scheduling has several training seeds: choose one of them"),
         ({"policies": ("nobody",)}, "no policy 'nobody'"),
         ({"scenario": "nowhere"}, "nowhere"),
         ({"out": Path("film.avi")}, r"\.mp4, \.gif, \.webp, \.png, not be 'film.avi'"),

@@ -10,26 +10,29 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines import controller
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.training.environment import make_env
+from quadpend_train.training.settings import HybridSettings
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, draw_actions, make_vec
 from tests.helpers.training import BRIEF
 
 ZERO_ACTIONS = np.zeros((16, 4), np.float32)
-SETTINGS = replace(BRIEF, companion="flatness", paired=True, max_episode_steps=15, reward_scale=1.0)
+HYBRID = HybridSettings("flatness", baseline_relative_reward=True)
+SETTINGS = replace(BRIEF, hybrid=HYBRID, max_episode_steps=15, reward_scale=1.0)
 OPTIONS: dict[str, Any] = {"wind": "windy", "autoreset_mode": "SameStep"}
 GAMMA, PENALTY = 0.9, 2.0
 
 
-@pytest.mark.parametrize("hold", [1, 5])
-@pytest.mark.parametrize("steers", ["action", "pace"])
+@pytest.mark.parametrize("action_repeat", [1, 5])
+@pytest.mark.parametrize("mode", ["residual_action", "bandwidth_scheduling"])
 @pytest.mark.parametrize("scenario", ["training", "turbulence"])
-def test_base_controller_alone_has_exactly_zero_reward(scenario: str, steers: Any, hold: int) -> None:
+def test_base_controller_alone_has_exactly_zero_reward(scenario: str, mode: Any, action_repeat: int) -> None:
     """In every episode: the copy has the same start, reference, wind, noise and parameters."""
-    env = make_env(replace(SETTINGS, scenario=(scenario,), steers=steers, hold=hold))
+    hybrid = replace(HYBRID, mode=mode, action_repeat=action_repeat)
+    env = make_env(replace(SETTINGS, scenario=(scenario,), hybrid=hybrid))
     env.seed(7)
     env.reset()
     ends = 0
-    for _ in range(50 // hold):
+    for _ in range(50 // action_repeat):
         _, reward, ended, _ = env.step(ZERO_ACTIONS)
         assert_array_equal(reward, 0.0)
         ends += ended.sum()

@@ -15,9 +15,9 @@ from quadpend_train.policies import mlp_policy as learned_module
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.loading import load_policies, load_policy, policy_fingerprints, policy_names
-from quadpend_train.policies.mlp_policy import MlpPolicy, difference
+from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.scenarios import Scenario
-from tests.helpers.mlp_policies import learned
+from tests.helpers.mlp_policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, mlp_policy
 
 
 class RecordingPolicy:
@@ -79,21 +79,21 @@ def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for module in (loading, learned_module):
         monkeypatch.setattr(module, "SHIPPED", tmp_path)
     for seed in range(3):
-        learned(36, seed=seed).save(tmp_path / f"ppo-{seed}.npz")
-    learned(45, {"companion": "flatness", "steers": "pace"}).save(tmp_path / "sac-pace-0.npz")
+        mlp_policy(36, seed=seed).save(tmp_path / f"ppo-{seed}.npz")
+    mlp_policy(45, hybrid=BANDWIDTH_SCHEDULING).save(tmp_path / "sac-gain-scheduling-0.npz")
     return tmp_path
 
 
 def test_shipped_policies_are_loaded_by_name_one_seed_or_all(shipped: Path) -> None:
     for name in ("ppo-1", str(shipped / "ppo-1.npz")):
         policy: Any = load_policy(name)
-        assert difference(policy, learned(36, seed=1)) == 0.0
+        assert weight_difference(policy, mlp_policy(36, seed=1)) == 0.0
     assert policy_names("ppo") == ["ppo-0", "ppo-1", "ppo-2"]
-    assert policy_names("sac-pace,adrc-paper") == ["sac-pace-0", "adrc-paper"]
+    assert policy_names("sac-pace,adrc-paper") == ["sac-gain-scheduling-0", "adrc-paper"]
     assert [type(policy) for policy in load_policies("ppo")] == [MlpPolicy] * 3
     assert len(set(policy_fingerprints("ppo"))) == 3
     with pytest.raises(
-        ValueError, match=r"there is no policy 'nix': give adrc-paper, .*, ppo, sac-pace, or the path of a finished run"
+        ValueError, match=r"there is no policy 'nix': give adrc-paper, .*, ppo, sac-gain-scheduling, or the path of a finished run"
     ):
         load_policy("nix")
 
@@ -101,24 +101,27 @@ def test_shipped_policies_are_loaded_by_name_one_seed_or_all(shipped: Path) -> N
 def test_run_folder_is_a_policy_after_the_run_is_finished(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="finished run or a policy file"):
         load_policy(str(tmp_path))
-    learned(36).save(tmp_path / "policy.npz")
+    mlp_policy(36).save(tmp_path / "policy.npz")
     assert isinstance(load_policy(str(tmp_path)), MlpPolicy)
 
 
 def test_learned_policy_receives_finite_differences_only_if_it_needs_them() -> None:
     """A base controller with an estimator needs no finite differences."""
     hidden, rotors = Scenario(output_feedback=True), Scenario(actuators="rotors")
-    whole, outputs = learned(36), learned(27)
+    whole, outputs = mlp_policy(36), mlp_policy(27)
     assert adapt_policy(whole, Scenario()) is whole
     assert isinstance(adapt_policy(whole, hidden), FiniteDifferencePolicy)
     assert adapt_policy(outputs, hidden) is outputs
-    assert isinstance(adapt_policy(learned(72, {"history": 2}), hidden), FiniteDifferencePolicy)
-    assert isinstance(adapt_policy(learned(45, {"companion": "flatness"}), hidden), MlpPolicy)
-    assert isinstance(adapt_policy(learned(45, {"companion": "adrc-paper"}), hidden), FiniteDifferencePolicy)
+    assert isinstance(adapt_policy(mlp_policy(72, history=2), hidden), FiniteDifferencePolicy)
+    assert isinstance(adapt_policy(mlp_policy(45, hybrid=ESTIMATE_ONLY), hidden), MlpPolicy)
+    assert isinstance(
+        adapt_policy(mlp_policy(45, hybrid={**ESTIMATE_ONLY, "base_controller": "adrc-paper"}), hidden),
+        FiniteDifferencePolicy,
+    )
     assert adapt_policy(whole, rotors) is whole
 
 
 def test_base_controller_of_a_learned_policy_receives_the_simulation_of_the_scenario() -> None:
     heavy = Simulation(Parameters(bob_mass=0.4))
-    policy: Any = adapt_policy(learned(45, {"companion": "flatness"}), Scenario(simulation=heavy))
-    assert policy._companion.controller.simulation == heavy
+    policy: Any = adapt_policy(mlp_policy(45, hybrid=ESTIMATE_ONLY), Scenario(simulation=heavy))
+    assert policy.hybrid.base_controller.simulation == heavy

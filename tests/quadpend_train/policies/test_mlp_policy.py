@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from quadpend_baselines.hybrid.companion import Companion
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from quadpend_baselines import controller
-from quadpend_baselines.hybrid.companion import Companion
 from quadpend_baselines.hybrid.wrappers import VectorWithCompanion
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym import Parameters, Simulation

@@ -7,18 +7,24 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_train.policies.loading import load_policies, shipped_policies
-from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
+from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, SHIPPED, MlpPolicy
 from quadpend_train.training.settings import from_mapping, read_settings, to_mapping
 from quadpend_train.training.train import CARD_SEED
 from quadpend_train.training.validation import validate
 
+LEARNERS = (
+    "ppo-gain-scheduling",
+    "sac-gain-scheduling",
+    "ppo-gain-scheduling-hover",
+    "sac-gain-scheduling-hover",
+)
 FILES = sorted(SHIPPED.glob("*.npz"))
 
 
 def test_each_task_has_ppo_and_sac_with_five_seeds() -> None:
-    assert {"ppo-pace", "sac-pace", "ppo-pace-hover", "sac-pace-hover"} <= set(shipped_policies())
+    assert set(LEARNERS) <= set(shipped_policies())
     assert all(len(seeds) == 5 for seeds in shipped_policies().values())
-    assert len(load_policies("ppo-pace")) == 5
+    assert len(load_policies("ppo-gain-scheduling")) == 5
 
 
 @pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
@@ -28,12 +34,12 @@ def test_card_agrees_with_settings_and_policy(path: Path) -> None:
     settings = from_mapping(card["settings"], path.stem)
     assert to_mapping(settings) == {**to_mapping(read_settings(name)), "seed": int(seed)}
     assert card["seed"] == settings.seed
-    assert card["view"] == settings.view()
-    assert {"score", "curve", "scenarios", "origin", "seconds", "steps", "best_at"} <= set(card)
+    assert {name: card[name] for name in PLAIN_INTERFACE} == settings.policy_interface()
+    assert {"score", "curve", "scenarios", "provenance", "seconds", "steps", "best_at"} <= set(card)
     assert path.stat().st_size < 1_000_000
 
 
-@pytest.mark.parametrize("name", ["ppo-pace-0", "sac-pace-hover-1"])
+@pytest.mark.parametrize("name", ["ppo-gain-scheduling-0", "sac-gain-scheduling-hover-1"])
 def test_policy_has_the_score_on_its_card(name: str) -> None:
     """This detects changes of the observation and of the use of the action."""
     policy = MlpPolicy.load(name)

@@ -80,7 +80,7 @@ def test_among_equals_the_first_is_chosen_and_no_episode_twice() -> None:
 def test_of_a_learner_the_first_seed_counts_and_the_label_says_so() -> None:
     comparison = constructed({"a": [[0.1, 0.2, 0.3], [0.3, 0.9, 0.1]]})
     assert [choice.episode for choice in choose(comparison, "calm", ["a"], 2)] == [1, 2]
-    data = recorded(comparison, {"a": "ppo-pace-1,ppo-pace-0"}, 1)
+    data = recorded(comparison, {"a": "ppo-gain-scheduling-1,ppo-gain-scheduling-0"}, 1)
     assert data is not None
     assert [policy["name"] for policy in data["policies"]] == ["a, seed 1"]
 

@@ -11,33 +11,35 @@ import pytest
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from quadpend_train.policies.mlp_policy import MlpPolicy, difference
+from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
-from quadpend_train.training.settings import PpoSettings, TrainSettings
+from quadpend_train.training.settings import HybridSettings, PpoSettings, TrainSettings
 from tests.helpers.envs import assert_same
 from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, interrupt_at, model_of, numbers_of, trained
 
 LEGS = replace(BRIEF, save_freq=512)  # a leg is two rollouts
 LEGS_SAC = replace(BRIEF_SAC, save_freq=128)
-BESIDE: dict[str, Any] = {"companion": "adrc-matched", "steers": "action", "authority": 0.3}
+RESIDUAL = HybridSettings("adrc-matched", "residual_action", action_scale=0.3)
 RUNS: dict[str, TrainSettings] = {
     "ppo": LEGS,
     "ppo, curriculum": replace(LEGS, curriculum=(OTHER, SHORT), curriculum_steps=512, save_freq=256),
-    "ppo, companion": replace(LEGS, **BESIDE),
-    "ppo, pace": replace(LEGS, companion="flatness", steers="pace"),
+    "ppo, residual action": replace(LEGS, hybrid=RESIDUAL),
+    "ppo, bandwidth scheduling": replace(LEGS, hybrid=HybridSettings("flatness", "bandwidth_scheduling")),
     "ppo, history": replace(LEGS, history=2, history_actions=1),
     "ppo, gSDE": replace(LEGS, sde_sample_freq=4),
     "ppo, evaluated": replace(LEGS, eval_freq=256, save_freq=256),
     "ppo, mixed": replace(LEGS, scenario=(SHORT, OTHER)),
     "ppo, critic first": replace(LEGS, ppo=replace(LEGS.ppo, critic_warmup_steps=700), save_freq=256),
-    "ppo, imitation": replace(LEGS, companion="adrc-matched", imitation_steps=320),
+    "ppo, imitation": replace(LEGS, hybrid=HybridSettings("adrc-matched", imitation_timesteps=320)),
     "ppo, long rollouts": replace(LEGS, ppo=PpoSettings(n_steps=24, n_epochs=2), total_timesteps=1200),
-    "ppo, paired and held": replace(LEGS, **BESIDE, paired=True, failure_penalty=2.0, hold=4),
+    "ppo, baseline-relative and repeated": replace(
+        LEGS, hybrid=replace(RESIDUAL, baseline_relative_reward=True, failure_penalty=2.0, action_repeat=4)
+    ),
     "sac": LEGS_SAC,
     "sac, gSDE": replace(LEGS_SAC, sde_sample_freq=4),
-    "sac, companion, evaluated, curriculum": replace(
-        LEGS_SAC, **BESIDE, eval_freq=128, curriculum=(OTHER,), curriculum_steps=256
+    "sac, residual action, evaluated, curriculum": replace(
+        LEGS_SAC, hybrid=RESIDUAL, eval_freq=128, curriculum=(OTHER,), curriculum_steps=256
     ),
     "tqc": replace(LEGS_SAC, algo="tqc"),
 }
@@ -72,7 +74,7 @@ def test_an_interrupted_run_that_goes_on_is_one_that_was_not_interrupted(
                 training.resume(broken, progress=False) if number else trained(settings, broken)
     assert (broken / "checkpoint.zip").exists()
     resumed = MlpPolicy.load(training.resume(broken, progress=False))
-    assert difference(policy, resumed) == 0.0
+    assert weight_difference(policy, resumed) == 0.0
     assert_same(numbers_of(model_of(broken, settings)), numbers_of(model_of(whole, settings)))
     assert model_of(broken, settings).num_timesteps == model_of(whole, settings).num_timesteps
     assert curve(broken) == curve(whole)
@@ -80,7 +82,7 @@ def test_an_interrupted_run_that_goes_on_is_one_that_was_not_interrupted(
     assert resumed.card["score"] == policy.card["score"]
     if settings.eval_freq:
         best = [MlpPolicy.load(folder / "best.npz") for folder in (broken, whole)]
-        assert difference(*best) == 0.0
+        assert weight_difference(*best) == 0.0
     for folder in (broken, whole):
         assert not list(folder.glob("checkpoint*")) + list(folder.glob("buffer*")) + list(folder.glob("unfinished*"))
 
@@ -141,7 +143,7 @@ def test_an_interruption_while_a_checkpoint_is_saved_leaves_the_old_one(
         patch.setattr(callbacks, "save_checkpoint", broken_off)
         with pytest.raises(KeyboardInterrupt):
             trained(settings, broken)
-    assert difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
+    assert weight_difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
 
 
 def test_a_run_that_is_terminated_is_interrupted(tmp_path: Path) -> None:
@@ -167,7 +169,7 @@ def test_a_run_that_died_before_its_first_checkpoint_begins_again(tmp_path: Path
     dead.mkdir()
     for name in ("settings.json", "origin.json"):
         (dead / name).write_text((tmp_path / "whole" / name).read_text())
-    assert difference(MlpPolicy.load(training.resume(dead, progress=False)), policy) == 0.0
+    assert weight_difference(MlpPolicy.load(training.resume(dead, progress=False)), policy) == 0.0
 
 
 def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:

@@ -16,20 +16,20 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from quadpend_gym import RewardWeights, Simulation
 from quadpend_train.evaluation.episodes import TEST_SEED, VALIDATION_SEED, run_episodes
-from quadpend_train.policies.mlp_policy import MlpPolicy, difference
+from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weight_difference
 from quadpend_train.scenarios import find_scenario, scenario_hash
 from quadpend_train.training import callbacks, dagger, validation
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model
 from quadpend_train.training.callbacks import first_episode, read_curve
 from quadpend_train.training.environment import make_env, scenarios_at
-from quadpend_train.training.settings import TrainSettings, from_mapping, read_settings
+from quadpend_train.training.settings import HybridSettings, TrainSettings, from_mapping, read_settings
 from quadpend_train.training.validation import validate
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, model_of, numbers_of, trained
 
-STEERED: dict[str, Any] = {"companion": "flatness", "steers": "action", "authority": 0.3}
+RESIDUAL = HybridSettings("flatness", "residual_action", action_scale=0.3)
 EVALUATED = replace(BRIEF, eval_freq=256)
 SAC_BRIEF = replace(BRIEF_SAC, total_timesteps=256)
 
@@ -53,19 +53,19 @@ def test_a_run_folder_holds_all_that_the_run_is(tmp_path: Path) -> None:
     assert path == tmp_path / "policy.npz"
     assert model_of(tmp_path, EVALUATED).num_timesteps == EVALUATED.total_timesteps
     assert read_settings(str(tmp_path / "settings.json")) == EVALUATED
-    origin = json.loads((tmp_path / "origin.json").read_text())
+    origin = json.loads((tmp_path / "provenance.json").read_text())
     assert {"command", "commit", "python", "packages"} <= set(origin)
     names = {item.name for item in tmp_path.iterdir() if not item.name.startswith("events")}
-    assert names == {"settings.json", "origin.json", "curve.csv", "best.npz", "model.zip", "policy.npz"}
+    assert names == {"settings.json", "provenance.json", "curve.csv", "best.npz", "model.zip", "policy.npz"}
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
 def test_the_same_settings_give_the_same_weights_and_other_seeds_give_others(algo: str, tmp_path: Path) -> None:
     settings = BRIEF if algo == "ppo" else replace(SAC_BRIEF, algo=algo)
     first, second = (trained(settings, tmp_path / name) for name in "ab")
-    assert difference(first, second) == 0.0
+    assert weight_difference(first, second) == 0.0
     assert_same(*(numbers_of(model_of(tmp_path / name, settings)) for name in "ab"))
-    assert difference(first, trained(replace(settings, seed=1), tmp_path / "c")) > 0.0
+    assert weight_difference(first, trained(replace(settings, seed=1), tmp_path / "c")) > 0.0
 
 
 def test_the_card_says_where_a_policy_comes_from(tmp_path: Path) -> None:
@@ -76,8 +76,8 @@ def test_the_card_says_where_a_policy_comes_from(tmp_path: Path) -> None:
     assert card["seed"] == 3
     assert card["steps"] == settings.total_timesteps
     assert card["seconds"] >= 0.0
-    assert card["view"] == settings.view()
-    assert card["origin"] == json.loads((tmp_path / "origin.json").read_text())
+    assert {name: card[name] for name in PLAIN_INTERFACE} == settings.policy_interface()
+    assert card["provenance"] == json.loads((tmp_path / "provenance.json").read_text())
     assert card["curve"] == [list(score) for score in read_curve(tmp_path)]
     assert card["scenarios"] == {name: scenario_hash(find_scenario(name)) for name in settings.scenario}
     survival, rmse = validate(policy, settings)
@@ -86,11 +86,11 @@ def test_the_card_says_where_a_policy_comes_from(tmp_path: Path) -> None:
 
 
 def test_a_run_is_repeated_from_the_card_of_its_policy(tmp_path: Path) -> None:
-    settings = replace(EVALUATED, **STEERED, history=2, reward=RewardWeights(tip=0.2))
+    settings = replace(EVALUATED, hybrid=RESIDUAL, history=2, reward=RewardWeights(tip=0.2))
     policy = trained(settings, tmp_path / "first")
     again = from_mapping(policy.card["settings"], "the card")
     assert again == settings == read_settings(str(tmp_path / "first" / "policy.npz"))
-    assert difference(trained(again, tmp_path / "again"), policy) == 0.0
+    assert weight_difference(trained(again, tmp_path / "again"), policy) == 0.0
 
 
 def test_without_evaluations_the_last_policy_is_kept(tmp_path: Path) -> None:
@@ -117,8 +117,8 @@ def test_with_evaluations_the_best_policy_is_kept(tmp_path: Path, monkeypatch: p
     policy = trained(EVALUATED, tmp_path)
     assert [score.steps for score in read_curve(tmp_path)] == [0, 256, 512, 768, 1024]
     assert [score.penalised_rmse for score in read_curve(tmp_path)] == [0.5, 0.4, 0.3, 0.35, 0.3]
-    assert difference(policy, evaluated[2]) == 0.0
-    assert difference(policy, evaluated[3]) > 0.0
+    assert weight_difference(policy, evaluated[2]) == 0.0
+    assert weight_difference(policy, evaluated[3]) > 0.0
     assert [score.seconds for score in read_curve(tmp_path)] == sorted(score.seconds for score in read_curve(tmp_path))
 
 
@@ -129,7 +129,7 @@ def test_patience_ends_a_run_that_gets_no_better(tmp_path: Path, monkeypatch: py
     steps = [score.steps for score in read_curve(tmp_path)]
     assert steps[:4] == [0, 256, 512, 768]
     assert steps[-1] <= 1024
-    assert difference(policy, evaluated[1]) == 0.0
+    assert weight_difference(policy, evaluated[1]) == 0.0
 
 
 def test_what_is_evaluated_is_what_is_trained_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,7 +162,7 @@ def test_what_is_evaluated_is_what_is_trained_in(tmp_path: Path, monkeypatch: py
 def test_an_evaluation_is_a_flight_as_others_see_it() -> None:
     """Its score is that of `fly`."""
     settings = replace(BRIEF, scenario=("hover",), seed=4)
-    policy = training.export(training.fresh_model(settings, None), settings.view())
+    policy = training.export(training.fresh_model(settings, None), **settings.policy_interface())
     flights = run_episodes([policy], "hover", 2)
     assert validate(policy, settings) == (flights.survived.mean(), flights.penalised_rmse.mean())
 
@@ -172,15 +172,15 @@ def test_the_companion_believes_the_same_in_training_and_in_an_evaluation(monkey
     rollout = validation.rollout
 
     def watched(policy: Any, *more: Any) -> Any:
-        believed.append(policy._companion.controller.simulation)
+        believed.append(policy.hybrid.base_controller.simulation)
         return rollout(policy, *more)
 
     monkeypatch.setattr(validation, "rollout", watched)
     heavy = json.dumps({**json.loads(SHORT), "simulation": {"parameters": {"bob_mass": 0.35}}})
-    settings = replace(BRIEF, **STEERED, scenario=(heavy,))
+    settings = replace(BRIEF, hybrid=RESIDUAL, scenario=(heavy,))
     model = training.fresh_model(settings, None)
-    validate(training.export(model, settings.view()), settings)
-    assert model.get_env().env.companion.controller.simulation == find_scenario(heavy).simulation
+    validate(training.export(model, **settings.policy_interface()), settings)
+    assert model.get_env().env.hybrid.base_controller.simulation == find_scenario(heavy).simulation
     assert believed == [find_scenario(heavy).simulation]
 
 
@@ -291,10 +291,11 @@ def test_an_exploration_lasts_its_steps(
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
 @pytest.mark.parametrize("sde_sample_freq", [0, 4])
 def test_who_steers_begins_with_the_companion_alone(algo: str, sde_sample_freq: int) -> None:
-    settings = replace(BRIEF, **STEERED, algo=algo, sde_sample_freq=sde_sample_freq)
+    settings = replace(BRIEF, hybrid=RESIDUAL, algo=algo, sde_sample_freq=sde_sample_freq)
     model = make_model(settings, make_env(settings), None)
     seen = np.random.default_rng(0).normal(size=(50, 49)).astype(np.float32)
-    untouched = make_model(replace(settings, steers="alone"), make_env(replace(settings, steers="alone")), None)
+    alone = replace(settings, hybrid=HybridSettings("flatness"))
+    untouched = make_model(alone, make_env(alone), None)
     wild, _ = untouched.predict(seen[:, :45], deterministic=True)
     calm, _ = model.predict(seen, deterministic=True)
     assert np.abs(calm).max() < 0.1
@@ -317,9 +318,16 @@ def test_imitation_brings_a_policy_near_its_companion(algo: str, monkeypatch: py
 
     fitted = dagger._fit
     monkeypatch.setattr(dagger, "_fit", fit)
-    monkeypatch.setattr(dagger, "_BATCH", 32)
+    monkeypatch.setattr(dagger, "_BATCH_SIZE", 32)
     training.fresh_model(
-        replace(BRIEF, algo=algo, scenario=("calm",), companion="lqr", net_arch=(32,), imitation_steps=640), None
+        replace(
+            BRIEF,
+            algo=algo,
+            scenario=("calm",),
+            hybrid=HybridSettings("lqr", imitation_timesteps=640),
+            net_arch=(32,),
+        ),
+        None,
     )
     assert len(rounds) == 10
     assert all(after < before for before, after, _ in rounds)
@@ -354,10 +362,16 @@ def test_the_learner_is_rewarded_for_what_the_settings_say() -> None:
     ("changes", "message"),
     [
         ({"scenario": ("calm", "output_feedback")}, "same observation space"),
-        ({"companion": "lqr", "steers": "pace"}, "only the flatness-based controller has a pace"),
-        ({**STEERED, "authority": 4.0}, "authority .* not 4.0"),
-        ({**STEERED, "scenario": json.dumps({"history": 2})}, "36 or 27 numbers"),
-        ({**STEERED, "scenario": json.dumps({"actuators": "rotors"})}, "cannot fly along where rotors are commanded"),
+        (
+            {"hybrid": {"base_controller": "lqr", "mode": "bandwidth_scheduling"}},
+            "only the flatness-based controller has",
+        ),
+        (
+            {"hybrid": {"base_controller": "lqr", "mode": "residual_action", "action_scale": 4.0}},
+            "action_scale .* not 4.0",
+        ),
+        ({"hybrid": RESIDUAL, "scenario": json.dumps({"history": 2})}, "36 or 27 numbers"),
+        ({"hybrid": RESIDUAL, "scenario": json.dumps({"actuators": "rotors"})}, "where rotors are commanded"),
     ],
     ids=str,
 )
@@ -369,7 +383,7 @@ def test_a_run_that_cannot_begin_leaves_no_folder_behind(changes: Any, message: 
 
 @pytest.mark.parametrize(
     ("other", "beside"),
-    [("output_feedback", {}), (json.dumps({"simulation": {"period": 0.02}}), STEERED)],
+    [("output_feedback", {}), (json.dumps({"simulation": {"period": 0.02}}), {"hybrid": RESIDUAL})],
     ids=["observation", "simulation"],
 )
 def test_stages_of_a_curriculum_that_do_not_fit_are_refused_at_once(other: str, beside: dict[str, Any]) -> None:

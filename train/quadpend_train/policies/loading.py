@@ -40,7 +40,7 @@ def load_policy(name: str) -> Policy:
         name: One of
 
             - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
-            - the name of a learned policy of this package, with its seed (``"ppo-pace-0"``);
+            - the name of a learned policy of this package, with its seed (``"ppo-gain-scheduling-0"``);
             - the path of a run folder or of a policy file (.npz);
             - the path of a model (.zip) saved by PPO, SAC or TQC of Stable-Baselines3. Loading a model executes code
               that is in the file: load only files whose source you trust.

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
-from quadpend_baselines.policy.protocol import select_rows, episode_start_mask
+from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.validation import check_int

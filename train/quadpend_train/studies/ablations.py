@@ -73,8 +73,12 @@ class Ablation(NamedTuple):
 
 ABLATIONS = {
     "tip": Ablation("reward with a sharp tip", "windy", {"reward": {"tip": 0.0}}, {"reward": {"tip": 0.5}}),
-    "deso": Ablation("the DESO's disturbance estimate observed", "windy", {}, {"hybrid": {"base_controller": "adrc-matched"}}),
-    "kalman": Ablation("the Kalman observer's state and disturbance observed", "windy", {}, {"hybrid": {"base_controller": "flatness"}}),
+    "deso": Ablation(
+        "the DESO's disturbance estimate observed", "windy", {}, {"hybrid": {"base_controller": "adrc-matched"}}
+    ),
+    "kalman": Ablation(
+        "the Kalman observer's state and disturbance observed", "windy", {}, {"hybrid": {"base_controller": "flatness"}}
+    ),
     "imitation": Ablation(
         "imitation of the flatness-based controller first",
         "windy",

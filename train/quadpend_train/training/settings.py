@@ -145,7 +145,7 @@ class TrainSettings:
     algo: Literal["ppo", "sac", "tqc"] = "ppo"
     """Algorithm; TQC comes from sb3-contrib."""
     scenario: tuple[str, ...] = ("windy",)
-    """Scenarios to train in, with an equal number of sub-environments each: names, sets, TOML or JSON files, or JSON."""
+    """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()
     """Scenarios to train in first, one after the other, for equal parts of curriculum_steps."""
     curriculum_steps: int = 0
