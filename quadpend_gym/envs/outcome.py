@@ -1,26 +1,86 @@
-"""Layout of the outcome of a control step: the arrays that `step_kernel` writes and the environments read."""
+"""Layout of the step outcome, the array that `step_kernel` writes and the environments read.
 
-from itertools import accumulate
+The outcome has one column for each sub-environment. Vectors are in the world frame.
 
+| name           | symbol          | rows  | unit   | content                                                         |
+|----------------|-----------------|-------|--------|-----------------------------------------------------------------|
+| TRACKING_TERM  |                 | 0     | 1      | reward term (1) of `quadpend_gym.tasks.rewards`                 |
+| UPRIGHT_TERM   |                 | 1     | 1      | reward term (2)                                                 |
+| YAW_TERM       |                 | 2     | 1      | reward term (3)                                                 |
+| EFFORT_TERM    |                 | 3     | 1      | reward term (4)                                                 |
+| TRACKING_ERROR | e               | 4–6   | m      | error of the flat outputs                                       |
+| TILT           | α               | 7     | rad    | angle of the pendulum from upright                              |
+| REWARD         |                 | 8     | 1      | weighted mean of the terms                                      |
+| TERMINATED     |                 | 9     | 1      | 1 if the episode terminated, else 0                             |
+| DISTURBANCE    | d_Q, d_B, d_τ   | 10–18 | N, N·m | forces and torque during the step, drag included                |
+| AIR_VELOCITY   | v               | 19–21 | m/s    | velocity of the air                                             |
+| PARAMETERS     |                 | 22–30 | SI     | physical parameters, in the order of `Parameters`               |
+| COMMAND        | u, τφ, τθ, τψ   | 31–34 | N, N·m | thrust and torques that acted during the step                   |
+
+An outcome array may have fewer rows; `step_kernel` writes the rows that exist.
+"""
+
+from typing import Any
+
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE
-from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE
-from quadpend_gym.tasks.observation import (
-    TARGET_SIZE,
-)
+from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE
 
-# Rows of the outcome of a step, of which it has as many as are asked for: the four reward terms, the tracking error and
-# so on, and what acted.
-_ROWS = (4, 3, 1, 1, 1, DISTURBANCE_SIZE, 3, PARAMETERS_SIZE, COMMAND_SIZE)
-
-
-_, TRACKING_ERROR, TILT, REWARD, TERMINATED, DISTURBANCE, AIR_VELOCITY, PARAMETERS, COMMAND, OUTCOME_SIZE = (
-    0,
-    *accumulate(_ROWS),
-)
+TRACKING_TERM, UPRIGHT_TERM, YAW_TERM, EFFORT_TERM = range(4)
+TRACKING_ERROR = slice(EFFORT_TERM + 1, EFFORT_TERM + 4)
+TILT, REWARD, TERMINATED = range(TRACKING_ERROR.stop, TRACKING_ERROR.stop + 3)
+DISTURBANCE = slice(TERMINATED + 1, TERMINATED + 1 + DISTURBANCE_SIZE)
+AIR_VELOCITY = slice(DISTURBANCE.stop, DISTURBANCE.stop + 3)
+PARAMETERS = slice(AIR_VELOCITY.stop, AIR_VELOCITY.stop + PARAMETERS_SIZE)
+COMMAND = slice(PARAMETERS.stop, PARAMETERS.stop + COMMAND_SIZE)
+OUTCOME_SIZE = COMMAND.stop
+SCALARS = slice(0, DISTURBANCE.start)  # the rows that `StepInfo.read` needs as scalars; they include REWARD, TERMINATED
 
 
-# What sensors see: the target and the rod's length, which a tracking error is made of, and from here on the state.
-SEEN_STATE = TARGET_SIZE + 1
+class StepInfo:
+    """The fields of `info` and the number of outcome rows that they need.
 
+    Every info has these fields, which are true values even if sensors change the observation:
 
-SENSED_SIZE = SEEN_STATE + STATE_SIZE
+    - ``tracking_error``: error of the flat outputs in the world frame, m.
+    - ``tilt``: angle α of the pendulum from upright, rad.
+    - ``disturbance``: force on the quadrotor, force on the bob (N, world frame) and torque (N·m) during the step.
+    - ``reward_terms``: the four terms of the reward by name.
+
+    Args:
+        air_velocity: Whether the info has ``air_velocity``, the velocity of the air, m/s, world frame.
+        command: Whether the info has ``command``, thrust (N) and torques (N·m) after the actuators.
+        parameters: Whether the info has ``parameters``, the physical parameters in the order of `PARAMETER_NAMES`.
+    """
+
+    def __init__(self, air_velocity: bool, command: bool, parameters: bool) -> None:
+        """Choose the fields."""
+        optional = (
+            (air_velocity, "air_velocity", AIR_VELOCITY),
+            (command, "command", COMMAND),
+            (parameters, "parameters", PARAMETERS),
+        )
+        self._optional = tuple((name, rows) for present, name, rows in optional if present)
+        self.outcome_size: int = max((rows.stop for _, rows in self._optional), default=DISTURBANCE.stop)
+
+    def read(self, outcome: Floats, scalars: Any) -> dict[str, Any]:
+        """Return the info of one sub-environment or of many.
+
+        Args:
+            outcome: The outcome of a step, shape (k,) or (k, n). Array fields of the info have shape (m,) or (m, n).
+            scalars: The rows `SCALARS` of the outcome, as an array or a list; scalar fields are taken from it.
+        """
+        info = {
+            "tracking_error": outcome[TRACKING_ERROR],
+            "tilt": scalars[TILT],
+            "disturbance": outcome[DISTURBANCE],
+            "reward_terms": {
+                "tracking": scalars[TRACKING_TERM],
+                "upright": scalars[UPRIGHT_TERM],
+                "yaw": scalars[YAW_TERM],
+                "effort": scalars[EFFORT_TERM],
+            },
+        }
+        for name, rows in self._optional:
+            info[name] = outcome[rows]
+        return info

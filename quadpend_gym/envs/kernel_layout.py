@@ -1,0 +1,112 @@
+"""Layouts of the arrays that Python passes to the step kernel: settings, memory and sensed values.
+
+The settings cross from Python to the kernel as one flat float64 array, because numba unboxes one array faster than a
+nested tuple at every call. `pack_settings` writes that array and `unpack_settings` reads it inside the kernel; no other
+code knows the positions.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.parameters import PARAMETERS_SIZE, Simulation
+from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_gym.tasks import Task
+from quadpend_gym.tasks.observation import TARGET_SIZE
+from quadpend_gym.tasks.references import REFERENCE_SIZE
+
+# The memory of each sub-environment, a row of shape (MEMORY_SIZE,).
+MEMORY_STATE = slice(0, STATE_SIZE)
+MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
+MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
+MEMORY_SIZE = MEMORY_REFERENCE.stop
+
+# The sensed values of each sub-environment, a column of shape (SENSED_SIZE,): the target, the rod length (m), from
+# which the tracking error follows, and the state as the sensors report it.
+SENSED_ROD_LENGTH = TARGET_SIZE
+SENSED_STATE = slice(SENSED_ROD_LENGTH + 1, SENSED_ROD_LENGTH + 1 + STATE_SIZE)
+SENSED_SIZE = SENSED_STATE.stop
+
+
+class CommandScale(NamedTuple):
+    """Scale of each component of an action, see `Simulation.command_scale`."""
+
+    thrust: float  # N
+    roll: float  # N·m
+    pitch: float  # N·m
+    yaw: float  # N·m
+
+
+class KernelLimits(NamedTuple):
+    """The limits of a task, `quadpend_gym.tasks.Limits`, with the angles as cosines."""
+
+    cos_pendulum_angle: float
+    cos_body_angle: float
+    tracking_error: float  # m
+    ground: float  # m
+
+
+class KernelWeights(NamedTuple):
+    """The weights of the reward terms, which sum to 1, and the share s of the sharp peak in the tracking term."""
+
+    tracking: float
+    upright: float
+    yaw: float
+    effort: float
+    tip: float
+
+
+class KernelSettings(NamedTuple):
+    """What the step kernel needs to know about a task and a simulation.
+
+    Attributes:
+        period: Control period, s.
+        command_scale: Scale of the action.
+        limits: Where an episode terminates.
+        weights: Weights of the reward.
+        moves_air: Whether a wind model moves the air, so that there is drag.
+        substeps: Runge–Kutta steps in a control period; 0 leaves state and clock unchanged.
+    """
+
+    period: float
+    command_scale: CommandScale
+    limits: KernelLimits
+    weights: KernelWeights
+    moves_air: bool
+    substeps: int
+
+
+def make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> KernelSettings:
+    """Return the kernel settings of a task and a simulation."""
+    limits, reward = task.limits, task.reward
+    cosines = np.cos([limits.pendulum_angle, limits.body_angle])
+    weights = np.array([reward.tracking, reward.upright, reward.yaw, reward.effort])
+    return KernelSettings(
+        simulation.period,
+        CommandScale(*simulation.command_scale),
+        KernelLimits(*cosines, limits.tracking_error, limits.ground),
+        KernelWeights(*(weights / weights.sum()), reward.tip),
+        moves_air,
+        substeps,
+    )
+
+
+def pack_settings(settings: KernelSettings) -> Floats:
+    """Return the settings as a flat array, shape (16,), which `unpack_settings` reads."""
+    period, command_scale, limits, weights, moves_air, substeps = settings
+    return np.array([period, *command_scale, *limits, *weights, moves_air, substeps], np.float64)
+
+
+@inlined
+def unpack_settings(packed: Any) -> KernelSettings:
+    """Return the settings in an array that `pack_settings` made."""
+    return KernelSettings(
+        packed[0],
+        CommandScale(packed[1], packed[2], packed[3], packed[4]),
+        KernelLimits(packed[5], packed[6], packed[7], packed[8]),
+        KernelWeights(packed[9], packed[10], packed[11], packed[12], packed[13]),
+        packed[14] > 0.0,
+        int(packed[15]),
+    )

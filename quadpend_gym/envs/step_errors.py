@@ -1,0 +1,52 @@
+"""Error codes of the step kernel, and the exceptions that they stand for.
+
+Compiled code cannot raise an exception with a message that depends on array values, so the kernel returns one integer:
+`NO_ERROR`, `action_error(row)` or `wind_error(row)`, where `row` is the index of the sub-environment.
+"""
+
+from typing import Any
+
+from quadpend_gym.core.jit import inlined
+
+NO_ERROR = -1
+
+
+@inlined
+def action_error(row: int) -> int:
+    """Return the code for an action that is out of range or not finite."""
+    return row
+
+
+@inlined
+def wind_error(row: int) -> int:
+    """Return the code for a wind that is not finite."""
+    return -2 - row
+
+
+def decode_error(code: int) -> tuple[str, int]:
+    """Return what an error code other than `NO_ERROR` is about, ``"action"`` or ``"wind"``, and the row."""
+    return ("action", code) if code > NO_ERROR else ("wind", -2 - code)
+
+
+def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> None:
+    """Raise the exception that an error code of the step kernel stands for; return if it is `NO_ERROR`.
+
+    Args:
+        code: The return value of the kernel.
+        action: The actions that the kernel checked, shape (n, 4).
+        wind: The wind that the kernel checked, shape (n, 12).
+        action_name: What the message calls the action.
+
+    Raises:
+        ValueError: If an action is out of range or not finite, or if the wind is not finite.
+    """
+    if code == NO_ERROR:
+        return
+    source, row = decode_error(code)
+    if source == "wind":
+        raise ValueError(f"wind must be finite numbers, not {wind[row].tolist()} in sub-environment {row}")
+    owner = "" if len(action) == 1 else f" of sub-environment {row}"
+    raise ValueError(
+        f"{action_name}{owner} must be four numbers in [-1, 1], not {action[row].tolist()};"
+        " gymnasium.wrappers.ClipAction clips"
+    )
