@@ -1,4 +1,4 @@
-"""The single environment: a world of one row behind `gymnasium.Env`."""
+"""The single environment: a `World` of one sub-environment behind the interface of `gymnasium.Env`."""
 
 from typing import Any
 
@@ -7,29 +7,31 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.validation import from_plain
-from quadpend_gym.envs.outcome import DISTURBANCE, REWARD, TERMINATED
+from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
 from quadpend_gym.envs.world import World
-from quadpend_gym.physics.parameters import Simulation
-from quadpend_gym.physics.state import State
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
+from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.tasks import as_task
 
-_ROW = np.zeros(1, np.int64)
-_REWARD, _TERMINATED, _NUMBERS = REWARD, TERMINATED, DISTURBANCE
+_METADATA = {"render_modes": ["human", "rgb_array"], "render_fps": round(1.0 / CONTROL_PERIOD)}
+_ROW = np.zeros(1, np.int64)  # index of the only sub-environment
 
 
 class QuadPendulumEnv(gym.Env[Any, Any]):
-    """A spherical inverted pendulum balanced on a quadrotor that tracks a reference in the wind.
+    """A spherical inverted pendulum on a quadrotor that tracks a reference in the wind.
 
     ## Description
-    A bob of 0.2 kg stands on a massless rod of 0.3 m, free to swing in every direction, on the centre of a quadrotor of
-    0.5 kg (Martinez-Vasquez et al., Machines 2023, 11(6), 578, Table 1). The bob's horizontal position, the quadrotor's
-    height and its yaw are to follow a reference.
+    A bob of 0.2 kg sits at the upper end of a massless rod of 0.3 m. The rod's lower end is attached to the centre of a
+    quadrotor of 0.5 kg by a joint that lets it swing in every direction (Martinez-Vasquez et al., Machines 2023, 11(6),
+    578, Table 1). The task is to keep the pendulum upright while the bob's horizontal position, the quadrotor's height
+    and its yaw follow a reference.
 
     ## Action Space
-    `Box(-1, 1, (4,), float32)`; zero is hover. Out of range or not finite: ValueError.
+    `Box(-1, 1, (4,), float32)`; the zero action is hover. An action that is out of range or not finite raises
+    ValueError.
 
     | action | command                       | unit | range at ±1    |
     |--------|-------------------------------|------|----------------|
@@ -39,49 +41,55 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     | 3      | torque τψ = 1 a₃ about yaw    | N·m  | −1 … 1         |
 
     ## Observation Space
-    `Box` of 36 finite numbers, float32, scaled by fixed constants to order one: tracking error and its rate, the
-    pendulum's direction and its rate, attitude and rates, the reference's derivatives of order 2 to 6, and the yaw
-    reference. The table is in `quadpend_gym.tasks.observation`; `read_observation(observation, name)` reads a field in
-    physical units. The wind is not observed.
+    `Box` of 36 finite numbers, float32, scaled by fixed constants to order one: tracking error and its rate, direction
+    of the pendulum and its rate, attitude and its rates, the derivatives of order 2 to 6 of the reference, and the yaw
+    reference. `quadpend_gym.tasks.observation` has the table; `read_observation(observation, name)` returns one field
+    in physical units. The observation does not contain the wind.
 
     ## Rewards
-    Per step, in [0, 1]: 0.6 tracking + 0.15 upright + 0.1 yaw + 0.15 effort, see `quadpend_gym.tasks.rewards`. 1 only for
-    perfect still tracking. The terms are in `info["reward_terms"]`.
+    The reward of a step is 0.6 tracking + 0.15 upright + 0.1 yaw + 0.15 effort, with four terms in [0, 1], see
+    `quadpend_gym.tasks.rewards`. It is 1 only for perfect tracking with zero action. `info["reward_terms"]` has the
+    terms.
 
     ## Starting State
-    Flying a random reference (hover, circle, figure eight or helix) perfectly to first order in the tilt, but for a
-    uniform deviation in each component: ±0.1 m, ±0.05 m/s; ±0.03 rad and ±0.05 rad/s of attitude and pendulum.
+    An episode draws a random reference (hover, circle, figure eight or helix). It starts in the state that tracks this
+    reference exactly to first order in the tilt, plus a uniform deviation of each component: ±0.1 m and ±0.05 m/s of
+    the quadrotor, ±0.03 rad and ±0.05 rad/s of attitude and pendulum.
 
-    `reset(options={"state": {"position": …}})` sets any of the state's fields (`quadpend_gym.physics.state`), leaving the
-    others as drawn; `options={"reference": Reference.circle(1.0, 1.0)}` fixes the reference.
+    `reset(options={"state": {"position": …}})` sets any field of the state (`quadpend_gym.physics.state`); fields that
+    are not given are drawn. `reset(options={"reference": Reference.circle(1.0, 1.0)})` sets the reference.
 
     ## Episode End
-    Terminates when the pendulum is more than 60° from upright, the body tilts past 80°, the tracking error passes 3 m,
-    quadrotor or bob touches the ground, or the state diverges. Truncates after 1000 steps (10 s).
+    The episode terminates if the pendulum is more than 60° from upright, the body tilts by more than 80°, the tracking
+    error exceeds 3 m, the quadrotor or the bob touches the ground, or the state diverges. An early termination is also
+    called a fall. The episode is truncated after 1000 steps (10 s).
 
     ## Arguments
-    - `task`: `"track"` or `"hover"`, a `Task`, or a mapping of its fields.
-    - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, actuators, control period, substeps.
-    - `wind`: a model of `quadpend_gym.wind`, a sum of them, a preset (``"windy"``), or a mapping with its kind. Calm
-      without. Sensors, actuators and uncertain parameters come as wrappers, see `quadpend_gym.wrappers`.
-    - `render_mode`: ``"human"``, a window in real time (H shows its keys); ``"rgb_array"``, an array of shape
-      (480, 640, 3), uint8, from `render`; or None. Pictures need pygame-ce, the extra ``view``. Restarting from the
-      window, or closing it, truncates the running episode; those after a closed window are not shown.
+    - `task`: ``"track"``, ``"hover"``, a `Task`, or a mapping of its fields.
+    - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, command limits, control period,
+      substeps.
+    - `wind`: a model of `quadpend_gym.wind`, a sum of models, the name of a preset (``"windy"``), or a mapping with a
+      ``kind``. None is calm air without drag. Sensors, actuators and uncertain parameters are added by wrappers, see
+      `quadpend_gym.wrappers`.
+    - `render_mode`: ``"human"`` opens a window that runs in real time (the key H lists its keys); with ``"rgb_array"``
+      the method `render` returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs
+      pygame-ce, the extra ``view``. Closing the window, or restarting from it, truncates the running episode; after
+      the window is closed, later episodes run without one.
 
     ## Version History
     - v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 100}  # noqa: RUF012
+    metadata: dict[str, Any] = _METADATA
 
     def __init__(
         self, task: Any = "track", simulation: Any = None, wind: Any = None, render_mode: str | None = None
     ) -> None:
-        """Build the environment; see the class for the arguments.
+        """Build the environment; the class documents the arguments.
 
         Raises:
-            TypeError: an argument is of the wrong type.
-            ValueError: an argument names or holds something unknown or out of range.
+            TypeError: If an argument has the wrong type.
+            ValueError: If an argument has an unknown name or field, or a value out of range.
         """
         check_render_mode(render_mode, self.metadata["render_modes"])
         simulation = from_plain(Simulation, {} if simulation is None else simulation, "simulation")
@@ -95,63 +103,72 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     @property
     def state(self) -> State:
-        """Named views of the state, each of shape (3,), see `quadpend_gym.physics.state`."""
+        """Named views of the true state, each of shape (3,), see `quadpend_gym.physics.state`."""
         return State(self.world.state[0])
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats32, dict[str, Any]]:
-        """Begin an episode: the first of `seed`, or the next one.
+        """Start an episode: the first episode of `seed`, or without a seed the next one.
 
         Args:
-            seed: non-negative integer.
+            seed: Non-negative integer, or None.
             options: ``state`` and ``reference``, see the class.
 
+        Returns:
+            The first observation and the info.
+
         Raises:
-            TypeError: an option is of the wrong type.
-            ValueError: an option is unknown, or has a wrong shape or value.
+            TypeError: If an option has the wrong type.
+            ValueError: If an option is unknown, or has a wrong shape or value.
         """
         options = check_options(options, ("state", "reference"))
-        fixed = check_reset_options(options.get("state"), options.get("reference"), 1)
+        checked = check_reset_options(options.get("state"), options.get("reference"), 1)
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             self.world.seed(_ROW, [self.np_random_seed])
             self._seeded = True
-        self.world.begin(_ROW, fixed)
-        observation, outcome = self.world.look(_ROW)
+        self.world.start_episodes(_ROW, checked)
+        observation, outcome = self.world.observe(_ROW)
         if self.recorder is not None:
-            self.recorder.begin(_ROW, outcome)
+            self.recorder.start_episodes(_ROW, outcome)
             self.recorder.show()
-        return observation[0], self.world.info(outcome[:, 0], outcome[:, 0].tolist())
+        return observation[0], self.world.step_info.read(outcome[:, 0], outcome[SCALARS, 0].tolist())
 
     def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
-        """Hold `action` for one control period.
+        """Apply `action` for one control period.
 
         Args:
-            action: shape (4,), components in [−1, 1].
+            action: Shape (4,), components in [−1, 1].
+
+        Returns:
+            Observation, reward, terminated, truncated and info.
 
         Raises:
-            ResetNeeded: `reset` was never called, or wind was added since.
-            TypeError: the action is not made of numbers.
-            ValueError: it has the wrong shape, or is out of range or not finite.
+            ResetNeeded: If `reset` has not been called yet, or not since a wrapper changed the simulation.
+            TypeError: If the action does not consist of numbers.
+            ValueError: If the action has the wrong shape, is out of range or is not finite.
         """
-        action = check_action(action, (4,)).reshape(1, 4)
+        action = check_action(action, (ACTION_SIZE,)).reshape(1, ACTION_SIZE)
         observation, outcome = self.world.step(action)
-        row = outcome[:, 0]
-        numbers = row[:_NUMBERS].tolist()
-        terminated, truncated = numbers[_TERMINATED] != 0.0, False
+        column = outcome[:, 0]
+        scalars = column[SCALARS].tolist()
+        terminated, truncated = scalars[TERMINATED] != 0.0, False
         if self.recorder is not None:
-            self.recorder.step(action, outcome)
+            self.recorder.record_step(action, outcome)
             self.recorder.show()
             truncated = self.recorder.pop_end_request()
-        return observation[0], numbers[_REWARD], terminated, truncated, self.world.info(row, numbers)
+        return observation[0], scalars[REWARD], terminated, truncated, self.world.step_info.read(column, scalars)
 
     def render(self) -> Any:
-        """The picture, see ``render_mode`` of the class; None where it is None or ``"human"``, which shows by itself.
+        """Return the picture that the render mode asks for.
+
+        Returns:
+            An array of shape (480, 640, 3), uint8, with ``"rgb_array"``; otherwise None.
 
         Raises:
-            DependencyNotInstalled: there is no pygame-ce.
-            ResetNeeded: `reset` was never called.
+            DependencyNotInstalled: If pygame-ce is not installed.
+            ResetNeeded: If `reset` has not been called yet.
         """
         if self.recorder is None:
             warn_without_render_mode(self)

@@ -1,4 +1,8 @@
-"""What there is to see of a world: kept while an environment with a render mode steps, shown when it is asked for."""
+"""Recorder: the recent history of a world that pictures need, and the rendering of pictures.
+
+An environment with a render mode gives its recorder every start of an episode and every step. The recorder makes
+`Snapshot`s from this history and draws them with `quadpend_gym.viewer` when a picture is needed.
+"""
 
 from typing import Any
 
@@ -7,102 +11,114 @@ from gymnasium import logger
 from gymnasium.error import ResetNeeded
 
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.envs.outcome import AIR_VELOCITY, COMMAND, DISTURBANCE, OUTCOME_SIZE, REWARD, TILT, TRACKING_ERROR
+from quadpend_gym.envs.outcome import COMMAND, DISTURBANCE, OUTCOME_SIZE, REWARD, TILT, TRACKING_ERROR
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.parameters import ROD_LENGTH
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
+from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, THRUST, Disturbance, State
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.viewer import check_pygame
 from quadpend_gym.viewer.snapshot import Snapshot
 
-PAST = 200  # steps that are kept
-TILES = 64  # of a mosaic or a window, at most
-_FOLLOW = 0.3  # s, in which the camera catches up
-_DRIFT = 6.0  # m/s per N, how fast streaks drift in the wind
-_SPIN = 40.0  # rad/s, of the rotors: slow enough to be seen
+HISTORY_STEPS = 200  # states that are kept of each sub-environment
+MAX_TILES = 64  # sub-environments that a mosaic or a window shows at most
+_CAMERA_LAG = 0.3  # s, time constant with which the camera follows the quadrotor
+_STREAK_SPEED = 6.0  # m/s per N, speed of the wind streaks
+_ROTOR_SPEED = 40.0  # rad/s, slow enough for the rotation to be visible
 
 
 class Recorder:
-    """The latest of every row that is shown, and as much of its past as a picture needs.
+    """The latest step of every visible sub-environment, and as much of its history as a picture needs.
 
     Args:
-        world: of n rows.
-        mode: ``human``, ``rgb_array``, or, of vector environments, ``mosaic``.
+        world: The simulation that is recorded.
+        mode: Render mode: ``"human"``, ``"rgb_array"``, or for vector environments ``"mosaic"``. With ``"rgb_array"``
+            all sub-environments are visible, otherwise the first 64.
     """
 
     def __init__(self, world: World, mode: str) -> None:
-        """Nothing is to be seen yet."""
-        n = world.rows if mode == "rgb_array" else min(world.rows, TILES)
-        self.world, self.mode, self._rows = world, mode, n
-        self._seen = np.zeros(n, np.bool_)
+        """Allocate the history; no episode has started yet."""
+        n = world.num_envs if mode == "rgb_array" else min(world.num_envs, MAX_TILES)
+        self.world, self.mode, self._visible = world, mode, n
+        self._started = np.zeros(n, np.bool_)
         self._outcome = np.zeros((0, n))
         self._action = np.zeros((n, ACTION_SIZE), np.float32)
-        self._return, self._drift = np.zeros(n), np.zeros((3, n))
-        self._states, self._latest = np.zeros((PAST, n, STATE_SIZE)), 0
+        self._return, self._force_sum = np.zeros(n), np.zeros((n, 3))
+        self._states, self._latest = np.zeros((HISTORY_STEPS, n, STATE_SIZE)), 0
         self._picture: Any = None
         self._window: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without picture and window, which cannot be copied; a copy makes its own."""
+        """Return the attributes without picture and window, which cannot be copied; a copy opens its own."""
         return {**self.__dict__, "_picture": None, "_window": None}
 
-    def begin(self, rows: Integers, outcome: Floats) -> None:
-        """Episodes have begun in some rows, shape (m,); `outcome` is that of all rows, see `World.step`."""
-        rows = rows[rows < self._rows]
-        self._seen[rows], self._outcome = True, outcome
-        self._action[rows], self._return[rows], self._drift[:, rows] = 0.0, 0.0, 0.0
+    def start_episodes(self, rows: Integers, outcome: Floats) -> None:
+        """Record that episodes have started.
+
+        Args:
+            rows: Indices of the sub-environments whose episodes have started, shape (m,).
+            outcome: Outcome of all sub-environments, shape (k, n), see `World.step`.
+        """
+        rows = rows[rows < self._visible]
+        self._started[rows], self._outcome = True, outcome
+        self._action[rows], self._return[rows], self._force_sum[rows] = 0.0, 0.0, 0.0
         self._states[self._latest, rows] = self.world.state[rows]
 
-    def step(self, action: Floats32, outcome: Floats) -> None:
-        """Every row has made a step."""
-        n, self._outcome = self._rows, outcome
+    def record_step(self, action: Floats32, outcome: Floats) -> None:
+        """Record a step of all sub-environments.
+
+        Args:
+            action: Shape (n, 4).
+            outcome: Shape (k, n), see `World.step`.
+        """
+        n, self._outcome = self._visible, outcome
         self._action[:] = action[:n]
         self._return += outcome[REWARD, :n]
-        self._drift += outcome[DISTURBANCE : DISTURBANCE + 3, :n]
-        self._latest = (self._latest + 1) % PAST
+        self._force_sum += Disturbance(outcome[DISTURBANCE, :n].T).force
+        self._latest = (self._latest + 1) % HISTORY_STEPS
         self._states[self._latest] = self.world.state[:n]
 
     def snapshot(self, row: int = 0) -> Snapshot:
-        """One row as it is.
+        """Return the snapshot of one sub-environment after its latest step.
 
         Raises:
-            ResetNeeded: the row has not begun an episode.
+            ResetNeeded: If the sub-environment has not started an episode.
         """
-        if not self._seen[row]:
+        if not self._started[row]:
             raise ResetNeeded("reset must be called before render")
         world, outcome, clock = self.world, self._outcome[:, row], int(self.world.clock[row])
         period, rod_length = world.simulation.period, float(world.parameters[row, ROD_LENGTH])
-        past = self._states[np.arange(self._latest - min(clock, PAST - 1), self._latest + 1) % PAST, row]
-        positions = past[:, STATE_FIELDS["position"]]
-        # A first-order lag behind the quadrotor, over the past that is kept.
-        fading = np.exp(-period / _FOLLOW * np.arange(len(past) - 1, -1, -1))
-        fading[1:] *= -np.expm1(-period / _FOLLOW)
-        thrust = 1.0 + float(self._action[row, 0])
-        if len(outcome) == OUTCOME_SIZE:  # behind actuators it is told what acted
-            thrust = float(outcome[COMMAND]) / world.simulation.command_scale[0]
+        steps = np.arange(self._latest - min(clock, HISTORY_STEPS - 1), self._latest + 1) % HISTORY_STEPS
+        states = self._states[steps, row]
+        positions = states[:, STATE_FIELDS["position"]]
+        # The camera follows the quadrotor with a first-order lag, computed over the history.
+        fading = np.exp(-period / _CAMERA_LAG * np.arange(len(states) - 1, -1, -1))
+        fading[1:] *= -np.expm1(-period / _CAMERA_LAG)
+        thrust = 1.0 + float(self._action[row, THRUST])
+        if len(outcome) == OUTCOME_SIZE:  # with actuators, the thrust after the actuators
+            thrust = float(outcome[COMMAND][THRUST]) / world.simulation.command_scale[THRUST]
         return Snapshot(
             clock * period,
-            State(past[-1].copy()),
+            State(states[-1].copy()),
             rod_length,
             Reference.from_array(world.reference[row]),
-            outcome[DISTURBANCE:AIR_VELOCITY].copy(),
+            outcome[DISTURBANCE].copy(),
             thrust,
-            float(np.linalg.norm(outcome[TRACKING_ERROR:TILT])),
+            float(np.linalg.norm(outcome[TRACKING_ERROR])),
             float(outcome[TILT]),
             world.task.limits.pendulum_angle,
             float(self._return[row]),
             fading @ positions,
-            positions + rod_length * past[:, STATE_FIELDS["direction"]],
-            period * _DRIFT * self._drift[:, row],
-            _SPIN * clock * period,
+            positions + rod_length * states[:, STATE_FIELDS["direction"]],
+            period * _STREAK_SPEED * self._force_sum[row],
+            _ROTOR_SPEED * clock * period,
         )
 
     def snapshots(self) -> list[Snapshot]:
-        """All rows that are shown, as they are."""
-        return [self.snapshot(row) for row in range(self._rows)]
+        """Return the snapshots of all visible sub-environments."""
+        return [self.snapshot(row) for row in range(self._visible)]
 
     def show(self) -> None:
-        """In the mode ``human``, show what there is; return when it is time for the next step."""
+        """With the render mode ``"human"``, show the snapshots, and return when it is time for the next step."""
         if self.mode != "human":
             return
         if self._window is None:
@@ -117,14 +133,18 @@ class Recorder:
         return self._window is not None and bool(self._window.pop_end_request())
 
     def render(self) -> Any:
-        """For each row an array of shape (480, 640, 3), uint8; ``mosaic``: one array; ``human``: None.
+        """Return the picture that the render mode asks for.
+
+        Returns:
+            A tuple of one array of shape (480, 640, 3), uint8, for each sub-environment with ``"rgb_array"``; one such
+            array with ``"mosaic"``; None with ``"human"``, whose window `show` updates.
 
         Raises:
-            DependencyNotInstalled: there is no pygame-ce.
-            ResetNeeded: a row has not begun an episode.
+            DependencyNotInstalled: If pygame-ce is not installed.
+            ResetNeeded: If a visible sub-environment has not started an episode.
         """
-        if self.mode == "human":  # which shows by itself
-            self.snapshot(int(self._seen.argmin()))  # raises if this row has not begun
+        if self.mode == "human":
+            self.snapshot(int(self._started.argmin()))  # raises ResetNeeded if any has not started
             return None
         snapshots = self.snapshots()
         if self._picture is None:
@@ -134,7 +154,7 @@ class Recorder:
             self._picture = Picture()
         if self.mode == "mosaic":
             return self._picture.render(snapshots)
-        return tuple(self._picture.render([seen]) for seen in snapshots)
+        return tuple(self._picture.render([snapshot]) for snapshot in snapshots)
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -144,12 +164,16 @@ class Recorder:
 
 
 def check_render_mode(mode: str | None, modes: list[str]) -> None:
-    """Raise ValueError unless `mode` is None or one of `modes`."""
+    """Check that `mode` is None or one of `modes`.
+
+    Raises:
+        ValueError: If it is not.
+    """
     if mode is not None and mode not in modes:
         raise ValueError(f"render_mode must be None or one of {', '.join(modes)}, not {mode!r}")
 
 
 def warn_without_render_mode(env: Any) -> None:
-    """Warn, as Gymnasium's environments do, that one without a render mode is asked for a picture."""
+    """Warn, as Gymnasium's environments do, that `render` was called without a render mode."""
     modes = ", ".join(repr(mode) for mode in env.metadata["render_modes"])
-    logger.warn(f"{type(env).__name__} shows nothing without a render_mode: make it with one of {modes}")
+    logger.warn(f"{type(env).__name__} renders nothing without a render_mode: make it with one of {modes}")

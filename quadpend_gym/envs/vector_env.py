@@ -1,4 +1,4 @@
-"""The vector environment: a world of many rows behind `gymnasium.vector.VectorEnv`."""
+"""The vector environment: a `World` of many sub-environments behind the interface of `gymnasium.vector.VectorEnv`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,34 +15,37 @@ from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without
 from quadpend_gym.envs.reset_options import check_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
 from quadpend_gym.envs.world import World
-from quadpend_gym.physics.parameters import Simulation
-from quadpend_gym.physics.state import State
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
+from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.tasks import EPISODE_STEPS, as_task
+
+_METADATA = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": round(1.0 / CONTROL_PERIOD)}
 
 
 class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
-    """Many `QuadPendulumEnv` in one compiled loop.
+    """A vector of `QuadPendulumEnv`, stepped in one compiled loop.
 
-    Row i, seeded with s, is exactly the single environment seeded with s, through every autoreset and for any number of
-    rows. An integer seed s seeds row i with s + i.
+    A sub-environment with seed s returns exactly the same numbers as a `QuadPendulumEnv` with seed s, across autoresets
+    too and for any number of sub-environments. An integer seed s gives sub-environment i the seed s + i.
 
     Args:
-        num_envs: number of rows.
-        task: as in `QuadPendulumEnv`.
-        simulation: as in `QuadPendulumEnv`.
-        wind: as in `QuadPendulumEnv`.
-        max_episode_steps: control steps after which an episode is truncated; None: never.
-        autoreset_mode: an `AutoresetMode` or its value, ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``; only
-            the latter keeps the specification JSON.
-        render_mode: as in `QuadPendulumEnv`; ``"rgb_array"`` gives a tuple with an array for each row, ``"mosaic"``
-            one array with the first 64 rows side by side, and ``"human"`` shows those.
+        num_envs: Number of sub-environments.
+        task: As in `QuadPendulumEnv`.
+        simulation: As in `QuadPendulumEnv`.
+        wind: As in `QuadPendulumEnv`.
+        max_episode_steps: Control steps after which an episode is truncated, or None for no truncation.
+        autoreset_mode: An `AutoresetMode` or its value: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``. With the
+            value, a string, the specification can be converted to JSON.
+        render_mode: As in `QuadPendulumEnv`. With ``"rgb_array"`` the method `render` returns a tuple of one array for
+            each sub-environment, with ``"mosaic"`` one array that shows the first 64 as tiles; ``"human"`` shows these
+            tiles in a window.
 
     Raises:
-        TypeError: an argument is of the wrong type.
-        ValueError: an argument names or holds something unknown or out of range.
+        TypeError: If an argument has the wrong type.
+        ValueError: If an argument has an unknown name or field, or a value out of range.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": 100}  # noqa: RUF012
+    metadata: dict[str, Any] = _METADATA
 
     def __init__(
         self,
@@ -54,7 +57,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
-        """Build the environment; see the class for the arguments."""
+        """Build the environment; the class documents the arguments."""
         if not isinstance(num_envs, int) or num_envs < 1:
             raise ValueError(f"num_envs must be a whole number of at least 1, not {num_envs!r}")
         if max_episode_steps is not None and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
@@ -78,59 +81,71 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
     @property
     def state(self) -> State:
-        """Named views of the rows' states, each of shape (num_envs, 3), see `quadpend_gym.physics.state`."""
+        """Named views of the true states, each of shape (num_envs, 3), see `quadpend_gym.physics.state`."""
         return State(self.world.state)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats32, dict[str, Any]]:
-        """Begin an episode in every row: the first of its seed, or the next one.
+        """Start an episode in every sub-environment: the first episode of its seed, or without a seed the next one.
 
         Args:
-            seed: an integer s for s, s + 1, …; a sequence with an integer, or None to go on, for each row; or None.
-            options: ``state`` and ``reference`` as in `QuadPendulumEnv.reset`, for all rows or one for each;
-                ``reset_mask``, shape (num_envs,), bool: reset these rows only.
+            seed: An integer s for the seeds s, s + 1, …; a sequence with one integer or None for each sub-environment;
+                or None.
+            options: ``state`` and ``reference`` as in `QuadPendulumEnv.reset`, one value for all sub-environments that
+                are reset or one for each; ``reset_mask``, shape (num_envs,), bool: which sub-environments are reset,
+                by default all.
+
+        Returns:
+            The observations of all sub-environments, shape (num_envs, 36), and the info.
 
         Raises:
-            TypeError: an option is of the wrong type.
-            ValueError: a seed is not a non-negative integer, or an option is unknown or has a wrong shape or value.
+            TypeError: If an option has the wrong type.
+            ValueError: If a seed is not a non-negative integer, or if an option is unknown or has a wrong shape or
+                value.
         """
         options = check_options(options, ("state", "reference", "reset_mask"))
         mask = self._check_mask(options.get("reset_mask"))
         rows = np.flatnonzero(mask)
-        fixed = check_reset_options(options.get("state"), options.get("reference"), rows.size)
+        checked = check_reset_options(options.get("state"), options.get("reference"), rows.size)
         self._seed(seed, mask)
-        self.world.begin(rows, fixed)
+        self.world.start_episodes(rows, checked)
         self._ended &= ~mask
-        observation, outcome = self.world.look(np.arange(self.num_envs))
+        observation, outcome = self.world.observe(np.arange(self.num_envs))
         if self.recorder is not None:
-            self.recorder.begin(rows, outcome)
+            self.recorder.start_episodes(rows, outcome)
             self.recorder.show()
         return observation, self._info(outcome, mask)
 
     def step(self, actions: Any) -> tuple[Floats32, Floats, Booleans, Booleans, dict[str, Any]]:
-        """Hold each row's action for one control period.
+        """Apply one action in each sub-environment for one control period.
 
         Args:
-            actions: shape (num_envs, 4), components in [−1, 1].
+            actions: Shape (num_envs, 4), components in [−1, 1].
+
+        Returns:
+            Observation, reward, terminated, truncated and info. With same-step autoreset, a step that ends episodes
+            returns the first observation of the next ones, and the info has the last ones in ``final_obs`` and
+            ``final_info``.
 
         Raises:
-            ResetNeeded: a row has no running episode.
-            TypeError: the actions are not made of numbers.
-            ValueError: they have the wrong shape, or a row's is out of range or not finite.
+            ResetNeeded: If a sub-environment has no running episode.
+            TypeError: If the actions do not consist of numbers.
+            ValueError: If the actions have the wrong shape, or one of them is out of range or not finite.
         """
-        actions = check_action(actions, (self.num_envs, 4))
+        actions = check_action(actions, (self.num_envs, ACTION_SIZE))
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(
-                f"the episode of row {self._ended.argmax()} is over: reset it with options={{'reset_mask': …}}"
+                f"the episode of sub-environment {self._ended.argmax()} is over: reset it with"
+                " options={'reset_mask': …}"
             )
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
-            actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)  # they only begin an episode
+            actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)  # these only start an episode
         observation, outcome = self.world.step(actions)
         reward = outcome[REWARD].copy()
         terminated = outcome[TERMINATED] != 0.0
         if self.recorder is not None:
-            self.recorder.step(actions, outcome)
+            self.recorder.record_step(actions, outcome)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
             reward[self._ended], terminated[self._ended] = 0.0, False
             self._restart(np.flatnonzero(self._ended), observation, outcome)
@@ -140,10 +155,10 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             rows = np.flatnonzero(ended)
-            final_obs = np.empty(self.num_envs, object)  # of None
+            final_obs = np.empty(self.num_envs, object)  # filled with None
             for row, last in zip(rows, observation[rows], strict=True):
                 final_obs[row] = last
-            final_info = self._info(_only(outcome, rows), ended)
+            final_info = self._info(_copy_columns(outcome, rows), ended)
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
             self._restart(rows, observation, outcome)
         if self.recorder is not None:
@@ -152,11 +167,15 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return observation, reward, terminated, truncated, {**info, **final}
 
     def render(self) -> Any:
-        """The picture, see ``render_mode`` of the class; None where it is None or ``"human"``, which shows by itself.
+        """Return the picture or pictures that the render mode asks for.
+
+        Returns:
+            A tuple of arrays of shape (480, 640, 3), uint8, with ``"rgb_array"``; one such array with ``"mosaic"``;
+            otherwise None.
 
         Raises:
-            DependencyNotInstalled: there is no pygame-ce.
-            ResetNeeded: a row was never reset.
+            DependencyNotInstalled: If pygame-ce is not installed.
+            ResetNeeded: If a sub-environment has not been reset yet.
         """
         if self.recorder is None:
             warn_without_render_mode(self)
@@ -169,6 +188,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             self.recorder.close()
 
     def _truncated(self) -> Booleans:
+        """Return whether each running episode is truncated, shape (num_envs,)."""
         if self.recorder is not None and self.recorder.pop_end_request():
             return np.ones(self.num_envs, np.bool_)
         if self.max_episode_steps is None:
@@ -176,13 +196,14 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return np.asarray(self.world.clock >= self.max_episode_steps)
 
     def _restart(self, rows: Integers, observation: Floats32, outcome: Floats) -> None:
-        """Begin the next episode of some rows, and write what they look like."""
-        self.world.begin(rows)
-        observation[rows], outcome[:, rows] = self.world.look(rows)
+        """Start the next episode of some sub-environments and overwrite their observations and outcomes."""
+        self.world.start_episodes(rows)
+        observation[rows], outcome[:, rows] = self.world.observe(rows)
         if self.recorder is not None:
-            self.recorder.begin(rows, outcome)
+            self.recorder.start_episodes(rows, outcome)
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
+        """Seed the sub-environments of `mask` that get a seed, and with random seeds those that never had one."""
         seeds = self._check_seeds(seed)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
@@ -203,7 +224,9 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
         for row, item in enumerate(seed):
             if item is not None and not (isinstance(item, int | np.integer) and item >= 0):
-                raise ValueError(f"seed of row {row} must be None or an integer of at least 0, not {item!r}")
+                raise ValueError(
+                    f"seed of sub-environment {row} must be None or an integer of at least 0, not {item!r}"
+                )
         return list(seed)
 
     def _check_mask(self, mask: Any) -> Booleans:
@@ -216,18 +239,18 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return mask.copy()
 
     def _info(self, outcome: Floats, mask: Booleans) -> dict[str, Any]:
-        """`World.info` with Gymnasium's ``_key`` masks of the rows it is about."""
-        info = self.world.info(outcome, outcome)
+        """Return the info with Gymnasium's masks: ``_key`` is true where ``key`` holds a value."""
+        info = self.world.step_info.read(outcome, outcome)
         terms = info["reward_terms"]
         info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
         arrays = {name: value if name == "reward_terms" else value.T for name, value in info.items()}
         return {**arrays, **{f"_{name}": mask for name in arrays}}
 
 
-def _only(array: Floats, rows: Integers) -> Floats:
-    """A copy of some columns of an array, zero elsewhere."""
+def _copy_columns(array: Floats, columns: Integers) -> Floats:
+    """Return an array that equals `array` in some columns and is zero elsewhere."""
     out = np.zeros(array.shape)
-    out[:, rows] = array[:, rows]
+    out[:, columns] = array[:, columns]
     return out
 
 

@@ -1,6 +1,13 @@
-"""The simulation of a batch of sub-environments: arrays, random streams, `begin` and `step`.
+"""The simulation of n sub-environments: arrays, models, random streams, and the sequence of a control step.
 
-Both environments are thin adapters over it. Nothing here knows of spaces, autoreset or time limits.
+`QuadPendulumEnv` and `QuadPendulumVectorEnv` are thin adapters over a `World`, which knows nothing about spaces,
+autoreset or time limits. The equations are elsewhere: `step_kernel` computes a step, and the models of wind, sensors
+and actuators change its inputs and outputs in this order:
+
+1. The actuators change the action.
+2. The kernel advances every sub-environment under that action and the wind drawn for this control period.
+3. The sensors change the state from which the observation is computed.
+4. The wind models draw the wind over the next control period.
 """
 
 from collections.abc import Sequence
@@ -14,18 +21,19 @@ from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.envs import step_kernel
-from quadpend_gym.envs.outcome import (
-    AIR_VELOCITY,
-    COMMAND,
-    DISTURBANCE,
-    OUTCOME_SIZE,
-    PARAMETERS,
-    SEEN_STATE,
+from quadpend_gym.envs.kernel_layout import (
+    MEMORY_PARAMETERS,
+    MEMORY_REFERENCE,
+    MEMORY_SIZE,
+    MEMORY_STATE,
     SENSED_SIZE,
-    TILT,
-    TRACKING_ERROR,
+    SENSED_STATE,
+    make_settings,
+    pack_settings,
 )
+from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
+from quadpend_gym.envs.step_errors import NO_ERROR, raise_step_error
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
@@ -35,238 +43,197 @@ from quadpend_gym.tasks.references import draw_references
 from quadpend_gym.tasks.starts import draw_starts
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
 
-# Parts of the outcome of a step
-_TRACKING_ERROR = slice(TRACKING_ERROR, TILT)
-_DISTURBANCE = slice(DISTURBANCE, AIR_VELOCITY)
-_AIR_VELOCITY = slice(AIR_VELOCITY, PARAMETERS)
-_PARAMETERS = slice(PARAMETERS, COMMAND)
-_COMMAND = slice(COMMAND, OUTCOME_SIZE)
-_TILT = TILT
-
-
-def kernel_settings(task: Task, simulation: Simulation, air: bool, substeps: int) -> Floats:
-    """What `kernel.step` reads as its settings; of the limits, the angles as cosines."""
-    limits, weights = flatten(task.limits), flatten(task.reward)
-    limits[:2] = np.cos(limits[:2])
-    weights[:-1] /= weights[:-1].sum()  # the last is no weight, but the tip's share
-    parts = [simulation.period], simulation.command_scale, limits, weights, [air, substeps]
-    return np.concatenate(parts)
-
 
 class World:
-    """A batch of n sub-environments.
+    """The simulation of n sub-environments.
 
-    Episode k of a row depends on the row's seed and on k alone: not on the other rows, the actions of earlier
-    episodes, or (start and reference) the wind, the sensors and the actuators.
+    Episode k of a sub-environment depends on its seed and on k only: not on the other sub-environments, not on the
+    actions of earlier episodes, and, as far as start and reference are concerned, not on wind, sensors and actuators.
+
+    Args:
+        num_envs: Number n of sub-environments.
+        task: The task, the same for all.
+        simulation: Nominal parameters, command limits, control period and substeps.
+        wind: Anything that `as_wind` accepts.
 
     Attributes:
-        clock: control steps since each episode began, shape (n,).
-        episode: number of each row's episode since it was seeded, shape (n,); −1 before the first.
+        task: The task.
+        simulation: The simulation settings.
+        num_envs: Number n of sub-environments.
+        clock: Control steps since each episode began, shape (n,).
+        episode: Number of the current episode of each sub-environment since it was seeded, shape (n,); −1 before the
+            first.
+        step_info: Reads `info` from an outcome.
     """
 
-    def __init__(self, rows: int, task: Task, simulation: Simulation, wind: Any = None) -> None:
-        """Allocate the arrays; every row needs a seed and `begin` before `step`."""
+    def __init__(self, num_envs: int, task: Task, simulation: Simulation, wind: Any = None) -> None:
+        """Allocate the arrays; every sub-environment needs `seed` and `start_episodes` before `step`."""
         self.task = task
         self.simulation = simulation
-        self._memory = np.zeros((rows, step_kernel.MEMORY_EDGES[3]))
+        self.num_envs = num_envs
+        self._memory = np.zeros((num_envs, MEMORY_SIZE))
         self.parameters[:] = simulation.parameters.as_array()
-        self._observation_like = (rows, OBSERVATION_SIZE), np.dtype(np.float32)
+        self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
         self._sensed = np.zeros((SENSED_SIZE, 0))
-        self.clock = np.zeros(rows, np.int64)
-        self.episode = np.full(rows, -1, np.int64)
-        self._seeds = np.zeros(rows, np.uint64)
-        self._looking = kernel_settings(task, simulation, False, 0)
+        self.clock = np.zeros(num_envs, np.int64)
+        self.episode = np.full(num_envs, -1, np.int64)
+        self._seeds = np.zeros(num_envs, np.uint64)
+        self._observe_settings = pack_settings(make_settings(task, simulation, False, 0))
         self._reference_ranges = flatten(task.references)
         self._start_ranges = flatten(task.start)
-        self._ranges: ParameterRanges | None = None
-        self._wind, self._sensors, self._actuators = (ModelBatch((), rows) for _ in range(3))
+        self._parameter_ranges: ParameterRanges | None = None
+        self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(as_wind(wind))
 
     @property
     def state(self) -> Floats:
-        """The states, shape (n, 18), see `quadpend_gym.physics.state`; a view."""
-        return self._memory[:, step_kernel.MEMORY_EDGES[0] : step_kernel.MEMORY_EDGES[1]]
+        """View of the true states, shape (n, 18), see `quadpend_gym.physics.state`."""
+        return self._memory[:, MEMORY_STATE]
 
     @property
     def parameters(self) -> Floats:
-        """The true parameters of each row's episode, shape (n, 9), see `Parameters.as_array`; a view."""
-        return self._memory[:, step_kernel.MEMORY_EDGES[1] : step_kernel.MEMORY_EDGES[2]]
+        """View of the true physical parameters of the episodes, shape (n, 9), see `Parameters.as_array`."""
+        return self._memory[:, MEMORY_PARAMETERS]
 
     @property
     def reference(self) -> Floats:
-        """The references, shape (n, 20), see `Reference.as_array`; a view."""
-        return self._memory[:, step_kernel.MEMORY_EDGES[2] : step_kernel.MEMORY_EDGES[3]]
+        """View of the references, shape (n, 20), see `Reference.as_array`."""
+        return self._memory[:, MEMORY_REFERENCE]
 
     @property
     def wind(self) -> Floats:
-        """What will blow over the coming control period, shape (n, 12), see `quadpend_gym.wind`; a view."""
-        return self._blown.T
+        """View of the wind over the coming control period, shape (n, 12), see `quadpend_gym.wind`."""
+        return self._wind_columns.T
 
     @property
-    def rows(self) -> int:
-        """Number of sub-environments."""
-        return self.clock.size
-
-    def info(self, outcome: Floats, numbers: Any) -> dict[str, Any]:
-        """The `info` of one row or of many: all of it true, whatever the sensors say.
-
-        Keys: ``tracking_error`` (m, flat outputs, world), ``tilt`` (rad, the pendulum's α), ``disturbance`` (force on
-        the quadrotor, on the bob (N, world) and torque (N·m) during the step), ``reward_terms``; where a wind moves the
-        air ``air_velocity`` (m/s, world); behind actuators ``command``, thrust (N) and torques (N·m); where they are
-        drawn ``parameters``, in the order of `PARAMETER_NAMES`.
-
-        Args:
-            outcome: of a step, as `kernel` lays it out, shape (k,) or (k, n); so are the parts of it in the info.
-            numbers: its first rows again, from which the scalars are taken.
-        """
-        info = {
-            "tracking_error": outcome[_TRACKING_ERROR],
-            "tilt": numbers[_TILT],
-            "disturbance": outcome[_DISTURBANCE],
-            "reward_terms": {
-                "tracking": numbers[0],
-                "upright": numbers[1],
-                "yaw": numbers[2],
-                "effort": numbers[3],
-            },
-        }
-        if self._tells_more:
-            if self._moves_air:
-                info["air_velocity"] = outcome[_AIR_VELOCITY]
-            if self._actuators.models:
-                info["command"] = outcome[_COMMAND]
-            if self._ranges is not None:
-                info["parameters"] = outcome[_PARAMETERS]
-        return info
-
-    def _wait(self) -> None:
-        """Every row must begin a new episode; what is told of a step may have changed."""
-        end = AIR_VELOCITY
-        for there, told in (
-            (self._moves_air, PARAMETERS),
-            (self._ranges is not None, COMMAND),
-            (self._actuators.models, OUTCOME_SIZE),
-        ):
-            end = told if there else end
-        self._tells_more = end > AIR_VELOCITY
-        # A little wider than it need be: caches dislike rows that lie a power of two apart.
-        self._padded = self.rows >= 512
-        width = self.rows + 8 if self._padded else self.rows
-        self._outcome_shape = end, width
-        self._waiting = np.ones(self.rows, np.bool_)
-        self._ready = False
+    def measured(self) -> Floats:
+        """View of the states that the sensors reported last, shape (n, 18); without sensors the true states."""
+        return self._sensed[SENSED_STATE].T if self._sensors.models else self.state
 
     def add_wind(self, models: tuple[Any, ...]) -> None:
-        """Let these blow besides what blows already; every row must then begin a new episode."""
-        self._wind = ModelBatch((*self._wind.models, *models), self.rows)
-        moving: tuple[Any, ...] = self._wind.models
-        self._moves_air = any(model.moves_air for model in moving)
-        self._settings = kernel_settings(self.task, self.simulation, self._moves_air, self.simulation.substeps)
-        self._blown = np.zeros((WIND_SIZE, self.rows))
-        self._wait()
+        """Add wind models to those present. Every sub-environment must then start a new episode."""
+        self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
+        all_models: tuple[Any, ...] = self._wind_models.models
+        self._moves_air = any(model.moves_air for model in all_models)
+        settings = make_settings(self.task, self.simulation, self._moves_air, self.simulation.substeps)
+        self._settings = pack_settings(settings)
+        self._wind_columns = np.zeros((WIND_SIZE, self.num_envs))
+        self._require_reset()
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
-        """Put these sensors behind those there are; every row must then begin a new episode."""
-        self._sensors = ModelBatch((*self._sensors.models, *models), self.rows)
+        """Add sensors after those present. Every sub-environment must then start a new episode."""
+        self._sensors = ModelBatch((*self._sensors.models, *models), self.num_envs)
         if models:
-            self._sensed = np.zeros((SENSED_SIZE, self.rows))
+            self._sensed = np.zeros((SENSED_SIZE, self.num_envs))
             self.measured[:] = self.state
-        self._wait()
+        self._require_reset()
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
-        """Put these actuators before those there are; every row must then begin a new episode.
+        """Add actuators before those present. Every sub-environment must then start a new episode.
 
         Raises:
-            ValueError: they do not make sense there.
+            ValueError: If the actuators do not fit together in this order.
         """
         models = (*models, *self._actuators.models)
         check_chain(models, self.simulation)
-        # Numbered from the last, so that one put before it leaves a model's random numbers alone.
-        self._actuators = ModelBatch(models, self.rows, range(len(models))[::-1])
-        self._wait()
+        # Numbered from the last, so that an actuator added in front leaves the random numbers of the others unchanged.
+        self._actuators = ModelBatch(models, self.num_envs, range(len(models))[::-1])
+        self._require_reset()
 
     def draw_parameters(self, ranges: ParameterRanges | Around) -> None:
-        """Draw the parameters of every episode; every row must then begin a new one.
+        """Draw the parameters of every episode from `ranges`. Every sub-environment must then start a new episode.
 
         Raises:
-            ValueError: they are drawn already.
+            ValueError: If the parameters are drawn already.
         """
-        if self._ranges is not None:
-            raise ValueError("the parameters are drawn already: give all ranges at once")
-        self._ranges = ranges.ranges(self.simulation.parameters) if isinstance(ranges, Around) else ranges
-        self._wait()
+        if self._parameter_ranges is not None:
+            raise ValueError("the parameters are drawn already: give all ranges to one ParameterWrapper")
+        nominal = self.simulation.parameters
+        self._parameter_ranges = ranges.ranges(nominal) if isinstance(ranges, Around) else ranges
+        self._require_reset()
+
+    def _require_reset(self) -> None:
+        """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""
+        self._needs_reset = np.ones(self.num_envs, np.bool_)
+        self._can_step = False
+        self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
+        # Caches are slow if the rows of a large array lie a power of two apart, so large batches get spare columns.
+        self._padded = self.num_envs >= 512
+        self._outcome_shape = self.step_info.outcome_size, self.num_envs + (8 if self._padded else 0)
 
     def seed(self, rows: Integers, seeds: Sequence[int]) -> None:
-        """Give `rows` new seeds, non-negative integers; their next episode is number 0."""
+        """Seed the sub-environments `rows`, shape (m,), with non-negative integers; their next episode is number 0."""
         self._seeds[rows] = Streams.from_seeds(list(seeds)).keys
         self.episode[rows] = -1
 
-    def begin(self, rows: Integers, fixed: ResetOptions = NO_OPTIONS) -> None:
-        """Begin the next episode of the given rows, shape (m,), drawing all that is not `fixed`.
+    def start_episodes(self, rows: Integers, options: ResetOptions = NO_OPTIONS) -> None:
+        """Start the next episode of some sub-environments and draw everything that `options` do not fix.
 
-        A fixed direction is normalised, and the direction rate loses its component along it.
+        Args:
+            rows: Indices of the sub-environments, shape (m,).
+            options: Fixed state and reference. A fixed direction is normalised, and the direction rate loses its
+                component along the direction.
+
+        Raises:
+            ValueError: If a wind model with ``moves_air`` False gives an air velocity.
         """
         self.episode[rows] += 1
         self.clock[rows] = 0
         streams = Streams(self._seeds[rows]).derive(self.episode[rows])
-        if self._ranges is not None:
-            self.parameters[rows] = self._ranges.draw(self.simulation.parameters, streams.derive(PARAMETER_STREAM))
-        self._place(rows, fixed)
-        self._begin_wind(rows, streams.derive(WIND_STREAM))
+        if self._parameter_ranges is not None:
+            nominal = self.simulation.parameters
+            self.parameters[rows] = self._parameter_ranges.draw(nominal, streams.derive(PARAMETER_STREAM))
+        self._set_start(rows, options)
+        if self._wind_models.models:
+            self._start_wind(rows, streams.derive(WIND_STREAM))
         if self._actuators.models:
             self._actuators.start_episodes(rows, streams.derive(ACTUATOR_STREAM), lambda *_: None)
         if self._sensors.models:
-            self._begin_sensors(rows, streams.derive(SENSOR_STREAM))
-        if not self._ready:
-            self._waiting[rows] = False
-            self._ready = not self._waiting.any()
+            self._start_sensors(rows, streams.derive(SENSOR_STREAM))
+        if not self._can_step:
+            self._needs_reset[rows] = False
+            self._can_step = not self._needs_reset.any()
 
-    def follow(self, other: "World", rows: Integers) -> None:
-        """Begin in `rows`, shape (m,), the episodes that the same rows of another world have begun."""
+    def copy_episodes(self, other: "World", rows: Integers) -> None:
+        """Start, in the sub-environments `rows`, shape (m,), the current episodes of the same ones in another world."""
         self._seeds[rows] = other._seeds[rows]
         self.episode[rows] = other.episode[rows] - 1
-        self.begin(rows)
+        self.start_episodes(rows)
 
-    def _place(self, rows: Integers, fixed: ResetOptions) -> None:
-        """Reference and state of new episodes."""
-        fields = fixed.state
-        if fixed.reference is None:
+    def _set_start(self, rows: Integers, options: ResetOptions) -> None:
+        """Set reference and state of new episodes."""
+        if options.reference is None:
             draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
         else:
-            self.reference[rows] = fixed.reference
+            self.reference[rows] = options.reference
         draw_starts(rows, self._seeds, self.episode, self._start_ranges, self.parameters, self.reference, self.state)
-        for name, value in fields.items():
+        for name, value in options.state.items():
             self.state[rows, STATE_FIELDS[name]] = value
-        if "direction" in fields or "direction_rate" in fields:
+        if "direction" in options.state or "direction_rate" in options.state:
             view = State(self.state[rows])
             view.direction[:] /= np.linalg.norm(view.direction, axis=-1, keepdims=True)
             along = np.sum(view.direction * view.direction_rate, axis=-1, keepdims=True)
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
 
-    def _begin_wind(self, rows: Integers, streams: Streams) -> None:
-        if not self._wind.models:
-            return
-        period, step, blown = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
-        self._wind.start_episodes(
-            rows, streams, lambda model, memory, random: model.sample(blown, memory, step, period, random)
+    def _start_wind(self, rows: Integers, streams: Streams) -> None:
+        """Draw the wind over the first control period of new episodes."""
+        period, step, wind = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
+        self._wind_models.start_episodes(
+            rows, streams, lambda model, memory, random: model.sample(wind, memory, step, period, random)
         )
-        if not self._moves_air and blown[:, WIND_FIELDS["velocity"]].any():
-            raise ValueError("a wind with velocities must say so: its moves_air is False")
-        self.wind[rows] = blown
+        if not self._moves_air and wind[:, WIND_FIELDS["velocity"]].any():
+            raise ValueError("a wind model whose moves_air is False must not give an air velocity")
+        self.wind[rows] = wind
 
-    def _blow(self) -> None:
-        """What blows over the coming control period."""
-        period, blown = self.simulation.period, self.wind
-        blown[:] = 0.0
-        self._wind.apply(lambda model, memory, random: model.sample(blown, memory, self.clock, period, random))
+    def _sample_wind(self) -> None:
+        """Draw the wind over the coming control period."""
+        period, wind = self.simulation.period, self.wind
+        wind[:] = 0.0
+        self._wind_models.apply(lambda model, memory, random: model.sample(wind, memory, self.clock, period, random))
 
-    @property
-    def measured(self) -> Floats:
-        """The states as the sensors last saw them, shape (n, 18); the true ones without sensors."""
-        return self._sensed[SEEN_STATE:].T if self._sensors.models else self.state
-
-    def _begin_sensors(self, rows: Integers, streams: Streams) -> None:
+    def _start_sensors(self, rows: Integers, streams: Streams) -> None:
+        """Measure the first states of new episodes."""
         period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
         self._sensors.start_episodes(
             rows, streams, lambda model, memory, random: model.sense(measured, memory, step, period, random)
@@ -274,73 +241,73 @@ class World:
         self.measured[rows] = measured
 
     def _sense(self) -> None:
-        """Let the sensors change what `kernel.step` has let them see."""
+        """Let the sensors change the states that the kernel wrote into `measured`."""
         period, measured = self.simulation.period, self.measured
         self._sensors.apply(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
 
-    def _act(self, action: Floats32) -> Floats32:
-        """What the actuators make of an action."""
+    def _actuate(self, action: Floats32) -> Floats32:
+        """Return the action after the actuators, shape (n, 4)."""
         out = np.asfortranarray(action, np.float64)
         self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, self.simulation, random))
         return out.astype(np.float32, order="C")
 
-    def look(self, rows: Integers) -> tuple[Floats32, Floats]:
-        """Observation and outcome of the given rows where they stand, as if hovering in calm air; see `step`."""
+    def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
+        """Return observation and outcome of some sub-environments without advancing them.
+
+        The outcome is that of a zero action in calm air, since no action or wind has led to the first state of an
+        episode.
+
+        Args:
+            rows: Indices of the sub-environments, shape (m,).
+
+        Returns:
+            As `step`, with shapes (m, 36) and (k, m).
+        """
         observation = np.empty((rows.size, OBSERVATION_SIZE), np.float32)
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
-        memory, clock, still = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
-        seen = memory, clock, still, action, self._looking, observation, outcome
+        memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
+        arguments = memory, clock, calm, action, self._observe_settings, observation, outcome
         if not self._sensors.models:
-            step_kernel.step(*seen)
+            step_kernel.step(*arguments)
         else:
             sensed = np.empty((SENSED_SIZE, rows.size))
-            step_kernel.step_sensed(*seen, sensed)
-            sensed[SEEN_STATE:] = self._sensed[SEEN_STATE:, rows]
+            step_kernel.step_sensed(*arguments, sensed)
+            sensed[SENSED_STATE] = self._sensed[SENSED_STATE, rows]
             step_kernel.observe_sensed(sensed, observation)
         return observation, outcome
 
     def step(self, action: Floats32) -> tuple[Floats32, Floats]:
-        """Advance every row by one control period.
+        """Advance every sub-environment by one control period.
 
         Args:
-            action: shape (n, 4), float32, components in [−1, 1].
+            action: Shape (n, 4), float32, components in [−1, 1].
 
         Returns:
-            The observation, shape (n, 36), and the outcome, shape (k, n), with the rows that `kernel` names.
+            The observation, shape (n, 36), and the outcome, shape (k, n), whose rows `quadpend_gym.envs.outcome` names.
 
         Raises:
-            ResetNeeded: a row has not begun an episode.
-            ValueError: an action is out of range or not finite, or the wind is. Nothing has moved then.
+            ResetNeeded: If a sub-environment has no episode.
+            ValueError: If an action is out of range or not finite, or the wind is not finite. Nothing has changed then.
         """
-        if not self._ready:
-            raise ResetNeeded(f"row {self._waiting.argmax()} has no episode: call reset before step")
+        if not self._can_step:
+            where = "" if self.num_envs == 1 else f"sub-environment {self._needs_reset.argmax()} has no episode: "
+            raise ResetNeeded(f"{where}call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
-        name = "action"
+        action_name = "action"
         if self._actuators.models:
-            self._refuse(step_kernel.first_bad(action, self._blown), action, name)
-            action, name = self._act(action), "what the actuators make of the action"
-        memory, clock, wind, settings = self._memory, self.clock, self._blown, self._settings
+            raise_step_error(step_kernel.check_inputs(action, self._wind_columns), action, self.wind, action_name)
+            action, action_name = self._actuate(action), "action after the actuators"
+        memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
         if self._sensors.models:
-            bad = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
+            error = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
         else:
-            bad = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)
-        if bad != -1:
-            self._refuse(bad, action, name)
+            error = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)
+        if error != NO_ERROR:
+            raise_step_error(error, action, self.wind, action_name)
         if self._sensors.models:
             self._sense()
             step_kernel.observe_sensed(self._sensed, observation)
-        if self._wind.models:
-            self._blow()
-        return observation, outcome[:, : self.rows] if self._padded else outcome
-
-    def _refuse(self, bad: int, action: Floats32, name: str) -> None:
-        """Raise what `kernel.first_bad` has found; `name` is what the action is called."""
-        if bad >= 0:
-            raise ValueError(
-                f"{name} of row {bad} must be four numbers in [-1, 1], not {action[bad].tolist()};"
-                " gymnasium.wrappers.ClipAction clips"
-            )
-        if bad < -1:
-            row = -2 - bad
-            raise ValueError(f"wind must blow finite numbers, not {self.wind[row].tolist()} in row {row}")
+        if self._wind_models.models:
+            self._sample_wind()
+        return observation, outcome[:, : self.num_envs] if self._padded else outcome

@@ -41,12 +41,12 @@ NAN, INF = np.nan, np.inf
 
 
 BAD_ACTIONS: Table = {
-    "nan": ((NAN, 0, 0, 0), ValueError, "action of row 0 .*nan"),
-    "infinite": ((0, 0, INF, 0), ValueError, "action of row 0 .*inf"),
-    "minus infinite": ((0, 0, 0, -INF), ValueError, "action of row 0 .* -inf"),
+    "nan": ((NAN, 0, 0, 0), ValueError, "action must be .*nan"),
+    "infinite": ((0, 0, INF, 0), ValueError, "action must be .*inf"),
+    "minus infinite": ((0, 0, 0, -INF), ValueError, "action must be .* -inf"),
     "too large": ((0, 1.001, 0, 0), ValueError, r"action .* \[-1, 1\], not .*1.00"),
     "too small": ((-1.001, 0, 0, 0), ValueError, r"action .* \[-1, 1\], not .*-1.00"),
-    "overflowing": ((1e300, 0, 0, 0), ValueError, "action of row 0"),
+    "overflowing": ((1e300, 0, 0, 0), ValueError, "action must be four numbers"),
     "short": ((0, 0, 0), ValueError, r"action must have shape \(4,\), not \(3,\)"),
     "scalar": (0.0, ValueError, r"action must have shape \(4,\), not \(\)"),
     "nested": (((0, 0, 0, 0),), ValueError, r"action must have shape \(4,\), not \(1, 4\)"),
@@ -66,7 +66,7 @@ def cases(table: Table) -> pytest.MarkDecorator:
 
 
 def assert_refused_unchanged(env: Any, call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
-    """`call` is assert_refused, and `env` goes on like a copy from before: this episode, the next, and unseeded ones."""
+    """Assert that `call` is refused and that `env` then behaves as a copy made before the call."""
     before = copy.deepcopy(env)
     assert_refused(call, names, kind)
     assert_array_equal(env.world.state, before.world.state)

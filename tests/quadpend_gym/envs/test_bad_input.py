@@ -42,10 +42,10 @@ from tests.helpers.bad_input import (
 from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make, make_unwrapped, make_vec, run_actions
 
 BAD_ROW_ACTIONS: Table = {
-    "nan in the first row": (in_row(0, NAN, 0, 0, 0), ValueError, "action of row 0 .*nan"),
-    "nan in the last row": (in_row(2, 0, 0, 0, NAN), ValueError, "action of row 2 .* nan"),
-    "infinite": (in_row(1, 0, -INF, 0, 0), ValueError, "action of row 1 .* -inf"),
-    "too large": (in_row(1, 0, 0, 1.5, 0), ValueError, r"action of row 1 .* \[-1, 1\], not .* 1.5"),
+    "nan in the first row": (in_row(0, NAN, 0, 0, 0), ValueError, "action of sub-environment 0 .*nan"),
+    "nan in the last row": (in_row(2, 0, 0, 0, NAN), ValueError, "action of sub-environment 2 .* nan"),
+    "infinite": (in_row(1, 0, -INF, 0, 0), ValueError, "action of sub-environment 1 .* -inf"),
+    "too large": (in_row(1, 0, 0, 1.5, 0), ValueError, r"action of sub-environment 1 .* \[-1, 1\], not .* 1.5"),
     "one for all": (np.zeros(4), ValueError, r"action must have shape \(3, 4\), not \(4,\)"),
     "too many rows": (np.zeros((4, 4)), ValueError, r"action must have shape \(3, 4\), not \(4, 4\)"),
     "text": ("hover", TypeError, "action must contain only numbers"),
@@ -257,7 +257,7 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
     assert_refused(lambda: make_unwrapped().step(np.zeros(4)), "call reset before step", ResetNeeded)
     env = make_vec(ROWS)
     env.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
-    assert_refused(lambda: env.step(ZEROS), "row 1 .* call reset before step", ResetNeeded)
+    assert_refused(lambda: env.step(ZEROS), "sub-environment 1 .* call reset before step", ResetNeeded)
 
 
 def test_wind_that_is_added_in_mid_episode_asks_for_a_reset(single: Any, rows: Any) -> None:
@@ -284,7 +284,9 @@ def test_a_row_that_has_ended_cannot_be_stepped_when_autoreset_is_disabled() -> 
     env.reset(options={"reset_mask": np.array([True, False, False])})
     twin = copy.deepcopy(env)
     assert_refused(
-        lambda: env.step(ZEROS), re.escape("row 1 is over: reset it with options={'reset_mask'"), ResetNeeded
+        lambda: env.step(ZEROS),
+        re.escape("sub-environment 1 is over: reset it with options={'reset_mask'"),
+        ResetNeeded,
     )
     for other in (env, twin):
         other.reset(options={"reset_mask": np.array([False, True, True])})

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import Reference
-from quadpend_gym.envs.recorder import PAST
+from quadpend_gym.envs.recorder import HISTORY_STEPS
 from quadpend_gym.viewer import scene
 from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.envs import (
@@ -39,7 +39,7 @@ def shown(**kwargs: Any) -> Any:
 
 def snapshots(env: Any) -> list[Any]:
     """What is to be seen of every row."""
-    return [env.unwrapped.recorder.snapshot(row) for row in range(env.unwrapped.world.rows)]
+    return [env.unwrapped.recorder.snapshot(row) for row in range(env.unwrapped.world.num_envs)]
 
 
 def test_a_snapshot_tells_what_the_info_tells() -> None:
@@ -58,13 +58,13 @@ def test_a_snapshot_tells_what_the_info_tells() -> None:
 
 def test_the_trail_is_the_bob_s_way_in_the_last_two_seconds_of_the_episode() -> None:
     env = make_unwrapped(task=ENDLESS, render_mode="rgb_array")
-    for seed, steps in ((0, 30), (1, PAST + 50)):
+    for seed, steps in ((0, 30), (1, HISTORY_STEPS + 50)):
         env.reset(seed=seed)
         way = [snapshots(env)[0].bob]
         for action in 0.1 * draw_actions(seed, steps):
             env.step(action)
             way.append(snapshots(env)[0].bob)
-        assert_array_equal(snapshots(env)[0].trail, way[-PAST:])
+        assert_array_equal(snapshots(env)[0].trail, way[-HISTORY_STEPS:])
 
 
 def test_behind_actuators_and_with_drawn_parameters_what_is_true_is_shown() -> None:

@@ -335,6 +335,6 @@ def test_wind_that_is_not_a_number_is_refused_and_not_taken_for_a_crash() -> Non
     env.reset(seed=0)
     env.step(np.zeros((3, 4)))
     before = env.world.state.copy()
-    with pytest.raises(ValueError, match=r"wind must blow finite numbers, not \[nan, 0.0, .*\] in row 0"):
+    with pytest.raises(ValueError, match=r"wind must be finite numbers, not \[nan, 0.0, .*\] in sub-environment 0"):
         env.step(np.zeros((3, 4)))
     assert_array_equal(env.world.state, before)

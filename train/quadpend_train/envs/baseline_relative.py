@@ -55,7 +55,7 @@ class BaselineRelativeReward(VectorWrapper):
     ) -> None:
         """Pair each sub-environment with its baseline copy."""
         VectorWrapper.__init__(self, env)
-        edges = np.cumsum([0, *(world.rows for world in worlds(env))])
+        edges = np.cumsum([0, *(world.num_envs for world in worlds(env))])
         self._parts = [
             (*pair, slice(*edge))
             for *pair, edge in zip(worlds(env), worlds(baseline_env), pairwise(edges), strict=True)
@@ -114,7 +114,7 @@ class BaselineRelativeReward(VectorWrapper):
         for world, baseline_world, part in self._parts:
             rows = np.flatnonzero(started[part])
             if rows.size:
-                baseline_world.follow(world, rows)
-                self._observation[part][rows] = baseline_world.look(rows)[0]
+                baseline_world.copy_episodes(world, rows)
+                self._observation[part][rows] = baseline_world.observe(rows)[0]
         self._started |= started
         self._fallen &= ~started

@@ -54,8 +54,8 @@ class _Recorder(Recorder):
         super().__init__(world, "rgb_array")
         self.kept: list[Snapshot] = []
 
-    def step(self, action: Floats32, outcome: Floats) -> None:
-        super().step(action, outcome)
+    def record_step(self, action: Floats32, outcome: Floats) -> None:
+        super().record_step(action, outcome)
         self.kept.append(self.snapshot())
 
 
