@@ -32,7 +32,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from benchmarks import speed
 from quadpend_baselines import Policy, controller
-from quadpend_train.common.files import plain
+from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.statistics import mean
 from quadpend_train.policies.export import export
@@ -206,7 +206,7 @@ def run(out: Path | None, seeds: int) -> None:
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         data = {"steps_per_second": rate, "reached": times}
-        out.write_text(json.dumps(plain(data), indent=1) + "\n", encoding="utf-8")
+        out.write_text(json.dumps(to_json_data(data), indent=1) + "\n", encoding="utf-8")
         out.with_suffix(".md").write_text(text, encoding="utf-8")
 
 

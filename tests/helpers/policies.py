@@ -1,15 +1,16 @@
-"""Policies whose quality is known, for tests of comparisons."""
+"""Policies of known quality and synthetic results, for tests of comparisons."""
 
 from typing import Any
 
 import numpy as np
 
 from quadpend_baselines import ADRC
-from quadpend_train.evaluation.episodes import FALL, STEPS, EpisodeResults
+from quadpend_gym.tasks import EPISODE_STEPS
+from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
 
 
 class BiasedADRC:
-    """ADRC that holds the bob a known distance (m) beside the reference in x."""
+    """ADRC that tracks the reference with a constant offset (m) in x."""
 
     def __init__(self, distance: float) -> None:
         self.distance, self.adrc = distance, ADRC("matched")
@@ -51,12 +52,12 @@ def synthetic_results(rmse: Any, survived: Any = True) -> EpisodeResults:
     """Flights that nobody flew, with an RMSE (m) for each episode, shape (n,) or (s, n)."""
     rmse = np.atleast_2d(np.asarray(rmse, np.float64))
     survived = np.broadcast_to(survived, rmse.shape)
-    one, error = np.ones_like(rmse), np.zeros((*rmse.shape, STEPS), np.float32)
+    one, error = np.ones_like(rmse), np.zeros((*rmse.shape, EPISODE_STEPS), np.float32)
     return EpisodeResults(
         survived,
         one.astype(np.int64),
         rmse,
-        np.where(survived, rmse, FALL),
+        np.where(survived, rmse, FALL_ERROR),
         np.where(survived, rmse, np.nan),
         one,
         one,

@@ -336,7 +336,7 @@ def test_arms_may_be_as_long_as_the_torques_allow() -> None:
 
 
 @dataclass(frozen=True)
-class Shaky:
+class Noisy:
     """Adds what it draws in every step."""
 
     memory_size: int = 0
@@ -349,8 +349,8 @@ class Shaky:
 
 
 def test_an_actuator_put_before_leaves_the_random_numbers_of_the_others_alone() -> None:
-    alone = ActuatorWrapper(make_unwrapped(), Shaky())
-    behind = ActuatorWrapper(ActuatorWrapper(make_unwrapped(), Shaky()), MotorLag())
+    alone = ActuatorWrapper(make_unwrapped(), Noisy())
+    behind = ActuatorWrapper(ActuatorWrapper(make_unwrapped(), Noisy()), MotorLag())
     for env in (alone, behind):
         env.reset(seed=0)
     assert_same(run_actions(behind, draw_actions(0, 5)), run_actions(alone, draw_actions(0, 5)))

@@ -13,12 +13,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 from quadpend_baselines import controller
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.viewer.palette import BLUE, GREEN, VERMILLION, VIOLET
 from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.cli.main import main
 from quadpend_train.cli.watch import watch
-from quadpend_train.evaluation.episodes import PERIOD, run_episodes
-from quadpend_train.evaluation.recording import Recording, record
+from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports.side_by_side import SideBySideView
 from quadpend_train.scenarios import Scenario, find_scenario
@@ -32,7 +33,7 @@ SIZE = (320, 180)
 def recordings() -> list[Recording]:
     """Of a fall, and of a flight."""
     lagged = find_scenario("lagged")
-    return [record(name, load_policy(name), lagged, SEED) for name in ("adrc-paper", "flatness")]
+    return [record_episode(name, load_policy(name), lagged, SEED) for name in ("adrc-paper", "flatness")]
 
 
 def drawn(board: SideBySideView, step: int, size: tuple[int, int] = (1280, 720)) -> Any:
@@ -50,18 +51,18 @@ def count(picture: Any, colour: tuple[int, int, int]) -> int:
 @pytest.mark.parametrize("scenario", ["windy", "output_feedback", "lagged"])
 def test_a_recording_is_the_flight_that_is_compared(name: str, scenario: str) -> None:
     flown = run_episodes([load_policy(name)], scenario, 1, SEED)
-    recorded = record(name, load_policy(name), find_scenario(scenario), SEED)
+    recorded = record_episode(name, load_policy(name), find_scenario(scenario), SEED)
     steps = len(recorded.snapshots)
     assert steps == flown.steps[0, 0]
     assert recorded.survived == flown.survived[0, 0]
     assert_allclose(recorded.error, flown.error[0, 0, :steps], rtol=1e-6)
-    assert_allclose([seen.time for seen in recorded.snapshots], PERIOD * np.arange(1, steps + 1))
+    assert_allclose([seen.time for seen in recorded.snapshots], CONTROL_PERIOD * np.arange(1, steps + 1))
 
 
 @pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-gain-scheduling-0"])
 def test_a_recording_has_what_the_policy_took_the_wind_for(name: str) -> None:
     scenario = find_scenario('{"wind": {"kind": "constant", "force": [0.3, -0.2, 0.1]}}')
-    recorded = record(name, load_policy(name), scenario, SEED)
+    recorded = record_episode(name, load_policy(name), scenario, SEED)
     assert_allclose(recorded.disturbance[:, :3], [[0.3, -0.2, 0.1]] * len(recorded.snapshots))
     assert_allclose(recorded.estimate[500:, :3].mean(axis=0), [0.3, -0.2, 0.1], atol=0.01)
 
@@ -71,23 +72,23 @@ def test_who_estimates_nothing_says_so() -> None:
         def predict(self, observation: Any, *_: Any, **__: Any) -> Any:
             return np.zeros((len(observation), 4), np.float32), None
 
-    recorded = record("idle", Idle(), Scenario(), SEED)
+    recorded = record_episode("idle", Idle(), Scenario(), SEED)
     assert not recorded.survived
     assert np.isnan(recorded.estimate).all()
-    drawn(SideBySideView([recorded], PERIOD, (0.0, 1.0)), 10)
+    drawn(SideBySideView([recorded], CONTROL_PERIOD, (0.0, 1.0)), 10)
 
 
 def test_rotors_are_recorded_through_their_mixing() -> None:
     light = '{"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004}}'
     scenario = find_scenario(f'{{"simulation": {light}, "actuators": {{"kind": "rotors"}}}}')
-    recorded = record("adrc-paper", controller("adrc-paper"), scenario, SEED)
+    recorded = record_episode("adrc-paper", controller("adrc-paper"), scenario, SEED)
     assert len(recorded.snapshots) > 50
     assert np.isfinite(recorded.estimate).all()
     assert_allclose(np.mean([seen.thrust for seen in recorded.snapshots]), 1.0, atol=0.1)
 
 
 def test_each_policy_has_its_half_and_its_colour(recordings: list[Recording]) -> None:
-    picture = drawn(SideBySideView(recordings, PERIOD, (0.0, 10.0)), 20)
+    picture = drawn(SideBySideView(recordings, CONTROL_PERIOD, (0.0, 10.0)), 20)
     left, right = picture[:500, :640], picture[:500, 640:]
     assert count(left, VERMILLION) > 30 > count(left, VIOLET)
     assert count(right, VIOLET) > 30 > count(right, VERMILLION)
@@ -95,13 +96,13 @@ def test_each_policy_has_its_half_and_its_colour(recordings: list[Recording]) ->
 
 
 def test_curves_unfold_with_the_flight(recordings: list[Recording]) -> None:
-    board = SideBySideView(recordings, PERIOD, (0.0, 0.6))
+    board = SideBySideView(recordings, CONTROL_PERIOD, (0.0, 0.6))
     inked = [count(drawn(board, step)[505:], VERMILLION) for step in (1, 20, 50)]
     assert inked[0] < inked[1] < inked[2]
 
 
 def test_who_has_fallen_stays_where_it_fell_behind_a_veil(recordings: list[Recording]) -> None:
-    board = SideBySideView(recordings, PERIOD, (0.0, 10.0))
+    board = SideBySideView(recordings, CONTROL_PERIOD, (0.0, 10.0))
     steps = len(recordings[0].snapshots)
     before, after, later = (drawn(board, step)[:500, :640] for step in (steps - 2, steps - 1, steps + 300))
     assert after.mean() > before.mean()
@@ -136,9 +137,11 @@ def test_a_gif_keeps_the_colours_that_tell_things_apart(tmp_path: Path) -> None:
 def test_a_picture_shows_the_end_of_what_is_asked_for(tmp_path: Path) -> None:
     out = tmp_path / "end.png"
     main(["watch", "flatness", "--scenario", "calm", "--seconds", "0", "2", "--size", "640", "360", "--out", str(out)])
-    recorded = record("flatness", load_policy("flatness"), find_scenario("calm"), SEED)
+    recorded = record_episode("flatness", load_policy("flatness"), find_scenario("calm"), SEED)
     with Image.open(out) as picture:
-        assert_array_equal(np.asarray(picture), drawn(SideBySideView([recorded], PERIOD, (0.0, 2.0)), 199, (640, 360)))
+        assert_array_equal(
+            np.asarray(picture), drawn(SideBySideView([recorded], CONTROL_PERIOD, (0.0, 2.0)), 199, (640, 360))
+        )
 
 
 def test_an_interrupted_film_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +187,7 @@ def test_the_window_goes_on_to_the_end_waits_there_and_closes(monkeypatch: pytes
 def test_a_window_that_nobody_could_see_is_refused_before_anything_is_flown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
-    monkeypatch.setattr("quadpend_train.evaluation.recording.record", lambda *_: pytest.fail("flown"))
+    monkeypatch.setattr("quadpend_train.evaluation.recording.record_episode", lambda *_: pytest.fail("flown"))
     assert_refused(lambda: watch(("flatness",)), "there is no screen for a window: give --out", ValueError)
 
 

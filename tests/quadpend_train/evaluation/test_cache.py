@@ -1,4 +1,4 @@
-"""What has been flown is not flown again, unless something has changed or broken."""
+"""Cached results are used again, unless something that determines them has changed or the file is damaged."""
 
 import json
 import re
@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+import quadpend_baselines
+import quadpend_gym
 from quadpend_baselines import ADRC
+from quadpend_gym.core.source_hash import source_hash
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation import cache, jobs
 from quadpend_train.evaluation.comparison import Comparison, compare
@@ -20,55 +23,55 @@ BOTH = {"one": "adrc-paper", "two": "adrc-matched"}
 
 
 def assert_same(first: Comparison, second: Comparison) -> None:
-    assert list(first.flights) == list(second.flights)
-    for cell, flights in first.flights.items():
-        for mine, its in zip(flights, second.flights[cell], strict=True):
-            np.testing.assert_array_equal(mine, its)
+    assert list(first.results) == list(second.results)
+    for cell, results in first.results.items():
+        for array, other in zip(results, second.results[cell], strict=True):
+            np.testing.assert_array_equal(array, other)
     assert first.as_data() == second.as_data()
 
 
-def test_a_second_run_flies_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_repeated_comparison_runs_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = compare(BOTH, ["calm", "storm"], 4, folder=tmp_path)
     assert len(list(tmp_path.iterdir())) == 4
-    monkeypatch.setattr(jobs, "flat_trajectory", None)
+    monkeypatch.setattr(jobs, "run_episodes", None)
     assert_same(first, compare(BOTH, ["calm", "storm"], 4, folder=tmp_path))
     assert_same(first, compare({"one": "adrc-paper", "two": "adrc-matched"}, ["calm", "storm"], 4, folder=tmp_path))
 
 
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    flown: list[str] = []
+def test_an_interrupted_comparison_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    completed: list[str] = []
 
-    def fly_two(policies: Any, scenario: Scenario, *rest: Any) -> EpisodeResults:
-        if len(flown) == 2:
+    def run_two(policies: Any, scenario: Scenario, *rest: Any) -> EpisodeResults:
+        if len(completed) == 2:
             raise KeyboardInterrupt
-        flown.append(scenario.description)
+        completed.append(scenario.description)
         return run_episodes(policies, scenario, *rest)
 
-    monkeypatch.setattr(jobs, "flat_trajectory", fly_two)
+    monkeypatch.setattr(jobs, "run_episodes", run_two)
     with pytest.raises(KeyboardInterrupt):
         compare(BOTH, ["calm", "windy"], 3, folder=tmp_path)
-    flown.clear()
+    completed.clear()
     resumed = compare(BOTH, ["calm", "windy"], 3, folder=tmp_path)
-    assert len(flown) == 2
+    assert len(completed) == 2
     monkeypatch.undo()
     assert_same(resumed, compare(BOTH, ["calm", "windy"], 3))
 
 
-def test_fresh_flies_all_of_them_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fresh_ignores_cached_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compare(BOTH, ["calm"], 2, folder=tmp_path)
-    flown = []
-    monkeypatch.setattr(jobs, "flat_trajectory", lambda *rest: flown.append(rest) or run_episodes(*rest))
+    calls = []
+    monkeypatch.setattr(jobs, "run_episodes", lambda *rest: calls.append(rest) or run_episodes(*rest))
     compare(BOTH, ["calm"], 2, folder=tmp_path, fresh=True)
-    assert len(flown) == 2
+    assert len(calls) == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 nonsense", b"nonsense"])
-def test_a_damaged_file_is_flown_again(tmp_path: Path, damage: bytes) -> None:
+def test_results_in_a_damaged_file_are_computed_again(tmp_path: Path, damage: bytes) -> None:
     first = compare(BOTH, ["calm"], 2, folder=tmp_path)
     path = sorted(tmp_path.iterdir())[0]
     whole = path.read_bytes()
     path.write_bytes(damage)
-    with pytest.warns(UserWarning, match=f"{path.name} is damaged and will be flown again"):
+    with pytest.warns(UserWarning, match=f"{path.name} is damaged and its results are computed again"):
         assert_same(first, compare(BOTH, ["calm"], 2, folder=tmp_path))
     assert len(path.read_bytes()) == len(whole)
     path.write_bytes(whole[: len(whole) // 2])
@@ -76,7 +79,7 @@ def test_a_damaged_file_is_flown_again(tmp_path: Path, damage: bytes) -> None:
         assert_same(first, compare(BOTH, ["calm"], 2, folder=tmp_path))
 
 
-def test_whatever_decides_a_flight_is_in_its_key(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_everything_that_determines_a_result_is_in_its_key(monkeypatch: pytest.MonkeyPatch) -> None:
     paper, matched = policy_fingerprint("adrc-paper"), policy_fingerprint("adrc-matched")
     keys = [
         cache.key([paper], Scenario(), 10, 0),
@@ -92,7 +95,30 @@ def test_whatever_decides_a_flight_is_in_its_key(monkeypatch: pytest.MonkeyPatch
     assert "horizontal_bandwidth=7.0" in paper
 
 
-def test_a_models_identity_is_its_file(tmp_path: Path) -> None:
+def test_the_code_stamp_covers_the_code_of_an_episode_and_no_pictures() -> None:
+    sources = {path.as_posix() for path in cache.sources()}
+    for ending in (
+        "quadpend_gym/physics/kernel.py",
+        "quadpend_gym/wind/turbulence.py",
+        "quadpend_gym/wrappers/observation.py",
+        "quadpend_baselines/gains.py",
+        "quadpend_baselines/hybrid/wrappers.py",
+        "quadpend_train/evaluation/episodes.py",
+        "quadpend_train/policies/mlp_policy.py",
+        "quadpend_train/scenarios/scenario.py",
+    ):
+        assert sum(path.endswith(ending) for path in sources) == 1, ending
+    assert not [path for path in sources if "/viewer/" in path or "/paper/" in path or "/reports/" in path]
+    assert cache.code_stamp() == source_hash(cache.sources())
+
+
+def test_the_sources_are_those_of_the_imported_packages() -> None:
+    folders = [Path(str(package.__file__)).parent for package in (quadpend_gym, quadpend_baselines)]
+    for folder in folders:
+        assert any(path.is_relative_to(folder) for path in cache.sources())
+
+
+def test_the_identity_of_a_model_is_the_hash_of_its_file(tmp_path: Path) -> None:
     (tmp_path / "policy.npz").write_bytes(b"weights")
     (tmp_path / "copy.npz").write_bytes(b"weights")
     first = policy_fingerprint(str(tmp_path))
@@ -103,36 +129,38 @@ def test_a_models_identity_is_its_file(tmp_path: Path) -> None:
         policy_fingerprint("nix")
 
 
-def test_policies_without_a_name_are_not_kept(tmp_path: Path) -> None:
+def test_results_of_policies_without_a_name_are_not_cached(tmp_path: Path) -> None:
     compare({"mine": [ADRC()]}, ["calm"], 2, folder=tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def test_results_are_the_same_whatever_the_number_of_jobs(tmp_path: Path) -> None:
+def test_results_do_not_depend_on_the_number_of_processes(tmp_path: Path) -> None:
     alone = compare({**BOTH, "mine": [ADRC()]}, ["calm", "storm"], 6)
     assert_same(alone, compare({**BOTH, "mine": [ADRC()]}, ["calm", "storm"], 6, folder=tmp_path, jobs=2))
     assert len(list(tmp_path.iterdir())) == 4
 
 
-def test_results_are_the_same_byte_for_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Flown, flown again, and taken from the store."""
+def test_the_files_of_results_are_the_same_byte_for_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Computed, computed again, and loaded from the cache."""
     monkeypatch.setattr("sys.argv", ["quadpend", "evaluate"])
     written = []
     for _ in range(3):
         options = ["--store", str(tmp_path / "store"), *(["--fresh"] if len(written) == 1 else [])]
         main(["evaluate", "--scenarios", "calm", "gusts", "--episodes", "3", "--out", str(tmp_path / "out"), *options])
         files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-        files["report.html"] = re.sub(rb"\d{4}-\d\d-\d\d", b"", files["report.html"])  # but for the date
+        files["report.html"] = re.sub(rb"\d{4}-\d\d-\d\d", b"", files["report.html"])  # without the date
         written.append(files)
     assert written[0] == written[1] == written[2]
     assert set(written[0]) == {"comparison.json", "comparison.csv", "comparison.md", "comparison.png", "report.html"}
     assert json.loads(written[0]["comparison.json"])["scenario_hashes"].keys() == {"calm", "gusts"}
 
 
-def test_a_model_that_changes_while_it_flies_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_of_a_model_that_changes_meanwhile_are_not_cached(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     keys = iter(["before", "after"])
-    monkeypatch.setattr(jobs.Job, "key", lambda self: next(keys))
-    cell = {"calm": jobs.Job("adrc-paper", find_scenario("calm"), 1, 0)}
-    with pytest.raises(ValueError, match="adrc-paper has changed while it was flown"):
-        jobs.run_jobs(cell, tmp_path)
+    monkeypatch.setattr(jobs.Job, "cache_key", lambda self: next(keys))
+    job = {"calm": jobs.Job("adrc-paper", find_scenario("calm"), 1, 0)}
+    with pytest.raises(ValueError, match="adrc-paper has changed during its evaluation"):
+        jobs.run_jobs(job, tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""The comparison is fair, its intervals are right, and the commands that make it run."""
+"""Comparisons are fair, their intervals are correct, and the commands for them run."""
 
 import json
 from pathlib import Path
@@ -8,14 +8,14 @@ import pytest
 
 from quadpend_baselines import ADRC
 from quadpend_train.cli.main import main
-from quadpend_train.evaluation.comparison import MEASURES, compare, differences, summarise
+from quadpend_train.evaluation.comparison import METRICS, compare, differences, summarise
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.reports.tables import markdown, verdicts
 from tests.helpers.policies import BiasedADRC, ZeroThrust, synthetic_results
 
 
-def test_every_policy_meets_the_same_episodes() -> None:
+def test_every_policy_runs_through_the_same_episodes() -> None:
     first, again = run_episodes([ADRC()], "windy", 5), run_episodes([ADRC()], "windy", 5)
     np.testing.assert_array_equal(first.error, again.error)
     other = run_episodes([ADRC("matched")], "windy", 5)
@@ -24,22 +24,22 @@ def test_every_policy_meets_the_same_episodes() -> None:
     np.testing.assert_array_equal(first.error[:, :3], fewer.error)
 
 
-def test_a_planted_difference_is_found_inside_its_interval() -> None:
+def test_the_interval_of_a_known_difference_covers_it() -> None:
     """One policy is 10 mm worse on average, by an amount that varies from episode to episode."""
     random = np.random.default_rng(0)
-    hits = 0
+    covered = 0
     for _ in range(40):
         base = synthetic_results(random.normal(0.1, 0.03, 200))
         worse = synthetic_results(base.rmse[0] + random.normal(0.01, 0.02, 200))
         _, low, high = differences(worse, base)["penalised_rmse"]
-        hits += low <= 10.0 <= high
-        assert high - low < 6.5  # pairing removes the episodes' own spread
-    assert hits >= 35
+        covered += low <= 10.0 <= high
+        assert high - low < 6.5  # pairing removes the variance of the episodes
+    assert covered >= 35
 
 
-def test_a_policy_that_holds_a_distance_is_that_much_worse() -> None:
-    aside, honest = run_episodes([BiasedADRC(0.03)], "hover", 20), run_episodes([BiasedADRC(0.0)], "hover", 20)
-    assert differences(aside, honest)["settled_rmse"].value == pytest.approx(30.0, abs=0.05)
+def test_a_constant_offset_is_the_difference_of_the_settled_rmse() -> None:
+    biased, unbiased = run_episodes([BiasedADRC(0.03)], "hover", 20), run_episodes([BiasedADRC(0.0)], "hover", 20)
+    assert differences(biased, unbiased)["settled_rmse"].value == pytest.approx(30.0, abs=0.05)
 
 
 def test_equal_policies_have_no_winner() -> None:
@@ -51,27 +51,27 @@ def test_equal_policies_have_no_winner() -> None:
     )
 
 
-def test_a_verdict_is_that_of_the_duel() -> None:
-    """Amounts lie in their intervals, and what is not significant beside the other tests is not claimed."""
+def test_verdicts_agree_with_the_pairwise_comparison() -> None:
+    """Differences lie in their intervals, and only differences that are significant after correction are wins."""
     comparison = compare(
-        {"honest": [BiasedADRC(0.0)], "aside": [BiasedADRC(0.03)], "falling": [ZeroThrust()]}, ["hover"], 20
+        {"unbiased": [BiasedADRC(0.0)], "biased": [BiasedADRC(0.03)], "falling": [ZeroThrust()]}, ["hover"], 20
     )
-    aside, falling = verdicts(comparison)
-    assert aside.startswith("In hover, aside loses to honest: RMSE where both survive higher by ")
-    value, low, high = compare_pair(comparison, "aside", "honest").bouts["hover"].rmse
-    assert f"higher by {value:.1f} mm [{low:.1f}, {high:.1f}], survival different by 0.00 points [" in aside
+    biased, falling = verdicts(comparison)
+    assert biased.startswith("In hover, biased loses to unbiased: RMSE where both survive higher by ")
+    value, low, high = compare_pair(comparison, "biased", "unbiased").results["hover"].rmse
+    assert f"higher by {value:.1f} mm [{low:.1f}, {high:.1f}], survival different by 0.00 points [" in biased
     assert falling.startswith(
-        "In hover, falling loses to honest: RMSE where both survive unknown, survival lower by 100.0 "
+        "In hover, falling loses to unbiased: RMSE where both survive unknown, survival lower by 100.0 "
     )
 
 
-def test_a_fall_shows_in_survival_and_counts_as_a_metre() -> None:
-    """It never drops out of the penalised RMSE, however little was flown, and never enters that of survivors."""
-    flights = run_episodes([ZeroThrust()], "calm", 10)
-    assert not flights.survived.any()
-    assert (flights.steps < 100).all()
-    np.testing.assert_array_equal(flights.penalised_rmse, 1.0)
-    summary = summarise(flights)
+def test_a_fall_counts_as_one_metre_in_the_penalised_rmse_and_not_in_that_of_survivors() -> None:
+    """An early fall is in the penalised RMSE however few steps it has, and never in the RMSE of survivors."""
+    results = run_episodes([ZeroThrust()], "calm", 10)
+    assert not results.survived.any()
+    assert (results.steps < 100).all()
+    np.testing.assert_array_equal(results.penalised_rmse, 1.0)
+    summary = summarise(results)
     assert summary["survival"].value == 0.0
     assert summary["survival"].high > 0.0
     assert summary["penalised_rmse"].value == summary["iqm"].value == 1000.0
@@ -82,41 +82,41 @@ def test_a_fall_shows_in_survival_and_counts_as_a_metre() -> None:
     assert summarise(half)["rmse_of_survivors"].value == pytest.approx(100.0)
 
 
-def test_flights_agree_with_their_errors() -> None:
-    flights = run_episodes([ADRC()], "storm", 20)
-    assert 0 < flights.survived.sum() < 20
-    assert flights.error.dtype == np.float32
-    np.testing.assert_array_equal((~np.isnan(flights.error)).sum(axis=-1), flights.steps)
-    np.testing.assert_array_equal(flights.steps == 1000, flights.survived)
-    np.testing.assert_allclose(np.sqrt(np.nanmean(flights.error**2, axis=-1)), flights.rmse, rtol=1e-5)
-    late = np.sqrt(np.mean(flights.error[..., 500:] ** 2, axis=-1))
-    np.testing.assert_allclose(late, flights.settled_rmse, rtol=1e-5)
+def test_metrics_agree_with_the_errors_of_the_steps() -> None:
+    results = run_episodes([ADRC()], "storm", 20)
+    assert 0 < results.survived.sum() < 20
+    assert results.error.dtype == np.float32
+    np.testing.assert_array_equal((~np.isnan(results.error)).sum(axis=-1), results.steps)
+    np.testing.assert_array_equal(results.steps == 1000, results.survived)
+    np.testing.assert_allclose(np.sqrt(np.nanmean(results.error**2, axis=-1)), results.rmse, rtol=1e-5)
+    late = np.sqrt(np.mean(results.error[..., 500:] ** 2, axis=-1))
+    np.testing.assert_allclose(late, results.settled_rmse, rtol=1e-5)
 
 
-def test_the_evaluate_command_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--policies", "paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
     main(["evaluate", *arguments, "--replay", "0", "--out", str(tmp_path), "--store", str(tmp_path / "store")])
     printed = capsys.readouterr().out
     assert "adrc-matched and paper cannot be told apart: RMSE where both survive lower by" in printed
     data = json.loads((tmp_path / "comparison.json").read_text())
     assert set(data["results"]["windy"]) == {"paper", "adrc-matched"}
-    assert data["results"]["windy"]["adrc-matched"]["minus_first"]["rmse_of_survivors"]["high"] < 0.0
+    assert data["results"]["windy"]["adrc-matched"]["differences_from_first"]["rmse_of_survivors"]["high"] < 0.0
     assert (tmp_path / "comparison.md").read_text().startswith("| scenario | policy | survival (%)")
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
     with (tmp_path / "comparison.csv").open(encoding="utf-8") as file:
-        said, *rows = file.read().splitlines()
-    assert json.loads(said.removeprefix("# "))["scenario_hashes"] == data["scenario_hashes"]
-    assert rows[0] == "scenario,policy,measure,value,low,high,unit"
-    assert len(rows) == 1 + 2 * len(MEASURES)
-    assert {"scenario_file", "scenario_hashes", "episodes", "seed", "origin", "code"} <= data.keys()
-    assert data["origin"]["command"]
+        provenance, *rows = file.read().splitlines()
+    assert json.loads(provenance.removeprefix("# "))["scenario_hashes"] == data["scenario_hashes"]
+    assert rows[0] == "scenario,policy,metric,value,low,high,unit"
+    assert len(rows) == 1 + 2 * len(METRICS)
+    assert {"scenario_file", "scenario_hashes", "episodes", "seed", "provenance", "code"} <= data.keys()
+    assert data["provenance"]["command"]
 
 
-def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = str(tmp_path / "run")
-    kept = ["--out", str(tmp_path / "out"), "--store", str(tmp_path / "store")]
+    folders = ["--out", str(tmp_path / "out"), "--store", str(tmp_path / "store")]
     main(["train", "--out", run, "--total-steps", "1024", "--num-envs", "16", "--batch-size", "256"])
-    main(["evaluate", "--policies", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *kept])
+    main(["evaluate", "--policies", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *folders])
     assert "ppo and adrc-paper cannot be told apart" in capsys.readouterr().out
 
 
@@ -141,21 +141,23 @@ def test_train_and_evaluate_commands_work_hand_in_hand(tmp_path: Path, capsys: p
         (["evaluate", "--policies", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
     ],
 )
-def test_mistakes_end_with_one_sentence(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_input_ends_with_one_sentence_and_status_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
     assert message in capsys.readouterr().err
 
 
-def test_data_are_json_even_when_nobody_settles(tmp_path: Path) -> None:
+def test_nan_becomes_null_in_json(tmp_path: Path) -> None:
     comparison = compare({"falling": [ZeroThrust()]}, ["calm"], episodes=3)
     comparison.save(tmp_path)
     data = json.loads((tmp_path / "comparison.json").read_text(), parse_constant=pytest.fail)
-    assert data["results"]["calm"]["falling"]["measures"]["settled_rmse"]["value"] is None
-    assert "packages" in data["origin"]
+    assert data["results"]["calm"]["falling"]["metrics"]["settled_rmse"]["value"] is None
+    assert "packages" in data["provenance"]
 
 
-def test_markdown_table_has_a_row_for_every_cell() -> None:
+def test_the_markdown_table_has_a_row_for_every_scenario_and_policy() -> None:
     comparison = compare({"a": [ADRC()], "b": [ADRC("matched")]}, ["calm", "windy"], episodes=3)
     assert markdown(comparison).count("\n| ") == 5 + 4  # and the leaderboard

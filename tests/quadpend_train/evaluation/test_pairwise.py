@@ -1,4 +1,4 @@
-"""Who wins is said only where it is so: synthetic differences are found, equals have no winner."""
+"""Pairwise comparisons find known differences, and equal policies have no winner."""
 
 from pathlib import Path
 from typing import Any
@@ -17,29 +17,29 @@ from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_
 
 
 def compared(**policies: list[EpisodeResults]) -> Comparison:
-    """A comparison that nobody flew: a list of flights for each policy, one for each scenario."""
+    """A comparison of synthetic results: a list for each policy, with one entry for each scenario."""
     number = len(next(iter(policies.values())))
     names = [f"s{i}" for i in range(number)]
-    flights = {(names[i], policy): flown[i] for policy, flown in policies.items() for i in range(number)}
-    return Comparison(tuple(policies), {name: Scenario() for name in names}, 200, 0, flights, {})
+    results = {(names[i], policy): given[i] for policy, given in policies.items() for i in range(number)}
+    return Comparison(tuple(policies), {name: Scenario() for name in names}, 200, 0, results, {})
 
 
-def test_a_planted_advantage_is_found_with_its_amount_in_the_interval() -> None:
+def test_a_known_difference_is_significant_and_in_its_interval() -> None:
     random = np.random.default_rng(0)
     base = [random.normal(0.1, 0.03, 200) for _ in range(6)]
     better = [values - random.normal(0.01, 0.01, 200) for values in base[:5]] + [
         base[5] + random.normal(0.0, 0.01, 200)
     ]
-    fought = compare_pair(
+    pair = compare_pair(
         compared(a=[synthetic_results(x) for x in better], b=[synthetic_results(x) for x in base]), "a", "b"
     )
-    assert fought.won(1) == ["s0", "s1", "s2", "s3", "s4"]
-    assert fought.won(0) == ["s5"]
-    for name in fought.won(1):
-        _, low, high = fought.bouts[name].penalised_rmse
+    assert pair.won == ["s0", "s1", "s2", "s3", "s4"]
+    assert pair.undecided == ["s5"]
+    for name in pair.won:
+        _, low, high = pair.results[name].penalised_rmse
         assert -13.0 < low < high < -7.0
-    assert sum(bout.rmse.low <= -10.0 <= bout.rmse.high for bout in fought.bouts.values()) >= 4
-    sentence = fought.sentence()
+    assert sum(result.rmse.low <= -10.0 <= result.rmse.high for result in pair.results.values()) >= 4
+    sentence = pair.sentence()
     assert sentence.startswith(
         "a beats b in 5 of 6 scenarios (s0, s1, s2, s3, s4), loses in none and is not distinguishable in 1 (s5); over"
         " all, its penalised RMSE is lower by "
@@ -52,98 +52,99 @@ def test_a_planted_advantage_is_found_with_its_amount_in_the_interval() -> None:
     )
 
 
-def test_equals_have_no_winner() -> None:
+def test_equal_policies_have_no_winner() -> None:
     same = compare({"one": "adrc-paper", "two": "adrc-paper"}, ["calm", "windy"], 10)
     assert (
         compare_pair(same, "one", "two")
         .sentence()
         .startswith("one is not distinguishable from two in 2 (calm, windy); over all")
     )
-    shaky = compare({"one": [NoisyADRC(1)], "two": [NoisyADRC(2)]}, ["calm", "windy", "gusts"], 20)
-    assert compare_pair(shaky, "one", "two").won(0) == ["calm", "windy", "gusts"]
+    noisy = compare({"one": [NoisyADRC(1)], "two": [NoisyADRC(2)]}, ["calm", "windy", "gusts"], 20)
+    assert compare_pair(noisy, "one", "two").undecided == ["calm", "windy", "gusts"]
 
 
-def test_equals_rarely_win_anything_in_many_scenarios() -> None:
-    """The chance of one false victory in all 16 scenarios together is at most 5 %."""
+def test_equal_policies_rarely_win_any_of_many_scenarios() -> None:
+    """The probability of at least one false win in 16 scenarios is at most 5 %."""
     random = np.random.default_rng(1)
-    fights = 0
+    false_wins = 0
     for _ in range(20):
         base = random.normal(0.1, 0.03, (16, 50))
         one, two = (
             [synthetic_results(x + random.normal(0.0, 0.01, 50), random.random(50) < 0.9) for x in base]
             for _ in range(2)
         )
-        fights += len(compare_pair(compared(a=one, b=two), "a", "b").won(0)) < 16
-    assert fights <= 4
+        false_wins += len(compare_pair(compared(a=one, b=two), "a", "b").undecided) < 16
+    assert false_wins <= 4
 
 
 @pytest.mark.parametrize("rate", [0.0025, 0.005])
-def test_a_fall_by_chance_is_no_victory(rate: float) -> None:
-    """Equals that fall rarely, each in episodes of its own: a fall counts as 1 m, a thousand times the rest."""
+def test_a_rare_fall_by_chance_decides_nothing(rate: float) -> None:
+    """Equal policies fall rarely and in different episodes. A fall counts as 1 m, a thousand times the other errors."""
     random = np.random.default_rng(4)
-    claims = 0
+    wins = 0
     for _ in range(200):
         base = random.normal(0.1, 0.03, 200)
         one, two = (
             synthetic_results(base + random.normal(0.0, 0.001, 200), random.random(200) >= rate) for _ in range(2)
         )
-        claims += compare_pair(compared(a=[one], b=[two]), "a", "b").bouts["s0"].result != 0
-    assert claims <= 14
+        wins += compare_pair(compared(a=[one], b=[two]), "a", "b").results["s0"].winner != 0
+    assert wins <= 14
 
 
-def test_too_few_common_survivals_are_no_evidence_of_rmse() -> None:
+def test_the_rmse_is_tested_only_with_enough_common_survivals() -> None:
     few, many = np.arange(200) < 9, np.arange(200) < 12
-    for survived, result in ((few, 0), (many, 1)):
-        fought = compare_pair(
+    for survived, winner in ((few, 0), (many, 1)):
+        pair = compare_pair(
             compared(
                 a=[synthetic_results(np.full(200, 0.1), survived)], b=[synthetic_results(np.full(200, 0.2), survived)]
             ),
             "a",
             "b",
         )
-        assert fought.won(result) == ["s0"]
-        assert fought.bouts["s0"].rmse.value == pytest.approx(-100.0)
+        assert pair.results["s0"].winner == winner
+        assert pair.results["s0"].rmse.value == pytest.approx(-100.0)
     fallen = synthetic_results(np.full(200, 0.1), survived=False)
-    assert np.isnan(compare_pair(compared(a=[fallen], b=[fallen]), "a", "b").bouts["s0"].rmse.value)
+    assert np.isnan(compare_pair(compared(a=[fallen], b=[fallen]), "a", "b").results["s0"].rmse.value)
 
 
-def test_all_duels_of_a_comparison_are_one_family() -> None:
-    """Each p-value is corrected for the tests of all pairs, and the leaderboard counts those victories."""
+def test_all_pairs_of_a_comparison_are_one_family_of_tests() -> None:
+    """Each p-value is corrected for the tests of all pairs, and the leaderboard counts those wins."""
     random = np.random.default_rng(5)
     base = random.normal(0.1, 0.03, 200)
-    flown = {name: [synthetic_results(base + random.normal(0.0005 * i, 0.005, 200))] for i, name in enumerate("abcdef")}
-    comparison = compared(**flown)
+    results = {
+        name: [synthetic_results(base + random.normal(0.0005 * i, 0.005, 200))] for i, name in enumerate("abcdef")
+    }
+    comparison = compared(**results)
     together = compare_all_pairs(comparison)
     assert len(together) == 15
-    for (first, second), fought in together.items():
-        alone = compare_pair(comparison, first, second).bouts["s0"]
-        assert fought.bouts["s0"].p_rmse >= alone.p_rmse
-        assert fought.bouts["s0"].rmse == alone.rmse
-    smallest = min(together, key=lambda pair: together[pair].bouts["s0"].p_rmse)
-    alone = compare_pair(comparison, *smallest).bouts["s0"]
-    assert together[smallest].bouts["s0"].p_rmse == pytest.approx(15 * alone.p_rmse)
-    decided = sum(len(fought.won(1)) + len(fought.won(-1)) for fought in together.values())
-    assert 0 < sum(standing.wins for standing in leaderboard(comparison)) == decided < 15
+    for (first, second), pair in together.items():
+        alone = compare_pair(comparison, first, second).results["s0"]
+        assert pair.results["s0"].p_rmse >= alone.p_rmse
+        assert pair.results["s0"].rmse == alone.rmse
+    smallest = min(together, key=lambda names: together[names].results["s0"].p_rmse)
+    alone = compare_pair(comparison, *smallest).results["s0"]
+    assert together[smallest].results["s0"].p_rmse == pytest.approx(15 * alone.p_rmse)
+    decided = sum(len(pair.won) + len(pair.lost) for pair in together.values())
+    assert 0 < sum(row.wins for row in leaderboard(comparison)) == decided < 15
 
 
 def test_survival_comes_first() -> None:
-    """Who tracks closely but falls loses to who tracks worse and stays up."""
+    """A policy that tracks closely but falls loses to one that tracks worse and survives."""
     random = np.random.default_rng(2)
     close = synthetic_results(random.normal(0.02, 0.001, 200), random.random(200) < 0.8)
     loose = synthetic_results(random.normal(0.3, 0.01, 200))
-    bout = compare_pair(compared(a=[close], b=[loose]), "a", "b").bouts["s0"]
-    assert bout.result == -1
-    assert bout.improvement.value > 0.7
-    assert bout.survival.high < 0.0
+    result = compare_pair(compared(a=[close], b=[loose]), "a", "b").results["s0"]
+    assert result.winner == -1
+    assert result.improvement.value > 0.7
+    assert result.survival.high < 0.0
 
 
-def test_a_flown_difference_decides() -> None:
-    comparison = compare(
-        {"aside": [BiasedADRC(0.03)], "honest": [BiasedADRC(0.0)], "falling": [ZeroThrust()]}, ["calm", "hover"], 20
-    )
-    assert compare_pair(comparison, "honest", "aside").won(1) == ["calm", "hover"]
+def test_the_leaderboard_orders_policies_of_known_quality() -> None:
+    policies = {"biased": [BiasedADRC(0.03)], "unbiased": [BiasedADRC(0.0)], "falling": [ZeroThrust()]}
+    comparison = compare(policies, ["calm", "hover"], 20)
+    assert compare_pair(comparison, "unbiased", "biased").won == ["calm", "hover"]
     first, second, last = leaderboard(comparison)
-    assert (first.policy, second.policy, last.policy) == ("honest", "aside", "falling")
+    assert (first.policy, second.policy, last.policy) == ("unbiased", "biased", "falling")
     assert (first.wins, second.wins, last.wins) == (4, 2, 0)
     assert (first.losses, second.losses, last.losses) == (0, 2, 4)
     assert last.penalised_rmse == (1000.0, 1000.0, 1000.0)
@@ -151,31 +152,31 @@ def test_a_flown_difference_decides() -> None:
     assert leaderboard_table([first, second, last]).row_count == 3
 
 
-def test_every_scenario_weighs_the_same_in_the_leaderboard() -> None:
-    flights = [
+def test_all_scenarios_have_the_same_weight_in_the_leaderboard() -> None:
+    results = [
         synthetic_results(np.full(50, 0.1)),
         synthetic_results(np.full(50, 0.3)),
         synthetic_results(np.full(50, 0.2), np.arange(50) < 25),
     ]
-    (only,) = leaderboard(compared(a=flights))
+    (only,) = leaderboard(compared(a=results))
     assert only.penalised_rmse.value == pytest.approx((100.0 + 300.0 + 600.0) / 3)
     assert only.survival.value == pytest.approx(250.0 / 3)
-    assert only.worst == "s2"
-    (whole,) = leaderboard(compared(a=flights[:2]))
+    assert only.worst_scenario == "s2"
+    (whole,) = leaderboard(compared(a=results[:2]))
     assert whole.survival.low < whole.survival.value == whole.survival.high == 100.0
 
 
-def test_learners_are_judged_over_their_training_seeds() -> None:
-    """One good seed of five does not make a winner; five do."""
+def test_a_win_of_a_learner_needs_good_training_seeds() -> None:
+    """A learner with one good seed of five does not win; one with five good seeds does."""
     random = np.random.default_rng(3)
     other = synthetic_results(random.normal(0.1, 0.01, 200))
     spread = synthetic_results(np.array([[0.04], [0.13], [0.09], [0.11], [0.12]]) + random.normal(0.0, 0.01, (5, 200)))
     steady = synthetic_results(random.normal(0.09, 0.01, (5, 200)))
-    assert compare_pair(compared(a=[spread], b=[other]), "a", "b").bouts["s0"].result == 0
-    assert compare_pair(compared(a=[steady], b=[other]), "a", "b").bouts["s0"].result == 1
+    assert compare_pair(compared(a=[spread], b=[other]), "a", "b").results["s0"].winner == 0
+    assert compare_pair(compared(a=[steady], b=[other]), "a", "b").results["s0"].winner == 1
 
 
-def test_the_compare_command_says_it_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_compare_command_prints_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options: Any = ["--scenarios", "calm", "steady", "--episodes", "10", "--store", str(tmp_path)]
     main(["compare", "adrc-paper", "mine=adrc-matched", *options])
     printed = " ".join(capsys.readouterr().out.split())

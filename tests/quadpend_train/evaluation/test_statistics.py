@@ -1,4 +1,4 @@
-"""Intervals cover what they say, and tests claim no more than they may."""
+"""Intervals have their nominal coverage, and tests keep their level."""
 
 import itertools
 from collections.abc import Callable
@@ -13,19 +13,19 @@ from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.statistics import (
     Interval,
     holm,
-    improvement,
-    improvement_unpaired,
     interquartile_mean,
     mean,
     p_proportion,
     p_value,
     paired_proportion,
+    probability_of_improvement,
     proportion,
+    unpaired_probability_of_improvement,
     wilcoxon,
 )
 
 
-def test_intervals_are_those_of_the_books() -> None:
+def test_intervals_of_one_policy_agree_with_textbook_formulas() -> None:
     successes = np.arange(100)[np.newaxis] < 93
     expected = stats.binomtest(93, 100).proportion_ci(method="wilson")
     assert proportion(successes)[1:] == (expected.low, expected.high)
@@ -35,8 +35,8 @@ def test_intervals_are_those_of_the_books() -> None:
     assert (low, high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.01)
 
 
-def test_paired_survival_is_never_certain() -> None:
-    """Two policies that fall in the same episodes may still differ; Agresti and Min's interval says by how much."""
+def test_the_interval_of_a_paired_difference_of_zero_has_a_width() -> None:
+    """Two policies that fall in the same episodes may still differ; Agresti and Min's interval accounts for that."""
     survived = np.arange(200)[np.newaxis] > 3
     value, low, high = paired_proportion(survived, survived)
     assert value == 0.0
@@ -45,8 +45,8 @@ def test_paired_survival_is_never_certain() -> None:
     assert better.value == pytest.approx(4 / 200)
 
 
-def test_intervals_of_a_learner_cover_its_training_seeds() -> None:
-    """Five seeds that differ by 10 mm have a wider interval than one of them, in however many episodes."""
+def test_the_interval_of_a_learner_accounts_for_the_variance_of_its_training_seeds() -> None:
+    """Five seeds that differ by 10 mm have a wider interval than one of them has over 1000 episodes."""
     random = np.random.default_rng(0)
     seeds = random.normal(0.1, 0.01, (5, 1)) + random.normal(0.0, 0.01, (5, 1000))
     one, five = mean(seeds[:1]), mean(seeds)
@@ -56,7 +56,7 @@ def test_intervals_of_a_learner_cover_its_training_seeds() -> None:
     np.testing.assert_array_equal(learner.error[1:], run_episodes([ADRC("matched")], "windy", 4).error)
 
 
-def test_values_that_are_nan_are_left_out() -> None:
+def test_nan_values_are_left_out() -> None:
     values = np.random.default_rng(0).normal(size=(1, 60))
     some = values.copy()
     some[0, ::3] = np.nan
@@ -74,11 +74,11 @@ def test_values_that_are_nan_are_left_out() -> None:
         (interquartile_mean, lambda random: random.normal(2.0, 1.0, (1, 100)), 2.0),
         (proportion, lambda random: random.random((1, 100)) < 0.9, 0.9),
         (lambda x: paired_proportion(*x), lambda random: random.random((2, 1, 100)) < [[[0.9]], [[0.7]]], 0.2),
-        (lambda x: improvement(*x), lambda random: random.normal(0.0, 1.0, (2, 1, 100)), 0.5),
+        (lambda x: probability_of_improvement(*x), lambda random: random.normal(0.0, 1.0, (2, 1, 100)), 0.5),
     ],
     ids=["mean", "iqm", "proportion", "paired proportion", "improvement"],
 )
-def test_intervals_cover_the_truth_as_often_as_they_say(
+def test_intervals_have_their_nominal_coverage(
     estimate: Callable[[Any], Interval], draw: Callable[[np.random.Generator], Any], truth: float
 ) -> None:
     random = np.random.default_rng(1)
@@ -88,37 +88,37 @@ def test_intervals_cover_the_truth_as_often_as_they_say(
 
 
 @pytest.mark.parametrize("seeds", [2, 3, 5, 10])
-def test_however_few_seeds_intervals_cover_the_learner_and_tests_claim_no_more_than_they_may(seeds: int) -> None:
-    """The truth is that of all seeds there could be, which differ as much as episodes do."""
+def test_coverage_and_level_hold_for_few_and_for_many_training_seeds(seeds: int) -> None:
+    """The true mean is that of the population of seeds, which have the same variance as the episodes."""
     random = np.random.default_rng([2, seeds])
     trials = 600
-    hits = claims = 0
+    covered = rejected = 0
     for _ in range(trials):
         own, common = random.normal(0.0, 1.0, (seeds, 1)), random.normal(0.0, 1.0, (1, 50))
         values = own + common + random.normal(0.0, 1.0, (seeds, 50))
         _, low, high = mean(values)
-        hits += low <= 0.0 <= high
-        claims += p_value(values) < 0.05
-    assert hits >= 0.93 * trials
-    assert claims <= 0.07 * trials
-    assert claims == trials - hits  # one standard of evidence
+        covered += low <= 0.0 <= high
+        rejected += p_value(values) < 0.05
+    assert covered >= 0.93 * trials
+    assert rejected <= 0.07 * trials
+    assert rejected == trials - covered  # the test and the interval agree
 
 
 @pytest.mark.parametrize("rate", [0.005, 0.1])
-def test_a_learner_survives_neither_more_nor_less_often_than_its_equal(rate: float) -> None:
-    """However rarely both fall, and though its many seeds meet one controller's few falls."""
+def test_the_test_of_survival_keeps_its_level_for_rare_falls_and_many_training_seeds(rate: float) -> None:
+    """A learner with ten seeds and a controller have the same probability of a fall."""
     random = np.random.default_rng(10)
-    claims = covered = 0
+    rejected = covered = 0
     for _ in range(200):
         learner, controller = random.random((10, 200)) > rate, random.random((1, 200)) > rate
-        claims += p_proportion(learner, controller) < 0.05
+        rejected += p_proportion(learner, controller) < 0.05
         _, low, high = paired_proportion(learner, controller)
         covered += low <= 0.0 <= high
-    assert claims <= 14
+    assert rejected <= 14
     assert covered >= 186
 
 
-def test_survival_over_seeds_is_never_certain_nor_impossible() -> None:
+def test_intervals_of_survival_over_seeds_have_a_width_and_stay_in_range() -> None:
     value, low, high = proportion(np.ones((5, 100), np.bool_))
     assert (value, low, high) == (1.0, stats.binomtest(500, 500).proportion_ci(method="wilson").low, 1.0)
     one_falls = np.arange(500).reshape(5, 100) >= 60
@@ -165,17 +165,17 @@ def test_the_interquartile_means_interval_agrees_with_a_plain_loop() -> None:
     assert interquartile_mean(values)[1:] == pytest.approx(tuple(np.quantile(means, [0.025, 0.975])), abs=0.06)
 
 
-def test_the_probability_of_improvement_counts_pairs() -> None:
+def test_the_probability_of_improvement_is_a_share_of_pairs() -> None:
     random = np.random.default_rng(6)
     first, second = random.integers(0, 5, (3, 8)) / 1.0, random.integers(0, 5, (3, 8)) / 1.0
     paired = [np.mean([(x < y) + 0.5 * (x == y) for x, y in zip(first.ravel(), second.ravel(), strict=True)])]
-    assert improvement(first, second).value == pytest.approx(paired[0])
-    everyone = [(x < y) + 0.5 * (x == y) for x, y in itertools.product(first.ravel(), second.ravel())]
-    assert improvement_unpaired(first, second) == pytest.approx(np.mean(everyone))
-    assert improvement(first, first) == (0.5, 0.5, 0.5)
+    assert probability_of_improvement(first, second).value == pytest.approx(paired[0])
+    unpaired = [(x < y) + 0.5 * (x == y) for x, y in itertools.product(first.ravel(), second.ravel())]
+    assert unpaired_probability_of_improvement(first, second) == pytest.approx(np.mean(unpaired))
+    assert probability_of_improvement(first, first) == (0.5, 0.5, 0.5)
 
 
-def test_the_randomisation_test_of_survival_is_mcnemars() -> None:
+def test_the_randomisation_test_of_survival_is_mcnemars_exact_test() -> None:
     successes, others = np.ones((1, 100), np.bool_), np.ones((1, 100), np.bool_)
     others[0, :9], successes[0, 9:11] = False, False
     assert p_proportion(successes, others) == pytest.approx(stats.binomtest(9, 11).pvalue)
@@ -183,7 +183,7 @@ def test_the_randomisation_test_of_survival_is_mcnemars() -> None:
     assert p_proportion(successes, successes) == p_value(np.zeros((1, 100))) == p_value(np.zeros((3, 100))) == 1.0
 
 
-def test_p_values_are_small_enough_for_many_tests_but_never_smaller_than_the_exact_ones() -> None:
+def test_p_values_can_be_small_but_not_smaller_than_the_exact_ones() -> None:
     assert p_value(np.full((1, 5), 0.1)) == pytest.approx(2 / 32, abs=0.01)
     for size in (20, 30, 60):
         assert 2.0**-size < p_value(np.full((1, size), 0.1)) <= 1e-4
@@ -193,14 +193,14 @@ def test_p_values_are_small_enough_for_many_tests_but_never_smaller_than_the_exa
 
 @pytest.mark.parametrize("power", [1, 3], ids=["normal", "heavy tails"])
 @pytest.mark.parametrize("size", [10, 60])
-def test_equals_are_told_apart_no_more_often_than_allowed(power: int, size: int) -> None:
+def test_the_randomisation_test_keeps_its_level(power: int, size: int) -> None:
     random = np.random.default_rng(7)
     p = [p_value(random.normal(0.0, 1.0, (1, size)) ** power) for _ in range(400)]
     assert np.mean(np.array(p) < 0.05) <= 0.07
 
 
-def test_holms_correction_is_that_of_the_books() -> None:
-    """Holm 1979: the smallest p times the number of tests, the next times one less, never falling."""
+def test_holms_correction_agrees_with_its_definition() -> None:
+    """Holm 1979: multiply the smallest p by the number of tests, the next one by one less, and keep them ascending."""
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.9, 0.6]) == [1.0, 1.0]
     assert holm([0.02]) == [0.02]

@@ -15,8 +15,8 @@ from quadpend_baselines import ADRC
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.reports import replay
 from quadpend_train.reports.html_page import Section, write
-from quadpend_train.studies.attraction import MAPS
-from quadpend_train.studies.axes import AXES
+from quadpend_train.studies.perturbations import PERTURBATION_AXES
+from quadpend_train.studies.recovery import START_GRIDS
 from quadpend_train.studies.robustness import Robustness, measure_robustness
 
 NASTY = "</script><b>\"x\" & 'y'"
@@ -64,10 +64,13 @@ def comparison() -> Comparison:
 @pytest.fixture(scope="module")
 def robustness(comparison: Comparison) -> Robustness:
     values = np.array([-0.1, 0.0, 0.1])
-    x, y = (side._replace(values=values) for side in (MAPS["tilt_rate"].x, MAPS["tilt_rate"].y))
+    x, y = (side._replace(values=values) for side in (START_GRIDS["tilt_rate"].x, START_GRIDS["tilt_rate"].y))
     policies = {name: [ADRC()] for name in comparison.policies}
     return measure_robustness(
-        policies, {"delay": AXES["delay"]}, {"map": replace(MAPS["tilt_rate"], title=NASTY, x=x, y=y)}, 4
+        policies,
+        {"delay": PERTURBATION_AXES["delay"]},
+        {"map": replace(START_GRIDS["tilt_rate"], title=NASTY, x=x, y=y)},
+        4,
     )
 
 
@@ -116,7 +119,7 @@ def test_the_numbers_are_inside(page: str, comparison: Comparison) -> None:
     assert data["comparison"]["results"] == json.loads(json.dumps(comparison.as_data()["results"]))
     assert set(data["comparison"]["results"]["calm"]) == {"adrc-paper", NASTY}
     assert data["leaderboard"][0]["survival"]["value"] == 100.0
-    assert len(data["robustness"]["axes"]["delay"]["curves"]["adrc-paper"]) == len(AXES["delay"].values)
+    assert len(data["robustness"]["axes"]["delay"]["curves"]["adrc-paper"]) == len(PERTURBATION_AXES["delay"].values)
 
 
 def test_the_page_is_the_same_but_for_the_date(

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import Comparison, compare
-from quadpend_train.evaluation.episodes import PERIOD, STEPS
-from quadpend_train.evaluation.recording import Recording, record
+from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports.html_page import style, write
 from quadpend_train.reports.replay import CHANNELS, MISSING, choose, contenders, packed, recorded, sampled, section
@@ -107,7 +108,7 @@ def test_the_recorded_episode_is_the_very_one_that_was_compared(flown: tuple[Com
         for scene in scenes:
             episode = scene["seed"] - comparison.seed
             for policy, flight in zip(NAMES, scene["flights"], strict=True):
-                flights = comparison.flights[name, policy]
+                flights = comparison.results[name, policy]
                 error, steps = unpacked(flight)[:, -1], int(flights.steps[0, episode])
                 exact = flights.error[0, episode, sampled(steps)]
                 np.testing.assert_allclose(error, exact, atol=0.51 * flight["scales"][-1] + 1e-7)
@@ -117,8 +118,8 @@ def test_the_recorded_episode_is_the_very_one_that_was_compared(flown: tuple[Com
 
 def test_samples_are_the_recorded_numbers_within_their_rounding(flown: tuple[Comparison, dict[str, Any]]) -> None:
     scene = flown[1]["scenarios"]["windy"][0]
-    recording: Recording = record("", load_policy("adrc-matched"), SCENARIOS["windy"], scene["seed"])
-    kept = sampled(STEPS)
+    recording: Recording = record_episode("", load_policy("adrc-matched"), SCENARIOS["windy"], scene["seed"])
+    kept = sampled(EPISODE_STEPS)
     seen, flight = [recording.snapshots[step] for step in kept], scene["flights"][1]
     found = dict(zip(CHANNELS, np.split(unpacked(flight), np.cumsum([*CHANNELS.values()])[:-1], axis=1), strict=True))
     for name, exact, finest in (
@@ -276,7 +277,7 @@ def test_one_who_fell_is_told(page: Browser, flown: tuple[Comparison, dict[str, 
     told = page.run("document.getElementById('replay-one').closest('tr').cells[0].textContent")
     assert f"fell at {fell:.1f} s" in told
     samples = unpacked(flown[1]["scenarios"]["storm"][1]["flights"][0])
-    last = PERIOD * (sampled(round(fell / PERIOD))[-2:] + 1)
+    last = CONTROL_PERIOD * (sampled(round(fell / CONTROL_PERIOD))[-2:] + 1)
     for at, sample in ((last.mean(), samples[-2:].mean(axis=0)), (fell, samples[-1]), (10.0, samples[-1])):
         page.run(f"replay.seek({at})")
         assert_shown(page, sample)

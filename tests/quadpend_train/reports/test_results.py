@@ -16,7 +16,7 @@ RESULTS = ROOT / "docs/results.md"
 def brief_axes(monkeypatch: pytest.MonkeyPatch) -> None:
     from quadpend_train.studies import robustness
 
-    axes = {name: robustness.AXES[name] for name in ("tilt", "wind")}
+    axes = {name: robustness.PERTURBATION_AXES[name] for name in ("tilt", "wind")}
     monkeypatch.setattr(
         robustness.measure_robustness, "__defaults__", (axes, {}, *robustness.measure_robustness.__defaults__[2:])
     )  # type: ignore[index]

@@ -93,7 +93,9 @@ def test_scenarios_have_names_of_their_own(tmp_path: Path) -> None:
 
 
 def test_a_policy_that_cannot_fly_a_scenario_is_named_before_anything_is_flown() -> None:
-    with pytest.raises(ValueError, match="slow cannot fly in past: an observation has 36 or 27 numbers, not 144"):
+    with pytest.raises(
+        ValueError, match="slow does not fit the scenario past: an observation has 36 or 27 numbers, not 144"
+    ):
         compare({"slow": [ADRC("paper")]}, {"calm": "calm", "past": '{"history": 4}'}, 1)
 
 

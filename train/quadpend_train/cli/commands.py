@@ -127,7 +127,7 @@ def evaluate(
         jobs: Processes that fly; the result is the same.
         store: Folder where flights are kept, so that only those missing are flown.
         fresh: Fly all of them again.
-        robustness: Episodes at each value of the axes of trouble, see train/quadpend_train/studies/axes.py, of a learner the first seed's; 0:
+        robustness: Episodes at each value of the axes of trouble, see train/quadpend_train/studies/perturbations.py, of a learner the first seed's; 0:
             no curves and no maps.
         replay: Episodes of each scenario that the page can replay; 0: none.
         document: Markdown file whose generated parts to fill in.
@@ -163,7 +163,7 @@ def evaluate(
     if document:
         results.document(comparison, endured, document)
     console = _console()
-    if len(comparison.flights) <= _ROWS:
+    if len(comparison.results) <= _ROWS:
         console.print(tables.table(comparison))
     if len(sentences := tables.verdicts(comparison)) <= _FEW:
         for sentence in sentences:

@@ -45,7 +45,7 @@ def watch(
 
     _check(policies, out, size, fps, speed, seconds, zoom)
     check_pygame()
-    from quadpend_train.evaluation.recording import record
+    from quadpend_train.evaluation.recording import record_episode
     from quadpend_train.reports.side_by_side import SideBySideView
 
     found = find_scenario(scenario)
@@ -54,7 +54,7 @@ def watch(
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")
     screen = _open(size) if out is None else None
     period = found.simulation.period
-    board = SideBySideView([record(name, members[0], found, seed) for name, members in loaded], period, seconds)
+    board = SideBySideView([record_episode(name, members[0], found, seed) for name, members in loaded], period, seconds)
     board.picture.camera.zoom(1.0 / zoom)
     if out is None:
         _play(board, screen, period, speed)

@@ -42,12 +42,12 @@ def parse_mapping(text: str, name: str) -> dict[str, Any]:
     return value
 
 
-def plain(value: Any) -> Any:
+def to_json_data(value: Any) -> Any:
     """Numbers, named tuples, mappings and lists of them as JSON has them, which knows no nan and no infinity."""
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: to_json_data(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_json_data(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

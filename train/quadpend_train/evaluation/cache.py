@@ -1,7 +1,8 @@
-"""Flights on disk, so that an interrupted comparison goes on where it was and a repeated one flies nothing.
+"""Cache of evaluation results on disk, so that an interrupted study continues and a repeated one computes nothing.
 
-One file for each policy, scenario, number of episodes and seed. Its name is a hash of these, of the packages' versions
-and of the source that flies: whatever changes one of them asks for another file.
+There is one file for each policy, scenario, number of episodes and seed. Its name is a hash of these, of the package
+versions and of the source code that determines the results. If one of them changes, the name changes, and the results
+are computed again. Comments and docstrings are not part of the hash of the source code.
 """
 
 import hashlib
@@ -14,76 +15,90 @@ from pathlib import Path
 
 import numpy as np
 
+import quadpend_baselines
+import quadpend_gym
+import quadpend_train
+from quadpend_gym.core.source_hash import source_hash
+from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.common.provenance import versions
-from quadpend_train.evaluation.episodes import STEPS, EpisodeResults
+from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.scenarios import Scenario, scenario_hash
 
-FOLDER = Path("results/store")
-_ROOT = Path(__file__).parents[4]
-_SOURCES = [
-    "quadpend_gym",
-    "baselines",
-    "train/quadpend_train/evaluation/episodes.py",
-    "train/quadpend_train/policies/mlp_policy.py",
-    "train/quadpend_train/policies/loading.py",
-    "train/quadpend_train/scenarios/scenario.py",
-    "train/quadpend_train/policies/finite_differences.py",
-]
+FOLDER = Path("results/cache")
+# Rooms and files without influence on an episode's result.
+_EXCLUDED = {
+    quadpend_gym: ("viewer", "envs/recorder.py"),
+    quadpend_baselines: ("paper",),
+}
+# The only files of quadpend_train with influence on an episode's result.
+_TRAIN_SOURCES = (
+    "evaluation/episodes.py",
+    "policies/adaptation.py",
+    "policies/finite_differences.py",
+    "policies/loading.py",
+    "policies/mlp_policy.py",
+    "scenarios/scenario.py",
+)
+
+
+def sources() -> list[Path]:
+    """Return the source files that determine the results of an episode."""
+    found = [Path(quadpend_train.__file__).parent / name for name in _TRAIN_SOURCES]
+    for package, excluded in _EXCLUDED.items():
+        folder = Path(str(package.__file__)).parent
+        without = [folder / name for name in excluded]
+        found += [
+            file for file in folder.rglob("*.py") if not any(file.is_relative_to(excluded) for excluded in without)
+        ]
+    return sorted(found)
 
 
 @lru_cache(maxsize=1)
 def code_stamp() -> str:
-    """Hash of every source file that has a say in a flight."""
-    digest = hashlib.sha256()
-    for source in _SOURCES:
-        path = _ROOT / source
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            if file.parent.name == "viewer":  # pictures change no flight
-                continue
-            digest.update(f"{file.relative_to(_ROOT).as_posix()}\0".encode() + file.read_bytes())
-    return digest.hexdigest()
+    """Return the hash of `sources`, without comments and docstrings."""
+    return source_hash(sources())
 
 
 def key(policies: Sequence[str], scenario: Scenario, episodes: int, seed: int) -> str:
-    """What the file of these flights is called.
+    """Return the name of the cached file of an evaluation, without its ending.
 
     Args:
-        policies: what tells each from all others, see `quadpend_train.policies.loading.policy_fingerprint`.
-        scenario: flown.
-        episodes: how many.
-        seed: of the first.
+        policies: Fingerprints of the policies, see `quadpend_train.policies.loading.policy_fingerprint`.
+        scenario: Scenario of the episodes.
+        episodes: Number of episodes.
+        seed: Seed of the first episode.
     """
-    cell = [list(policies), scenario_hash(scenario), episodes, seed, versions(), code_stamp()]
-    return hashlib.sha256(json.dumps(cell).encode()).hexdigest()[:32]
+    parts = [list(policies), scenario_hash(scenario), episodes, seed, versions(), code_stamp()]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
 def has(folder: Path, name: str) -> bool:
-    """Whether flights are kept under `name`, damaged or not."""
+    """Return whether there is a cached file with this name, damaged or not."""
     return _path(folder, name).exists()
 
 
 def load(folder: Path, name: str) -> EpisodeResults | None:
-    """The flights kept under `name`, or None; a damaged file is as good as none, with a warning."""
+    """Return the cached results with this name; None if there are none, or, with a warning, if the file is damaged."""
     if not has(folder, name):
         return None
     path = _path(folder, name)
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            flights = EpisodeResults(**{field: data[field] for field in EpisodeResults._fields})
-        if flights.error.shape != (*flights.survived.shape, STEPS):
-            raise ValueError("its arrays do not fit together")
-    except Exception as error:  # whatever a broken archive makes its readers raise
-        warnings.warn(f"{path} is damaged and will be flown again: {error}", stacklevel=2)
+            results = EpisodeResults(**{field: data[field] for field in EpisodeResults._fields})
+        if results.error.shape != (*results.survived.shape, EPISODE_STEPS):
+            raise ValueError("the shapes of its arrays do not match")
+    except Exception as error:  # readers of a damaged archive raise exceptions of many types
+        warnings.warn(f"{path} is damaged and its results are computed again: {error}", stacklevel=2)
         return None
-    return flights
+    return results
 
 
-def save(folder: Path, name: str, flights: EpisodeResults) -> None:
-    """Keep flights under `name`; an interruption leaves what was there."""
+def save(folder: Path, name: str, results: EpisodeResults) -> None:
+    """Save results under a name; an interruption leaves an existing file unchanged."""
     folder.mkdir(parents=True, exist_ok=True)
     unfinished = folder / f"{name}.{os.getpid()}.tmp"
     with unfinished.open("wb") as file:
-        np.savez(file, **flights._asdict())
+        np.savez(file, **results._asdict())
     unfinished.replace(_path(folder, name))
 
 

@@ -1,4 +1,4 @@
-"""The comparison of policies in scenarios: who flies how well, by how much better, and how sure that is."""
+"""Comparison of policies in scenarios: metrics of every policy and paired differences, with confidence intervals."""
 
 import csv
 import json
@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.validation import check_int
-from quadpend_train.common.files import plain
+from quadpend_train.common.files import to_json_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
@@ -23,112 +23,122 @@ from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
 from quadpend_train.scenarios import Scenario, file_hash, find_scenario, scenario_hash
 
-Cell = tuple[str, str]  # scenario and policy, by name
+Cell = tuple[str, str]  # names of a scenario and of a policy
 
 
-class Measure(NamedTuple):
-    """A column of the comparison."""
+class Metric(NamedTuple):
+    """A column of the comparison.
+
+    Attributes:
+        unit: Unit of the reported values; empty if there is none.
+        better: Sign of a difference that is an improvement: 1 or -1.
+        factor: Factor from SI units to `unit`.
+    """
 
     unit: str
-    better: int  # the sign of a difference that means better
-    factor: float = 1.0  # from SI units
+    better: int
+    factor: float = 1.0
 
 
-MEASURES = {
-    "survival": Measure("%", 1, 100.0),
-    "penalised_rmse": Measure("mm", -1, 1000.0),
-    "iqm": Measure("mm", -1, 1000.0),
-    "rmse_of_survivors": Measure("mm", -1, 1000.0),
-    "settled_rmse": Measure("mm", -1, 1000.0),
-    "largest_tilt": Measure("°", -1, 180.0 / np.pi),
-    "effort": Measure("", -1),
-    "return": Measure("", 1),
+METRICS = {
+    "survival": Metric("%", 1, 100.0),
+    "penalised_rmse": Metric("mm", -1, 1000.0),
+    "iqm": Metric("mm", -1, 1000.0),
+    "rmse_of_survivors": Metric("mm", -1, 1000.0),
+    "settled_rmse": Metric("mm", -1, 1000.0),
+    "largest_tilt": Metric("°", -1, 180.0 / np.pi),
+    "effort": Metric("", -1),
+    "return": Metric("", 1),
 }
 
 
-def measured(flights: EpisodeResults) -> dict[str, Any]:
-    """The values behind every measure, SI units, shape (s, n) each; nan where there is none."""
+def metric_values(results: EpisodeResults) -> dict[str, Any]:
+    """Return the values of every metric for each episode, in SI units, shape (s, n) each; nan where undefined."""
     return {
-        "survival": flights.survived,
-        "penalised_rmse": flights.penalised_rmse,
-        "iqm": flights.penalised_rmse,
-        "rmse_of_survivors": np.where(flights.survived, flights.rmse, np.nan),
-        "settled_rmse": flights.settled_rmse,
-        "largest_tilt": flights.largest_tilt,
-        "effort": flights.effort,
-        "return": flights.episode_return,
+        "survival": results.survived,
+        "penalised_rmse": results.penalised_rmse,
+        "iqm": results.penalised_rmse,
+        "rmse_of_survivors": np.where(results.survived, results.rmse, np.nan),
+        "settled_rmse": results.settled_rmse,
+        "largest_tilt": results.largest_tilt,
+        "effort": results.effort,
+        "return": results.episode_return,
     }
 
 
-def summarise(flights: EpisodeResults) -> dict[str, Interval]:
-    """The measures of `MEASURES` in their units, each with its 95 % interval over the episodes.
+def summarise(results: EpisodeResults) -> dict[str, Interval]:
+    """Return every metric of `METRICS` in its unit, with its 95 % interval.
 
-    ``rmse_of_survivors`` and ``settled_rmse`` are of the episodes that were survived, ``penalised_rmse`` and ``iqm``,
-    its interquartile mean, of all.
+    ``rmse_of_survivors`` and ``settled_rmse`` are means over the survived episodes. ``penalised_rmse`` is the mean over
+    all episodes, and ``iqm`` is its interquartile mean.
     """
     estimators: dict[str, Callable[[Any], Interval]] = {"survival": proportion, "iqm": interquartile_mean}
-    values = measured(flights).items()
-    return {name: estimators.get(name, mean)(value).scaled(MEASURES[name].factor) for name, value in values}
+    values = metric_values(results).items()
+    return {name: estimators.get(name, mean)(value).scaled(METRICS[name].factor) for name, value in values}
 
 
-def differences(flights: EpisodeResults, other: EpisodeResults) -> dict[str, Interval]:
-    """How far `flights` lies above `other`, with paired intervals: the same episodes, one minus the other.
+def differences(results: EpisodeResults, other: EpisodeResults) -> dict[str, Interval]:
+    """Return the difference of every metric between two policies in the same episodes, with its paired 95 % interval.
 
-    `other` is one policy, or has as many training seeds as `flights`; ``iqm`` is the interquartile mean of the
-    differences, and ``rmse_of_survivors`` and ``settled_rmse`` are of the episodes that both survived.
+    ``iqm`` is the interquartile mean of the differences. ``rmse_of_survivors`` and ``settled_rmse`` are means over the
+    episodes that both survived.
+
+    Args:
+        results: Results of the policy.
+        other: Results that are subtracted: those of one policy, or of as many training seeds as `results` has.
     """
-    mine, its = measured(flights), measured(other)
-    out = {"survival": paired_proportion(mine.pop("survival"), its.pop("survival"))}
-    for name, value in mine.items():
-        out[name] = (interquartile_mean if name == "iqm" else mean)(value - its[name])
-    return {name: value.scaled(MEASURES[name].factor) for name, value in out.items()}
+    values, others = metric_values(results), metric_values(other)
+    out = {"survival": paired_proportion(values.pop("survival"), others.pop("survival"))}
+    for name, value in values.items():
+        out[name] = (interquartile_mean if name == "iqm" else mean)(value - others[name])
+    return {name: value.scaled(METRICS[name].factor) for name, value in out.items()}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Every policy in every scenario.
+    """Results of every policy in every scenario.
 
     Attributes:
-        policies: their names.
-        scenarios: by their names.
-        episodes: flown in each cell.
-        seed: of the first episode.
-        flights: by scenario and policy.
-        identities: of the policies that were given by name: gains, or hashes of model files.
+        policies: Names of the policies.
+        scenarios: Scenarios by name.
+        episodes: Number of episodes in each scenario.
+        seed: Seed of the first episode.
+        results: Results by the names of scenario and policy.
+        identities: Gains of the controllers and hashes of the model files, of those policies that were given by name.
     """
 
     policies: tuple[str, ...]
     scenarios: dict[str, Scenario]
     episodes: int
     seed: int
-    flights: dict[Cell, EpisodeResults]
+    results: dict[Cell, EpisodeResults]
     identities: dict[str, list[str]]
 
     @cached_property
     def summaries(self) -> dict[Cell, dict[str, Interval]]:
-        """Every cell's measures, see `summarise`."""
-        return {cell: summarise(flights) for cell, flights in self.flights.items()}
+        """Metrics by the names of scenario and policy, see `summarise`."""
+        return {cell: summarise(results) for cell, results in self.results.items()}
 
     @cached_property
-    def minus_first(self) -> dict[Cell, dict[str, Interval]]:
-        """Every cell's differences from the first policy, see `differences`."""
+    def differences_from_first(self) -> dict[Cell, dict[str, Interval]]:
+        """Differences from the first policy by the names of scenario and policy, see `differences`."""
         first = self.policies[0]
         return {
-            (name, policy): differences(flown, self.flights[name, first])
-            for (name, policy), flown in self.flights.items()
+            (scenario, policy): differences(results, self.results[scenario, first])
+            for (scenario, policy), results in self.results.items()
         }
 
     def as_data(self) -> dict[str, Any]:
-        """Numbers and intervals for JSON; differences are against the first policy."""
+        """Return provenance, metrics and differences from the first policy as data for JSON."""
         return {
             **self.provenance(),
-            "units": {name: measure.unit for name, measure in MEASURES.items()},
+            "units": {name: metric.unit for name, metric in METRICS.items()},
             "scenarios": {name: asdict(scenario) for name, scenario in self.scenarios.items()},
             "results": {
                 scenario: {
                     policy: {
-                        "measures": plain(self.summaries[scenario, policy]),
-                        "minus_first": plain(self.minus_first[scenario, policy]),
+                        "metrics": to_json_data(self.summaries[scenario, policy]),
+                        "differences_from_first": to_json_data(self.differences_from_first[scenario, policy]),
                     }
                     for policy in self.policies
                 }
@@ -137,9 +147,9 @@ class Comparison:
         }
 
     def provenance(self) -> dict[str, Any]:
-        """What it takes to make the same numbers again, which stands in every file of results."""
+        """Return what is needed to reproduce the numbers; every file of results contains it."""
         return {
-            "origin": provenance(),
+            "provenance": provenance(),
             "code": cache.code_stamp()[:12],
             "policies": self.identities,
             "scenario_file": file_hash(),
@@ -149,17 +159,17 @@ class Comparison:
         }
 
     def save(self, folder: Path) -> None:
-        """Write `comparison.json` and `comparison.csv` into `folder`; the latter's first line says how it was made."""
+        """Write `comparison.json` and `comparison.csv`, whose first line is the provenance, into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.as_data(), indent=1, allow_nan=False)
         (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
         with (folder / "comparison.csv").open("w", encoding="utf-8", newline="") as file:
             file.write(f"# {json.dumps(self.provenance())}\n")
             table = csv.writer(file, lineterminator="\n")
-            table.writerow(["scenario", "policy", "measure", "value", "low", "high", "unit"])
+            table.writerow(["scenario", "policy", "metric", "value", "low", "high", "unit"])
             for (scenario, policy), summary in self.summaries.items():
                 for name, interval in summary.items():
-                    table.writerow([scenario, policy, name, *interval, MEASURES[name].unit])
+                    table.writerow([scenario, policy, name, *interval, METRICS[name].unit])
 
 
 def compare(
@@ -171,57 +181,57 @@ def compare(
     fresh: bool = False,
     jobs: int = 1,
 ) -> Comparison:
-    """Fly every policy through the same episodes of every scenario; the result is the same whatever `jobs` is.
+    """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
 
     Args:
-        policies: by the names they shall have: what `load_policies` takes, or policies themselves, which are flown in
-            this process and not kept; under one name, a controller or the training seeds of one learner.
-        scenarios: what `find_scenario` takes for scenarios; by the names they shall have, or under that.
-        episodes: in each scenario.
-        seed: of the first.
-        folder: where flights are kept, so that only those missing are flown; None: nowhere.
-        fresh: whether to fly all of them again.
-        jobs: processes that fly.
+        policies: Policies by the names that they get in the comparison. A value is a controller, the training seeds of
+            one learner, or a name of these as `load_policies` takes it. Policies that are given as objects run in this
+            process, and their results are not cached.
+        scenarios: Names of scenarios as `find_scenario` takes them; or such names by the names that the scenarios get
+            in the comparison.
+        episodes: Number of episodes in each scenario.
+        seed: Seed of the first episode.
+        folder: Folder of the cached results; only missing results are computed. None: no cache.
+        fresh: Whether to ignore cached results.
+        jobs: Number of processes.
 
     Raises:
-        ValueError: there is no policy or no scenario, one is unknown, a policy cannot fly in a scenario, two learners
+        ValueError: If there is no policy or no scenario, one is unknown, a policy does not fit a scenario, two learners
             have different numbers of training seeds, or a number is out of range.
     """
     if not policies or not scenarios:
-        raise ValueError("there must be at least one policy and one scenario to compare")
+        raise ValueError("policies and scenarios must each have at least one entry")
     for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
         check_int(value, name, least)
-    contenders: dict[str, str | Sequence[Policy]] = {
-        name: given if isinstance(given, str | list | tuple) else [given] for name, given in policies.items()
+    compared: dict[str, str | Sequence[Policy]] = {
+        name: policy if isinstance(policy, str | list | tuple) else [policy] for name, policy in policies.items()
     }
-    _check_seeds(contenders)
+    _check_training_seeds(compared)
     named = scenarios if isinstance(scenarios, Mapping) else {name: name for name in scenarios}
     found = {name: find_scenario(scenario) for name, scenario in named.items()}
-    cells = {(s, p): Job(contenders[p], found[s], episodes, seed) for s in found for p in policies}
-    _check_flights({cell: job for cell, job in cells.items() if fresh or not _kept(job, folder)})
-    known = {name: policy_fingerprints(given) for name, given in contenders.items() if isinstance(given, str)}
+    cells = {(s, p): Job(compared[p], found[s], episodes, seed) for s in found for p in policies}
+    _check_policies({cell: job for cell, job in cells.items() if fresh or not _is_cached(job, folder)})
+    known = {name: policy_fingerprints(policy) for name, policy in compared.items() if isinstance(policy, str)}
     return Comparison(tuple(policies), found, episodes, seed, run_jobs(cells, folder, fresh, jobs), known)
 
 
-def _kept(job: Job, folder: Path | None) -> bool:
-    key = job.key() if folder else None
+def _is_cached(job: Job, folder: Path | None) -> bool:
+    key = job.cache_key() if folder else None
     return folder is not None and key is not None and cache.has(folder, key)
 
 
-def _check_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> None:
-    """Differences are taken seed by seed, or from one policy."""
-    sizes = {
-        name: len(policy_names(policy) if isinstance(policy, str) else policy) for name, policy in policies.items()
-    }
+def _check_training_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> None:
+    """Check that all learners have the same number of training seeds, since differences are computed seed by seed."""
+    sizes = {name: len(policy_names(policy) if isinstance(policy, str) else policy) for name, policy in policies.items()}
     if len(set(sizes.values()) - {1}) > 1:
-        told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
-        raise ValueError(f"learners must have the same number of training seeds to be compared: {told}")
+        numbers = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        raise ValueError(f"policies must be learners with the same number of training seeds or single ones: {numbers}")
 
 
-def _check_flights(cells: Mapping[Cell, Job]) -> None:
-    """Try policies on one observation of their scenarios, before hours are flown in vain."""
-    wanted = {name: job.policies for (_, name), job in cells.items()}
-    loaded = {name: load_policies(named) if isinstance(named, str) else named for name, named in wanted.items()}
+def _check_policies(cells: Mapping[Cell, Job]) -> None:
+    """Run every policy for one step of its scenarios, so that a mismatch is found before the long evaluation."""
+    given = {name: job.policies for (_, name), job in cells.items()}
+    loaded = {name: load_policies(policy) if isinstance(policy, str) else policy for name, policy in given.items()}
     for (scenario, name), job in cells.items():
         env = job.scenario.make_vec(1, AutoresetMode.SAME_STEP)
         try:
@@ -230,4 +240,4 @@ def _check_flights(cells: Mapping[Cell, Job]) -> None:
                 action, _ = adapt_policy(policy, job.scenario).predict(observation, None, np.ones(1, np.bool_))
                 env.step(action)
         except ValueError as error:
-            raise ValueError(f"{name} cannot fly in {scenario}: {error}") from error
+            raise ValueError(f"{name} does not fit the scenario {scenario}: {error}") from error

@@ -1,7 +1,7 @@
-"""Flying policies through the same episodes and measuring how well they do.
+"""Run policies through the same episodes and compute their metrics.
 
-Episode k of a scenario (start, reference, wind) depends on the seed and on k only, so every policy meets the same
-episodes and differences can be taken episode by episode.
+Start, reference and wind of episode k of a scenario depend on the seed and on k only. So every policy runs through the
+same episodes, and differences can be computed episode by episode.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,29 +18,31 @@ from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, find_scenario
 
-# Blocks of episodes, which no training run sees: its seeds are above 2³² (`quadpend_train.training.train.first_episode`).
-TEST_SEED = 1_000_000  # the published results'
-TUNING_SEED = 2_000_000  # those that classical gains are searched on
-VALIDATION_SEED = 3_000_000  # for everybody's daily use: neither tuned on nor published
-STEPS, PERIOD = EPISODE_STEPS, CONTROL_PERIOD
-SETTLED = 500  # steps after which the start should no longer matter
-FALL = 1.0  # m, the tracking error that a fall counts as, and nothing counts more
+# First seeds of disjoint sets of episodes. The seeds of training runs are above 2³², see
+# `quadpend_train.training.train.first_episode`.
+TEST_SEED = 1_000_000  # of the published results
+TUNING_SEED = 2_000_000  # of the search for gains of the classical controllers
+VALIDATION_SEED = 3_000_000  # for daily use: not used for tuning and not in the published results
+SETTLED_STEP = 500  # first step of the settled RMSE, after which the start has little influence
+FALL_ERROR = 1.0  # m, RMSE that a fall counts as, and the upper limit of the penalised RMSE
 
 
 class EpisodeResults(NamedTuple):
-    """The same n episodes, flown by s policies that are one learner trained with s seeds, or by one controller.
+    """Metrics of n episodes for s policies: the training seeds of one learner, or one controller.
+
+    A fall is an early termination. An episode without a fall is survived: it lasts 1000 steps.
 
     Attributes:
-        survived: whether the episode lasted its 1000 steps, shape (s, n).
-        steps: flown, shape (s, n).
-        rmse: root mean square of the tracking error's norm over the steps flown, m, shape (s, n).
-        penalised_rmse: the same, but that a fall counts as 1 m, and nothing as more, so that nobody gains by falling,
-            shape (s, n).
-        settled_rmse: over the steps from 500 on, m; nan where the episode was not survived, shape (s, n).
-        largest_tilt: of the pendulum from upright, rad, shape (s, n).
-        effort: root mean square of the action's norm, shape (s, n).
-        episode_return: sum of rewards, shape (s, n).
-        error: norm of the tracking error after each step, nan where none was flown, m, shape (s, n, 1000).
+        survived: Whether the episode was survived, shape (s, n).
+        steps: Number of steps of the episode, shape (s, n).
+        rmse: Root mean square of the norm of the tracking error over these steps, m, shape (s, n).
+        penalised_rmse: `rmse`, but at most 1 m, and 1 m for a fall, so that an early fall never improves it; m, shape
+            (s, n).
+        settled_rmse: Root mean square of the error from step 500 on, m; nan for a fall; shape (s, n).
+        largest_tilt: Largest angle of the pendulum from upright, rad, shape (s, n).
+        effort: Root mean square of the norm of the action, shape (s, n).
+        episode_return: Sum of the rewards, shape (s, n).
+        error: Norm of the tracking error after each step, m; nan after a fall; shape (s, n, 1000).
     """
 
     survived: Booleans
@@ -61,54 +63,55 @@ def run_episodes(
     seed: int = VALIDATION_SEED,
     options: dict[str, Any] | None = None,
 ) -> EpisodeResults:
-    """Fly each policy through the first episode of each of `episodes` seeds, counting up from `seed`.
+    """Run each policy through one episode of each of `episodes` consecutive seeds.
 
     Args:
-        policies: anything that obeys the `predict` protocol: one, or one for each training seed.
-        scenario: a scenario, or what `find_scenario` takes for one.
-        episodes: how many.
-        seed: of the first.
-        options: of the environment's reset, such as a start of each episode's own.
+        policies: Objects with the `predict` protocol: one, or one for each training seed.
+        scenario: Scenario, or its name as `find_scenario` takes it.
+        episodes: Number of episodes.
+        seed: Seed of the first episode.
+        options: Options of the environment's reset, such as a start for each episode.
 
     Raises:
-        ValueError: there is no such scenario, or its control period is another than the measures are made for.
+        ValueError: If the scenario is unknown, or its control period is not that of the metrics, 0.01 s.
     """
     if isinstance(scenario, str):
         scenario = find_scenario(scenario)
-    if scenario.simulation.period != PERIOD:
+    if scenario.simulation.period != CONTROL_PERIOD:
         raise ValueError(
-            f"flights are measured over {STEPS} steps of {PERIOD:g} s, not {scenario.simulation.period:g} s"
+            f"the control period of an evaluated scenario must be {CONTROL_PERIOD:g} s, not"
+            f" {scenario.simulation.period:g} s: the metrics are defined for {EPISODE_STEPS} steps of that period"
         )
-    flown = []
+    results = []
     for policy in policies:
         env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
-        flown.append(collect_results(rollout(adapt_policy(policy, scenario), env, seed, options), episodes))
-    return EpisodeResults(*(np.stack(parts) for parts in zip(*flown, strict=True)))
+        results.append(collect_results(rollout(adapt_policy(policy, scenario), env, seed, options), episodes))
+    return EpisodeResults(*(np.stack(parts) for parts in zip(*results, strict=True)))
 
 
-def collect_results(steps_flown: Iterable[RolloutStep], episodes: int) -> EpisodeResults:
-    """The measures of a rollout of `episodes` rows, without the axis of the seeds."""
+def collect_results(rollout_steps: Iterable[RolloutStep], episodes: int) -> EpisodeResults:
+    """Compute the metrics of a rollout of `episodes` sub-environments; the arrays have no axis for training seeds."""
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
-    error = np.full((STEPS, episodes), np.nan)
-    tilt, effort, gained = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
-    for number, step in enumerate(steps_flown):
-        flying = step.active
-        error[number, flying] = np.linalg.norm(step.tracking_error[flying], axis=1)
-        tilt[flying] = np.fmax(tilt[flying], step.tilt[flying])
-        effort[flying] += np.sum(step.action[flying].astype(np.float64) ** 2, axis=1)
-        gained[flying] += step.reward[flying]
-        steps += flying
+    error = np.full((EPISODE_STEPS, episodes), np.nan)
+    tilt, effort, episode_return = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
+    for number, step in enumerate(rollout_steps):
+        running = step.active
+        error[number, running] = np.linalg.norm(step.tracking_error[running], axis=1)
+        tilt[running] = np.fmax(tilt[running], step.tilt[running])
+        effort[running] += np.sum(step.action[running].astype(np.float64) ** 2, axis=1)
+        episode_return[running] += step.reward[running]
+        steps += running
         survived |= step.survived
     rmse = np.sqrt(np.nansum(error**2, axis=0) / steps)
-    settled = np.sqrt(np.mean(error[SETTLED:] ** 2, axis=0))
+    settled = np.sqrt(np.mean(error[SETTLED_STEP:] ** 2, axis=0))
     return EpisodeResults(
         survived,
         steps,
         rmse,
-        np.where(survived, np.minimum(rmse, FALL), FALL),
+        np.where(survived, np.minimum(rmse, FALL_ERROR), FALL_ERROR),
         np.where(survived, settled, np.nan),
         tilt,
         np.sqrt(effort / steps),
-        gained,
+        episode_return,
         np.ascontiguousarray(error.T, np.float32),
     )

@@ -1,24 +1,32 @@
-"""Numbers and intervals as text."""
+"""Numbers and confidence intervals as text."""
 
 import numpy as np
 
 from quadpend_train.evaluation.statistics import Interval
 
 
-def brief(value: float, like: float | None = None) -> str:
-    """A number with as many digits as are worth reading, or as many as of `like`."""
+def format_number(value: float, like: float | None = None) -> str:
+    """Return a number with none, one or two decimals, so that it shows about three digits.
+
+    Args:
+        value: Number to format.
+        like: Number whose size determines the decimals; None: `value` itself.
+    """
     size = abs(value if like is None else like)
     return f"{value:.{0 if size >= 100 else 1 if size >= 10 else 2}f}"
 
 
 def format_interval(interval: Interval) -> str:
-    """A number with its interval; a dash if there is none."""
+    """Return an estimate with its interval, such as ``20.2 [19.3, 21.1]``; a dash if the estimate is nan."""
     if np.isnan(interval.value):
         return "–"
-    value, low, high = (brief(number, _smallest(interval)) for number in interval)
+    value, low, high = (format_number(number, _smallest(interval)) for number in interval)
     return f"{value} [{low}, {high}]"
 
 
 def _smallest(interval: Interval) -> float:
-    """The number that needs most digits: a share of 99.5 to 100 % is not 100 to 100; 0 needs no more than the rest."""
+    """Return the number that needs the most decimals: the estimate, or the lower end unless that is 0.
+
+    So an interval from 99.5 to 100 is not rounded to [100, 100], and a lower end of 0 adds no decimals.
+    """
     return min(abs(interval.value), abs(interval.low) or abs(interval.value))

@@ -1,4 +1,4 @@
-"""Flying many cells of a study: those kept on disk are not flown again, the others in several processes."""
+"""Run the evaluations of a study: load cached results, and run the missing evaluations in several processes."""
 
 import hashlib
 import json
@@ -22,73 +22,84 @@ Name = TypeVar("Name", bound=Hashable)
 
 
 class Job(NamedTuple):
-    """One cell, as the arguments of `quadpend_train.evaluation.episodes.fly`."""
+    """One evaluation of a policy in a scenario: the arguments of `run_episodes`.
 
-    policies: str | Sequence[Policy]  # what `load_policies` takes, or policies, which stay in this process, unkept
+    Attributes:
+        policies: A name as `load_policies` takes it, or policies. Policies that are given as objects run in this
+            process, and their results are not cached.
+        scenario: Scenario of the episodes.
+        episodes: Number of episodes.
+        seed: Seed of the first episode.
+        options: Options of the environment's reset.
+    """
+
+    policies: str | Sequence[Policy]
     scenario: Scenario
     episodes: int
     seed: int
     options: dict[str, Any] | None = None
 
-    def fly(self) -> EpisodeResults:
-        """Do it."""
+    def run(self) -> EpisodeResults:
+        """Load the policies and run the episodes."""
         policies = load_policies(self.policies) if isinstance(self.policies, str) else self.policies
         return run_episodes(policies, self.scenario, self.episodes, self.seed, self.options)
 
-    def key(self) -> str | None:
-        """What the flights are kept under, see `store.key`; None: they are not."""
+    def cache_key(self) -> str | None:
+        """Return the name under which the results are cached, see `cache.key`; None if they are not cached."""
         if not isinstance(self.policies, str):
             return None
-        known = policy_fingerprints(self.policies)
+        policies = policy_fingerprints(self.policies)
         if self.options is not None:
-            told = json.dumps(self.options, sort_keys=True, default=lambda array: array.tolist())
-            known.append(hashlib.sha256(told.encode()).hexdigest())
-        return cache.key(known, self.scenario, self.episodes, self.seed)
+            options = json.dumps(self.options, sort_keys=True, default=lambda array: array.tolist())
+            policies.append(hashlib.sha256(options.encode()).hexdigest())
+        return cache.key(policies, self.scenario, self.episodes, self.seed)
 
 
 def run_jobs(
     jobs: Mapping[Name, Job], folder: Path | None = None, fresh: bool = False, processes: int = 1
 ) -> dict[Name, EpisodeResults]:
-    """Fly all jobs; the flights are the same whatever `processes` is.
+    """Run all jobs and return their results, which do not depend on `processes`.
 
     Args:
-        jobs: by whatever name.
-        folder: where flights are kept, so that only those missing are flown; None: nowhere.
-        fresh: whether to fly all of them again.
-        processes: that fly.
+        jobs: Jobs by any hashable name.
+        folder: Folder of the cached results; only missing results are computed. None: no cache.
+        fresh: Whether to ignore cached results and to run all jobs again.
+        processes: Number of processes.
 
     Raises:
-        ValueError: there is no such policy, it cannot fly in a scenario, or its file changes meanwhile.
+        ValueError: If a policy is unknown, does not fit a scenario, or its file changes while the job runs.
     """
-    keys = {name: key for name, job in jobs.items() if folder and (key := job.key())}
-    kept = {} if fresh or not folder else {name: cache.load(folder, key) for name, key in keys.items()}
-    flights = {name: flown for name, flown in kept.items() if flown is not None}
-    missing = {name: job for name, job in jobs.items() if name not in flights}
+    keys = {name: key for name, job in jobs.items() if folder and (key := job.cache_key())}
+    cached = {} if fresh or not folder else {name: cache.load(folder, key) for name, key in keys.items()}
+    results = {name: found for name, found in cached.items() if found is not None}
+    missing = {name: job for name, job in jobs.items() if name not in results}
     with (
-        tqdm(total=len(jobs), initial=len(flights), unit="cell", leave=False) as bar,
-        closing(_arriving(missing, processes)) as arriving,
+        tqdm(total=len(jobs), initial=len(results), unit="job", leave=False) as bar,
+        closing(_run_as_completed(missing, processes)) as completed,
     ):
-        for name, flown in arriving:
+        for name, result in completed:
             if folder and name in keys:
-                if jobs[name].key() != keys[name]:
-                    raise ValueError(f"{jobs[name].policies} has changed while it was flown: wait until it is trained")
-                cache.save(folder, keys[name], flown)
-            flights[name] = flown
+                if jobs[name].cache_key() != keys[name]:
+                    raise ValueError(
+                        f"{jobs[name].policies} has changed during its evaluation: wait until its training is finished"
+                    )
+                cache.save(folder, keys[name], result)
+            results[name] = result
             bar.update()
-    return {name: flights[name] for name in jobs}
+    return {name: results[name] for name in jobs}
 
 
-def _arriving(jobs: Mapping[Name, Job], processes: int) -> Generator[tuple[Name, EpisodeResults], None, None]:
-    """Flights in whatever order they are ready: with several processes, of policies that have names in others."""
-    away = {name: job for name, job in jobs.items() if processes > 1 and isinstance(job.policies, str)}
-    if away:
-        pool = ProcessPoolExecutor(min(processes, len(away)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
+def _run_as_completed(jobs: Mapping[Name, Job], processes: int) -> Generator[tuple[Name, EpisodeResults], None, None]:
+    """Yield results as soon as they are ready; policies given by name run in other processes if there are several."""
+    remote = {name: job for name, job in jobs.items() if processes > 1 and isinstance(job.policies, str)}
+    if remote:
+        pool = ProcessPoolExecutor(min(processes, len(remote)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
         try:
-            flying = {pool.submit(job.fly): name for name, job in away.items()}
-            for future in as_completed(flying):
-                yield flying[future], future.result()
+            futures = {pool.submit(job.run): name for name, job in remote.items()}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
         finally:
             pool.shutdown(cancel_futures=True)
     for name, job in jobs.items():
-        if name not in away:
-            yield name, job.fly()
+        if name not in remote:
+            yield name, job.run()

@@ -1,4 +1,4 @@
-"""The leaderboard: all policies of a comparison in order of their mean penalised RMSE."""
+"""The leaderboard: all policies of a comparison, ordered by their mean penalised RMSE over the scenarios."""
 
 from typing import NamedTuple
 
@@ -10,55 +10,53 @@ from quadpend_train.evaluation.statistics import Interval, mean, proportion
 
 
 class LeaderboardRow(NamedTuple):
-    """A policy's row of the leaderboard.
+    """One policy on the leaderboard.
 
-    Every scenario weighs the same. Episode k has the same start and reference in most scenarios, so its values are
-    averaged over them before their mean's interval is made: what the scenarios have in common counts.
+    All scenarios have the same weight. Episode k has the same start and reference in most scenarios, so the values of
+    different scenarios are not independent. Therefore each episode is averaged over the scenarios first, and the
+    interval is that of the mean of these averages.
 
     Attributes:
-        policy: its name.
-        penalised_rmse: mean over the scenarios, mm; its interval knows of no falls rarer than about 3/n.
-        survival: mean over the scenarios, %, with the ends of that interval or of Wilson's for all episodes together
-            that lie farther out.
-        worst_survival: share survived in the scenario where that is smallest, %; its interval does not count that the
-            scenario was chosen for it.
-        worst: that scenario.
-        wins: scenarios won against every other policy, summed over them, see `duels`.
-        losses: scenarios lost against them.
+        policy: Name of the policy.
+        penalised_rmse: Mean over the scenarios, mm; its interval does not account for falls rarer than about 3/n.
+        survival: Mean over the scenarios, %; the interval is widened by Wilson's interval of all episodes together.
+        worst_survival: Survival in the scenario where it is smallest, %; the interval ignores the selection of this
+            scenario.
+        worst_scenario: Name of that scenario.
+        wins: Number of scenarios won, summed over all other policies, see `compare_all_pairs`.
+        losses: Number of scenarios lost, summed in the same way.
     """
 
     policy: str
     penalised_rmse: Interval
     survival: Interval
     worst_survival: Interval
-    worst: str
+    worst_scenario: str
     wins: int
     losses: int
 
 
 def leaderboard(comparison: Comparison) -> list[LeaderboardRow]:
-    """All policies, the smallest mean penalised RMSE first."""
-    results = compare_all_pairs(comparison)
-
-    def count(name: str, result: int) -> int:
-        first = sum(len(fought.won(result)) for (a, _), fought in results.items() if a == name)
-        return first + sum(len(fought.won(-result)) for (_, b), fought in results.items() if b == name)
-
-    return sorted(
-        (_standing(comparison, name, count(name, 1), count(name, -1)) for name in comparison.policies),
-        key=lambda standing: standing.penalised_rmse.value,
-    )
+    """Return the rows of all policies, ordered by the mean penalised RMSE, the smallest first."""
+    wins, losses = dict.fromkeys(comparison.policies, 0), dict.fromkeys(comparison.policies, 0)
+    for (first, second), pair in compare_all_pairs(comparison).items():
+        wins[first] += len(pair.won)
+        losses[first] += len(pair.lost)
+        wins[second] += len(pair.lost)
+        losses[second] += len(pair.won)
+    rows = [_row(comparison, policy, wins[policy], losses[policy]) for policy in comparison.policies]
+    return sorted(rows, key=lambda row: row.penalised_rmse.value)
 
 
-def _standing(comparison: Comparison, policy: str, wins: int, losses: int) -> LeaderboardRow:
-    flights = {name: comparison.flights[name, policy] for name in comparison.scenarios}
-    survived = {name: flown.survived for name, flown in flights.items()}
+def _row(comparison: Comparison, policy: str, wins: int, losses: int) -> LeaderboardRow:
+    results = {name: comparison.results[name, policy] for name in comparison.scenarios}
+    survived = {name: result.survived for name, result in results.items()}
     worst = min(survived, key=lambda name: float(survived[name].mean()))
     survival = mean(np.mean(list(survived.values()), axis=0)).clipped(0.0, 1.0)
     pooled = proportion(np.stack(list(survived.values())).reshape(1, -1))
     return LeaderboardRow(
         policy,
-        mean(np.mean([flown.penalised_rmse for flown in flights.values()], axis=0)).scaled(1000.0),
+        mean(np.mean([result.penalised_rmse for result in results.values()], axis=0)).scaled(1000.0),
         survival.widened(pooled).scaled(100.0),
         proportion(survived[worst]).scaled(100.0),
         worst,

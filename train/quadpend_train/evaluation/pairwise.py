@@ -1,13 +1,14 @@
-"""Two policies against each other: who wins where, by how much, and how sure that is.
+"""Pairwise comparison of two policies: which one is better in which scenario, by how much, and how certain that is.
 
-A scenario is won by who survives more of its episodes; if that cannot be told apart, by who has the smaller RMSE in
-those that both survived; if that cannot either, by nobody. Both are tested in every scenario (`p_proportion` and
-`p_value`, over the same episodes), and all tests of a family are corrected together by Holm's method: the chance that
-even one victory or defeat in it is not real is at most 5 %, as far as each test's own chance is what it says. The
-family of `duel` is one pair, that of `duels` and of the leaderboard all pairs, so that these claim a little less.
+The first policy wins a scenario if it survives significantly more of its episodes. If the survival does not differ
+significantly, the policy with the significantly smaller RMSE in the episodes that both survived wins. Otherwise nobody
+wins. Both quantities are tested in every scenario on the same episodes (`p_proportion` and `p_value`), and all tests of
+one family are corrected together by Holm's method: the probability that at least one win or loss of the family is false
+is at most 5 %, as far as each test keeps its own level. The family of `compare_pair` is one pair, that of
+`compare_all_pairs` and of the leaderboard is all pairs, so the latter report slightly fewer wins.
 
-The penalised RMSE (a fall counts as 1 m) says how much harm is done, but decides nothing: falls that are rarer than
-about 3/n may not be among n episodes at all, and then neither the mean nor its interval knows of them.
+The penalised RMSE (a fall counts as 1 m) is reported but does not decide who wins: falls that are rarer than about 3/n
+may not be among n episodes, and then neither the mean nor its interval accounts for them.
 """
 
 import itertools
@@ -24,37 +25,39 @@ from quadpend_train.evaluation.statistics import (
     CONFIDENCE,
     Interval,
     holm,
-    improvement,
-    improvement_unpaired,
     mean,
     p_proportion,
     p_value,
     paired_proportion,
+    probability_of_improvement,
+    unpaired_probability_of_improvement,
     wilcoxon,
 )
 
-_FEWEST = 10  # episodes that both survived, from which a claim about their RMSE is made
+_MIN_COMMON_SURVIVALS = 10  # episodes that both survived, for a test of their RMSE
+_MAX_LISTED = 5  # scenarios that a sentence names; the table has them all
 
 
 class ScenarioResult(NamedTuple):
-    """One scenario of a duel; differences are the first policy's value minus the second's.
+    """Two policies in one scenario; differences are the first policy's value minus the second's.
 
-    Intervals are of the one scenario and not corrected, p-values are: a scenario without a winner may have an interval
-    without zero.
+    The intervals are those of this scenario alone and not corrected, the p-values are corrected. So a scenario without
+    a winner may have an interval that excludes zero.
 
     Attributes:
-        result: 1 if the first wins, −1 if the second does, 0 if they cannot be told apart.
-        survival: difference, %.
-        rmse: difference in the episodes that both survived, mm; nan if there are none.
-        penalised_rmse: difference, mm; its interval knows of no falls rarer than about 3/n.
-        p_survival: of no difference in survival, corrected by Holm's method.
-        p_rmse: of no difference in `rmse`, corrected; 1 if fewer than 10 episodes were survived by both.
-        p_wilcoxon: of Wilcoxon's signed-rank test on the penalised RMSE, for whoever wants it; not corrected.
-        improvement: probability that the first has the smaller penalised RMSE in an episode.
-        improvement_unpaired: the same over all pairs of episodes, as rliable has it.
+        winner: 1 if the first policy wins, −1 if the second wins, 0 if they are not distinguishable.
+        survival: Difference of the survival, percentage points.
+        rmse: Difference of the RMSE in the episodes that both survived, mm; nan if there are none.
+        penalised_rmse: Difference of the penalised RMSE, mm. Its interval does not account for falls rarer than about
+            3/n.
+        p_survival: p-value of equal survival, corrected by Holm's method.
+        p_rmse: p-value of equal `rmse`, corrected; 1 if both survived fewer than 10 episodes.
+        p_wilcoxon: p-value of Wilcoxon's signed-rank test on the penalised RMSE, for information; not corrected.
+        improvement: Probability that the first policy has the smaller penalised RMSE in an episode.
+        unpaired_improvement: The same probability over all pairs of episodes, as in rliable.
     """
 
-    result: int
+    winner: int
     survival: Interval
     rmse: Interval
     penalised_rmse: Interval
@@ -62,7 +65,19 @@ class ScenarioResult(NamedTuple):
     p_rmse: float
     p_wilcoxon: float
     improvement: Interval
-    improvement_unpaired: float
+    unpaired_improvement: float
+
+    def reversed(self) -> "ScenarioResult":
+        """Return the result with the policies in the opposite order."""
+        value, low, high = self.improvement
+        return self._replace(
+            winner=-self.winner,
+            survival=self.survival.negated(),
+            rmse=self.rmse.negated(),
+            penalised_rmse=self.penalised_rmse.negated(),
+            improvement=Interval(1.0 - value, 1.0 - high, 1.0 - low),
+            unpaired_improvement=1.0 - self.unpaired_improvement,
+        )
 
 
 @dataclass(frozen=True)
@@ -70,70 +85,73 @@ class PairwiseComparison:
     """Two policies in all scenarios.
 
     Attributes:
-        first: its name.
-        second: its name.
-        bouts: by scenario.
-        advantage: by scenario, how far the first's penalised RMSE is below the second's, mm, shape (s, n) each.
+        first: Name of the first policy.
+        second: Name of the second policy.
+        results: Result of each scenario, by the scenario's name.
+        rmse_differences: First policy's penalised RMSE minus the second's in each scenario, mm, shape (s, n) each.
     """
 
     first: str
     second: str
-    bouts: dict[str, ScenarioResult]
-    advantage: dict[str, Floats]
+    results: dict[str, ScenarioResult]
+    rmse_differences: dict[str, Floats]
 
-    def won(self, result: int) -> list[str]:
-        """The scenarios that ended with this `Bout.result`."""
-        return [name for name, bout in self.bouts.items() if bout.result == result]
+    @property
+    def won(self) -> list[str]:
+        """Scenarios that the first policy wins."""
+        return self._with_winner(1)
+
+    @property
+    def lost(self) -> list[str]:
+        """Scenarios that the second policy wins."""
+        return self._with_winner(-1)
+
+    @property
+    def undecided(self) -> list[str]:
+        """Scenarios in which the policies are not distinguishable."""
+        return self._with_winner(0)
+
+    def _with_winner(self, winner: int) -> list[str]:
+        return [name for name, result in self.results.items() if result.winner == winner]
 
     def sentence(self) -> str:
-        """Who wins where, by how much, and how sure that is, told of whoever wins more often."""
-        won, lost, drawn = (self.won(result) for result in (1, -1, 0))
+        """Return one sentence: who wins which scenarios, and by how much; the policy with more wins is the subject."""
+        won, lost, undecided = self.won, self.lost, self.undecided
         if len(lost) > len(won):
-            return self.turned().sentence()
-        told = []
+            return self.reversed().sentence()
+        parts = []
         if won:
-            told.append(f"beats {self.second} in {len(won)} of {_scenarios(len(self.bouts))}{_listed(won)}")
-            told.append(f"loses in {len(lost) or 'none'}{_listed(lost)}")
-        if drawn:
-            whom = "" if won else f" from {self.second}"
-            told.append(f"is not distinguishable{whom} in {len(drawn)}{_listed(drawn)}")
-        return f"{self.first} {_joined(told)}; over all, its penalised RMSE is {self._amount()}."
+            parts.append(f"beats {self.second} in {len(won)} of {_scenarios(len(self.results))}{_listed(won)}")
+            parts.append(f"loses in {len(lost) or 'none'}{_listed(lost)}")
+        if undecided:
+            other = "" if won else f" from {self.second}"
+            parts.append(f"is not distinguishable{other} in {len(undecided)}{_listed(undecided)}")
+        return f"{self.first} {_joined(parts)}; over all, its penalised RMSE is {self._overall_difference()}."
 
-    def turned(self) -> "PairwiseComparison":
-        """The same, told of the second policy."""
-        bouts = {
-            name: bout._replace(
-                result=-bout.result,
-                survival=_minus(bout.survival),
-                rmse=_minus(bout.rmse),
-                penalised_rmse=_minus(bout.penalised_rmse),
-                improvement=Interval(*(1.0 - x for x in np.take(bout.improvement, [0, 2, 1]))),
-                improvement_unpaired=1.0 - bout.improvement_unpaired,
-            )
-            for name, bout in self.bouts.items()
-        }
+    def reversed(self) -> "PairwiseComparison":
+        """Return the comparison with the policies in the opposite order."""
         return PairwiseComparison(
-            self.second, self.first, bouts, {name: -value for name, value in self.advantage.items()}
+            self.second,
+            self.first,
+            {name: result.reversed() for name, result in self.results.items()},
+            {name: -difference for name, difference in self.rmse_differences.items()},
         )
 
-    def _amount(self) -> str:
-        """How far the first's penalised RMSE is from the second's over all scenarios, which weigh the same.
+    def _overall_difference(self) -> str:
+        """Return the mean difference of the penalised RMSE over all scenarios, which have equal weights, as text.
 
-        Over those won alone it would be too large: they were chosen because of it.
+        The mean over the won scenarios alone would be biased, because they were selected by the difference.
         """
-        lower = mean(np.mean(list(self.advantage.values()), axis=0))
-        value, low, high = lower if lower.value >= 0.0 else _minus(lower)
-        chance = np.mean([bout.improvement.value for bout in self.bouts.values()])
+        difference = mean(np.mean(list(self.rmse_differences.values()), axis=0))
+        lower = difference.value <= 0.0
+        value, low, high = difference.negated() if lower else difference
+        improvement = np.mean([result.improvement.value for result in self.results.values()])
         return (
-            f"{'lower' if lower.value >= 0.0 else 'higher'} by {_number(value, high)} mm"
-            f"{' on average' if len(self.bouts) > 1 else ''},"
+            f"{'lower' if lower else 'higher'} by {_number(value, high)} mm"
+            f"{' on average' if len(self.results) > 1 else ''},"
             f" 95 % interval {_number(low, high)} to {_number(high, high)};"
-            f" probability of improvement {chance:.2f}"
+            f" probability of improvement {improvement:.2f}"
         )
-
-
-def _minus(interval: Interval) -> Interval:
-    return Interval(-interval.value, -interval.high, -interval.low)
 
 
 def _scenarios(count: int) -> str:
@@ -141,8 +159,8 @@ def _scenarios(count: int) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """A few names; many are left to the table."""
-    return f" ({', '.join(names)})" if 0 < len(names) <= 5 else ""
+    """Return the names in brackets, or nothing if there are too many for a sentence."""
+    return f" ({', '.join(names)})" if 0 < len(names) <= _MAX_LISTED else ""
 
 
 def _joined(parts: Sequence[str]) -> str:
@@ -151,70 +169,72 @@ def _joined(parts: Sequence[str]) -> str:
 
 
 def _number(value: float, largest: float) -> str:
-    """A number with as many digits as are worth reading of the largest that stands beside it."""
+    """Return a number with the decimals that are appropriate for the largest number beside it."""
     return f"{value:.{0 if largest >= 20.0 else 1 if largest >= 1.0 else 2}f}"
 
 
 def compare_pair(comparison: Comparison, first: str, second: str) -> PairwiseComparison:
-    """The duel of two of a comparison's policies in its scenarios, its tests corrected for their number."""
-    return _fought(comparison, [(first, second)])[first, second]
+    """Compare two policies of a comparison in its scenarios; the tests of this pair are corrected together."""
+    return _compare_pairs(comparison, [(first, second)])[first, second]
 
 
 def compare_all_pairs(comparison: Comparison) -> dict[tuple[str, str], PairwiseComparison]:
-    """The duels of all pairs of a comparison's policies, all their tests together corrected for their number."""
-    return _fought(comparison, list(itertools.combinations(comparison.policies, 2)))
+    """Compare all pairs of a comparison's policies; the tests of all pairs are corrected together."""
+    return _compare_pairs(comparison, list(itertools.combinations(comparison.policies, 2)))
 
 
-def _fought(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> dict[tuple[str, str], PairwiseComparison]:
-    flown = {
-        (pair, name): (comparison.flights[name, pair[0]], comparison.flights[name, pair[1]])
+def _compare_pairs(
+    comparison: Comparison, pairs: Sequence[tuple[str, str]]
+) -> dict[tuple[str, str], PairwiseComparison]:
+    episodes = {
+        (pair, name): (comparison.results[name, pair[0]], comparison.results[name, pair[1]])
         for pair in pairs
         for name in comparison.scenarios
     }
-    corrected = iter(holm([p for both in flown.values() for p in _p_values(*both)]))
-    bouts = {fight: _bout(*both, next(corrected), next(corrected)) for fight, both in flown.items()}
+    corrected = iter(holm([p for both in episodes.values() for p in _p_values(*both)]))
+    results = {key: _scenario_result(*both, next(corrected), next(corrected)) for key, both in episodes.items()}
     return {
         pair: PairwiseComparison(
             *pair,
-            {name: bouts[pair, name] for name in comparison.scenarios},
-            {name: -1000.0 * _penalised(*flown[pair, name]) for name in comparison.scenarios},
+            {name: results[pair, name] for name in comparison.scenarios},
+            {name: 1000.0 * _penalised_rmse_difference(*episodes[pair, name]) for name in comparison.scenarios},
         )
         for pair in pairs
     }
 
 
-def _p_values(flights: EpisodeResults, other: EpisodeResults) -> tuple[float, float]:
-    """Of no difference in survival and none in RMSE, not corrected."""
-    rmse = _rmse(flights, other)
-    enough = np.sum(~np.isnan(rmse).all(axis=0)) >= _FEWEST
-    return p_proportion(flights.survived, other.survived), p_value(rmse) if enough else 1.0
+def _p_values(first: EpisodeResults, second: EpisodeResults) -> tuple[float, float]:
+    """p-values of equal survival and of equal RMSE, not corrected."""
+    rmse = _rmse_difference(first, second)
+    enough = np.sum(~np.isnan(rmse).all(axis=0)) >= _MIN_COMMON_SURVIVALS
+    return p_proportion(first.survived, second.survived), p_value(rmse) if enough else 1.0
 
 
-def _rmse(flights: EpisodeResults, other: EpisodeResults) -> Floats:
-    """Difference of the RMSE (m) in the episodes that both survived, nan in the others, shape (s, n)."""
-    return np.asarray(np.where(flights.survived & other.survived, flights.rmse - other.rmse, np.nan))
+def _rmse_difference(first: EpisodeResults, second: EpisodeResults) -> Floats:
+    """Difference of the RMSE in the episodes that both survived, m; nan in the others; shape (s, n)."""
+    return np.asarray(np.where(first.survived & second.survived, first.rmse - second.rmse, np.nan))
 
 
-def _penalised(flights: EpisodeResults, other: EpisodeResults) -> Floats:
-    """Difference of the penalised RMSE (m), shape (s, n)."""
-    return flights.penalised_rmse - other.penalised_rmse
+def _penalised_rmse_difference(first: EpisodeResults, second: EpisodeResults) -> Floats:
+    """Difference of the penalised RMSE, m, shape (s, n)."""
+    return first.penalised_rmse - second.penalised_rmse
 
 
-def _bout(flights: EpisodeResults, other: EpisodeResults, p_survival: float, p_rmse: float) -> ScenarioResult:
-    survival, rmse = paired_proportion(flights.survived, other.survived), mean(_rmse(flights, other))
+def _scenario_result(first: EpisodeResults, second: EpisodeResults, p_survival: float, p_rmse: float) -> ScenarioResult:
+    survival, rmse = paired_proportion(first.survived, second.survived), mean(_rmse_difference(first, second))
     if p_survival < 1.0 - CONFIDENCE:
-        result = np.sign(survival.value)
+        winner = np.sign(survival.value)
     else:
-        result = -np.sign(rmse.value) if p_rmse < 1.0 - CONFIDENCE else 0.0
-    mine, its = flights.penalised_rmse, other.penalised_rmse
+        winner = -np.sign(rmse.value) if p_rmse < 1.0 - CONFIDENCE else 0.0
+    penalised = first.penalised_rmse, second.penalised_rmse
     return ScenarioResult(
-        int(result),
+        int(winner),
         survival.scaled(100.0),
         rmse.scaled(1000.0),
-        mean(_penalised(flights, other)).scaled(1000.0),
+        mean(_penalised_rmse_difference(first, second)).scaled(1000.0),
         p_survival,
         p_rmse,
-        wilcoxon(_penalised(flights, other)),
-        improvement(mine, its),
-        improvement_unpaired(mine, its),
+        wilcoxon(_penalised_rmse_difference(first, second)),
+        probability_of_improvement(*penalised),
+        unpaired_probability_of_improvement(*penalised),
     )

@@ -1,4 +1,4 @@
-"""One episode of a policy, kept step by step to be looked at: by `watch` and by the page's replay."""
+"""Record one episode of a policy step by step, for `quadpend watch` and for the replay on the report page."""
 
 from typing import Any, NamedTuple
 
@@ -16,14 +16,14 @@ from quadpend_train.scenarios import Scenario
 
 
 class Recording(NamedTuple):
-    """What happened in an episode of T steps.
+    """An episode of T steps.
 
     Attributes:
-        name: of the policy.
-        snapshots: after each step.
-        estimate: the disturbance that the policy took each step for, laid out as ``info["disturbance"]``; nan where it
+        name: Name of the policy.
+        snapshots: State of the environment after each step.
+        estimate: Disturbance that the policy estimated in each step, laid out as ``info["disturbance"]``; nan where it
             estimates none; shape (T, 9).
-        survived: whether the episode lasted its time.
+        survived: Whether the episode reached its time limit.
     """
 
     name: str
@@ -33,49 +33,49 @@ class Recording(NamedTuple):
 
     @property
     def fell_at(self) -> float | None:
-        """When the episode ended early, s; None if it did not."""
+        """Time at which the episode terminated early, s; None if it did not."""
         return None if self.survived else self.snapshots[-1].time
 
     @property
     def error(self) -> Floats:
         """Norm of the tracking error, m, shape (T,)."""
-        return np.array([seen.error for seen in self.snapshots])
+        return np.array([snapshot.error for snapshot in self.snapshots])
 
     @property
     def disturbance(self) -> Floats:
-        """The true one, shape (T, 9), see `Snapshot`."""
-        return np.array([seen.disturbance for seen in self.snapshots])
+        """True disturbance, shape (T, 9), see `Snapshot`."""
+        return np.array([snapshot.disturbance for snapshot in self.snapshots])
 
 
-class _Recorder(Recorder):
-    """A film that keeps every step, also the last one of an episode, after which the environment begins anew."""
+class _StepRecorder(Recorder):
+    """Keep a snapshot of every step, including the last one of an episode, which precedes the autoreset."""
 
     def __init__(self, world: World) -> None:
         super().__init__(world, "rgb_array")
-        self.kept: list[Snapshot] = []
+        self.recorded: list[Snapshot] = []
 
     def record_step(self, action: Floats32, outcome: Floats) -> None:
         super().record_step(action, outcome)
-        self.kept.append(self.snapshot())
+        self.recorded.append(self.snapshot())
 
 
-def record(
+def record_episode(
     name: str, policy: Policy, scenario: Scenario, seed: int, options: dict[str, Any] | None = None
 ) -> Recording:
-    """Fly the first episode of a seed, the same that row 0 of `quadpend_train.evaluation.episodes.fly` meets.
+    """Run the first episode of a seed, which is the first one of `run_episodes` with that seed, and record it.
 
     Args:
-        name: of the policy.
-        policy: anything that obeys the `predict` protocol.
-        scenario: where it flies.
-        seed: of the episode.
-        options: of the environment's reset.
+        name: Name of the policy.
+        policy: Any object with the `predict` protocol.
+        scenario: Scenario of the episode.
+        seed: Seed of the episode.
+        options: Options of the environment's reset.
     """
     policy, env = adapt_policy(policy, scenario), scenario.make_vec(1, AutoresetMode.SAME_STEP)
     inner: Any = env.unwrapped
-    inner.recorder = recorder = _Recorder(inner.world)
+    inner.recorder = recorder = _StepRecorder(inner.world)
     estimates, survived = [], False
     for step in rollout(policy, env, seed, options):
         survived = bool(step.survived[0])
         estimates.append(estimated_disturbance(policy, step.memory)[0])
-    return Recording(name, tuple(recorder.kept), np.array(estimates), survived)
+    return Recording(name, tuple(recorder.recorded), np.array(estimates), survived)

@@ -1,20 +1,21 @@
-"""Intervals and tests that stand behind every number and every claim of a comparison.
+"""Confidence intervals and hypothesis tests for comparisons of policies.
 
-Values have the shape (s, n): s training seeds of one learner (one for a controller), each in the same n episodes.
-Values that are nan are left out.
+Values have the shape (s, n): s training seeds of one learner (s = 1 for a controller), each evaluated in the same n
+episodes. Values that are nan are left out.
 
-With one seed, what is said is about that one policy, over all episodes there could be: intervals of means are those of
-the percentile bootstrap over episodes, tests are by randomisation. With several seeds it is about the learner, over all
-seeds and all episodes there could be. Both count as drawn at random (two-way random effects):
+With one seed the statements are about that one policy, over the population of episodes: intervals of means come from
+the percentile bootstrap over episodes, tests are randomisation tests. With several seeds the statements are about the
+learner, over the populations of training seeds and of episodes, both as random effects (two-way random effects):
 
     m = mean of the seeds' means,   V_s = var(seeds' means) / s,   V_e = var(episodes' means) / n,
     interval: m ± √(t²_{s−1} V_s + t²_{n−1} V_e),                                                       (1)
 
-where t_k is the quantile of Student's distribution with k degrees of freedom and var the unbiased estimate. (1) never
-covers less than it says if effects and residual are normal and no value is nan (Banerjee, "Approximate confidence
-interval for linear functions of means of k populations when the population variances are not equal", Sankhyā 1960).
-V_s + V_e counts the residual twice, which errs on the safe side. Satterthwaite's degrees of freedom for V_s + V_e would
-make it narrower, but cover 87 % to 90 % with two seeds. The p-value is the level at which (1) reaches zero.
+where t_k is the quantile of Student's distribution with k degrees of freedom and var the unbiased estimate. The
+coverage of (1) is at least the nominal one if effects and residual are normal and no value is nan (Banerjee,
+"Approximate confidence interval for linear functions of means of k populations when the population variances are not
+equal", Sankhyā 1960). V_s + V_e counts the residual twice, which makes the interval conservative. Satterthwaite's
+degrees of freedom for V_s + V_e would make it narrower, but then its coverage is 87 % to 90 % with two seeds. The
+p-value is the level at which (1) reaches zero.
 
 The interquartile mean and the probability of improvement are those of Agarwal et al., "Deep Reinforcement Learning at
 the Edge of the Statistical Precipice", NeurIPS 2021 (the package rliable).
@@ -30,10 +31,10 @@ from scipy import optimize, special, stats
 from quadpend_gym.core.arrays import Booleans, Floats, Integers
 
 CONFIDENCE = 0.95
-_RESAMPLES = 2000
-_FLIPS = 9999
-_LEAST = 1e-12  # the smallest p-value that is told apart from zero
-_TAIL = 0.25 / stats.norm.sf(np.sqrt(2.0))  # 3.178, of Bentkus and Dzindzalieta's bound
+_RESAMPLES = 2000  # of the bootstrap
+_SIGN_CHOICES = 9999  # of the randomisation test
+_SMALLEST_P = 1e-12  # smaller p-values over several seeds are reported as this one
+_TAIL_FACTOR = 0.25 / stats.norm.sf(np.sqrt(2.0))  # 3.178, of Bentkus and Dzindzalieta's bound
 
 
 class Interval(NamedTuple):
@@ -44,32 +45,38 @@ class Interval(NamedTuple):
     high: float
 
     def scaled(self, factor: float) -> "Interval":
-        """The same in another unit; `factor` is positive."""
+        """Return the interval in another unit; `factor` is positive."""
         return Interval(*(factor * x for x in self))
 
+    def negated(self) -> "Interval":
+        """Return the interval of the quantity with the opposite sign."""
+        return Interval(0.0 - self.value, 0.0 - self.high, 0.0 - self.low)  # 0 - x: never -0
+
     def clipped(self, low: float, high: float) -> "Interval":
-        """The same with ends that are possible."""
+        """Return the interval with its ends clipped to the range of the quantity."""
         return Interval(self.value, *(float(np.clip(x, low, high)) for x in self[1:]))
 
     def widened(self, other: "Interval") -> "Interval":
-        """The same estimate with the ends of either interval that lie farther out."""
+        """Return the same estimate with the lower of the two lower ends and the higher of the two higher ends."""
         return Interval(self.value, min(self.low, other.low), max(self.high, other.high))
 
 
 def proportion(successes: Booleans) -> Interval:
-    """Share of successes, shape (s, n): Wilson's interval, for several seeds of all n s episodes and widened to (1).
+    """Share of successes, shape (s, n), with Wilson's interval.
 
-    So it is never certain, not even if every episode was a success.
+    For several seeds, Wilson's interval is that of all s n episodes, widened by (1). The interval has a positive width
+    even if every episode is a success.
     """
     low, high = stats.binomtest(int(successes.sum()), successes.size).proportion_ci(CONFIDENCE, method="wilson")
     pooled = Interval(float(successes.mean()), float(low), float(high))
-    return _over_seeds(pooled, successes.astype(np.float64), 0.0)
+    return _widen_over_seeds(pooled, successes.astype(np.float64), 0.0)
 
 
 def paired_proportion(successes: Booleans, others: Booleans) -> Interval:
     """Difference of two shares of successes in the same episodes, shapes (s, n) and (1, n) or equal.
 
-    Agresti and Min's interval, for several seeds of all n s pairs and widened to (1), see `p_proportion`.
+    The interval is Agresti and Min's. For several seeds it is that of all s n pairs, widened by (1) with the two
+    additional episodes of `p_proportion`.
     """
     gained, lost = np.sum(successes & ~others) + 0.5, np.sum(~successes & others) + 0.5
     differences = successes.astype(np.float64) - others
@@ -77,182 +84,213 @@ def paired_proportion(successes: Booleans, others: Booleans) -> Interval:
     difference = (gained - lost) / trials
     half = stats.norm.ppf((1 + CONFIDENCE) / 2) * np.sqrt(gained + lost - (gained - lost) ** 2 / trials) / trials
     pooled = Interval(float(differences.mean()), float(difference - half), float(difference + half)).clipped(-1.0, 1.0)
-    return _over_seeds(pooled, _cautious(differences), -1.0)
+    return _widen_over_seeds(pooled, _with_additional_episodes(differences), -1.0)
 
 
-def _cautious(differences: Floats) -> Floats:
-    """Differences of successes with an episode that was gained and one that was lost, shape (s, n) → (s, n + 2)."""
+def _with_additional_episodes(differences: Floats) -> Floats:
+    """Append an episode in which only the first policy succeeds and one in which only the second does.
+
+    Args:
+        differences: Differences of successes, shape (s, n).
+
+    Returns:
+        Array of shape (s, n + 2).
+    """
     return np.hstack([differences, np.tile([1.0, -1.0], (len(differences), 1))])
 
 
-def _over_seeds(pooled: Interval, values: Floats, least: float) -> Interval:
-    """The interval of pooled episodes, for several seeds widened to theirs; values are from `least` to 1."""
+def _widen_over_seeds(pooled: Interval, values: Floats, least: float) -> Interval:
+    """Widen the interval of the pooled episodes by (1) if there are several seeds; values are from `least` to 1."""
     return pooled if len(values) == 1 else pooled.widened(mean(values).clipped(least, 1.0))
 
 
 @lru_cache(maxsize=8)
-def _draws(size: int, stream: int) -> Integers:
-    """Indices of a bootstrap's resamples, shape (2000, size): the same for all, so that equals stay equal."""
+def _bootstrap_indices(size: int, stream: int) -> Integers:
+    """Indices of the bootstrap's resamples, shape (2000, size).
+
+    They are the same in every call, so that equal values get equal intervals.
+    """
     return np.random.default_rng([stream, size]).integers(size, size=(_RESAMPLES, size))
 
 
 @lru_cache(maxsize=8)
-def _weights(size: int) -> Floats:
-    """How often each episode is in each resample, shape (2000, size)."""
-    drawn = _draws(size, 1)
-    weights = np.zeros(drawn.shape)
-    np.add.at(weights, (np.arange(_RESAMPLES)[:, np.newaxis], drawn), 1.0)
-    return weights
+def _bootstrap_counts(size: int) -> Floats:
+    """Number of times that each episode is in each resample, shape (2000, size)."""
+    indices = _bootstrap_indices(size, 1)
+    counts = np.zeros(indices.shape)
+    np.add.at(counts, (np.arange(_RESAMPLES)[:, np.newaxis], indices), 1.0)
+    return counts
 
 
-def _between(value: float, estimates: Floats) -> Interval:
+def _percentile_interval(value: float, estimates: Floats) -> Interval:
     low, high = np.quantile(estimates, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return Interval(float(value), float(low), float(high))
 
 
 def _resampled_means(values: Floats) -> Floats:
-    """Means of the bootstrap's resamples of some values that are not all nan, shape (n,) → (at most 2000,)."""
+    """Return the means of the resamples of values that are not all nan, shape (n,) → (at most 2000,).
+
+    Resamples that contain nan only are left out.
+    """
     known = ~np.isnan(values)
-    counts = _weights(values.size) @ known
-    return np.asarray((_weights(values.size) @ np.where(known, values, 0.0))[counts > 0] / counts[counts > 0])
+    counts = _bootstrap_counts(values.size) @ known
+    sums = _bootstrap_counts(values.size) @ np.where(known, values, 0.0)
+    return np.asarray(sums[counts > 0] / counts[counts > 0])
 
 
 def mean(values: Floats) -> Interval:
-    """Mean, shape (s, n), with the percentile bootstrap's interval for one seed and that of (1) for several.
+    """Mean of values of shape (s, n), with the percentile bootstrap's interval for one seed and (1) for several.
 
-    Every seed with a value weighs the same. If only one of several has any, what is said is about that one; the mean of
-    no value is nan. The bootstrap knows only what it has seen: something that happens less often than about once in n/3
-    episodes may not be among them, and then its interval, of however large an effect, leaves it out.
+    All seeds that have a value have the same weight. If only one of several seeds has a value, the interval is that of
+    one seed. The mean of no value is nan.
+
+    The bootstrap only uses the values in the sample. An event rarer than about 3/n may not be in the sample, and the
+    interval then does not account for it, however large its effect is.
     """
-    seen = values[~np.isnan(values).all(axis=1)]
-    if not seen.size:
+    seeds = values[~np.isnan(values).all(axis=1)]
+    if not seeds.size:
         return Interval(np.nan, np.nan, np.nan)
-    if len(seen) == 1:
-        return _between(float(np.nanmean(seen)), _resampled_means(seen[0]))
-    effects = _effects(seen)
+    if len(seeds) == 1:
+        return _percentile_interval(float(np.nanmean(seeds)), _resampled_means(seeds[0]))
+    effects = _random_effects(seeds)
     half = effects.half_width(1.0 - CONFIDENCE)
     return Interval(effects.mean, effects.mean - half, effects.mean + half)
 
 
-class _Effects(NamedTuple):
-    """What (1) needs: m, and of seeds and episodes each the squared standard error and the degrees of freedom."""
+class _RandomEffects(NamedTuple):
+    """The terms of (1).
+
+    Attributes:
+        mean: m.
+        variances: Squared standard errors of seeds and episodes, V_s and V_e.
+        degrees_of_freedom: s − 1 and n − 1.
+    """
 
     mean: float
     variances: Floats
-    freedoms: Floats
+    degrees_of_freedom: Floats
 
     def half_width(self, level: float) -> float:
-        """Of the interval that misses the truth with a chance of at most `level`."""
-        return float(np.sqrt(np.sum(special.stdtrit(self.freedoms, 0.5 * level) ** 2 * self.variances)))
+        """Return half the width of the interval whose probability to miss the true mean is at most `level`."""
+        quantiles = special.stdtrit(self.degrees_of_freedom, 0.5 * level)
+        return float(np.sqrt(np.sum(quantiles**2 * self.variances)))
 
 
-def _effects(values: Floats) -> _Effects:
-    """Of at least two seeds, each with a value; an effect that was seen but once, as of one episode, is left out."""
+def _random_effects(values: Floats) -> _RandomEffects:
+    """Estimate the terms of (1) from at least two seeds that each have a value.
+
+    An effect with a single level, such as that of one episode, is left out.
+    """
     seeds = np.nanmean(values, axis=1)
     episodes = np.nanmean(values[:, ~np.isnan(values).all(axis=0)], axis=0)
     means = [x for x in (seeds, episodes) if x.size > 1]
     variances = np.array([x.var(ddof=1) / x.size for x in means])
-    return _Effects(float(seeds.mean()), variances, np.array([x.size - 1.0 for x in means]))
+    return _RandomEffects(float(seeds.mean()), variances, np.array([x.size - 1.0 for x in means]))
 
 
 def interquartile_mean(values: Floats) -> Interval:
-    """Mean of the middle half of all values, shape (s, n), with the percentile bootstrap's interval; no nan.
+    """Mean of the middle half of all values, shape (s, n), with the percentile bootstrap's interval; nan not allowed.
 
-    Outliers on either side, such as a few falls, do not move it. For several seeds the bootstrap is rliable's, of seeds
-    and of episodes, and its interval is too narrow if seeds are few: with five, it covers 85 % or so.
+    Outliers on either side, such as a few falls, do not change it. For several seeds the bootstrap is rliable's, which
+    resamples seeds and episodes. Its interval is too narrow for few seeds: with five, its coverage is about 85 %.
     """
     seeds, episodes = values.shape
-    drawn = values[_draws(seeds, 0)[:, :, np.newaxis], _draws(episodes, 1)[:, np.newaxis, :]]
-    return _between(float(_trimmed(values.reshape(1, -1))[0]), _trimmed(drawn.reshape(_RESAMPLES, -1)))
+    by_seed, by_episode = _bootstrap_indices(seeds, 0), _bootstrap_indices(episodes, 1)
+    resamples = values[by_seed[:, :, np.newaxis], by_episode[:, np.newaxis, :]].reshape(_RESAMPLES, -1)
+    return _percentile_interval(
+        float(stats.trim_mean(values, 0.25, axis=None)), np.asarray(stats.trim_mean(resamples, 0.25, axis=1))
+    )
 
 
-def _trimmed(values: Floats) -> Floats:
-    """Mean along the last axis without the lowest and highest quarter of the values, rounded down."""
-    cut = int(0.25 * values.shape[-1])
-    return np.asarray(np.sort(values, axis=-1)[..., cut : values.shape[-1] - cut].mean(axis=-1))
+def probability_of_improvement(values: Floats, others: Floats) -> Interval:
+    """Probability that a value is below the other value of the same episode, P(x < y) + ½ P(x = y).
 
-
-def improvement(values: Floats, others: Floats) -> Interval:
-    """Probability that a value is below the other of the same episode, P(x < y) + ½ P(x = y), shapes as they pair.
-
-    It is 0.5 for equals. This pairing is what a comparison reports: episodes differ more than policies do.
+    The shapes are (s, n) and (1, n) or equal. The probability is 0.5 for equal policies. Comparisons report this paired
+    version, since episodes differ more than policies do.
     """
     return mean(0.5 * (np.sign(others - values) + 1.0)).clipped(0.0, 1.0)
 
 
-def improvement_unpaired(values: Floats, others: Floats) -> float:
-    """The same over all pairs of a value and another, whatever their episodes: rliable's definition."""
-    ranked = stats.rankdata(np.concatenate([values.ravel(), others.ravel()]))
-    above = ranked[: values.size].sum() - 0.5 * values.size * (values.size + 1)  # Mann and Whitney's U
+def unpaired_probability_of_improvement(values: Floats, others: Floats) -> float:
+    """Probability of improvement over all pairs of a value and an other value, also of different episodes.
+
+    This is the definition of rliable: 1 − U / (number of pairs), with U of Mann and Whitney.
+    """
+    above = stats.mannwhitneyu(values, others, axis=None, method="asymptotic").statistic
     return float(1.0 - above / (values.size * others.size))
 
 
 def p_value(differences: Floats) -> float:
-    """How surprising a mean difference this far from zero would be between equals, two-sided, shape (s, n).
+    """p-value of the hypothesis that the mean difference is zero, two-sided, shape (s, n).
 
-    For several seeds the level at which the interval (1) of the mean reaches zero; 1 if fewer than two have a value. It
-    is right or too large if seeds are normal. If they are as skewed as the exponential distribution, 9 % to 12 % of
-    equals are told apart at the 5 % level.
+    For several seeds it is the level at which the interval (1) of the mean reaches zero, and 1 if fewer than two seeds
+    have a value. The test is exact or conservative if the effects of the seeds are normal. If they are as skewed as the
+    exponential distribution, it rejects a true hypothesis in 9 % to 12 % of cases at the 5 % level.
 
-    For one seed the randomisation test. Its null hypothesis is that the two are exchangeable within each episode: an
-    episode's difference has either sign as likely. The mean is compared with those of 9999 random choices of signs.
-    That is valid for any number of episodes and however heavy the tails. If only the mean is zero and the differences
-    are skewed, it is valid as n grows: at the 5 % level it rejects 5 % (exponential) and 7 % (lognormal, σ = 1) at
-    n = 200, 9 % and 15 % at n = 10; the t test does the same, but Wilcoxon's, which is about ranks, 62 % and 97 % at
-    n = 200.
+    For one seed it is the randomisation test. The null hypothesis is that the two policies are exchangeable within each
+    episode: both signs of an episode's difference are equally likely. The test compares the mean with the means under
+    9999 random choices of signs. It is valid for any number of episodes and for heavy tails. If only the mean is zero
+    and the differences are skewed, it is valid in the limit of large n: at the 5 % level it rejects 5 % (exponential)
+    and 7 % (lognormal, σ = 1) at n = 200, 9 % and 15 % at n = 10. The t test behaves the same, but Wilcoxon's test,
+    which is about ranks, rejects 62 % and 97 % at n = 200.
 
-    If none of the choices is as extreme, p is, where that is smaller, a bound on the share of all 2ⁿ choices that are:
-    3.178 times the normal distribution's tails (Bentkus and Dzindzalieta, "A tight Gaussian bound for weighted sums of
-    Rademacher random variables", Bernoulli 2015). So p can be small enough for a correction for many tests.
+    If no choice of signs is as extreme as the observed one, the p-value is the smaller of 1/10000 and an upper bound on
+    the share of all 2ⁿ choices that are as extreme: 3.178 times the normal distribution's tails (Bentkus and
+    Dzindzalieta, "A tight Gaussian bound for weighted sums of Rademacher random variables", Bernoulli 2015). So the
+    p-value can be small enough for a correction for many tests.
     """
-    seen = differences[~np.isnan(differences).all(axis=1)]
+    seeds = differences[~np.isnan(differences).all(axis=1)]
     if len(differences) > 1:
-        return _p_over_seeds(_effects(seen)) if len(seen) > 1 else 1.0
+        return _p_value_over_seeds(_random_effects(seeds)) if len(seeds) > 1 else 1.0
     values = np.nan_to_num(differences[0])
     if not values.any():
         return 1.0
-    extreme = np.sum(np.abs(_signs(values.size) @ values) >= abs(values.sum()) * (1.0 - 1e-9))
-    tails = 2.0 * _TAIL * stats.norm.sf(abs(values.sum()) / np.linalg.norm(values))
-    return float((extreme + 1) / (_FLIPS + 1) if extreme else min(1.0 / (_FLIPS + 1), tails))
+    extreme = np.sum(np.abs(_random_signs(values.size) @ values) >= abs(values.sum()) * (1.0 - 1e-9))
+    tails = 2.0 * _TAIL_FACTOR * stats.norm.sf(abs(values.sum()) / np.linalg.norm(values))
+    return float((extreme + 1) / (_SIGN_CHOICES + 1) if extreme else min(1.0 / (_SIGN_CHOICES + 1), tails))
 
 
 @lru_cache(maxsize=4)
-def _signs(size: int) -> Floats:
-    return np.asarray(2.0 * np.random.default_rng([2, size]).integers(2, size=(_FLIPS, size)) - 1.0)
+def _random_signs(size: int) -> Floats:
+    """Random choices of signs, shape (9999, size)."""
+    return np.asarray(2.0 * np.random.default_rng([2, size]).integers(2, size=(_SIGN_CHOICES, size)) - 1.0)
 
 
-def _p_over_seeds(effects: _Effects) -> float:
+def _p_value_over_seeds(effects: _RandomEffects) -> float:
+    """Return the level at which the interval (1) reaches zero."""
     distance = abs(effects.mean)
-    if not distance or effects.half_width(_LEAST) <= distance:
-        return _LEAST if distance else 1.0
-    log = optimize.brentq(lambda log: effects.half_width(np.exp(log)) - distance, np.log(_LEAST), 0.0)
+    if not distance or effects.half_width(_SMALLEST_P) <= distance:
+        return _SMALLEST_P if distance else 1.0
+    log = optimize.brentq(lambda log: effects.half_width(np.exp(log)) - distance, np.log(_SMALLEST_P), 0.0)
     return float(np.exp(log))
 
 
 def p_proportion(successes: Booleans, others: Booleans) -> float:
-    """The same for two shares of successes in the same episodes, shapes (s, n) and (1, n) or equal.
+    """p-value of the hypothesis that two shares of successes are equal, shapes (s, n) and (1, n) or equal.
 
-    For one seed of both the randomisation test over all choices of signs, which is McNemar's exact test. For several,
-    one more episode is added that all seeds gain, and one that all lose: where failures are rare, a controller may have
-    had none in its n episodes by chance, which s seeds would only seem to confirm.
+    For one seed of both it is the randomisation test over all choices of signs, which is McNemar's exact test. For
+    several seeds it is `p_value` with two additional episodes: one in which all seeds of the first policy succeed and
+    the other fails, and one with the opposite result. They prevent a false rejection where failures are rare: a
+    controller may have no failure in its n episodes by chance, and its comparison with many seeds repeats that chance.
     """
     if len(successes) > 1 or len(others) > 1:
-        return p_value(_cautious(successes.astype(np.float64) - others))
+        return p_value(_with_additional_episodes(successes.astype(np.float64) - others))
     gained, lost = int(np.sum(successes & ~others)), int(np.sum(~successes & others))
     return float(min(1.0, 2.0 * stats.binom.cdf(min(gained, lost), gained + lost, 0.5)))
 
 
 def wilcoxon(differences: Floats) -> float:
-    """p-value of Wilcoxon's signed-rank test, two-sided, on each episode's difference, mean over the seeds (s, n).
+    """p-value of Wilcoxon's signed-rank test, two-sided, on differences of shape (s, n).
 
-    It is about the ranks, not the mean, and about these seeds, not all there could be.
+    The test uses the mean difference over the seeds of each episode. It is about ranks, not about the mean, and about
+    these seeds, not about the population of seeds.
     """
     paired = differences.mean(axis=0)
     return float(stats.wilcoxon(paired).pvalue) if paired.any() else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """The p-values corrected for their number (Holm), in their order: below α, the claim stands beside the others."""
+    """Correct p-values for their number with Holm's method, and return them in their order."""
     order = np.argsort(p_values, kind="stable")
     corrected = np.empty(len(order))
     corrected[order] = np.minimum(1.0, np.maximum.accumulate(np.arange(len(order), 0, -1) * np.take(p_values, order)))

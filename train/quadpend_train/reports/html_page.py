@@ -14,15 +14,15 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from quadpend_train.common.files import plain
-from quadpend_train.evaluation.comparison import MEASURES, Comparison
-from quadpend_train.evaluation.formatting import brief, format_interval
+from quadpend_train.common.files import to_json_data
+from quadpend_train.evaluation.comparison import METRICS, Comparison
+from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, robustness_plots
 from quadpend_train.reports.tables import COLUMNS, draw_errors
-from quadpend_train.studies.robustness import Robustness, tolerated_range
+from quadpend_train.studies.robustness import Robustness, format_tolerated_range
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # as `figures.LINES`
 _FINE, _GRAVE = 10.0, 1000.0  # mm of penalised RMSE, where the shading of a cell begins and ends
@@ -83,7 +83,7 @@ def write(
             least={name: _least(comparison, name) for name in comparison.scenarios},
             standings=standings,
             duels=[compare_pair(comparison, other, comparison.policies[0]) for other in comparison.policies[1:]],
-            measures={name: MEASURES[name] for name in COLUMNS},
+            measures={name: METRICS[name] for name in COLUMNS},
             errors={name: _svg(_error_figure(comparison, name), f"error-{name}") for name in comparison.scenarios},
             robustness=robustness,
             axes=_axes(robustness),
@@ -108,7 +108,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "brief": brief}
+    made.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "format_number": format_number}
     return made
 
 
@@ -150,7 +150,7 @@ def _axes(robustness: Robustness | None) -> list[tuple[str, list[str], Markup]]:
     return [
         (
             axis.label,
-            [tolerated_range(axis, robustness.curves[name, policy]) for policy in robustness.policies],
+            [format_tolerated_range(axis, robustness.curves[name, policy]) for policy in robustness.policies],
             _svg(robustness_plots.axis_figure(robustness, name), f"axis-{name}"),
         )
         for name, axis in robustness.axes.items()
@@ -167,10 +167,10 @@ def _maps(robustness: Robustness | None) -> list[tuple[str, list[tuple[float, Ma
             [
                 (basin.recovered, _svg(robustness_plots.map_figure(item, basin), f"map-{name}-{policy}"))
                 for policy in robustness.policies
-                for basin in (robustness.basins[name, policy],)
+                for basin in (robustness.recovery_maps[name, policy],)
             ],
         )
-        for name, item in robustness.maps.items()
+        for name, item in robustness.start_grids.items()
     ]
 
 
@@ -183,7 +183,7 @@ def _error_figure(comparison: Comparison, scenario: str) -> Any:
 def _data(comparison: Comparison, standings: Sequence[LeaderboardRow], robustness: Robustness | None) -> dict[str, Any]:
     return {
         "comparison": comparison.as_data(),
-        "leaderboard": [plain(standing) for standing in standings],
+        "leaderboard": [to_json_data(standing) for standing in standings],
         "robustness": robustness.as_data() if robustness else None,
     }
 

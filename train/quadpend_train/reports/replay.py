@@ -14,10 +14,11 @@ from markupsafe import Markup
 from tqdm.auto import tqdm
 
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.comparison import Comparison
-from quadpend_train.evaluation.episodes import PERIOD, STEPS
 from quadpend_train.evaluation.leaderboard import leaderboard
-from quadpend_train.evaluation.recording import Recording, record
+from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports.html_page import Section, embedded, environment, style
@@ -54,7 +55,7 @@ def choose(comparison: Comparison, scenario: str, policies: list[str], count: in
     What counts is the mean penalised RMSE of the policies, of a learner the first seed's; among equals, the earlier
     episode comes first. Typical is the median, of an even number the lower one.
     """
-    rmse = np.mean([comparison.flights[scenario, policy].penalised_rmse[0] for policy in policies], axis=0)
+    rmse = np.mean([comparison.results[scenario, policy].penalised_rmse[0] for policy in policies], axis=0)
     typical = int(np.argsort(rmse, kind="stable")[(len(rmse) - 1) // 2])
     hardest = [episode for episode in np.argsort(-rmse, kind="stable").tolist() if episode != typical]
     titles = ["hardest", *(f"hardest no. {number}" for number in range(2, len(hardest) + 1))]
@@ -82,16 +83,16 @@ def recorded(comparison: Comparison, given: Mapping[str, str], count: int) -> di
                 flown = []
                 seed = comparison.seed + episode
                 for policy, members in policies.items():
-                    flown.append(record(policy, members[0], comparison.scenarios[name], seed))
+                    flown.append(record_episode(policy, members[0], comparison.scenarios[name], seed))
                     bar.update()
                 scenarios.setdefault(name, []).append({"title": title, "seed": seed, **_seen(flown)})
     if not scenarios:
         return None
     return {
         "policies": [_looks(name, seeds, comparison.policies.index(name)) for name, seeds in policies.items()],
-        "rate": 1.0 / (EVERY * PERIOD),
-        "start": PERIOD,
-        "duration": STEPS * PERIOD,
+        "rate": 1.0 / (EVERY * CONTROL_PERIOD),
+        "start": CONTROL_PERIOD,
+        "duration": EPISODE_STEPS * CONTROL_PERIOD,
         "missing": MISSING,
         "channels": CHANNELS,
         "scenarios": scenarios,
@@ -123,7 +124,7 @@ def sampled(steps: int) -> Integers:
 def _seen(flown: list[Recording]) -> dict[str, Any]:
     """One episode: its reference, where the bob belongs at 25 Hz, and how each policy flew it."""
     first = flown[0].snapshots[0]
-    times = np.asarray(PERIOD * (sampled(STEPS) + 1.0), np.float64)
+    times = np.asarray(CONTROL_PERIOD * (sampled(EPISODE_STEPS) + 1.0), np.float64)
     target = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length]
     fell = [recording.fell_at and round(recording.fell_at, 2) for recording in flown]
     flights = [{"fell": at, **packed(_samples(recording))} for at, recording in zip(fell, flown, strict=True)]

@@ -44,7 +44,7 @@ def write(
     if endured:
         endured.save(folder)
         pictures["curves.png"] = robustness_plots.curves(endured)
-        pictures |= {f"{name}.png": robustness_plots.maps(endured, name) for name in endured.maps}
+        pictures |= {f"{name}.png": robustness_plots.maps(endured, name) for name in endured.start_grids}
     for name, figure in pictures.items():
         figures.png(figure, folder / name)
     html_page.write(comparison, endured, folder / "report.html", [replay.section(recordings)] if recordings else [])
@@ -63,7 +63,7 @@ def document(comparison: Comparison, endured: Robustness | None, path: Path) -> 
     duels = [f"- {compare_pair(comparison, best, other).sentence()}" for other in others[:DUELS]]
     origin = comparison.provenance()
     told = (
-        f"`{shlex.join(origin['origin']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"
+        f"`{shlex.join(origin['provenance']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"
         f" {comparison.seed}; scenario file `{origin['scenario_file']}`, code `{origin['code']}`."
     )
     parts = {

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_train.reports import figures
-from quadpend_train.studies.attraction import Map, RecoveryMap, RecoveryOutcome
+from quadpend_train.studies.recovery import RecoveryMap, RecoveryOutcome, StartGrid
 from quadpend_train.studies.robustness import TOLERATED_SURVIVAL, Robustness
 
 # Those that fell, and those that survived without settling; the others are coloured by their time to recover.
@@ -67,7 +67,7 @@ def _extent(robustness: Robustness) -> tuple[float, float]:
     return (1000.0 * np.nanmin(values), 1000.0 * np.nanmax(values)) if np.isfinite(values).any() else (1.0, 1000.0)
 
 
-def map_figure(item: Map, basin: RecoveryMap) -> Any:
+def map_figure(item: StartGrid, basin: RecoveryMap) -> Any:
     """One policy's map, without a title."""
     figure = figures.blank(3.0, 2.7)
     ((axis,),) = figures.grid(figure, 1, 1)
@@ -77,14 +77,14 @@ def map_figure(item: Map, basin: RecoveryMap) -> Any:
 
 def maps(robustness: Robustness, name: str) -> Any:
     """One map of all policies in one figure."""
-    item, columns = robustness.maps[name], min(len(robustness.policies), 4)
+    item, columns = robustness.start_grids[name], min(len(robustness.policies), 4)
     rows = -(-len(robustness.policies) // columns)
     figure = figures.blank(2.7 * columns + 0.8, 2.6 * rows + 0.5)
     axes = figures.grid(figure, rows, columns, sharex=True, sharey=True)
     for axis in axes.ravel()[len(robustness.policies) :]:
         axis.set_axis_off()
     for axis, policy in zip(axes.ravel(), robustness.policies, strict=False):
-        basin = robustness.basins[name, policy]
+        basin = robustness.recovery_maps[name, policy]
         image = _draw_map(axis, item, basin)
         axis.set_title(f"{policy}: {100.0 * basin.recovered:.0f} %", fontsize=9)
         axis.label_outer()
@@ -100,7 +100,7 @@ def _outcome_legend(figure: Any) -> None:
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
 
 
-def _draw_map(axis: Any, item: Map, basin: RecoveryMap) -> Any:
+def _draw_map(axis: Any, item: StartGrid, basin: RecoveryMap) -> Any:
     """Draw a map; of several training seeds, what most of them do and how long these take."""
     from matplotlib.colors import ListedColormap
 

@@ -7,9 +7,11 @@ import numpy as np
 from rich.table import Table
 
 from quadpend_baselines.gains import TUNED
-from quadpend_train.evaluation.comparison import MEASURES, Comparison
-from quadpend_train.evaluation.episodes import FALL, PERIOD, STEPS
-from quadpend_train.evaluation.formatting import brief, format_interval
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.tasks import EPISODE_STEPS
+from quadpend_train.evaluation.comparison import METRICS, Comparison
+from quadpend_train.evaluation.episodes import FALL_ERROR
+from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
 from quadpend_train.evaluation.pairwise import PairwiseComparison, ScenarioResult, compare_pair
 from quadpend_train.evaluation.statistics import Interval
@@ -21,7 +23,7 @@ _SMALLEST = 0.05  # mm, lower end of the plots
 
 
 def _heading(name: str) -> str:
-    unit = MEASURES[name].unit
+    unit = METRICS[name].unit
     return f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
 
 
@@ -59,7 +61,7 @@ def _standings(standings: Sequence[LeaderboardRow]) -> list[list[str]]:
             standing.policy,
             format_interval(standing.penalised_rmse),
             format_interval(standing.survival),
-            f"{format_interval(standing.worst_survival)} {standing.worst}",
+            f"{format_interval(standing.worst_survival)} {standing.worst_scenario}",
             str(standing.wins),
             str(standing.losses),
         ]
@@ -82,8 +84,8 @@ def duel_table(fought: PairwiseComparison) -> Table:
     """The differences of a duel, scenario by scenario, and the probability of improvement, for the terminal."""
     title = f"{fought.first} minus {fought.second}, 95 % intervals, p corrected by Holm's method"
     out = _table(title, [*BOUTS, "improvement"])
-    for name, bout in fought.bouts.items():
-        winner = {1: fought.first, -1: fought.second, 0: "–"}[bout.result]
+    for name, bout in fought.results.items():
+        winner = {1: fought.first, -1: fought.second, 0: "–"}[bout.winner]
         survival = [format_interval(bout.survival), f"{bout.p_survival:.2g}"]
         rmse = [format_interval(bout.rmse), f"{bout.p_rmse:.2g}"]
         out.add_row(
@@ -103,7 +105,7 @@ def table_markdown(comparison: Comparison) -> str:
 
 def tuning_markdown(policies: Sequence[str]) -> str:
     """How the gains of those policies that were tuned were found, in Markdown."""
-    rows = [[name, f"`{TUNED[name].command}`", brief(TUNED[name].score)] for name in policies if name in TUNED]
+    rows = [[name, f"`{TUNED[name].command}`", format_number(TUNED[name].score)] for name in policies if name in TUNED]
     return _markdown_table(["controller", "found by", "score (mm)"], rows)
 
 
@@ -116,7 +118,7 @@ def matrix_markdown(comparison: Comparison) -> str:
         row = []
         for summary in summaries:
             rmse, survival = summary["penalised_rmse"].value, summary["survival"].value
-            number = f"**{brief(rmse)}**" if rmse == least else brief(rmse)
+            number = f"**{format_number(rmse)}**" if rmse == least else format_number(rmse)
             row.append(number if survival == 100.0 else f"{number} ({survival:.3g} %)")
         rows.append([scenario, *row])
     return _markdown_table(["scenario", *comparison.policies], rows)
@@ -141,7 +143,7 @@ def verdicts(comparison: Comparison) -> list[str]:
     """One sentence for each scenario and policy: does it beat the first one in their duel, and by how much."""
     first, *others = comparison.policies
     fought = [compare_pair(comparison, policy, first) for policy in others]
-    return [_verdict(scenario, one, one.bouts[scenario]) for scenario in comparison.scenarios for one in fought]
+    return [_verdict(scenario, one, one.results[scenario]) for scenario in comparison.scenarios for one in fought]
 
 
 def _verdict(scenario: str, fought: PairwiseComparison, bout: ScenarioResult) -> str:
@@ -149,34 +151,34 @@ def _verdict(scenario: str, fought: PairwiseComparison, bout: ScenarioResult) ->
     loses = f"{fought.first} loses to {fought.second}"
     neither = f"{fought.first} and {fought.second} cannot be told apart"
     return (
-        f"In {scenario}, {[neither, beats, loses][bout.result]}: RMSE where both survive {_judged(bout.rmse, 'mm')},"
+        f"In {scenario}, {[neither, beats, loses][bout.winner]}: RMSE where both survive {_judged(bout.rmse, 'mm')},"
         f" survival {_judged(bout.survival, 'points')}."
     )
 
 
 def _judged(difference: Interval, unit: str) -> str:
     """How much higher or lower the first is, with the interval of that amount: "lower by 2.00 mm [-1.00, 5.00]"."""
-    value, low, high = difference
+    value = difference.value
     if np.isnan(value):
         return "unknown"
-    turned = Interval(-value, -high, -low) if value < 0.0 else difference
+    amount = difference.negated() if value < 0.0 else difference
     word = "lower" if value < 0.0 else "higher" if value > 0.0 else "different"
-    amount, _, ends = format_interval(turned).partition(" ")
-    return f"{word} by {amount} {unit} {ends}"
+    text, _, ends = format_interval(amount).partition(" ")
+    return f"{word} by {text} {unit} {ends}"
 
 
 def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
-    """Tracking error over time: median and 80 % band of all episodes, in which the fallen stay at `FALL`."""
+    """Tracking error over time: median and 80 % band of all episodes, in which the fallen stay at `FALL_ERROR`."""
     lowest = np.inf
     for i, policy in enumerate(comparison.policies):
-        flown = comparison.flights[scenario, policy].error[..., _THINNED - 1 :: _THINNED]
-        error = 1000.0 * np.fmin(np.nan_to_num(flown.reshape(-1, flown.shape[-1]), nan=FALL), FALL)
+        flown = comparison.results[scenario, policy].error[..., _THINNED - 1 :: _THINNED]
+        error = 1000.0 * np.fmin(np.nan_to_num(flown.reshape(-1, flown.shape[-1]), nan=FALL_ERROR), FALL_ERROR)
         low, middle, high = np.quantile(error, [0.1, 0.5, 0.9], axis=0)
-        figures.curve(axis, i, PERIOD * _THINNED * np.arange(1, error.shape[-1] + 1), low, middle, high)
+        figures.curve(axis, i, CONTROL_PERIOD * _THINNED * np.arange(1, error.shape[-1] + 1), low, middle, high)
         lowest = min(lowest, low.min())
-    figures.logarithmic(axis, max(lowest, _SMALLEST), 1000.0 * FALL)
+    figures.logarithmic(axis, max(lowest, _SMALLEST), 1000.0 * FALL_ERROR)
     axis.grid(alpha=0.25)
-    axis.set(xlim=(0.0, PERIOD * STEPS), xlabel="time (s)", ylabel="tracking error (mm)")
+    axis.set(xlim=(0.0, CONTROL_PERIOD * EPISODE_STEPS), xlabel="time (s)", ylabel="tracking error (mm)")
 
 
 def plot(comparison: Comparison) -> Any:

@@ -78,7 +78,7 @@ class Scenario:
             object.__setattr__(self, "task", as_task(self.task))
         check_chain(self.actuators, self.simulation)
 
-    def rewarded(self, reward: RewardWeights) -> "Scenario":
+    def with_reward(self, reward: RewardWeights) -> "Scenario":
         """The same scenario with other weights of the reward."""
         task = TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
         return replace(self, task=replace(task, reward=reward))

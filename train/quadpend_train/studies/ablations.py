@@ -16,7 +16,7 @@ import numpy as np
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_train.common import documents
-from quadpend_train.common.files import plain
+from quadpend_train.common.files import to_json_data
 from quadpend_train.common.provenance import versions
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
@@ -171,7 +171,7 @@ def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS))
     if names == tuple(ABLATIONS):
         outcomes["constant"] = _constant_outcome(seeds)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "ablations.json").write_text(json.dumps(plain(outcomes), indent=1) + "\n", encoding="utf-8")
+    (folder / "ablations.json").write_text(json.dumps(to_json_data(outcomes), indent=1) + "\n", encoding="utf-8")
     return outcomes
 
 

@@ -1,9 +1,9 @@
-"""Robustness: how survival and tracking error grow worse along axes of trouble, and how far a policy can be pushed.
+"""Robustness: how survival and tracking error degrade under perturbations, and which perturbations are tolerated.
 
-Every policy meets the same episodes at every value of an axis: starts, references, headings and the noise's random
-numbers are common, only the size of the trouble differs. The edge of an axis is the value, interpolated linearly
-between those flown, at which the estimated survival first falls below `ENDURED`; its interval is where the ends of
-survival's interval do.
+At every value of a perturbation axis, every policy runs through the same episodes: starts, references, headings and the
+random numbers of the noise are common, only the size of the perturbation differs. The tolerance limit of an axis is the
+value at which the estimated survival first falls below `TOLERATED_SURVIVAL`, interpolated linearly between the values
+of the axis. The ends of its interval are the limits that result from the two ends of the survival's interval.
 """
 
 import json
@@ -16,123 +16,141 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.validation import check_int
-from quadpend_train.common.files import plain
+from quadpend_train.common.files import to_json_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
-from quadpend_train.studies.attraction import CALM_HOVER, MAPS, Map, RecoveryMap, RecoveryOutcome, classify
-from quadpend_train.studies.axes import AXES, Axis
+from quadpend_train.studies.perturbations import PERTURBATION_AXES, PerturbationAxis
+from quadpend_train.studies.recovery import (
+    CALM_HOVER,
+    START_GRIDS,
+    RecoveryMap,
+    RecoveryOutcome,
+    StartGrid,
+    classify_recovery,
+)
 
-TOLERATED_SURVIVAL = 0.9  # share of episodes survived, down to which an axis counts as endured
-
-
-class Point(NamedTuple):
-    """A policy at one value of an axis."""
-
-    value: float  # in the axis's unit
-    survival: Interval  # share of the episodes
-    rmse: Interval  # of the survivors, m; nan where there is none
-    penalised_rmse: Interval  # of all, a fall counting as 1 m
+TOLERATED_SURVIVAL = 0.9  # share of episodes
 
 
-class Edge(NamedTuple):
-    """How far an axis is endured in one direction.
+class CurvePoint(NamedTuple):
+    """Metrics of a policy at one value of a perturbation axis.
 
     Attributes:
-        value: where survival falls below `ENDURED`, or the last value flown; nan: already at the nominal value.
-        reached: whether it does fall.
+        value: Value of the perturbation, in the unit of the axis.
+        survival: Share of survived episodes.
+        rmse: Mean RMSE of the survived episodes, m; nan if there are none.
+        penalised_rmse: Mean penalised RMSE of all episodes, m.
+    """
+
+    value: float
+    survival: Interval
+    rmse: Interval
+    penalised_rmse: Interval
+
+
+class ToleranceLimit(NamedTuple):
+    """The largest tolerated perturbation in one direction.
+
+    Attributes:
+        value: Value at which survival falls below `TOLERATED_SURVIVAL`, or the last evaluated value if it does not; nan
+            if survival is below already at the nominal value.
+        reached: Whether survival falls below `TOLERATED_SURVIVAL`.
     """
 
     value: float
     reached: bool
 
 
-def edge(values: Sequence[float], survival: Sequence[float]) -> Edge:
-    """Where survival first falls below `ENDURED`.
+def tolerance_limit(values: Sequence[float], survival: Sequence[float]) -> ToleranceLimit:
+    """Return the value at which survival first falls below `TOLERATED_SURVIVAL`.
 
     Args:
-        values: from the nominal one outwards.
-        survival: share of the episodes at each.
+        values: Values from the nominal one outwards.
+        survival: Share of survived episodes at each value.
     """
     below = [share < TOLERATED_SURVIVAL for share in survival]
     if below[0]:
-        return Edge(np.nan, True)
+        return ToleranceLimit(np.nan, True)
     if not any(below):
-        return Edge(values[-1], False)
+        return ToleranceLimit(values[-1], False)
     i = below.index(True)
-    step = (survival[i - 1] - TOLERATED_SURVIVAL) / (survival[i - 1] - survival[i])
-    return Edge(values[i - 1] + step * (values[i] - values[i - 1]), True)
+    fraction = (survival[i - 1] - TOLERATED_SURVIVAL) / (survival[i - 1] - survival[i])
+    return ToleranceLimit(values[i - 1] + fraction * (values[i] - values[i - 1]), True)
 
 
-def edges(axis: Axis, points: Sequence[Point], bound: int = 0) -> tuple[Edge, ...]:
-    """The edges of an axis: upwards, and before it downwards if the nominal value is not the first.
+def tolerance_limits(
+    axis: PerturbationAxis, points: Sequence[CurvePoint], bound: int = 0
+) -> tuple[ToleranceLimit, ...]:
+    """Return the upper tolerance limit; or the lower and the upper one if the nominal value is not the first value.
 
     Args:
-        axis: the axis.
-        points: a policy on it.
-        bound: 0 for the estimate, 1 and 2 for the ends of its interval.
+        axis: Perturbation axis.
+        points: Metrics of a policy at the axis' values.
+        bound: 0 for the estimated survival, 1 and 2 for the ends of its interval.
     """
     values, survival = [point.value for point in points], [point.survival[bound] for point in points]
-    middle = values.index(axis.nominal)
-    upwards = edge(values[middle:], survival[middle:])
-    return (edge(values[middle::-1], survival[middle::-1]), upwards) if middle else (upwards,)
+    nominal = values.index(axis.nominal)
+    upper = tolerance_limit(values[nominal:], survival[nominal:])
+    return (tolerance_limit(values[nominal::-1], survival[nominal::-1]), upper) if nominal else (upper,)
 
 
-def tolerated_range(axis: Axis, points: Sequence[Point]) -> str:
-    """The edges of an axis and their intervals as text, in its unit.
+def format_tolerated_range(axis: PerturbationAxis, points: Sequence[CurvePoint]) -> str:
+    """Return the tolerance limits of an axis and their intervals as text, in the unit of the axis.
 
-    ``0.4 [0.3, 0.5]``; ``> 0.6`` where the end of the axis is endured; – where its nominal value is not. With trouble
-    on both sides, the edge downwards comes first.
+    Examples: ``0.4 [0.3, 0.5]``; ``> 0.6`` if all values are tolerated; ``–`` if the nominal value is not. If the
+    nominal value is not the first one, the lower limit stands first: ``0.8 [0.7, 0.9] to > 2``.
     """
-    sides = list(zip(*(edges(axis, points, bound) for bound in range(3)), strict=True))
-    signs = ("<", ">")[-len(sides) :]
-    return " to ".join(_told_side(side, sign) for sign, side in zip(signs, sides, strict=True))
+    limits = list(zip(*(tolerance_limits(axis, points, bound) for bound in range(3)), strict=True))
+    signs = ("<", ">")[-len(limits) :]
+    return " to ".join(_format_with_interval(limit, sign) for sign, limit in zip(signs, limits, strict=True))
 
 
-def _told_side(side: Sequence[Edge], sign: str) -> str:
-    estimate, near, far = (_told(edge, sign) for edge in side)
-    low, high = (near, far) if sign == ">" else (far, near)
-    return f"{estimate} [{low}, {high}]" if side[1].reached else estimate
+def _format_with_interval(limits: Sequence[ToleranceLimit], sign: str) -> str:
+    """Return an estimated limit with the limits of the lower and the upper end of the survival's interval."""
+    estimate, at_low, at_high = (_format_limit(limit, sign) for limit in limits)
+    low, high = (at_low, at_high) if sign == ">" else (at_high, at_low)
+    return f"{estimate} [{low}, {high}]" if limits[1].reached else estimate
 
 
-def _told(edge: Edge, sign: str) -> str:
-    if np.isnan(edge.value):
+def _format_limit(limit: ToleranceLimit, sign: str) -> str:
+    if np.isnan(limit.value):
         return "–"
-    return f"{edge.value:.2g}" if edge.reached else f"{sign} {edge.value:g}"
+    return f"{limit.value:.2g}" if limit.reached else f"{sign} {limit.value:g}"
 
 
 @dataclass(frozen=True)
 class Robustness:
-    """Every policy on every axis and map.
+    """Robustness of several policies.
 
     Attributes:
-        policies: their names.
-        axes: by name.
-        maps: by name.
-        episodes: at each value of an axis.
-        seed: of the first episode.
-        curves: a point for each value, by axis and policy.
-        basins: by map and policy.
+        policies: Names of the policies.
+        axes: Perturbation axes by name.
+        start_grids: Grids of starts by name.
+        episodes: Number of episodes at each value of an axis.
+        seed: Seed of the first episode.
+        curves: Metrics at each value of an axis, by the names of axis and policy.
+        recovery_maps: Recovery maps by the names of grid and policy.
     """
 
     policies: tuple[str, ...]
-    axes: Mapping[str, Axis]
-    maps: Mapping[str, Map]
+    axes: Mapping[str, PerturbationAxis]
+    start_grids: Mapping[str, StartGrid]
     episodes: int
     seed: int
-    curves: dict[tuple[str, str], list[Point]]
-    basins: dict[tuple[str, str], RecoveryMap]
+    curves: dict[tuple[str, str], list[CurvePoint]]
+    recovery_maps: dict[tuple[str, str], RecoveryMap]
 
     def as_data(self) -> dict[str, Any]:
-        """Numbers and intervals for JSON: survival in shares, errors in m."""
+        """Return all numbers as data for JSON: survival as shares, errors in m."""
         return {
-            "origin": provenance(),
+            "provenance": provenance(),
             "episodes": self.episodes,
             "seed": self.seed,
-            "endured": TOLERATED_SURVIVAL,
-            "axes": {name: self._axis(name, axis) for name, axis in self.axes.items()},
-            "maps": {name: self._map(name, item) for name, item in self.maps.items()},
+            "tolerated_survival": TOLERATED_SURVIVAL,
+            "axes": {name: self._axis_data(name, axis) for name, axis in self.axes.items()},
+            "recovery": {name: self._recovery_data(name, grid) for name, grid in self.start_grids.items()},
         }
 
     def save(self, folder: Path) -> None:
@@ -141,114 +159,112 @@ class Robustness:
         text = json.dumps(self.as_data(), allow_nan=False)
         (folder / "robustness.json").write_text(text + "\n", encoding="utf-8")
 
-    def _axis(self, name: str, axis: Axis) -> dict[str, Any]:
+    def _axis_data(self, name: str, axis: PerturbationAxis) -> dict[str, Any]:
         curves = {policy: self.curves[name, policy] for policy in self.policies}
+        limits = {
+            policy: zip(*(tolerance_limits(axis, points, bound) for bound in range(3)), strict=True)
+            for policy, points in curves.items()
+        }
         return {
             "title": axis.title,
             "unit": axis.unit,
             "nominal": axis.nominal,
-            "curves": {
-                policy: [{key: plain(part) for key, part in point._asdict().items()} for point in points]
-                for policy, points in curves.items()
-            },
-            "edges": {
-                policy: [plain(part) for part in zip(*(edges(axis, points, i) for i in range(3)), strict=True)]
-                for policy, points in curves.items()
-            },
+            "curves": {policy: to_json_data(points) for policy, points in curves.items()},
+            "tolerance_limits": {policy: to_json_data(list(found)) for policy, found in limits.items()},
         }
 
-    def _map(self, name: str, item: Map) -> dict[str, Any]:
+    def _recovery_data(self, name: str, grid: StartGrid) -> dict[str, Any]:
+        maps = {policy: self.recovery_maps[name, policy] for policy in self.policies}
         return {
-            "title": item.title,
-            "x": {"title": item.x.title, "unit": item.x.unit, "values": item.x.values.round(9).tolist()},
-            "y": {"title": item.y.title, "unit": item.y.unit, "values": item.y.values.round(9).tolist()},
+            "title": grid.title,
+            "x": {"title": grid.x.title, "unit": grid.x.unit, "values": grid.x.values.round(9).tolist()},
+            "y": {"title": grid.y.title, "unit": grid.y.unit, "values": grid.y.values.round(9).tolist()},
             "outcomes": {outcome.name.lower(): int(outcome) for outcome in RecoveryOutcome},
-            "basins": {
+            "maps": {
                 policy: {
-                    "recovered": self.basins[name, policy].recovered,
-                    "outcome": self.basins[name, policy].outcome.tolist(),
-                    "time": plain(self.basins[name, policy].time.round(2).tolist()),
+                    "recovered": found.recovered,
+                    "outcome": found.outcome.tolist(),
+                    "time": to_json_data(found.time.round(2).tolist()),
                 }
-                for policy in self.policies
+                for policy, found in maps.items()
             },
         }
 
 
 def measure_robustness(
     policies: Mapping[str, str | Sequence[Policy]],
-    axes: Mapping[str, Axis] = AXES,
-    maps: Mapping[str, Map] = MAPS,
+    axes: Mapping[str, PerturbationAxis] = PERTURBATION_AXES,
+    start_grids: Mapping[str, StartGrid] = START_GRIDS,
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
     folder: Path | None = None,
     fresh: bool = False,
     jobs: int = 1,
 ) -> Robustness:
-    """Fly every policy along every axis and from every start of every map.
+    """Evaluate every policy at all values of every perturbation axis and from all starts of every grid.
 
     Args:
-        policies: by the names they shall have: what `load_policies` takes, or policies themselves, as in
-            `quadpend_train.evaluation.comparison.compare`.
-        axes: by name.
-        maps: by name.
-        episodes: at each value of an axis.
-        seed: of the first.
-        folder: where flights are kept, so that only those missing are flown; None: nowhere.
-        fresh: whether to fly all of them again.
-        jobs: processes that fly.
+        policies: Policies by the names that they get: names as `load_policies` takes them, or sequences of policies,
+            as in `quadpend_train.evaluation.comparison.compare`.
+        axes: Perturbation axes by name.
+        start_grids: Grids of starts by name.
+        episodes: Number of episodes at each value of an axis.
+        seed: Seed of the first episode.
+        folder: Folder of the cached results; only missing results are computed. None: no cache.
+        fresh: Whether to ignore cached results.
+        jobs: Number of processes.
 
     Raises:
-        ValueError: there is no policy, one is unknown, or a number is out of range.
+        ValueError: If there is no policy, one is unknown, or a number is out of range.
     """
     if not policies:
-        raise ValueError("there must be at least one policy to measure")
+        raise ValueError("policies must have at least one entry")
     for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
         check_int(value, name, least)
-    points = {
-        (name, policy, value): Job(flown, axis.scenario(value), episodes, seed, axis.options(value, episodes, seed))
+    on_axes = {
+        (name, policy, value): Job(members, axis.scenario(value), episodes, seed, axis.options(value, episodes, seed))
         for name, axis in axes.items()
-        for policy, flown in policies.items()
+        for policy, members in policies.items()
         for value in axis.values
     }
-    grids = {
-        (name, policy): Job(flown, CALM_HOVER, item.x.values.size * item.y.values.size, seed, item.options())
-        for name, item in maps.items()
-        for policy, flown in policies.items()
+    on_grids = {
+        (name, policy): Job(members, CALM_HOVER, grid.x.values.size * grid.y.values.size, seed, grid.options())
+        for name, grid in start_grids.items()
+        for policy, members in policies.items()
     }
-    cells: dict[tuple[Any, ...], Job] = {**points, **grids}
-    flights = run_jobs(cells, folder, fresh, jobs)
+    all_jobs: dict[tuple[Any, ...], Job] = {**on_axes, **on_grids}
+    results = run_jobs(all_jobs, folder, fresh, jobs)
     return Robustness(
         tuple(policies),
         axes,
-        maps,
+        start_grids,
         episodes,
         seed,
         {
-            (name, policy): [_point(value, flights[name, policy, value]) for value in axis.values]
+            (name, policy): [_curve_point(value, results[name, policy, value]) for value in axis.values]
             for name, axis in axes.items()
             for policy in policies
         },
-        {(name, policy): classify(flights[name, policy], maps[name]) for name, policy in grids},
+        {(name, policy): classify_recovery(results[name, policy], start_grids[name]) for name, policy in on_grids},
     )
 
 
-def _point(value: float, flights: EpisodeResults) -> Point:
-    return Point(
+def _curve_point(value: float, results: EpisodeResults) -> CurvePoint:
+    return CurvePoint(
         value,
-        proportion(flights.survived),
-        mean(np.where(flights.survived, flights.rmse, np.nan)),
-        mean(flights.penalised_rmse),
+        proportion(results.survived),
+        mean(np.where(results.survived, results.rmse, np.nan)),
+        mean(results.penalised_rmse),
     )
 
 
 def markdown(robustness: Robustness) -> str:
-    """What each policy endures on each axis, and the share of each map from which it recovers, as a table."""
+    """Return a Markdown table: the tolerated range on each axis and the share of recovered starts on each grid."""
     lines = [["", *robustness.policies], ["---"] * (1 + len(robustness.policies))]
     for name, axis in robustness.axes.items():
-        lines.append(
-            [axis.label, *(tolerated_range(axis, robustness.curves[name, policy]) for policy in robustness.policies)]
-        )
-    for name, item in robustness.maps.items():
-        shares = (robustness.basins[name, policy].recovered for policy in robustness.policies)
-        lines.append([f"{item.title.lower()}: recovered (%)", *(f"{100.0 * share:.0f}" for share in shares)])
+        ranges = (format_tolerated_range(axis, robustness.curves[name, policy]) for policy in robustness.policies)
+        lines.append([axis.label, *ranges])
+    for name, grid in robustness.start_grids.items():
+        shares = (robustness.recovery_maps[name, policy].recovered for policy in robustness.policies)
+        lines.append([f"{grid.title.lower()}: recovered (%)", *(f"{100.0 * share:.0f}" for share in shares)])
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"

@@ -24,8 +24,9 @@ from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.validation import check_int
+from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.cache import code_stamp
-from quadpend_train.evaluation.episodes import STEPS, TUNING_SEED, EpisodeResults, collect_results
+from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
 from quadpend_train.scenarios import SETS, find_scenario, scenario_hash
 
 SCORE_SEED = TUNING_SEED + 100_000  # episodes to score what was found in
@@ -112,7 +113,7 @@ def changed(gains: Any, values: dict[str, float]) -> Any:
 
 def lost(flights: EpisodeResults) -> float:
     """Mean penalised RMSE in mm, in which a fall at the very start counts twice."""
-    share = 1.0 - flights.steps / STEPS
+    share = 1.0 - flights.steps / EPISODE_STEPS
     return 1000.0 * float(np.mean(flights.penalised_rmse + np.where(flights.survived, 0.0, share)))
 
 

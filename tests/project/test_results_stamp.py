@@ -1,0 +1,25 @@
+"""The published tables carry the stamp of the code in this tree, so that they can be checked against it.
+
+If these tests fail, code that determines results has changed since the tables were made: `make results` makes them
+again. Changes of comments and docstrings do not change the stamp.
+"""
+
+import json
+import re
+
+from quadpend_train.evaluation.cache import code_stamp
+from quadpend_train.scenarios import SCENARIOS, SETS, scenario_hash
+from tests.helpers.sources import ROOT
+
+
+def test_the_results_page_carries_the_stamp_of_this_code() -> None:
+    text = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    (published,) = re.findall(r"<!-- begin provenance -->\n(.*?)<!-- end provenance -->", text, re.DOTALL)
+    assert f"code `{code_stamp()[:12]}`" in published
+
+
+def test_the_results_file_carries_the_stamps_of_this_code_and_of_the_test_scenarios() -> None:
+    with (ROOT / "docs/results/comparison.csv").open(encoding="utf-8") as file:
+        published = json.loads(file.readline().removeprefix("# "))
+    assert published["code"] == code_stamp()[:12]
+    assert published["scenario_hashes"] == {name: scenario_hash(SCENARIOS[name]) for name in SETS["test"]}

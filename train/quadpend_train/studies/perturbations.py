@@ -1,0 +1,123 @@
+"""Perturbations of growing size, along which the robustness of policies is measured.
+
+Each axis is one kind of perturbation. It starts at its nominal value: `QuadPendulum-v0` in calm air, or hover if the
+perturbation is one of the start. The heading of a wind is drawn by the wind model; the heading of a perturbed start is
+a function of the episode's seed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from quadpend_gym.actuators import ActionDelay, MotorLag
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, PAPER
+from quadpend_gym.sensors import Noise
+from quadpend_gym.wind import Constant, Drawn, Dryden, StillAir
+from quadpend_train.scenarios import Scenario
+from quadpend_train.studies.recovery import CALM_HOVER, HOVER_HEIGHT
+
+_GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)  # rad; its multiples are evenly distributed on the circle
+_MILLI = 0.001
+
+
+@dataclass(frozen=True)
+class PerturbationAxis:
+    """One kind of perturbation.
+
+    Attributes:
+        title: Name of the quantity that is varied.
+        unit: Unit of the values; empty for factors.
+        values: Values of the quantity, ascending.
+        scenario: Function from a value to the scenario.
+        start: Function from a value and headings (rad, shape (n,)) to fields of the state
+            (`quadpend_gym.physics.state`). The other fields are drawn as usual. None: all fields are drawn.
+        nominal: Value without a perturbation, one of `values`. If it is not the first one, the perturbation grows in
+            both directions.
+        scale: Scale of the values in plots.
+    """
+
+    title: str
+    unit: str
+    values: tuple[float, ...]
+    scenario: Callable[[float], Scenario]
+    start: Callable[[float, Floats], dict[str, Floats]] | None = None
+    nominal: float = 0.0
+    scale: Literal["linear", "symlog"] = "linear"
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+    def options(self, value: float, episodes: int, seed: int) -> dict[str, Any] | None:
+        """Return the options of `reset` at a value, for `episodes` consecutive seeds from `seed` on."""
+        if self.start is None:
+            return None
+        heading = _GOLDEN_ANGLE * (seed + np.arange(episodes)) % (2.0 * np.pi)
+        return {"state": self.start(value, heading)}
+
+
+def _cylindrical(radius: float, heading: Floats, height: float) -> Floats:
+    """Return vectors with cylindrical coordinates, shape (n, 3)."""
+    return np.column_stack([radius * np.cos(heading), radius * np.sin(heading), np.full_like(heading, height)])
+
+
+def _tilted(tilt: float, heading: Floats) -> dict[str, Floats]:
+    return {"direction": _cylindrical(np.sin(tilt), heading, np.cos(tilt)), "direction_rate": np.zeros(3)}
+
+
+def _displaced(distance: float, heading: Floats) -> dict[str, Floats]:
+    return {"position": _cylindrical(distance, heading, HOVER_HEIGHT)}
+
+
+def _steady_force(force: float) -> Scenario:
+    return Scenario(wind=Drawn(Constant((1.0, 0.0, 0.0)), strength=(force, force)))
+
+
+def _turbulence(speed: float) -> Scenario:
+    return Scenario(wind=Drawn(Dryden(speed)) if speed else StillAir())
+
+
+def _sensor_noise(size: float) -> Scenario:
+    """White noise of `size` mm on positions and mrad on angles, and of 10 `size` mm/s and mrad/s on their rates."""
+    error, rate = 0.001 * size, 0.01 * size
+    return Scenario(sensors=Noise(error, rate, error, rate, error, rate) if size else ())
+
+
+def _action_delay(delay: float) -> Scenario:
+    return Scenario(actuators=ActionDelay(round(_MILLI * delay / CONTROL_PERIOD)) if delay else ())
+
+
+def _motor_lag(time_constant: float) -> Scenario:
+    return Scenario(actuators=MotorLag(_MILLI * time_constant) if time_constant else ())
+
+
+def _parameter_factor(*names: str) -> Callable[[float], Scenario]:
+    """Return a function from a factor to a scenario whose true parameters are the nominal ones times the factor."""
+
+    def scenario(factor: float) -> Scenario:
+        values = {name: factor * getattr(PAPER, name) for name in names}
+        return Scenario(parameters={name: (value, value) for name, value in values.items()})
+
+    return scenario
+
+
+_TILTS, _DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6), (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
+_FORCES, _SPEEDS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0), (0.0, 5.0, 10.0, 12.5, 15.0, 20.0, 25.0)
+_ERRORS, _DELAYS = (0.0, 0.02, 0.05, 0.2, 0.5, 2.0, 5.0), (0.0, 10.0, 20.0, 30.0, 40.0)
+_LAGS, _FACTORS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 60.0), (0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0)
+_MASSES, _ROD = _parameter_factor("quadrotor_mass", "bob_mass"), _parameter_factor("rod_length")
+PERTURBATION_AXES = {
+    "tilt": PerturbationAxis("initial tilt", "rad", _TILTS, lambda _: CALM_HOVER, _tilted),
+    "offset": PerturbationAxis("initial distance", "m", _DISTANCES, lambda _: CALM_HOVER, _displaced),
+    "wind": PerturbationAxis("steady force", "N", _FORCES, _steady_force),
+    "turbulence": PerturbationAxis("Dryden turbulence, W₂₀", "m/s", _SPEEDS, _turbulence),
+    "noise": PerturbationAxis("sensor noise", "mm, mrad", _ERRORS, _sensor_noise, scale="symlog"),
+    "delay": PerturbationAxis("action delay", "ms", _DELAYS, _action_delay),
+    "lag": PerturbationAxis("motor time constant", "ms", _LAGS, _motor_lag, scale="symlog"),
+    "mass": PerturbationAxis("true mass / nominal mass", "", _FACTORS, _MASSES, nominal=1.0),
+    "rod": PerturbationAxis("true rod length / nominal rod length", "", _FACTORS, _ROD, nominal=1.0),
+}

@@ -1,0 +1,138 @@
+"""Recovery maps: from which starts on a grid a policy returns to hover in calm air (its region of attraction).
+
+An episode has *recovered* if the tracking error stays below `RECOVERY_ERROR` during its last second. The time to
+recover is then the last time at which the error is not below. The grid is symmetric about hover, and nothing is drawn
+at random: two quantities of the start are those of the grid, all others are those of hover.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.tasks import EPISODE_STEPS
+from quadpend_train.evaluation.episodes import EpisodeResults
+from quadpend_train.scenarios import HOVER, Scenario
+
+RECOVERY_ERROR = 0.05  # m
+HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
+CALM_HOVER = Scenario("hover in calm air", env_id=HOVER)
+_LAST_SECOND = round(1.0 / CONTROL_PERIOD)  # steps
+
+
+class RecoveryOutcome(IntEnum):
+    """How an episode ended."""
+
+    FELL = 0
+    UNSETTLED = 1  # survived, but away from the hover point
+    RECOVERED = 2
+
+
+class GridAxis(NamedTuple):
+    """One axis of a grid of starts.
+
+    Attributes:
+        title: Name of the quantity.
+        unit: Unit of the quantity.
+        values: Values of the quantity, ascending and symmetric about 0.
+    """
+
+    title: str
+    unit: str
+    values: Floats
+
+
+@dataclass(frozen=True)
+class StartGrid:
+    """A grid of starts.
+
+    Attributes:
+        title: Title of the map.
+        x: Horizontal axis.
+        y: Vertical axis.
+        start: Function from values on x and y, shapes (n,), to fields of the state (`quadpend_gym.physics.state`). The
+            other fields are those of hover.
+    """
+
+    title: str
+    x: GridAxis
+    y: GridAxis
+    start: Callable[[Floats, Floats], dict[str, Floats]]
+
+    def options(self) -> dict[str, Any]:
+        """Return the options of `reset` for all starts, line by line from the lowest y, with x varying fastest."""
+        x, y = (values.ravel() for values in np.meshgrid(self.x.values, self.y.values))
+        hover = {"position": (0.0, 0.0, HOVER_HEIGHT), "direction": (0.0, 0.0, 1.0)}
+        rest = dict.fromkeys(("velocity", "euler", "euler_rate", "direction_rate"), (0.0, 0.0, 0.0))
+        return {"state": {**rest, **hover, **self.start(x, y)}}
+
+
+class RecoveryMap(NamedTuple):
+    """Outcomes of all starts of a grid.
+
+    Attributes:
+        outcome: `RecoveryOutcome` by training seed, y and x, shape (s, ny, nx).
+        time: Time to recover, s; nan where the policy did not recover; same shape.
+    """
+
+    outcome: Integers
+    time: Floats
+
+    @property
+    def recovered(self) -> float:
+        """Share of recovered starts over all training seeds."""
+        return float(np.mean(self.outcome == RecoveryOutcome.RECOVERED))
+
+
+def _in_xz_plane(x: Floats, z: Floats) -> Floats:
+    """Return vectors in the x–z plane, shape (n, 3)."""
+    return np.column_stack([x, np.zeros_like(x), z])
+
+
+def _tilted(angle: Floats) -> Floats:
+    """Return directions of a pendulum that is tilted by `angle` (rad) towards x, shape (n, 3)."""
+    return _in_xz_plane(np.sin(angle), np.cos(angle))
+
+
+def _tilt_and_rate(angle: Floats, rate: Floats) -> dict[str, Floats]:
+    return {"direction": _tilted(angle), "direction_rate": _in_xz_plane(rate * np.cos(angle), -rate * np.sin(angle))}
+
+
+def _tilt_and_offset(angle: Floats, offset: Floats) -> dict[str, Floats]:
+    return {"direction": _tilted(angle), "position": _in_xz_plane(offset, np.full_like(offset, HOVER_HEIGHT))}
+
+
+_TILT = GridAxis("initial tilt", "rad", np.linspace(-0.7, 0.7, 25))
+START_GRIDS = {
+    "tilt_rate": StartGrid(
+        "Tilt and tilt rate",
+        _TILT,
+        GridAxis("initial tilt rate", "rad/s", np.linspace(-4.0, 4.0, 25)),
+        _tilt_and_rate,
+    ),
+    "tilt_offset": StartGrid(
+        "Tilt and offset",
+        _TILT,
+        GridAxis("initial x of the quadrotor", "m", np.linspace(-1.5, 1.5, 25)),
+        _tilt_and_offset,
+    ),
+}
+
+
+def classify_recovery(results: EpisodeResults, grid: StartGrid) -> RecoveryMap:
+    """Return the outcomes of the episodes of a grid, which are in the order of `StartGrid.options`."""
+    outside = ~(results.error < RECOVERY_ERROR)
+    recovered = results.survived & ~outside[..., -_LAST_SECOND:].any(axis=-1)
+    outcome = np.where(
+        recovered,
+        RecoveryOutcome.RECOVERED,
+        np.where(results.survived, RecoveryOutcome.UNSETTLED, RecoveryOutcome.FELL),
+    )
+    # Number of steps up to the last one outside.
+    steps = np.where(outside.any(axis=-1), EPISODE_STEPS - np.argmax(outside[..., ::-1], axis=-1), 0)
+    shape = (len(outcome), grid.y.values.size, grid.x.values.size)
+    return RecoveryMap(outcome.reshape(shape), np.where(recovered, CONTROL_PERIOD * steps, np.nan).reshape(shape))
