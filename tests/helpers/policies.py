@@ -24,7 +24,7 @@ class BiasedADRC:
 
 
 class NoisyADRC:
-    """ADRC with a little random action on top, of its own kind for each seed."""
+    """ADRC with small random actions added, which depend on the seed."""
 
     def __init__(self, seed: int) -> None:
         self.random, self.adrc = np.random.default_rng(seed), ADRC("matched")
@@ -38,7 +38,7 @@ class NoisyADRC:
 
 
 class ZeroThrust:
-    """No thrust."""
+    """A policy that commands no thrust."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -49,7 +49,7 @@ class ZeroThrust:
 
 
 def synthetic_results(rmse: Any, survived: Any = True) -> EpisodeResults:
-    """Flights that nobody flew, with an RMSE (m) for each episode, shape (n,) or (s, n)."""
+    """Return synthetic results with the given RMSE (m) of each episode, shape (n,) or (s, n)."""
     rmse = np.atleast_2d(np.asarray(rmse, np.float64))
     survived = np.broadcast_to(survived, rmse.shape)
     one, error = np.ones_like(rmse), np.zeros((*rmse.shape, EPISODE_STEPS), np.float32)
