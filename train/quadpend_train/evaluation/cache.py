@@ -17,7 +17,6 @@ import numpy as np
 
 import quadpend_baselines
 import quadpend_gym
-import quadpend_train
 from quadpend_gym.core.source_hash import source_hash
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.common.provenance import versions
@@ -25,6 +24,7 @@ from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.scenarios import Scenario, scenario_hash
 
 FOLDER = Path("results/cache")
+_TRAIN = Path(__file__).parents[1]  # the folder of quadpend_train
 # Rooms and files without influence on an episode's result.
 _EXCLUDED = {
     quadpend_gym: ("viewer", "envs/recorder.py"),
@@ -43,7 +43,7 @@ _TRAIN_SOURCES = (
 
 def sources() -> list[Path]:
     """Return the source files that determine the results of an episode."""
-    found = [Path(quadpend_train.__file__).parent / name for name in _TRAIN_SOURCES]
+    found = [_TRAIN / name for name in _TRAIN_SOURCES]
     for package, excluded in _EXCLUDED.items():
         folder = Path(str(package.__file__)).parent
         without = [folder / name for name in excluded]
