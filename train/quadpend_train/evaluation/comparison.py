@@ -104,7 +104,7 @@ class Comparison:
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         results: Results by the names of scenario and policy.
-        identities: Gains of the controllers and hashes of the model files, of those policies that were given by name.
+        fingerprints: Gains of the controllers and hashes of the model files, of those policies that were given by name.
     """
 
     policies: tuple[str, ...]
@@ -112,7 +112,7 @@ class Comparison:
     episodes: int
     seed: int
     results: dict[Cell, EpisodeResults]
-    identities: dict[str, list[str]]
+    fingerprints: dict[str, list[str]]
 
     @cached_property
     def summaries(self) -> dict[Cell, dict[str, Interval]]:
@@ -151,7 +151,7 @@ class Comparison:
         return {
             "provenance": provenance(),
             "code": cache.code_stamp()[:12],
-            "policies": self.identities,
+            "policies": self.fingerprints,
             "scenario_file": file_hash(),
             "scenario_hashes": {name: scenario_hash(scenario) for name, scenario in self.scenarios.items()},
             "episodes": self.episodes,
@@ -222,7 +222,9 @@ def _is_cached(job: Job, folder: Path | None) -> bool:
 
 def _check_training_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> None:
     """Check that all learners have the same number of training seeds, since differences are computed seed by seed."""
-    sizes = {name: len(policy_names(policy) if isinstance(policy, str) else policy) for name, policy in policies.items()}
+    sizes = {
+        name: len(policy_names(policy) if isinstance(policy, str) else policy) for name, policy in policies.items()
+    }
     if len(set(sizes.values()) - {1}) > 1:
         numbers = ", ".join(f"{name} has {size}" for name, size in sizes.items())
         raise ValueError(f"policies must be learners with the same number of training seeds or single ones: {numbers}")

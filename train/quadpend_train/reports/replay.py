@@ -46,7 +46,7 @@ def contenders(comparison: Comparison) -> list[str]:
     """The policies to show: the first, and the best others of the leaderboard, of those that were given by name."""
     first = comparison.policies[0]
     others = [standing.policy for standing in leaderboard(comparison) if standing.policy != first]
-    return [name for name in (first, *others) if name in comparison.identities][: 1 + _OTHERS]
+    return [name for name in (first, *others) if name in comparison.fingerprints][: 1 + _OTHERS]
 
 
 def choose(comparison: Comparison, scenario: str, policies: list[str], count: int) -> list[Choice]:
