@@ -1,4 +1,4 @@
-"""Tasks: references to track, random starts, rewards, limits and the observation, all as data."""
+"""Tasks: reference trajectories, random starts, termination limits, rewards and the observation."""
 
 from quadpend_gym.tasks.task import (
     EPISODE_STEPS,

@@ -1,8 +1,9 @@
-"""The observation: 36 numbers, float32, scaled by fixed constants to order one. All that any policy sees.
+"""Layout and scales of the observation: 36 numbers, float32. Policies get nothing else.
 
-`OBSERVATION_FIELDS` is the layout; the scales are powers of two, so that scaling is exact. The tracking error is the
-error of the flat outputs, (F_x − F_xd, F_y − F_yd, z − z_d): horizontally the bob's, vertically the quadrotor's, in the
-world frame, as in the paper. ψ_e = ψ − ψ_d. No wind is in it.
+`OBSERVATION_FIELDS` is the layout. Every number is divided by a fixed scale, so that it is of order one; the scales are
+powers of two, so the division is exact. The tracking error is the error of the flat outputs in the world frame, as in
+the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical part that of the
+quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
 
 | name                 | symbol          | size | unit       | scale        |
 |----------------------|-----------------|------|------------|--------------|
@@ -16,6 +17,7 @@ world frame, as in the paper. ψ_e = ψ − ψ_d. No wind is in it.
 | yaw_reference        | ψ_d, ψ̇_d, ψ̈_d   | 3    | rad …      | 1            |
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +28,7 @@ from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_R
 from quadpend_gym.physics.vectors import Vec3, axpy, load, store
 from quadpend_gym.tasks.references import ReferencePoint
 
-# name: scale of each component, in the order of the layout
+# Scale of each component of a field, in the order of the layout.
 _SCALES: dict[str, tuple[float, float, float]] = {
     "tracking_error": (0.5, 0.5, 0.5),
     "tracking_error_rate": (1.0, 1.0, 1.0),
@@ -41,51 +43,59 @@ _SCALES: dict[str, tuple[float, float, float]] = {
     "reference_6": (16.0, 16.0, 16.0),
     "yaw_reference": (1.0, 1.0, 1.0),
 }
-OBSERVATION_FIELDS = {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(_SCALES)}
+_RATES = ("tracking_error_rate", "direction_rate", "euler_rate")
+
+
+def _layout(names: Iterable[str]) -> dict[str, slice]:
+    return {name: slice(3 * i, 3 * i + 3) for i, name in enumerate(names)}
+
+
+OBSERVATION_FIELDS = _layout(_SCALES)
 OBSERVATION_SCALE: Floats = np.array(list(_SCALES.values())).ravel()
 OBSERVATION_SIZE = OBSERVATION_SCALE.size
-# Of an output-feedback observation: all but the rates, which nobody measures there.
-OUTPUT_FEEDBACK_FIELDS = {
-    name: slice(3 * i, 3 * i + 3)
-    for i, name in enumerate(
-        name for name in _SCALES if name not in ("tracking_error_rate", "direction_rate", "euler_rate")
-    )
-}
+# The output-feedback observation has all fields but the rates, which its sensors do not measure.
+OUTPUT_FEEDBACK_FIELDS = _layout(name for name in _SCALES if name not in _RATES)
 OUTPUT_FEEDBACK_COLUMNS = np.concatenate([np.r_[OBSERVATION_FIELDS[name]] for name in OUTPUT_FEEDBACK_FIELDS])
 OUTPUT_FEEDBACK_SIZE = OUTPUT_FEEDBACK_COLUMNS.size
 _LAYOUTS = {OBSERVATION_SIZE: OBSERVATION_FIELDS, OUTPUT_FEEDBACK_SIZE: OUTPUT_FEEDBACK_FIELDS}
-REFERENCE_START = OBSERVATION_FIELDS["reference_2"].start  # what comes of the state stands before it
+# The columns before this one depend on the state, the others on the reference only.
+REFERENCE_START = OBSERVATION_FIELDS["reference_2"].start
 
+# First column of each field, as constants that compiled functions can read.
 _TRACKING_ERROR = OBSERVATION_FIELDS["tracking_error"].start
 _TRACKING_ERROR_RATE = OBSERVATION_FIELDS["tracking_error_rate"].start
 _DIRECTION = OBSERVATION_FIELDS["direction"].start
 _DIRECTION_RATE = OBSERVATION_FIELDS["direction_rate"].start
 _ATTITUDE = OBSERVATION_FIELDS["attitude"].start
 _EULER_RATE = OBSERVATION_FIELDS["euler_rate"].start
-_REFERENCE = OBSERVATION_FIELDS["reference_2"].start
+_REFERENCE_2 = OBSERVATION_FIELDS["reference_2"].start
+_REFERENCE_3 = OBSERVATION_FIELDS["reference_3"].start
+_REFERENCE_4 = OBSERVATION_FIELDS["reference_4"].start
+_REFERENCE_5 = OBSERVATION_FIELDS["reference_5"].start
+_REFERENCE_6 = OBSERVATION_FIELDS["reference_6"].start
 _YAW_REFERENCE = OBSERVATION_FIELDS["yaw_reference"].start
 
 
 def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
-    """One field of an observation in physical units, shape (..., 3), float64.
+    """Return one field of an observation in physical units, shape (..., 3), float64.
 
     Args:
-        observation: shape (..., 36), or (..., 27) as `OutputFeedbackWrapper` leaves it.
-        name: a key of `OBSERVATION_FIELDS`.
+        observation: Observations, shape (..., 36), or (..., 27) from `OutputFeedbackWrapper`.
+        name: Key of `OBSERVATION_FIELDS`.
 
     Raises:
-        ValueError: the observation has another size, or no such field.
+        ValueError: If the observation has another size or no such field.
     """
     fields = _LAYOUTS.get(observation.shape[-1])
     if fields is None:
         raise ValueError(f"an observation has {' or '.join(map(str, _LAYOUTS))} numbers, not {observation.shape[-1]}")
     if name not in fields:
-        raise ValueError(f"this observation has no {name!r}; it has {', '.join(fields)}")
+        raise ValueError(f"the observation has no field {name!r}; its fields are {', '.join(fields)}")
     return np.asarray(observation[..., fields[name]] * OBSERVATION_SCALE[OBSERVATION_FIELDS[name]])
 
 
 class Target(NamedTuple):
-    """Where the flat outputs (m), their rates (m/s) and the yaw (rad) should be."""
+    """Reference values of the flat outputs (m), of their rates (m/s) and of the yaw (rad)."""
 
     position: Vec3
     velocity: Vec3
@@ -93,24 +103,25 @@ class Target(NamedTuple):
 
 
 TARGET_SIZE = 7
+_TARGET_POSITION, _TARGET_VELOCITY, _TARGET_YAW = 0, 3, 6
 
 
 @inlined
 def load_target(lanes: Any, lane: int) -> Target:
-    """The target in column `lane` of a (7, n) buffer."""
-    return Target(load(lanes, 0, lane), load(lanes, 3, lane), lanes[6, lane])
+    """Return the target in column `lane` of a (7, n) buffer."""
+    return Target(load(lanes, _TARGET_POSITION, lane), load(lanes, _TARGET_VELOCITY, lane), lanes[_TARGET_YAW, lane])
 
 
 @inlined
 def store_target(target: Target, lanes: Any, lane: int) -> None:
     """Write a target into column `lane` of a (7, n) buffer."""
-    store(lanes, 0, lane, target.position)
-    store(lanes, 3, lane, target.velocity)
-    lanes[6, lane] = target.yaw
+    store(lanes, _TARGET_POSITION, lane, target.position)
+    store(lanes, _TARGET_VELOCITY, lane, target.velocity)
+    lanes[_TARGET_YAW, lane] = target.yaw
 
 
 class TrackingErrors(NamedTuple):
-    """How well the reference is tracked: flat-output error (m), its rate (m/s), yaw error (rad)."""
+    """Error of the flat outputs (m), its rate (m/s), and error of the yaw (rad)."""
 
     error: Vec3
     error_rate: Vec3
@@ -119,13 +130,14 @@ class TrackingErrors(NamedTuple):
 
 @inlined
 def tracking_errors(state: Any, lane: int, rod_length: float, target: Target) -> TrackingErrors:
-    """Tracking errors of the state in column `lane` of an (18, n) buffer."""
-    bob = axpy(rod_length, load(state, DIRECTION, lane), load(state, POSITION, lane))
-    bob_rate = axpy(rod_length, load(state, DIRECTION_RATE, lane), load(state, VELOCITY, lane))
-    should, rate = target.position, target.velocity
-    error = Vec3(bob.x - should.x, bob.y - should.y, state[POSITION + 2, lane] - should.z)
-    error_rate = Vec3(bob_rate.x - rate.x, bob_rate.y - rate.y, state[VELOCITY + 2, lane] - rate.z)
-    return TrackingErrors(error, error_rate, state[EULER + 2, lane] - target.yaw)
+    """Return the tracking errors of the state in column `lane` of an (18, n) buffer."""
+    position, velocity = load(state, POSITION, lane), load(state, VELOCITY, lane)
+    bob = axpy(rod_length, load(state, DIRECTION, lane), position)
+    bob_rate = axpy(rod_length, load(state, DIRECTION_RATE, lane), velocity)
+    wanted, wanted_rate = target.position, target.velocity
+    error = Vec3(bob.x - wanted.x, bob.y - wanted.y, position.z - wanted.z)
+    error_rate = Vec3(bob_rate.x - wanted_rate.x, bob_rate.y - wanted_rate.y, velocity.z - wanted_rate.z)
+    return TrackingErrors(error, error_rate, load(state, EULER, lane).z - target.yaw)
 
 
 _RECIPROCAL = (1.0 / OBSERVATION_SCALE).astype(np.float32)
@@ -139,8 +151,17 @@ def _store_scaled(out: Any, first: int, lane: int, a: Vec3) -> None:
 
 @inlined
 def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, place: int) -> None:
-    """Write what the observation has of the state in column `lane`, true or sensed, into column `place` of `out`."""
-    attitude = Vec3(state[EULER, lane], state[EULER + 1, lane], tracking.yaw_error)
+    """Write the fields of the observation that depend on the state.
+
+    Args:
+        state: True or measured states, shape (18, n).
+        lane: Column of `state`.
+        tracking: Tracking errors of this state.
+        out: Observations, shape (36, m), float32, changed in place.
+        place: Column of `out`.
+    """
+    euler = load(state, EULER, lane)
+    attitude = Vec3(euler.x, euler.y, tracking.yaw_error)
     _store_scaled(out, _TRACKING_ERROR, place, tracking.error)
     _store_scaled(out, _TRACKING_ERROR_RATE, place, tracking.error_rate)
     _store_scaled(out, _DIRECTION, place, load(state, DIRECTION, lane))
@@ -151,10 +172,10 @@ def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, pla
 
 @inlined
 def observe_reference(reference: ReferencePoint, lane: int, out: Any) -> None:
-    """Write what the observation has of the reference into column `lane` of a (36, n) float32 buffer."""
-    _store_scaled(out, _REFERENCE, lane, reference.d2)
-    _store_scaled(out, _REFERENCE + 3, lane, reference.d3)
-    _store_scaled(out, _REFERENCE + 6, lane, reference.d4)
-    _store_scaled(out, _REFERENCE + 9, lane, reference.d5)
-    _store_scaled(out, _REFERENCE + 12, lane, reference.d6)
+    """Write the fields that depend on the reference only into column `lane` of a (36, n) float32 buffer."""
+    _store_scaled(out, _REFERENCE_2, lane, reference.d2)
+    _store_scaled(out, _REFERENCE_3, lane, reference.d3)
+    _store_scaled(out, _REFERENCE_4, lane, reference.d4)
+    _store_scaled(out, _REFERENCE_5, lane, reference.d5)
+    _store_scaled(out, _REFERENCE_6, lane, reference.d6)
     _store_scaled(out, _YAW_REFERENCE, lane, Vec3(reference.yaw, reference.yaw_rate, reference.yaw_acceleration))

@@ -1,11 +1,12 @@
 """Reference trajectories with exact derivatives.
 
-A reference gives the flat outputs over time: F_x = x + l r_x and F_y = y + l r_y (the bob's horizontal position), the
-quadrotor's height z, all in the world frame, and the yaw angle ψ. Each of these four channels is
+A reference gives the flat outputs as functions of time: the horizontal position of the bob, F_x = x + l r_x and
+F_y = y + l r_y, the height z of the quadrotor, and the yaw angle ψ. Positions are in the world frame. Each of these
+four channels is
 
     (1)  offset + rate · t + amplitude · sin(frequency · t + phase)
 
-which holds hovering, circles, figure eights (Gerono's lemniscate) and helices, and any Lissajous figure besides.
+Hovering, circles, figure eights (Gerono's lemniscate), helices and all Lissajous figures have this form.
 
 | channel | symbol | unit |
 |---------|--------|------|
@@ -29,12 +30,15 @@ from quadpend_gym.physics.vectors import Vec3
 
 CHANNELS = 4
 REFERENCE_SIZE = 5 * CHANNELS
-LARGEST = 1000.0  # of any number of a reference, in SI units
+LARGEST = 1000.0  # largest absolute value of a number of a reference, SI units
 ORDERS = 7  # derivatives of order 0 to 6
+# Layout of a reference array: for each coefficient of (1) one number for each channel.
+_OFFSET, _RATE, _AMPLITUDE, _FREQUENCY, _PHASE = 0, CHANNELS, 2 * CHANNELS, 3 * CHANNELS, 4 * CHANNELS
+_X, _Y, _Z, _YAW = 0, 1, 2, 3
 
 
 class Derivatives(NamedTuple):
-    """A channel and its time derivatives of order 1 to 6."""
+    """Value of a channel and its time derivatives of order 1 to 6."""
 
     d0: float
     d1: float
@@ -47,9 +51,10 @@ class Derivatives(NamedTuple):
 
 @inlined
 def channel_derivatives(lanes: Any, channel: int, lane: int, time: float) -> Derivatives:
-    """Equation (1) and its derivatives at `time` (s), from column `lane` of a (20, n) buffer."""
-    offset, rate = lanes[channel, lane], lanes[4 + channel, lane]
-    amplitude, frequency, phase = lanes[8 + channel, lane], lanes[12 + channel, lane], lanes[16 + channel, lane]
+    """Return equation (1) and its derivatives at `time` (s) for the reference in column `lane` of a (20, n) buffer."""
+    offset, rate = lanes[_OFFSET + channel, lane], lanes[_RATE + channel, lane]
+    amplitude, frequency = lanes[_AMPLITUDE + channel, lane], lanes[_FREQUENCY + channel, lane]
+    phase = lanes[_PHASE + channel, lane]
     sine, cosine = sincos(frequency * time + phase)
     a1 = amplitude * frequency
     a2 = a1 * frequency
@@ -69,7 +74,7 @@ def channel_derivatives(lanes: Any, channel: int, lane: int, time: float) -> Der
 
 
 class ReferencePoint(NamedTuple):
-    """A reference at one instant: derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ."""
+    """Reference at one time: derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ."""
 
     d0: Vec3
     d1: Vec3
@@ -85,11 +90,11 @@ class ReferencePoint(NamedTuple):
 
 @inlined
 def reference_point(lanes: Any, lane: int, time: float) -> ReferencePoint:
-    """The reference in column `lane` of a (20, n) buffer at `time` (s)."""
-    x = channel_derivatives(lanes, 0, lane, time)
-    y = channel_derivatives(lanes, 1, lane, time)
-    z = channel_derivatives(lanes, 2, lane, time)
-    yaw = channel_derivatives(lanes, 3, lane, time)
+    """Return the reference in column `lane` of a (20, n) buffer at `time` (s)."""
+    x = channel_derivatives(lanes, _X, lane, time)
+    y = channel_derivatives(lanes, _Y, lane, time)
+    z = channel_derivatives(lanes, _Z, lane, time)
+    yaw = channel_derivatives(lanes, _YAW, lane, time)
     return ReferencePoint(
         Vec3(x.d0, y.d0, z.d0),
         Vec3(x.d1, y.d1, z.d1),
@@ -115,11 +120,13 @@ def _evaluate(lanes: Floats, time: Floats, out: Floats) -> None:
 
 @dataclass(frozen=True)
 class Reference:
-    """One reference trajectory; every field has one number for each of F_x (m), F_y (m), z (m) and ψ (rad).
+    """One reference trajectory, equation (1).
+
+    Every field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
 
     Raises:
-        TypeError: a field is not a number or four numbers.
-        ValueError: a number is not finite, or larger than 1000 in size.
+        TypeError: If a field is neither a number nor four numbers.
+        ValueError: If a number is not finite, or its absolute value is larger than 1000.
     """
 
     offset: tuple[float, ...] = (0.0, 0.0, 2.0, 0.0)
@@ -135,12 +142,19 @@ class Reference:
 
     @classmethod
     def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":
-        """Stand still at a point (m) with a yaw angle (rad)."""
+        """Return a constant reference: a point (m) and a yaw angle (rad)."""
         return cls(offset=(x, y, z, yaw))
 
     @classmethod
     def circle(cls, radius: float, frequency: float, height: float = 2.0, climb: float = 0.0) -> "Reference":
-        """A horizontal circle (m, rad/s; negative: clockwise) around the z axis, or a helix with `climb` in m/s."""
+        """Return a horizontal circle around the z axis, or a helix.
+
+        Args:
+            radius: Radius, m.
+            frequency: Angular frequency, rad/s; negative for clockwise motion seen from above.
+            height: Height at time zero, m.
+            climb: Vertical velocity, m/s; zero for a circle.
+        """
         return cls(
             offset=(0.0, 0.0, height, 0.0),
             rate=(0.0, 0.0, climb, 0.0),
@@ -151,7 +165,13 @@ class Reference:
 
     @classmethod
     def figure_eight(cls, radius: float, frequency: float, height: float = 2.0) -> "Reference":
-        """A horizontal figure eight of half-length `radius` (m), passed once in 2π/`frequency` (rad/s)."""
+        """Return a horizontal figure eight.
+
+        Args:
+            radius: Half of its length, m.
+            frequency: Angular frequency, rad/s; the period is 2π/`frequency`.
+            height: Height, m.
+        """
         return cls(
             offset=(0.0, 0.0, height, 0.0),
             amplitude=(radius, radius / 2, 0.0, 0.0),
@@ -160,18 +180,18 @@ class Reference:
 
     @classmethod
     def from_array(cls, array: Floats) -> "Reference":
-        """The inverse of `as_array`, without its checks: a task may draw larger numbers."""
+        """Return the reference of an array from `as_array`, without checks, since a task may draw larger numbers."""
         reference = object.__new__(cls)
         for field, values in zip(fields(cls), array.reshape(-1, CHANNELS).tolist(), strict=True):
             object.__setattr__(reference, field.name, tuple(values))
         return reference
 
     def as_array(self) -> Floats:
-        """The fields in order, shape (20,): the kernel's view."""
+        """Return the fields in order as an array of shape (20,)."""
         return np.array(astuple(self)).ravel()
 
     def derivatives(self, time: float | Floats) -> Floats:
-        """The four channels at `time` (s) and their derivatives of order 0 to 6, shape (..., 7, 4)."""
+        """Return the four channels at `time` (s) and their derivatives of order 0 to 6, shape (..., 7, 4)."""
         times = np.asarray(time, np.float64)
         out = np.empty((times.size, ORDERS, CHANNELS))
         _evaluate(self.as_array()[:, np.newaxis], times.ravel(), out)
@@ -179,7 +199,7 @@ class Reference:
 
 
 class ReferenceRanges(NamedTuple):
-    """`tasks.ReferenceSettings` inside a kernel."""
+    """The values of `ReferenceSettings` inside compiled functions."""
 
     hover: float
     circle: float
@@ -202,47 +222,49 @@ class ReferenceRanges(NamedTuple):
 def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> None:
     """Draw a random reference into column `lane` of a (20, n) buffer.
 
-    The family is drawn first, then its size and peak horizontal acceleration a, which fixes the frequency:
-    ω² = a / radius for a circle and ω² = 8 a / (17 radius) for a figure eight, where |F̈| = radius ω² √(s + 16 s (1−s))
-    with s = sin²(ωt + phase).
+    The family is drawn first, then the radius and the peak horizontal acceleration a, which determine the frequency:
+    ω² = a / radius for a circle and ω² = 8 a / (17 radius) for a figure eight, since the figure eight has
+    |F̈| = radius ω² √(s + 16 s (1−s)) with s = sin²(ωt + phase).
     """
     choice = uniform(key, 0) * (ranges.hover + ranges.circle + ranges.figure_eight + ranges.helix)
-    hovers = choice < ranges.hover
-    eight = (choice >= ranges.hover + ranges.circle) & (choice < ranges.hover + ranges.circle + ranges.figure_eight)
-    helix = choice >= ranges.hover + ranges.circle + ranges.figure_eight
-    radius = 0.0 if hovers else uniform_between(key, 1, ranges.radius_low, ranges.radius_high)
+    is_hover = choice < ranges.hover
+    is_figure_eight = (choice >= ranges.hover + ranges.circle) & (
+        choice < ranges.hover + ranges.circle + ranges.figure_eight
+    )
+    is_helix = choice >= ranges.hover + ranges.circle + ranges.figure_eight
+    radius = 0.0 if is_hover else uniform_between(key, 1, ranges.radius_low, ranges.radius_high)
     acceleration = uniform_between(key, 2, ranges.acceleration_low, ranges.acceleration_high)
-    divisor = 2.0 if eight else 1.0
-    peak = 17.0 / 8.0 if eight else 1.0  # of |F̈|, in units of radius · frequency²
-    frequency = 0.0 if hovers else np.sqrt(acceleration / (peak * radius))
+    divisor = 2.0 if is_figure_eight else 1.0
+    peak = 17.0 / 8.0 if is_figure_eight else 1.0  # largest |F̈| / (radius ω²)
+    frequency = 0.0 if is_hover else np.sqrt(acceleration / (peak * radius))
     phase = uniform_between(key, 3, 0.0, 2.0 * np.pi)
-    turn = 1.0 if uniform(key, 4) < 0.5 else -1.0
+    sign = 1.0 if uniform(key, 4) < 0.5 else -1.0
     for field in range(REFERENCE_SIZE):
         lanes[field, lane] = 0.0
-    lanes[2, lane] = uniform_between(key, 5, ranges.height_low, ranges.height_high)
-    lanes[3, lane] = uniform_between(key, 6, -ranges.yaw_offset, ranges.yaw_offset)
-    lanes[6, lane] = uniform_between(key, 7, ranges.climb_low, ranges.climb_high) if helix else 0.0
-    lanes[8, lane] = radius
-    lanes[9, lane] = turn * radius / divisor
-    lanes[11, lane] = uniform_between(key, 8, 0.0, ranges.yaw_amplitude)
-    lanes[12, lane] = frequency
-    lanes[13, lane] = divisor * frequency
-    lanes[15, lane] = uniform_between(key, 9, 0.0, ranges.yaw_frequency)
-    lanes[16, lane] = phase if eight else phase + 0.5 * np.pi
-    lanes[17, lane] = divisor * phase
-    lanes[19, lane] = uniform_between(key, 10, 0.0, 2.0 * np.pi)
+    lanes[_OFFSET + _Z, lane] = uniform_between(key, 5, ranges.height_low, ranges.height_high)
+    lanes[_OFFSET + _YAW, lane] = uniform_between(key, 6, -ranges.yaw_offset, ranges.yaw_offset)
+    lanes[_RATE + _Z, lane] = uniform_between(key, 7, ranges.climb_low, ranges.climb_high) if is_helix else 0.0
+    lanes[_AMPLITUDE + _X, lane] = radius
+    lanes[_AMPLITUDE + _Y, lane] = sign * radius / divisor
+    lanes[_AMPLITUDE + _YAW, lane] = uniform_between(key, 8, 0.0, ranges.yaw_amplitude)
+    lanes[_FREQUENCY + _X, lane] = frequency
+    lanes[_FREQUENCY + _Y, lane] = divisor * frequency
+    lanes[_FREQUENCY + _YAW, lane] = uniform_between(key, 9, 0.0, ranges.yaw_frequency)
+    lanes[_PHASE + _X, lane] = phase if is_figure_eight else phase + 0.5 * np.pi
+    lanes[_PHASE + _Y, lane] = divisor * phase
+    lanes[_PHASE + _YAW, lane] = uniform_between(key, 10, 0.0, 2.0 * np.pi)
 
 
 @compiled
 def draw_references(rows: Integers, seeds: Keys, episodes: Integers, ranges: Floats, reference: Floats) -> None:
-    """Draw a random reference for each of the given rows.
+    """Draw a random reference for some of n sub-environments.
 
     Args:
-        rows: indices into `reference`, shape (m,).
-        seeds: root of each row's random streams, shape (n,).
-        episodes: number of each row's episode, shape (n,).
-        ranges: `tasks.flatten` of the task's references.
-        reference: written, shape (n, 20).
+        rows: Indices of the sub-environments, shape (m,).
+        seeds: Key of the random stream of each sub-environment, shape (n,).
+        episodes: Number of the episode of each sub-environment, shape (n,).
+        ranges: Values of `ReferenceSettings`, see `quadpend_gym.tasks.flatten`, shape (15,).
+        reference: References, shape (n, 20), see `Reference.as_array`, changed in place.
     """
     r = ranges
     bounds = ReferenceRanges(

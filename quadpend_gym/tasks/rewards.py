@@ -1,13 +1,14 @@
-"""The reward: a weighted mean of four bounded terms, 1 only for perfect still tracking.
+"""The reward: a weighted mean of four terms in [0, 1]. It is 1 only for exact tracking with zero action.
 
 With the tracking error e (m), the pendulum's direction r, the yaw error ψ_e (rad) and the action a:
 
-    (1)  tracking = (1 − s) / (1 + (|e| / 0.3 m)²) + s / (1 + |e| / 0.02 m)     far and near: a wide hill, a sharp tip
+    (1)  tracking = (1 − s) / (1 + (|e| / 0.3 m)²) + s / (1 + |e| / 0.02 m)     a wide and a narrow peak
     (2)  upright  = max(r_z, 0)²
     (3)  yaw      = 1 / (1 + (ψ_e / 0.2 rad)²)
     (4)  effort   = 1 / (1 + |a|²)
 
-s, the tip's share, is `RewardWeights.tip`, ½ by default. No term is negative, so ending an episode early never pays.
+The weight s of the narrow peak is `RewardWeights.tip`, by default ½. No term is negative, so an early termination never
+increases the return.
 """
 
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.vectors import Vec3, dot, norm
 
-_FAR, _NEAR, _YAW = 0.3, 0.02, 0.2  # m, m, rad
+_FAR, _NEAR, _YAW = 0.3, 0.02, 0.2  # m, m, rad; half-widths of the peaks in (1) and (3)
 
 
 class Reward(NamedTuple):
@@ -29,7 +30,16 @@ class Reward(NamedTuple):
 
 @inlined
 def reward_terms(error: Vec3, upright: float, yaw_error: float, action: Any, lane: int, tip: float) -> Reward:
-    """Terms (1)–(4); `upright` is r_z, the action is in column `lane` of a (4, n) buffer, and `tip` is s."""
+    """Compute the terms (1)–(4).
+
+    Args:
+        error: Tracking error e, m.
+        upright: r_z.
+        yaw_error: ψ_e, rad.
+        action: Actions, shape (4, n).
+        lane: Column of `action`.
+        tip: s.
+    """
     far = 1.0 / (1.0 + dot(error, error) / _FAR**2)
     near = 1.0 / (1.0 + norm(error) / _NEAR)
     above = max(upright, 0.0)

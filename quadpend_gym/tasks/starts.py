@@ -1,13 +1,13 @@
 """Random starts near the reference.
 
-Flying the reference is, to first order in the tilt, with K the chain stiffness and g the gravity (the paper's flat
-parametrisation (30)–(45), corrected):
+To first order in the tilt, a state that tracks the reference exactly is, with the chain stiffness K and the gravity g
+(the paper's flat parametrisation (30)–(45), corrected):
 
     (1)  r ∥ F̈_d + g e₃,                ṙ = (I − r rᵀ) F_d⁽³⁾ / |F̈_d + g e₃|
     (2)  ζ = F_d − l r  horizontally,    z = z_d
-    (3)  thrust axis  b = r − F_d⁽⁴⁾ / (g K)  horizontally, turned by ψ_d into θ and −φ, which themselves turn at ψ̇_d
+    (3)  R e₃ = r − F_d⁽⁴⁾ / (g K)  horizontally; rotated by −ψ_d this is (θ, −φ), whose rates include those due to ψ̇_d
 
-To this a deviation is added, uniform in each component.
+A start is this state plus a random deviation, which is uniform in each component.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from quadpend_gym.tasks.references import ReferencePoint, reference_point
 
 
 class StartRanges(NamedTuple):
-    """`tasks.StartSettings` inside a kernel."""
+    """The values of `StartSettings` inside compiled functions."""
 
     position: float
     velocity: float
@@ -43,10 +43,10 @@ def _deviation(key: Any, index: int, size: float) -> Vec3:
 
 
 @inlined
-def _turn(vector: Vec3, yaw: float) -> tuple[float, float]:
-    """Roll and pitch (or their rates) that lean the thrust axis horizontally by `vector` at a yaw angle."""
+def _roll_and_pitch(axis: Vec3, yaw: float) -> tuple[float, float]:
+    """Return roll and pitch for the horizontal part of the thrust axis, or their rates for its rate, to first order."""
     sin_yaw, cos_yaw = sincos(yaw)
-    return sin_yaw * vector.x - cos_yaw * vector.y, cos_yaw * vector.x + sin_yaw * vector.y
+    return sin_yaw * axis.x - cos_yaw * axis.y, cos_yaw * axis.x + sin_yaw * axis.y
 
 
 @inlined
@@ -57,36 +57,25 @@ def draw_start(
     gravity = physics.gravity
     stiffness = (physics.quadrotor_mass + physics.bob_mass) * gravity / (physics.quadrotor_mass * physics.rod_length)
     lift = Vec3(reference.d2.x, reference.d2.y, reference.d2.z + gravity)
-    lean = axpy(1.0 / norm(lift), lift, _deviation(key, 0, ranges.direction))
-    r = scale(1.0 / norm(lean), lean)
-    swing = axpy(1.0 / norm(lift), reference.d3, _deviation(key, 3, ranges.direction_rate))
-    r_dot = axpy(-dot(r, swing), r, swing)
-    lead = -1.0 / (gravity * stiffness)
-    roll, pitch = _turn(axpy(lead, reference.d4, r), reference.yaw)
-    roll_rate, pitch_rate = _turn(axpy(lead, reference.d5, r_dot), reference.yaw)
+    per_lift = 1.0 / norm(lift)
+    along_r = axpy(per_lift, lift, _deviation(key, 0, ranges.direction))
+    r = scale(1.0 / norm(along_r), along_r)
+    rate = axpy(per_lift, reference.d3, _deviation(key, 3, ranges.direction_rate))
+    r_dot = axpy(-dot(r, rate), r, rate)
+    per_snap = -1.0 / (gravity * stiffness)
+    roll, pitch = _roll_and_pitch(axpy(per_snap, reference.d4, r), reference.yaw)
+    roll_rate, pitch_rate = _roll_and_pitch(axpy(per_snap, reference.d5, r_dot), reference.yaw)
     yaw_rate = reference.yaw_rate
-    turning = Vec3(roll_rate + yaw_rate * pitch, pitch_rate - yaw_rate * roll, yaw_rate)
+    euler = Vec3(roll, pitch, reference.yaw)
+    euler_rate = Vec3(roll_rate + yaw_rate * pitch, pitch_rate - yaw_rate * roll, yaw_rate)
     position = axpy(-physics.rod_length, r, reference.d0)
+    position = Vec3(position.x, position.y, reference.d0.z)
     velocity = axpy(-physics.rod_length, r_dot, reference.d1)
-    store(
-        lanes,
-        POSITION,
-        lane,
-        add(Vec3(position.x, position.y, reference.d0.z), _deviation(key, 6, ranges.position)),
-    )
-    store(
-        lanes,
-        VELOCITY,
-        lane,
-        add(Vec3(velocity.x, velocity.y, reference.d1.z), _deviation(key, 9, ranges.velocity)),
-    )
-    store(lanes, EULER, lane, add(Vec3(roll, pitch, reference.yaw), _deviation(key, 12, ranges.angle)))
-    store(
-        lanes,
-        EULER_RATE,
-        lane,
-        add(turning, _deviation(key, 15, ranges.angle_rate)),
-    )
+    velocity = Vec3(velocity.x, velocity.y, reference.d1.z)
+    store(lanes, POSITION, lane, add(position, _deviation(key, 6, ranges.position)))
+    store(lanes, VELOCITY, lane, add(velocity, _deviation(key, 9, ranges.velocity)))
+    store(lanes, EULER, lane, add(euler, _deviation(key, 12, ranges.angle)))
+    store(lanes, EULER_RATE, lane, add(euler_rate, _deviation(key, 15, ranges.angle_rate)))
     store(lanes, DIRECTION, lane, r)
     store(lanes, DIRECTION_RATE, lane, r_dot)
 
@@ -101,16 +90,16 @@ def draw_starts(
     reference: Floats,
     state: Floats,
 ) -> None:
-    """Draw a random start near the reference of each of the given rows.
+    """Draw a random start near the reference for some of n sub-environments.
 
     Args:
-        rows: indices into the arrays below, shape (m,).
-        seeds: root of each row's random streams, shape (n,).
-        episodes: number of each row's episode, shape (n,).
-        ranges: `tasks.flatten` of the task's start.
-        parameters: shape (n, 9).
-        reference: shape (n, 20).
-        state: written, shape (n, 18).
+        rows: Indices of the sub-environments, shape (m,).
+        seeds: Key of the random stream of each sub-environment, shape (n,).
+        episodes: Number of the episode of each sub-environment, shape (n,).
+        ranges: Values of `StartSettings`, see `quadpend_gym.tasks.flatten`, shape (6,).
+        parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
+        reference: References, shape (n, 20), see `Reference.as_array`.
+        state: States, shape (n, 18), changed in place.
     """
     bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
     for row in rows:

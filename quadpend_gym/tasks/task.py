@@ -1,6 +1,6 @@
-"""Tasks: what to track, where to start, when it is over and what is rewarded, all as data.
+"""Settings of a task: random references, random starts, termination limits and reward weights.
 
-A task travels as JSON and is given to `gym.make` by name, as a `Task`, or as a mapping of its fields.
+`gym.make` accepts a task as a name, a `Task`, or a mapping of its fields. Environment specifications store it as JSON.
 """
 
 from dataclasses import astuple, dataclass, field, fields
@@ -11,25 +11,25 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import check_interval, check_number, from_plain
 
-EPISODE_STEPS = 1000  # control steps of an episode that is not terminated early: 10 s at the default period
+EPISODE_STEPS = 1000  # control steps after which an episode is truncated: 10 s at the default control period
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class ReferenceSettings:
-    """Random references: how often each family is drawn, and between which bounds."""
+    """Relative frequency of each family of random references, and the bounds of their numbers."""
 
-    hover: float = 1.0  # relative frequency of the family
+    hover: float = 1.0  # relative frequencies of the four families
     circle: float = 1.0
     figure_eight: float = 1.0
     helix: float = 1.0
     height: Interval = (2.0, 3.0)  # m, above the ground z = 0
     radius: Interval = (0.3, 1.5)  # m
-    acceleration: Interval = (0.2, 1.0)  # m/s², horizontal peak
-    climb: Interval = (-0.1, 0.1)  # m/s, of a helix
-    yaw_offset: float = 0.5  # rad, drawn in ±
-    yaw_amplitude: float = 0.3  # rad
-    yaw_frequency: float = 1.0  # rad/s
+    acceleration: Interval = (0.2, 1.0)  # m/s², peak of the horizontal acceleration
+    climb: Interval = (-0.1, 0.1)  # m/s, vertical velocity of a helix
+    yaw_offset: float = 0.5  # rad, largest absolute value of the constant part of the yaw
+    yaw_amplitude: float = 0.3  # rad, largest amplitude of the sinusoidal part of the yaw
+    yaw_frequency: float = 1.0  # rad/s, largest angular frequency of the yaw
 
     def __post_init__(self) -> None:
         weights = [
@@ -47,14 +47,14 @@ class ReferenceSettings:
 
 @dataclass(frozen=True)
 class StartSettings:
-    """Random starts: the largest deviation, in each component, from flying the reference perfectly."""
+    """Largest deviation of a random start, in each component, from the state that tracks the reference exactly."""
 
-    position: float = 0.1  # m, of the quadrotor
-    velocity: float = 0.05  # m/s
-    angle: float = 0.03  # rad, roll, pitch, yaw
+    position: float = 0.1  # m, position of the quadrotor
+    velocity: float = 0.05  # m/s, velocity of the quadrotor
+    angle: float = 0.03  # rad, roll, pitch and yaw
     angle_rate: float = 0.05  # rad/s
-    direction: float = 0.03  # of r, before it is normalised
-    direction_rate: float = 0.05  # 1/s, of ṙ, before it is made perpendicular to r
+    direction: float = 0.03  # r, before its normalisation
+    direction_rate: float = 0.05  # 1/s, ṙ, before its projection onto the plane perpendicular to r
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -63,12 +63,12 @@ class StartSettings:
 
 @dataclass(frozen=True)
 class Limits:
-    """When an episode terminates."""
+    """Limits of the state; an episode that exceeds one of them terminates (a fall)."""
 
-    pendulum_angle: float = np.pi / 3  # rad from upright; π: never
-    body_angle: float = np.pi * 80 / 180  # rad from level
+    pendulum_angle: float = np.pi / 3  # rad from upright; π disables this limit
+    body_angle: float = np.pi * 80 / 180  # rad from level; π disables this limit
     tracking_error: float = 3.0  # m
-    ground: float = 0.0  # m, height that neither quadrotor nor bob may touch
+    ground: float = 0.0  # m, height of the ground, which neither the quadrotor nor the bob may touch
 
     def __post_init__(self) -> None:
         check_number(self.pendulum_angle, "pendulum_angle", 0.0, np.pi)
@@ -79,13 +79,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """Weights of the reward's terms, which are divided by their sum, and the share of the sharp tip in tracking."""
+    """Weights of the terms of the reward, see `quadpend_gym.tasks.rewards`; they are divided by their sum."""
 
     tracking: float = 0.6
     upright: float = 0.15
     yaw: float = 0.1
     effort: float = 0.15
-    tip: float = 0.5  # s, see `quadpend_gym.tasks.rewards`
+    tip: float = 0.5  # s, weight of the narrow peak in the tracking term
 
     def __post_init__(self) -> None:
         check_number(self.tip, "tip", 0.0, 1.0)
@@ -98,7 +98,7 @@ class RewardWeights:
 
 @dataclass(frozen=True)
 class Task:
-    """A task: references, starts, limits and reward weights."""
+    """Task: random references, random starts, termination limits and reward weights."""
 
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
     start: StartSettings = field(default_factory=StartSettings)
@@ -121,11 +121,14 @@ TASKS = {
 
 
 def as_task(value: Any) -> Task:
-    """The task that `value` is, names, or describes as a mapping.
+    """Convert `value` to a task.
+
+    Args:
+        value: Name of a task, `Task`, or mapping of its fields.
 
     Raises:
-        TypeError: it is none of these.
-        ValueError: no task has that name, or a setting is unknown or out of range.
+        TypeError: If `value` is none of these.
+        ValueError: If no task has that name, or a setting is unknown or out of range.
     """
     if isinstance(value, str):
         if value not in TASKS:
@@ -135,7 +138,7 @@ def as_task(value: Any) -> Task:
 
 
 def flatten(settings: Any) -> Floats:
-    """The numbers of a settings dataclass in order of its fields, nested ones and pairs opened: the kernel's view."""
+    """Return the numbers of a settings dataclass in the order of its fields; tuples and nested fields are flattened."""
 
     def numbers(item: Any) -> list[float]:
         return [x for part in item for x in numbers(part)] if isinstance(item, tuple) else [float(item)]

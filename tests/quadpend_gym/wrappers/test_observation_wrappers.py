@@ -58,7 +58,7 @@ def test_output_feedback_has_every_field_but_the_velocities() -> None:
 def test_a_velocity_that_is_hidden_cannot_be_read(name: str) -> None:
     outputs, _ = make_wrapped_vec(3, [OUTPUTS]).reset(seed=0)
     assert_refused(
-        lambda: read_observation(outputs, name), f"no '{name}'; it has tracking_error, direction,", ValueError
+        lambda: read_observation(outputs, name), f"no field '{name}'; its fields are tracking_error, direction,", ValueError
     )
 
 
