@@ -1,4 +1,4 @@
-"""Parameter uncertainty: physical parameters drawn for each episode."""
+"""Domain randomization: physical parameters drawn for each episode."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -12,29 +12,29 @@ from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import check_interval, check_number, from_plain, to_plain_fields
 from quadpend_gym.physics.parameters import PARAMETER_NAMES, Parameters
 
-Range = tuple[float, float] | None  # (lowest, highest), uniform between; None: the nominal value
+Interval = tuple[float, float] | None  # (lowest, highest) of a uniform distribution, or None for the nominal value
 
 
 @dataclass(frozen=True)
 class ParameterRanges:
-    """Where each episode's parameters are drawn from, with the names and units of `Parameters`.
+    """Intervals of the parameters of an episode, with the names and units of `Parameters`.
 
-    What an action means does not change with them: a heavier quadrotor sinks at zero action.
+    Actions are scaled with the nominal parameters: a heavier quadrotor sinks at zero action.
 
     Raises:
-        TypeError: a value is no pair of numbers.
-        ValueError: a range is out of order, a value no parameter can have, or nothing is uncertain.
+        TypeError: If a value is not a pair of numbers.
+        ValueError: If an interval is out of order, contains impossible values, or all values are None.
     """
 
-    quadrotor_mass: Range = None  # kg
-    bob_mass: Range = None  # kg
-    rod_length: Range = None  # m
-    gravity: Range = None  # m/s²
-    inertia_roll: Range = None  # kg·m²
-    inertia_pitch: Range = None  # kg·m²
-    inertia_yaw: Range = None  # kg·m²
-    quadrotor_drag_area: Range = None  # m²
-    bob_drag_area: Range = None  # m²
+    quadrotor_mass: Interval = None  # kg
+    bob_mass: Interval = None  # kg
+    rod_length: Interval = None  # m
+    gravity: Interval = None  # m/s²
+    inertia_roll: Interval = None  # kg·m²
+    inertia_pitch: Interval = None  # kg·m²
+    inertia_yaw: Interval = None  # kg·m²
+    quadrotor_drag_area: Interval = None  # m²
+    bob_drag_area: Interval = None  # m²
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
@@ -47,13 +47,14 @@ class ParameterRanges:
             )
 
     def draw(self, nominal: Parameters, streams: Streams) -> Floats:
-        """Parameters of new episodes, shape (n, 9).
+        """Draw the parameters of new episodes, shape (n, 9).
 
-        Each parameter has a number of the stream of its own: another range leaves the others' values alone.
+        Each parameter uses its own number of the random stream, so the interval of one parameter does not change the
+        values of the others.
 
         Args:
-            nominal: has the values that have no range.
-            streams: of the rows.
+            nominal: Values of the parameters without an interval.
+            streams: Random streams of the n sub-environments.
         """
         return streams.between(0, *_bounds(self, nominal))
 
@@ -67,15 +68,15 @@ def _bounds(ranges: ParameterRanges, nominal: Parameters) -> tuple[Floats, Float
 
 @dataclass(frozen=True)
 class Around:
-    """Ranges of ± `share` around an environment's own parameters.
+    """Intervals of ± `share` around the nominal parameters of an environment.
 
     Raises:
-        TypeError: `share` is not a number.
-        ValueError: it is outside [0, 1), or there is no such parameter.
+        TypeError: If `share` is not a number, or `names` not a sequence.
+        ValueError: If `share` is outside [0, 1), or a name is not that of a parameter.
     """
 
-    share: float  # of the value
-    names: tuple[str, ...] = ()  # of the uncertain parameters; without, all but gravity
+    share: float  # half width of the interval, as a fraction of the nominal value
+    names: tuple[str, ...] = ()  # parameters to randomize; if empty, all but gravity
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
@@ -88,19 +89,22 @@ class Around:
                 raise ValueError(f"there is no parameter {name!r}; there are {', '.join(PARAMETER_NAMES)}")
 
     def ranges(self, parameters: Parameters) -> ParameterRanges:
-        """The ranges around these parameters."""
-        chosen = self.names or tuple(name for name in PARAMETER_NAMES if name != "gravity")
-        values = {name: getattr(parameters, name) for name in chosen}
+        """Return the intervals around these nominal parameters."""
+        names = self.names or tuple(name for name in PARAMETER_NAMES if name != "gravity")
+        values = {name: getattr(parameters, name) for name in names}
         pairs = {name: ((1.0 - self.share) * value, (1.0 + self.share) * value) for name, value in values.items()}
         return ParameterRanges(**pairs)
 
 
 def as_ranges(value: Any) -> ParameterRanges | Around:
-    """The ranges that `value` is or describes: a mapping with a share, or from names of parameters to pairs.
+    """Convert `value` to parameter ranges.
+
+    Args:
+        value: Parameter ranges, a mapping with a ``share``, or a mapping from names of parameters to pairs.
 
     Raises:
-        TypeError: it is neither.
-        ValueError: something in it is unknown or out of range.
+        TypeError: If `value` is none of these.
+        ValueError: If a key is unknown or a value is out of range.
     """
     if isinstance(value, Around) or (isinstance(value, Mapping) and "share" in value):
         return from_plain(Around, value, "ranges")

@@ -1,4 +1,4 @@
-"""Actuators: what happens to an action before it moves the quadrotor."""
+"""Actuator models, which change the action between the policy and the quadrotor."""
 
 from quadpend_gym.actuators.models import ActionDelay, Actuator, MotorLag, RateLimit, RotorFault, Rotors
 from quadpend_gym.actuators.registry import KINDS, as_actuators, check_chain

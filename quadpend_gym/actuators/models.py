@@ -1,8 +1,8 @@
-"""Actuators: what becomes of an action before it moves the quadrotor.
+"""Actuator models: they change the action between the policy and the quadrotor.
 
-An actuator changes the four numbers of an action, in the order in which they stand: ``[ActionDelay(2), MotorLag(0.05),
-Rotors()]`` delays what the policy says, lets the motors lag, and mixes the rotors' thrusts. What comes out at the end
-are thrust and torques, as in `QuadPendulumEnv`; the reward's effort is theirs.
+Several actuators act in the order in which they are listed: ``[ActionDelay(2), MotorLag(0.05), Rotors()]`` delays the
+policy's action, applies the lag of the motors, and mixes the thrusts of the rotors. The result is an action of
+`QuadPendulumEnv`, that is thrust and torques. The effort term of the reward is computed from this result.
 """
 
 from dataclasses import dataclass, field
@@ -22,17 +22,17 @@ from quadpend_gym.physics.state import ACTION_SIZE
 
 @runtime_checkable
 class Actuator(Model, Protocol):
-    """What an actuator model must be able to do, for a batch of n rows. No base class is needed."""
+    """The interface of an actuator model, for a batch of n sub-environments. A base class is not needed."""
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """Change the action that is held over the coming control period.
+        """Change the action of the coming control period in place.
 
         Args:
-            action: shape (n, 4), components in [−1, 1], columns contiguous, changed in place.
-            memory: shape (n, memory_size), columns contiguous, updated in place.
-            step: control steps since each row's episode began, shape (n,).
-            simulation: period, parameters and limits, the nominal ones.
-            streams: the rows' random streams; block `step + 1` belongs to this step.
+            action: Actions, components in [−1, 1], shape (n, 4), columns contiguous, changed in place.
+            memory: Memory of the model, shape (n, memory_size), columns contiguous, updated in place.
+            step: Control steps since the beginning of each episode, shape (n,).
+            simulation: Control period, nominal parameters and command limits.
+            streams: Random streams of the n sub-environments; this step may use block `step + 1`.
         """
 
 
@@ -40,20 +40,20 @@ ACTUATORS = Registry("actuator", "an actuator model", Actuator)  # `registry` ad
 
 
 class _FromHover(ZeroInitialized):
-    """What remembers the present value of each component, hover at first."""
+    """Mixin for models whose memory is the present value of each component, initially zero, which is hover."""
 
     @property
     def memory_size(self) -> int:
-        """One number for each component."""
+        """One number for each component of the action."""
         return ACTION_SIZE
 
 
 @dataclass(frozen=True)
 class ActionDelay(ZeroInitialized):
-    """A transport delay of whole control steps; until then, hover.
+    """A transport delay of `steps` control steps. During the first `steps` steps of an episode the action is hover.
 
     Raises:
-        ValueError: `steps` is not a whole number from 1 to 1000.
+        ValueError: If `steps` is not a whole number from 1 to 1000.
     """
 
     steps: int = 1
@@ -65,23 +65,24 @@ class ActionDelay(ZeroInitialized):
 
     @property
     def memory_size(self) -> int:
-        """The actions of the last steps."""
+        """Four numbers for each delayed step."""
         return self.steps * ACTION_SIZE
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """The action of `steps` steps ago."""
+        """Replace the action by that of `steps` steps ago."""
         delay(action, step, memory, self.steps)
 
 
 @dataclass(frozen=True)
 class MotorLag(_FromHover):
-    """A first-order lag, T ẏ = a − y, of each component.
+    """A first-order lag T ẏ = a − y of each component.
 
-    Over a control period the mean of y acts, a + (y_k − a) (T/period) (1 − e^(−period/T)): the right impulse.
+    The action of a control period is the mean of y over this period, a + (y_k − a) (T/period) (1 − e^(−period/T)), so
+    that its impulse is exact.
 
     Raises:
-        TypeError: `time_constant` is not a number.
-        ValueError: it is not finite or not above zero.
+        TypeError: If `time_constant` is not a number.
+        ValueError: If `time_constant` is not finite or not above zero.
     """
 
     time_constant: float = 0.05  # s, T
@@ -92,7 +93,7 @@ class MotorLag(_FromHover):
         check_positive(self.time_constant, "time_constant")
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """The mean of the lagging action over the period."""
+        """Replace the action by the mean of the lagged action over the period."""
         ratio = simulation.period / self.time_constant
         gap = memory - action
         memory[:] = action + np.exp(-ratio) * gap
@@ -101,14 +102,14 @@ class MotorLag(_FromHover):
 
 @dataclass(frozen=True)
 class RateLimit(_FromHover):
-    """No component of the action changes faster than `rate`.
+    """A limit on the rate of change of each component.
 
     Raises:
-        TypeError: `rate` is not a number.
-        ValueError: it is not finite or not above zero.
+        TypeError: If `rate` is not a number.
+        ValueError: If `rate` is not finite or not above zero.
     """
 
-    rate: float = 20.0  # 1/s; from −1 to 1 in 2/rate
+    rate: float = 20.0  # 1/s; a change from −1 to 1 takes 2/rate
     kind: str = field(default="rate_limit", init=False)
 
     def __post_init__(self) -> None:
@@ -116,29 +117,33 @@ class RateLimit(_FromHover):
         check_positive(self.rate, "rate")
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """The action as far as it can be reached from the one before."""
-        reach = self.rate * simulation.period
-        memory += np.clip(action - memory, -reach, reach)
+        """Move from the previous action towards the new one, as far as the rate limit allows."""
+        max_change = self.rate * simulation.period
+        memory += np.clip(action - memory, -max_change, max_change)
         action[:] = memory
 
 
 @dataclass(frozen=True)
 class Rotors(Stateless):
-    """The action is the thrust of four rotors, fᵢ = (M + m_c) g/4 · (1 + aᵢ): zero is hover, and none pulls down.
+    """Four rotors: the action sets their thrusts fᵢ = (M + m_c) g/4 · (1 + aᵢ).
 
-    The paper's mixing (its Section 2): u = f₁ + f₂ + f₃ + f₄,  τφ = (f₂ − f₄) d,  τθ = (f₃ − f₁) d, and the rotors'
-    drag turns the body, τψ = κ (f₁ − f₂ + f₃ − f₄). The paper gives neither d nor κ.
+    A zero action is hover, and no thrust is negative. The mixing is that of the paper's Section 2,
 
-    With Table 1's inertia, some thirty times a real one, such rotors turn the body with 7 rad/s² at most, too slowly to
-    balance: the paper's controller falls from every start. Give the simulation a real inertia.
+        u = f₁ + f₂ + f₃ + f₄,   τφ = (f₂ − f₄) d,   τθ = (f₃ − f₁) d,   τψ = κ (f₁ − f₂ + f₃ − f₄),
+
+    where τψ is due to the drag of the rotors. The paper gives no values of d and κ.
+
+    The inertia of the paper's Table 1 is about thirty times that of a real quadrotor. With it these rotors reach
+    angular accelerations of at most 7 rad/s², which is too little to balance: the paper's controller falls from every
+    start. Use the simulation with a realistic inertia.
 
     Raises:
-        TypeError: a value is not a number.
-        ValueError: a value is not finite or not above zero.
+        TypeError: If a value is not a number.
+        ValueError: If a value is not finite or not above zero.
     """
 
-    arm: float = 0.2  # m, d, from the centre to each rotor
-    drag_ratio: float = 0.02  # m, κ, drag torque per thrust
+    arm: float = 0.2  # m, d, distance from the centre to each rotor
+    drag_ratio: float = 0.02  # m, κ, drag torque divided by thrust
     kind: str = field(default="rotors", init=False)
 
     def __post_init__(self) -> None:
@@ -147,31 +152,31 @@ class Rotors(Stateless):
         check_positive(self.drag_ratio, "drag_ratio")
 
     def mixing(self, simulation: Simulation) -> Floats:
-        """The matrix from the rotors' numbers to those of thrust and torques, shape (4, 4).
+        """Return the matrix from the rotors' components to those of thrust and torques, shape (4, 4).
 
         Raises:
-            ValueError: the rotors can turn harder than the simulation's actuators.
+            ValueError: If the rotors exceed a command limit of the simulation.
         """
         d, k = self.arm, self.drag_ratio
         forces = simulation.parameters.hover_thrust / 4.0
         rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, d, 0.0, -d], [-d, 0.0, d, 0.0], [k, -k, k, -k]])
         mixing = forces * rows / simulation.command_scale[:, np.newaxis]
-        strongest = np.abs(mixing).sum(axis=1)
-        if (strongest > 1.0 + 1e-12).any():
-            row = int(strongest.argmax())
+        largest = np.abs(mixing).sum(axis=1)
+        if (largest > 1.0 + 1e-12).any():
+            row = int(largest.argmax())
             name, unit = ("thrust", "N") if row == 0 else ("torque", "N·m")
             limit = simulation.command_scale[row]
             raise ValueError(
-                f"the rotors' {name} of up to {limit * strongest[row]:g} {unit} passes the simulation's limit of"
-                f" {limit:g} {unit}: give them less arm or drag_ratio, or raise the limit"
+                f"the rotors' {name} of up to {limit * largest[row]:g} {unit} exceeds the simulation's limit of"
+                f" {limit:g} {unit}: reduce arm or drag_ratio, or raise the limit"
             )
         return np.asarray(mixing)
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """Thrust and torques of the four rotors."""
+        """Replace the thrusts of the rotors by their total thrust and torques."""
         f1, f2, f3, f4 = action.T.copy()
         for column, (m1, m2, m3, m4) in enumerate(_mixing(self, simulation)):
-            action[:, column] = np.clip(m1 * f1 + m2 * f2 + m3 * f3 + m4 * f4, -1.0, 1.0)  # but for rounding, inside
+            action[:, column] = np.clip(m1 * f1 + m2 * f2 + m3 * f3 + m4 * f4, -1.0, 1.0)  # removes rounding
 
 
 @lru_cache(maxsize=64)
@@ -181,15 +186,15 @@ def _mixing(rotors: Rotors, simulation: Simulation) -> tuple[tuple[float, ...], 
 
 @dataclass(frozen=True)
 class RotorFault(Stateless):
-    """One rotor gives only a part of its thrust, from some time on; the `Rotors` must stand behind it.
+    """A loss of thrust of one rotor from time `onset` on. A `Rotors` model must follow it in the list.
 
     Raises:
-        TypeError: a value is not a number.
-        ValueError: there is no such rotor, or a value is out of range.
+        TypeError: If a value is not a number.
+        ValueError: If there is no such rotor, or a value is out of range.
     """
 
     rotor: int = 1  # 1 to 4
-    effectiveness: float = 0.7  # what is left of the thrust, 0 to 1
+    effectiveness: float = 0.7  # remaining fraction of the thrust, 0 to 1
     onset: float = 0.0  # s
     kind: str = field(default="rotor_fault", init=False)
 
@@ -201,7 +206,7 @@ class RotorFault(Stateless):
         check_number(self.onset, "onset", 0.0)
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """The weak rotor's thrust."""
-        weak = self.effectiveness * (1.0 + action[:, self.rotor - 1]) - 1.0
-        begun = step * simulation.period >= self.onset
-        action[:, self.rotor - 1] = np.where(begun, weak, action[:, self.rotor - 1])
+        """Reduce the thrust of the faulty rotor."""
+        reduced = self.effectiveness * (1.0 + action[:, self.rotor - 1]) - 1.0
+        is_faulty = step * simulation.period >= self.onset
+        action[:, self.rotor - 1] = np.where(is_faulty, reduced, action[:, self.rotor - 1])

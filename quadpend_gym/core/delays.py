@@ -1,4 +1,4 @@
-"""A ring of past values for each row: what delays of sensors and actuators share."""
+"""Delays by whole control steps, which sensors and actuators share."""
 
 from typing import Any
 
@@ -18,13 +18,14 @@ def _exchange(values: Floats, step: Integers, ring: Floats, steps: int) -> None:
 
 
 def delay(values: Floats, step: Integers, memory: Floats, steps: int) -> None:
-    """Replace `values` by those of `steps` control steps ago, and remember them.
+    """Replace `values` by those of `steps` control steps ago, and store the present ones.
 
     Args:
-        values: shape (n, k), columns contiguous, changed in place.
-        step: control steps since each row's episode began, shape (n,).
-        memory: shape (n, steps · k), columns contiguous, changed in place. It begins with what came before step 0.
-        steps: how many, at least 1.
+        values: Present values, shape (n, k), columns contiguous, changed in place.
+        step: Control steps since the beginning of each episode, shape (n,).
+        memory: Ring buffer of the last values, shape (n, steps · k), columns contiguous, changed in place. Its initial
+            content is returned during the first `steps` steps.
+        steps: Length of the delay, at least 1.
     """
     _exchange(values.T, step, memory.T, steps)
 
@@ -33,7 +34,7 @@ def check_steps(steps: Any) -> None:
     """Check the length of a delay.
 
     Raises:
-        ValueError: it is not a whole number from 1 to 1000.
+        ValueError: If `steps` is not a whole number from 1 to 1000.
     """
     if not isinstance(steps, int) or isinstance(steps, bool) or not 1 <= steps <= 1000:
         raise ValueError(f"steps must be a whole number from 1 to 1000, not {steps!r}")

@@ -1,4 +1,4 @@
-"""Sensors: what is measured of the state before it is observed."""
+"""Sensor models, which change the measured state from which the observation is computed."""
 
 from quadpend_gym.sensors.models import Channel, Delay, Dropout, Noise, Sensor
 from quadpend_gym.sensors.registry import KINDS, as_sensors

@@ -1,9 +1,11 @@
-"""Sensors: what is measured of the state before it is observed.
+"""Sensor models: they change the measured state from which the observation is computed.
 
-A sensor changes the measured state, laid out as in `quadpend_gym.physics.state`: noise on ζ, ζ̇, η, η̇, r and ṙ in their units.
-The observation is computed from it and the reference of the present: noise of the direction r moves the bob whose
-tracking error is observed, and a delayed position is compared with where the reference is now. Reward, termination and
-``info`` keep to the true state. Sensors work in order: ``[Noise(position=0.002), Delay(2)]`` delays noisy samples.
+The measured state has the layout of `quadpend_gym.physics.state`; a sensor adds errors to ζ, ζ̇, η, η̇, r and ṙ in their
+units. The observation is computed from the measured state and the present reference. Consequently, noise of the
+direction r moves the observed bob and its tracking error, and a delayed position is compared with the present
+reference. Reward, termination and ``info`` use the true state.
+
+Several sensors act in the order in which they are listed: ``[Noise(position=0.002), Delay(2)]`` delays noisy samples.
 """
 
 from collections.abc import Mapping
@@ -24,17 +26,17 @@ from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
 
 @runtime_checkable
 class Sensor(Model, Protocol):
-    """What a sensor model must be able to do, for a batch of n rows. No base class is needed."""
+    """The interface of a sensor model, for a batch of n sub-environments. A base class is not needed."""
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Change what is measured at this instant.
+        """Change the measured state of this instant in place.
 
         Args:
-            measured: shape (n, 18), columns contiguous, changed in place.
-            memory: shape (n, memory_size), columns contiguous, updated in place.
-            step: control steps since each row's episode began, shape (n,): 0 for the observation of a reset.
-            period: of a control step, s.
-            streams: the rows' random streams; from block 1 on.
+            measured: Measured states, shape (n, 18), columns contiguous, changed in place.
+            memory: Memory of the model, shape (n, memory_size), columns contiguous, updated in place.
+            step: Control steps since the beginning of each episode, shape (n,); 0 for the observation of a reset.
+            period: Duration of a control step, s.
+            streams: Random streams of the n sub-environments; this method may use the blocks from 1 on.
         """
 
 
@@ -43,17 +45,19 @@ SENSORS = Registry("sensor", "a sensor model", Sensor)  # `registry` adds the ki
 
 @dataclass(frozen=True)
 class Channel:
-    """Errors of the three components of one field of the state, in the field's unit; of the same size in each.
+    """Sizes of the measurement errors of one field of the state, in the unit of this field.
+
+    The three components of the field have errors of the same size.
 
     Raises:
-        TypeError: a value is not a number.
-        ValueError: a value is negative or not finite.
+        TypeError: If a value is not a number.
+        ValueError: If a value is negative or not finite.
     """
 
-    white: float = 0.0  # standard deviation of a new error at each sample
+    white: float = 0.0  # standard deviation of white noise, independent at each sample
     bias: float = 0.0  # standard deviation of a constant error, drawn for each episode
-    walk: float = 0.0  # standard deviation that a random walk gains in 1 s
-    quantum: float = 0.0  # what is measured is rounded to whole multiples of it
+    walk: float = 0.0  # standard deviation of a random walk after 1 s
+    quantum: float = 0.0  # quantisation: the measurement is rounded to multiples of this step
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
@@ -71,14 +75,14 @@ def _as_channel(value: Any, name: str) -> Channel:
 
 @dataclass(frozen=True)
 class Noise:
-    """Measurement errors: white noise, bias, random walk, and quantisation after them.
+    """Measurement errors: white noise, bias, random walk, and then quantisation.
 
-    Each field takes a `Channel`, a mapping of its fields, or a number: the standard deviation of white noise. A noisy
-    direction is normalised (before it is rounded), so its error is an angle in rad.
+    Each field takes a `Channel`, a mapping of the fields of a `Channel`, or a number, which is the standard deviation
+    of white noise. A noisy direction is normalised before it is rounded, so its error is an angle in rad.
 
     Raises:
-        TypeError: a value is none of these.
-        ValueError: a value is out of range, or nothing is noisy.
+        TypeError: If a value is none of these.
+        ValueError: If a value is out of range, or all errors are zero.
     """
 
     position: Any = 0.0  # m
@@ -95,11 +99,11 @@ class Noise:
         if not any(self._sizes(item.name).any() for item in fields(Channel)):
             raise ValueError("noise must be on at least one field of the state; all are 0")
 
-    def _sizes(self, what: str) -> Floats:
-        """One of a channel's numbers for every column of the state, shape (18,)."""
+    def _sizes(self, error: str) -> Floats:
+        """Return one field of `Channel` for every column of the state, shape (18,)."""
         sizes = np.zeros(STATE_SIZE)
         for name, columns in STATE_FIELDS.items():
-            sizes[columns] = getattr(getattr(self, name), what)
+            sizes[columns] = getattr(getattr(self, name), error)
         return sizes
 
     @cached_property
@@ -114,35 +118,38 @@ class Noise:
             walk[columns],
             quantum,
             np.flatnonzero(quantum),
-            drifts=bool(bias.any() or walk.any()),
-            walks=bool(walk.any()),
-            turns=bool(self.direction.white or self.direction.bias or self.direction.walk),
+            has_offset=bool(bias.any() or walk.any()),
+            has_walk=bool(walk.any()),
+            normalises=bool(self.direction.white or self.direction.bias or self.direction.walk),
         )
 
     @property
     def memory_size(self) -> int:
-        """The present bias and walk of each noisy column, if there are any."""
-        return self._plan.columns.size if self._plan.drifts else 0
+        """One number for each noisy column, bias plus random walk, if there is a bias or a random walk."""
+        return self._plan.columns.size if self._plan.has_offset else 0
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """The biases."""
+        """Draw the biases."""
         plan = self._plan
-        if not plan.drifts:
+        if not plan.has_offset:
             return np.empty((streams.keys.size, 0))
         return plan.bias * streams.normal(0, plan.columns.size)
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Add the errors, then round; block 2 · step + 1 has the white noise, block 2 · step + 2 the walk's step."""
+        """Add the errors, then round.
+
+        The white noise uses block 2 · step + 1 of the random streams, the random walk block 2 · step + 2.
+        """
         plan = self._plan
         if plan.columns.size:
             _add_normal(streams.keys, 2 * step + 1, plan.columns, plan.white, measured.T)
-        if plan.drifts:
+        if plan.has_offset:
             for i, column in enumerate(plan.columns):
                 measured[:, column] += memory[:, i]
-        if plan.walks:
-            places = np.arange(plan.columns.size)
-            _add_normal(streams.keys, 2 * step + 2, places, np.sqrt(period) * plan.walk, memory.T)
-        if plan.turns:
+        if plan.has_walk:
+            columns_of_memory = np.arange(plan.columns.size)
+            _add_normal(streams.keys, 2 * step + 2, columns_of_memory, np.sqrt(period) * plan.walk, memory.T)
+        if plan.normalises:
             _normalise(measured.T)
         for column in plan.rounded:
             measured[:, column] = plan.quantum[column] * np.rint(measured[:, column] / plan.quantum[column])
@@ -150,7 +157,19 @@ class Noise:
 
 @dataclass(frozen=True)
 class _NoisePlan:
-    """A `Noise` column by column: the columns with errors and their sizes, and what is rounded."""
+    """A `Noise` by columns of the state.
+
+    Attributes:
+        columns: Columns with white noise, bias or random walk, shape (k,).
+        white: Their standard deviations of white noise, shape (k,).
+        bias: Their standard deviations of the bias, shape (k,).
+        walk: Their standard deviations of the random walk, shape (k,).
+        quantum: Quantisation steps of all columns, shape (18,).
+        rounded: Columns with quantisation.
+        has_offset: Whether there is a bias or a random walk.
+        has_walk: Whether there is a random walk.
+        normalises: Whether the direction must be normalised.
+    """
 
     columns: Integers
     white: Floats
@@ -158,26 +177,29 @@ class _NoisePlan:
     walk: Floats
     quantum: Floats
     rounded: Integers
-    drifts: bool
-    walks: bool
-    turns: bool
+    has_offset: bool
+    has_walk: bool
+    normalises: bool
 
 
 @inlined
-def _add_pair(keys: Any, index: Any, pairs: int, pair: int, deviation: Any, one: Any, other: Any) -> None:
+def _add_pair(keys: Any, index: Any, pairs: int, pair: int, deviation: Any, first: Any, second: Any) -> None:
     for row in range(keys.size):
-        first, second = normal_pair(keys[row], index[row] * pairs + pair)
-        one[row] += deviation[0] * first
-        other[row] += deviation[1] * second
+        a, b = normal_pair(keys[row], index[row] * pairs + pair)
+        first[row] += deviation[0] * a
+        second[row] += deviation[1] * b
 
 
 @compiled
 def _add_normal(keys: Keys, index: Integers, columns: Integers, deviation: Floats, out: Floats) -> None:
-    """Add normal numbers to rows `columns` of `out`, shape (k, n): one at a time, or the loops do not vectorise."""
+    """Add normal numbers to the rows `columns` of `out`, shape (k, n).
+
+    Each pair of rows has a loop of its own, because otherwise the loops are not vectorised.
+    """
     pairs = (columns.size + 1) // 2
     for pair in range(columns.size // 2):
-        one, other = columns[2 * pair], columns[2 * pair + 1]
-        _add_pair(keys, index, pairs, pair, deviation[2 * pair : 2 * pair + 2], out[one], out[other])
+        first, second = columns[2 * pair], columns[2 * pair + 1]
+        _add_pair(keys, index, pairs, pair, deviation[2 * pair : 2 * pair + 2], out[first], out[second])
     if columns.size % 2:
         last = np.array([deviation[-1], 0.0])
         _add_pair(keys, index, pairs, pairs - 1, last, out[columns[-1]], np.zeros(keys.size))
@@ -195,10 +217,10 @@ def _normalise(measured: Floats) -> None:
 
 @dataclass(frozen=True)
 class Delay(ZeroInitialized):
-    """What is measured was so a number of control steps ago; until then, what was measured at the reset.
+    """A delay of `steps` control steps. During the first `steps` steps of an episode its first sample is repeated.
 
     Raises:
-        ValueError: `steps` is not a whole number from 1 to 1000.
+        ValueError: If `steps` is not a whole number from 1 to 1000.
     """
 
     steps: int = 1
@@ -210,28 +232,28 @@ class Delay(ZeroInitialized):
 
     @property
     def memory_size(self) -> int:
-        """The measurements of the last steps."""
+        """One measured state for each delayed step."""
         return self.steps * STATE_SIZE
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The sample of `steps` steps ago."""
-        _fill(measured, memory, step == 0)
+        """Replace the sample by that of `steps` steps ago."""
+        _store_first(measured, memory, step == 0)
         delay(measured, step, memory, self.steps)
 
 
-def _fill(measured: Floats, memory: Floats, fresh: Booleans) -> None:
-    """Remember in rows that begin their first sample as if it had always been so."""
-    if fresh.any():
-        memory[fresh] = np.tile(measured[fresh], memory.shape[1] // measured.shape[1])
+def _store_first(measured: Floats, memory: Floats, starts: Booleans) -> None:
+    """Fill the memory of the sub-environments whose episode starts with copies of their first sample."""
+    if starts.any():
+        memory[starts] = np.tile(measured[starts], memory.shape[1] // measured.shape[1])
 
 
 @dataclass(frozen=True)
 class Dropout(ZeroInitialized):
-    """Each sample but an episode's first is lost with a probability; then the one before stands.
+    """Loss of samples with a probability; the last sample received is repeated. The first of an episode is never lost.
 
     Raises:
-        TypeError: `probability` is not a number.
-        ValueError: it is outside [0, 1].
+        TypeError: If `probability` is not a number.
+        ValueError: If `probability` is outside [0, 1].
     """
 
     probability: float = 0.1
@@ -243,12 +265,12 @@ class Dropout(ZeroInitialized):
 
     @property
     def memory_size(self) -> int:
-        """The sample that came through last."""
+        """One measured state: the last sample received."""
         return STATE_SIZE
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The latest sample that came through."""
-        _fill(measured, memory, step == 0)
+        """Replace lost samples by the last sample received."""
+        _store_first(measured, memory, step == 0)
         lost = streams.uniform(step + 1, 1)[:, 0] < self.probability
         measured[lost] = memory[lost]
         memory[:] = measured

@@ -1,15 +1,16 @@
-"""What a wind model is, and the fields that most of them begin with.
+"""The interface of wind models, and what most models share.
 
-A model says what acts on each row over the coming control period, as twelve numbers in SI units, world frame:
+A wind model computes what acts on each sub-environment during the coming control period: twelve numbers in SI units,
+world frame.
 
-| symbol | name      | columns | unit | acts on                                                      |
-|--------|-----------|---------|------|--------------------------------------------------------------|
-| d_Q    | force     | 0–2     | N    | quadrotor                                                    |
-| d_B    | bob_force | 3–5     | N    | bob                                                          |
-| d_τ    | torque    | 6–8     | N·m  | φ, θ, ψ                                                      |
-| v      | velocity  | 9–11    | m/s  | both, through the drag on the relative air speed, see `drag` |
+| symbol | name      | columns | unit | acts on                                        |
+|--------|-----------|---------|------|------------------------------------------------|
+| d_Q    | force     | 0–2     | N    | quadrotor                                      |
+| d_B    | bob_force | 3–5     | N    | bob                                            |
+| d_τ    | torque    | 6–8     | N·m  | φ, θ, ψ                                        |
+| v      | velocity  | 9–11    | m/s  | both, by drag, see `quadpend_gym.physics.drag` |
 
-Velocities of several models add up before the drag is taken of their sum.
+The velocities of several models are added before the drag is computed from their sum.
 """
 
 from collections.abc import Sequence
@@ -31,27 +32,28 @@ WIND_FIELDS = {
     "torque": slice(6, 9),
     "velocity": slice(9, 12),
 }
-TURNED = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))  # what a heading turns
-Load = float | tuple[float, ...]  # one number for all three axes, or three
+# First columns of the vectors in the world frame; the torque is about the body's axes.
+WORLD_VECTORS = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))
+Load = float | tuple[float, ...]  # one number for all three axes, or three numbers
 
 
 @runtime_checkable
 class Wind(Model, Protocol):
-    """What a wind model must be able to do, for a batch of n rows. No base class is needed."""
+    """The interface of a wind model, for a batch of n sub-environments. A base class is not needed."""
 
     @property
     def moves_air(self) -> bool:
-        """Whether it ever has velocities. Without such a model there is no air, and so no drag: the paper's calm."""
+        """Whether the model can have a velocity. Drag is computed only if at least one model has this property."""
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Add what acts over the coming control period to `out`.
+        """Add the disturbance and wind velocity of the coming control period to `out`.
 
         Args:
-            out: shape (n, 12), columns contiguous.
-            memory: shape (n, memory_size), columns contiguous, updated in place.
-            step: control steps since each row's episode began, shape (n,).
-            period: of a control step, s.
-            streams: the rows' random streams; block `step + 1` belongs to this step.
+            out: Sum of the models so far, shape (n, 12), columns contiguous, changed in place.
+            memory: Memory of the model, shape (n, memory_size), columns contiguous, updated in place.
+            step: Control steps since the beginning of each episode, shape (n,).
+            period: Duration of a control step, s.
+            streams: Random streams of the n sub-environments; this step may use block `step + 1`.
         """
 
 
@@ -59,7 +61,7 @@ WINDS = Registry("wind", "a wind model, the name of a wind", Wind)  # `registry`
 
 
 class Addable:
-    """The part of a model that lets it be added to others with ``+`` and `sum`."""
+    """Mixin that adds models with ``+`` and `sum`."""
 
     def __add__(self, other: Any) -> "Sum":
         return Sum((self, other))
@@ -70,17 +72,17 @@ class Addable:
 
 @dataclass(frozen=True)
 class Loads(Addable):
-    """A load for each of the twelve columns; the fields that most models begin with.
+    """Base class of models with a load, a fixed size, for each of the twelve columns.
 
     Raises:
-        TypeError: a value is not a number, or a load neither a number nor three numbers.
-        ValueError: a value is not finite, or out of its range.
+        TypeError: If a value is not a number, or a load is neither a number nor three numbers.
+        ValueError: If a value is not finite or out of its range.
     """
 
     force: Load = 0.0  # N, on the quadrotor
     bob_force: Load = 0.0  # N, on the bob
     torque: Load = 0.0  # N·m
-    velocity: Load = 0.0  # m/s, of the air
+    velocity: Load = 0.0  # m/s, wind velocity
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
@@ -93,25 +95,25 @@ class Loads(Addable):
 
     @cached_property
     def axes(self) -> Sequence[int]:
-        """The columns whose load is not zero."""
+        """Columns with a non-zero load."""
         return [int(axis) for axis in np.flatnonzero(self.load)]
 
     @cached_property
     def moves_air(self) -> bool:
-        """Whether there is a velocity among the loads."""
+        """Whether the load has a velocity."""
         return bool(self.load[WIND_FIELDS["velocity"]].any())
 
 
-def add_turned(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floats, sine: Floats) -> None:
-    """Add factor · vector, turned about the vertical, to the three columns from `axis` on.
+def add_rotated(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floats, sine: Floats) -> None:
+    """Rotate factor · vector about the vertical and add it to the three columns from `axis` on.
 
     Args:
-        out: shape (n, 12).
-        axis: first column.
-        vector: x, y and z, each a number or an array of shape (n,).
-        factor: shape (n,).
-        cosine: of the angle, from x towards y, shape (n,).
-        sine: of the angle, shape (n,).
+        out: Array to add to, shape (n, 12), changed in place.
+        axis: First of the three columns.
+        vector: Components x, y and z, each a number or an array of shape (n,).
+        factor: Factor of each sub-environment, shape (n,).
+        cosine: Cosine of the rotation angle, which counts from x towards y, shape (n,).
+        sine: Sine of the rotation angle, shape (n,).
     """
     x, y, z = vector
     out[:, axis] += factor * (cosine * x - sine * y)
@@ -121,16 +123,17 @@ def add_turned(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floa
 
 @dataclass(frozen=True)
 class Sum(Addable):
-    """Several models at once.
+    """Sum of several models.
 
-    Each has a random stream of its own, by its place in the sum: adding one behind leaves the others' numbers alone.
+    Each model has its own random stream, numbered by its position in the sum, so appending a model does not change the
+    numbers of the others.
 
     Args:
-        models: models, sums, names of presets, or mappings with their kinds.
+        models: Models, sums, names of presets or kinds, or mappings with their ``kind``.
 
     Raises:
-        TypeError: a member is none of these.
-        ValueError: a mapping has an unknown kind or setting, or a name is unknown.
+        TypeError: If an item is none of these.
+        ValueError: If a name, kind or setting is unknown, or a setting is out of range.
     """
 
     models: tuple[Any, ...] = ()

@@ -1,4 +1,4 @@
-"""Single gusts: one-minus-cosine gusts that come at random, and the paper's random gusts."""
+"""Discrete gusts: one-minus-cosine gusts at random times, and the random gusts of the paper."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,21 +10,21 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import as_vector, check_interval, check_number, check_positive, to_plain_fields
-from quadpend_gym.wind.base import TURNED, WIND_FIELDS, Addable, Load, Loads, add_turned
+from quadpend_gym.wind.base import WIND_FIELDS, WORLD_VECTORS, Addable, Load, Loads, add_rotated
 
 
 @dataclass(frozen=True)
 class Gusts(Loads):
-    """One-minus-cosine gusts, one after the other, with pauses between them.
+    """A sequence of one-minus-cosine gusts with pauses between them.
 
-    A gust of length T that sets in at t₀ blows with load · ½ (1 − cos 2π (t − t₀)/T), turned about the vertical by its
-    heading: the discrete gust of MIL-F-8785C, followed by its mirror image. Pause, length and heading of each gust are
-    drawn anew; an episode begins with a pause. Loads are peaks.
+    A gust with onset t₀ and length T is load · ½ (1 − cos 2π (t − t₀)/T), rotated about the vertical by its heading.
+    This is the discrete gust of MIL-F-8785C followed by its mirror image. The loads are peak values. Pause, length and
+    heading are drawn for each gust; an episode begins with a pause.
     """
 
-    pause: tuple[float, float] = (0.5, 3.0)  # s before a gust, uniform between the two
-    length: tuple[float, float] = (0.5, 2.0)  # s, uniform between the two, at least 0.01
-    heading: tuple[float, float] = (-np.pi, np.pi)  # rad from x towards y, uniform between the two
+    pause: tuple[float, float] = (0.5, 3.0)  # s before a gust, uniform in this interval
+    length: tuple[float, float] = (0.5, 2.0)  # s, uniform in this interval, at least 0.01
+    heading: tuple[float, float] = (-np.pi, np.pi)  # rad from x towards y, uniform in this interval
     kind: str = field(default="gusts", init=False)
 
     def __post_init__(self) -> None:
@@ -32,22 +32,24 @@ class Gusts(Loads):
         for name, low in (("pause", 0.0), ("length", 0.01), ("heading", -np.inf)):
             check_interval(getattr(self, name), name, low)
         if self.load[WIND_FIELDS["torque"]].any():
-            raise ValueError("a gust has no torque: headings turn winds, not the axes of the body")
+            raise ValueError(
+                "torque must be 0 for gusts: a heading rotates vectors of the world frame, torques have the body's axes"
+            )
 
     @property
     def memory_size(self) -> int:
-        """When the present or next gust sets in (s), its length (s), its heading's cosine and sine, its number."""
+        """Onset (s), length (s), cosine and sine of the heading, and number of the present or next gust."""
         return 5
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """The first gust."""
+        """Draw the first gust."""
         memory = np.zeros((5, streams.keys.size)).T
         memory[:, 4] = -1.0
-        self._next(memory, np.full(streams.keys.size, True), streams)
+        self._draw_next(memory, np.full(streams.keys.size, True), streams)
         return memory
 
-    def _next(self, memory: Floats, ended: Any, streams: Streams) -> None:
-        """Follow the gusts of the rows `ended` by their next."""
+    def _draw_next(self, memory: Floats, ended: Any, streams: Streams) -> None:
+        """Draw the next gust of the sub-environments `ended`, a boolean mask of shape (n,)."""
         memory[ended, 4] += 1.0
         bounds = zip(self.pause, self.length, self.heading, strict=True)
         pause, length, heading = streams[ended].between(memory[ended, 4].astype(np.int64), *bounds).T
@@ -56,36 +58,36 @@ class Gusts(Loads):
         memory[ended, 2], memory[ended, 3] = np.cos(heading), np.sin(heading)
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The gust in the middle of the period, over which it is held."""
+        """Add the value in the middle of the control period, which is constant during the period."""
         time = (step + 0.5) * period
         while (ended := time > memory[:, 0] + memory[:, 1]).any():
-            self._next(memory, ended, streams)
+            self._draw_next(memory, ended, streams)
         onset, length, cosine, sine = memory[:, :4].T
         phase = np.maximum(time - onset, 0.0) / length
-        swell = 0.5 - 0.5 * np.cos(2.0 * np.pi * phase)
-        for axis in TURNED:
+        shape = 0.5 - 0.5 * np.cos(2.0 * np.pi * phase)
+        for axis in WORLD_VECTORS:
             if self.load[axis : axis + 3].any():
-                add_turned(out, axis, self.load[axis : axis + 3], swell, cosine, sine)
+                add_rotated(out, axis, self.load[axis : axis + 3], shape, cosine, sine)
 
 
 @dataclass(frozen=True)
 class PaperGusts(Stateless, Addable):
-    """The paper's random gusts in x, y, z and yaw, calm until the onset (its Section 5).
+    """The random gusts of the paper's Section 5, in x, y, z and yaw.
 
-    With the paper's onset of 10 s they never blow in an episode of 10 s: lower the onset, or raise the environment's
-    `max_episode_steps`. The paper gives neither shape nor size. Here a new target is drawn every `hold` seconds,
-    uniform in ± the amplitude, and approached along half a cosine: bounded and differentiable, as the paper's Theorem 1
-    assumes.
+    The disturbance is zero until the onset. The paper's onset is 10 s, which is the length of an episode: use an
+    earlier onset or a larger `max_episode_steps`. The paper gives neither shape nor size of the gusts. Here a new
+    target is drawn every `hold` seconds, uniform in ± the amplitude, and the disturbance approaches it along half a
+    cosine. It is bounded and differentiable, as the paper's Theorem 1 assumes.
 
     Raises:
-        TypeError: a value is not a number, or the force neither a number nor three numbers.
-        ValueError: a value is not finite, or out of its range.
+        TypeError: If a value is not a number, or the force is neither a number nor three numbers.
+        ValueError: If a value is not finite or out of its range.
     """
 
     force: Load = 0.3  # N, amplitude on the quadrotor
     yaw_torque: float = 0.05  # N·m, amplitude
-    onset: float = 10.0  # s
-    hold: float = 1.0  # s
+    onset: float = 10.0  # s, time of the first gust
+    hold: float = 1.0  # s, time between two targets
     kind: str = field(default="paper_gusts", init=False)
 
     def __post_init__(self) -> None:
@@ -97,24 +99,25 @@ class PaperGusts(Stateless, Addable):
 
     @cached_property
     def amplitude(self) -> Floats:
-        """Largest force in x, y, z (N) and yaw torque (N·m), shape (4,)."""
+        """Amplitudes of the force in x, y, z (N) and of the yaw torque (N·m), shape (4,)."""
         return np.array([*as_vector(self.force, 3, "force"), check_number(self.yaw_torque, "yaw_torque")])
 
     @property
     def moves_air(self) -> bool:
-        """It is a force."""
+        """False: the gusts are forces."""
         return False
 
-    def _target(self, gust: Integers, streams: Streams) -> Floats:
-        drawn = 2.0 * streams.uniform(gust, 4) - 1.0
-        return np.where(gust[:, np.newaxis] > 0, self.amplitude * drawn, 0.0)
+    def _target(self, number: Integers, streams: Streams) -> Floats:
+        """Return the targets with these numbers, shape (n, 4); target 0 is zero."""
+        unit = 2.0 * streams.uniform(number, 4) - 1.0
+        return np.where(number[:, np.newaxis] > 0, self.amplitude * unit, 0.0)
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The gust in the middle of the period, over which it is held."""
+        """Add the value in the middle of the control period, which is constant during the period."""
         phase = np.maximum((step + 0.5) * period - self.onset, 0.0) / self.hold
-        gust = np.floor(phase).astype(np.int64)
-        blend = 0.5 - 0.5 * np.cos(np.pi * (phase - gust))[:, np.newaxis]
-        strength = (1.0 - blend) * self._target(gust, streams) + blend * self._target(gust + 1, streams)
+        number = np.floor(phase).astype(np.int64)
+        blend = 0.5 - 0.5 * np.cos(np.pi * (phase - number))[:, np.newaxis]
+        strength = (1.0 - blend) * self._target(number, streams) + blend * self._target(number + 1, streams)
         yaw = WIND_FIELDS["torque"].stop - 1
         for column, axis in enumerate((0, 1, 2, yaw)):
             out[:, axis] += strength[:, column]

@@ -1,4 +1,4 @@
-"""Winds that one could write down: constant, sinusoidal, and any model with strength and heading drawn."""
+"""Constant and sinusoidal winds, still air, and winds of random strength and heading."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,24 +11,27 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import check_interval, check_positive, to_plain_fields
-from quadpend_gym.wind.base import TURNED, WIND_FIELDS, WIND_SIZE, Addable, Loads, Sum, add_turned
+from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, WORLD_VECTORS, Addable, Loads, Sum, add_rotated
 
 
 @dataclass(frozen=True)
 class Constant(Stateless, Loads):
-    """A steady disturbance."""
+    """A constant disturbance or wind velocity."""
 
     kind: str = field(default="constant", init=False)
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The loads, always."""
+        """Add the loads."""
         for axis in self.axes:
             out[:, axis] += self.load[axis]
 
 
 @dataclass(frozen=True)
 class Sinusoid(Loads):
-    """load · sin(frequency · t + phase), with the phase of each axis drawn for each episode; add several with ``+``."""
+    """A sinusoid, load · sin(frequency · t + phase).
+
+    The phase of each axis is drawn for each episode. Add several models with ``+`` for several frequencies.
+    """
 
     frequency: float = 1.0  # rad/s
     kind: str = field(default="sinusoid", init=False)
@@ -39,15 +42,15 @@ class Sinusoid(Loads):
 
     @property
     def memory_size(self) -> int:
-        """A phase for each loaded axis."""
+        """One phase for each axis with a load."""
         return len(self.axes)
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """Phases, uniform in (0, 2π)."""
+        """Draw the phases, uniform in (0, 2π)."""
         return 2.0 * np.pi * streams.uniform(0, len(self.axes))
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The sinusoid in the middle of the period, over which it is held."""
+        """Add the value in the middle of the control period, which is constant during the period."""
         angle = self.frequency * period * (step + 0.5)
         for column, axis in enumerate(self.axes):
             out[:, axis] += self.load[axis] * np.sin(angle + memory[:, column])
@@ -55,31 +58,31 @@ class Sinusoid(Loads):
 
 @dataclass(frozen=True)
 class StillAir(Stateless, Addable):
-    """Air that does not move, but brakes what moves. Without it, or a wind with a velocity, there is no drag."""
+    """Air at rest. It causes drag, which is not computed otherwise unless a wind has a velocity."""
 
     kind: str = field(default="still_air", init=False)
 
     @property
     def moves_air(self) -> bool:
-        """There is air."""
+        """True: there is drag."""
         return True
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Nothing."""
+        """Add nothing."""
 
 
 @dataclass(frozen=True)
 class Drawn(Addable):
-    """Another wind, stronger or weaker and turned about the vertical, by a factor and an angle drawn for each episode.
+    """Another wind, scaled by a factor and rotated about the vertical by an angle, both drawn for each episode.
 
     Raises:
-        TypeError: `wind` is no wind, or a range no pair of numbers.
-        ValueError: a range is not finite or out of order.
+        TypeError: If `wind` is not a wind, or an interval is not a pair of numbers.
+        ValueError: If an interval is not finite or out of order.
     """
 
-    wind: Any  # a model, a sum of them, the name of a preset or a mapping with its kind
-    strength: tuple[float, float] = (1.0, 1.0)  # factor, uniform between the two
-    heading: tuple[float, float] = (-np.pi, np.pi)  # rad, from x towards y, uniform between the two
+    wind: Any  # a model, a sum, the name of a preset or kind, or a mapping with its kind
+    strength: tuple[float, float] = (1.0, 1.0)  # factor, uniform in this interval
+    heading: tuple[float, float] = (-np.pi, np.pi)  # rad, from x towards y, uniform in this interval
     kind: str = field(default="drawn", init=False)
 
     def __post_init__(self) -> None:
@@ -90,12 +93,12 @@ class Drawn(Addable):
 
     @property
     def moves_air(self) -> bool:
-        """As the wind."""
+        """Whether the drawn wind can have a velocity."""
         return any(model.moves_air for model in self.wind.models)
 
     @property
     def memory_size(self) -> int:
-        """Strength, cosine and sine of the heading, and what the wind remembers."""
+        """Strength, cosine and sine of the heading, and the memory of the drawn wind."""
         return 3 + sum(self._sizes)
 
     @cached_property
@@ -103,20 +106,20 @@ class Drawn(Addable):
         return [model.memory_size for model in self.wind.models]
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """Strength and heading, uniform in their ranges, and what the wind starts with."""
+        """Draw strength and heading, and the initial memory of the drawn wind."""
         strength, heading = streams.between(0, *zip(self.strength, self.heading, strict=True)).T
-        below = [model.initial_memory(streams.derive(i)) for i, model in enumerate(self.wind.models)]
-        return np.column_stack([strength, np.cos(heading), np.sin(heading), *below])
+        memories = [model.initial_memory(streams.derive(i)) for i, model in enumerate(self.wind.models)]
+        return np.column_stack([strength, np.cos(heading), np.sin(heading), *memories])
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The wind, turned and scaled."""
-        air = np.zeros((WIND_SIZE, step.size)).T
+        """Add the drawn wind, scaled and rotated."""
+        wind = np.zeros((WIND_SIZE, step.size)).T
         first = 3
         for i, (model, size) in enumerate(zip(self.wind.models, self._sizes, strict=True)):
-            model.sample(air, memory[:, first : first + size], step, period, streams.derive(i))
+            model.sample(wind, memory[:, first : first + size], step, period, streams.derive(i))
             first += size
         strength, cosine, sine = memory[:, :3].T
-        for axis in TURNED:
-            add_turned(out, axis, air[:, axis : axis + 3].T, strength, cosine, sine)
-        torque = WIND_FIELDS["torque"]  # about the body's axes, which a heading does not turn
-        out[:, torque] += strength[:, np.newaxis] * air[:, torque]
+        for axis in WORLD_VECTORS:
+            add_rotated(out, axis, wind[:, axis : axis + 3].T, strength, cosine, sine)
+        torque = WIND_FIELDS["torque"]  # about the body's axes, so a heading does not rotate it
+        out[:, torque] += strength[:, np.newaxis] * wind[:, torque]

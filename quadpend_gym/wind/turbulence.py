@@ -1,32 +1,34 @@
-"""Random winds that never stop: Ornstein–Uhlenbeck, Dryden and von Kármán turbulence.
+"""Random winds without pauses: Ornstein–Uhlenbeck, Dryden and von Kármán turbulence.
 
-Dryden and von Kármán turbulence at low altitude after MIL-F-8785C: the mean wind V at the altitude h carries a frozen
-field of gusts u (along it), v (across) and w (up). With h in feet, W₂₀ the wind at 20 feet, and z₀ = 0.15 feet, the
-roughness that the specification has for terminal flight phases (category C; 2 feet for the others):
+Dryden and von Kármán turbulence at low altitude follow MIL-F-8785C: the mean wind V at the altitude h carries a frozen
+field of gusts u (along the wind), v (across) and w (up). With h in feet, W₂₀ the wind at 20 feet, and the roughness
+length z₀ = 0.15 feet, which the specification gives for terminal flight phases (category C; 2 feet for the others):
 
     (1)  V    = W₂₀ ln(h/z₀) / ln(20/z₀)
     (2)  σ_w  = 0.1 W₂₀,     σ_u = σ_v = σ_w / (0.177 + 0.000823 h)^0.4
     (3)  L_w  = h,           L_u = L_v = h / (0.177 + 0.000823 h)^1.2            10 ≤ h ≤ 1000
 
-Dryden's spectra, one-sided in ω (rad/s), variance ∫₀^∞ Φ dω, with T = L/V; v as w with L_v:
+Dryden's spectra are one-sided in ω (rad/s), with the variance ∫₀^∞ Φ dω and T = L/V; v as w with L_v:
 
     (4)  Φ_u = (2 σ_u² T_u/π) / (1 + (T_u ω)²)
     (5)  Φ_w = (σ_w² T_w/π) (1 + 3 (T_w ω)²) / (1 + (T_w ω)²)²
 
-von Kármán's, with a = 1.339:
+Von Kármán's spectra, with a = 1.339:
 
     (6)  Φ_u = (2 σ_u² T_u/π) / (1 + (a T_u ω)²)^(5/6)
     (7)  Φ_w = (σ_w² T_w/π) (1 + 8/3 (a T_w ω)²) / (1 + (a T_w ω)²)^(11/6)
 
-MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and writes 2 L where (5) and (7) have L: at low
-altitude the same process under other names. Whoever takes lengths from one and spectra from the other is off by 2.
+MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and writes 2 L where (5) and (7) have L. At low
+altitude both documents describe the same process. Lengths of one document with the spectra of the other are wrong by a
+factor of 2.
 
-The field is carried by the mean wind alone and belongs to one altitude: where, and how fast, the quadrotor flies in it
-does not enter.
+The field is carried by the mean wind alone and belongs to one altitude: position and velocity of the quadrotor do not
+enter.
 
-(4) and (5) are rational; their filters are exact. For (6) and (7) the usual filters of second and third order stand in,
-which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T along the wind, 48/T across and up. Beyond
-they are too low (by 2.6 and 2.0 dB at 100/T), which takes 1.6 % and 1.9 % off the deviations.
+(4) and (5) are rational, and their filters are exact. (6) and (7) are approximated by the usual filters of second and
+third order, which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T along the wind, 48/T across and
+up. At higher frequencies they are too low (by 2.6 and 2.0 dB at 100/T), which reduces the standard deviations by 1.6 %
+and 1.9 %.
 """
 
 from collections.abc import Callable
@@ -40,7 +42,16 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import check_number, check_positive, to_plain_fields
 from quadpend_gym.wind.base import WIND_FIELDS, Addable, Load, Loads
-from quadpend_gym.wind.filters import Filter, Sampled, run, sample, side_by_side, square_root, start, transfer
+from quadpend_gym.wind.filters import (
+    DiscreteFilter,
+    Filter,
+    advance,
+    combine,
+    discretise,
+    draw_stationary,
+    from_transfer_function,
+    square_root,
+)
 
 FOOT, KNOT = 0.3048, 0.514444  # m, m/s
 INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # W₂₀, m/s, MIL-F-8785C
@@ -51,9 +62,9 @@ _VELOCITY = np.arange(WIND_FIELDS["velocity"].start, WIND_FIELDS["velocity"].sto
 
 @dataclass(frozen=True)
 class OrnsteinUhlenbeck(Loads):
-    """Coloured noise: Gaussian, stationary, with exponentially decaying correlation, independent in each axis.
+    """Coloured Gaussian noise with exponentially decaying correlation, independent in each axis and stationary.
 
-    The loads are standard deviations σ. Exact discretisation: d_{k+1} = a d_k + σ √(1 − a²) n_k with
+    The loads are standard deviations σ. The discretisation is exact: d_{k+1} = a d_k + σ √(1 − a²) n_k with
     a = exp(−period / time_constant).
     """
 
@@ -69,52 +80,54 @@ class OrnsteinUhlenbeck(Loads):
 
     @property
     def memory_size(self) -> int:
-        """One number for each loaded axis."""
+        """One number for each axis with a load."""
         return len(self.axes)
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """The stationary distribution."""
+        """Draw from the stationary distribution."""
         return self.load[self.axes] * streams.normal(0, len(self.axes))
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """The remembered disturbance; then it decays and is stirred."""
+        """Add the present disturbance, and compute the next one."""
         if self.axes:
-            sampled, output, axes = _sampled_noise(self, period)
-            run(sampled, output, axes, step, streams, memory, out)
+            system, output, axes = _discrete_noise(self, period)
+            advance(system, output, axes, step, streams, memory, out)
 
     def density(self, frequency: Floats) -> Floats:
-        """One-sided spectral density of each column at `frequency` (rad/s), shape (12, ...), variance per rad/s."""
+        """Return the one-sided spectral density of each column at `frequency` (rad/s), shape (12, ...), per rad/s."""
         shape = 2.0 * self.time_constant / np.pi / (1.0 + (self.time_constant * frequency) ** 2)
         return np.asarray(np.multiply.outer(self.load**2, shape))
 
 
 @lru_cache(maxsize=64)
-def _sampled_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[Sampled, Floats, Integers]:
+def _discrete_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[DiscreteFilter, Floats, Integers]:
+    """Return the discrete filter, its output matrix and the columns of the output."""
     decay = np.exp(-period / noise.time_constant)
     eye = np.eye(len(noise.axes))
     deviation = noise.load[noise.axes]
-    sampled = Sampled(decay * eye, np.sqrt(1.0 - decay**2) * deviation * eye)
-    return sampled, eye, np.array(noise.axes)
+    system = DiscreteFilter(decay * eye, np.sqrt(1.0 - decay**2) * deviation * eye)
+    return system, eye, np.array(noise.axes)
 
 
-class _Shape(NamedTuple):
-    """One axis of a turbulence, free of its deviation and time."""
+class _Spectrum(NamedTuple):
+    """Spectrum of one axis of turbulence in dimensionless form."""
 
     weight: float  # 2 along the wind, 1 across and up
-    numerator: list[float]  # of the filter, in powers of T s
-    denominator: list[float]
-    density: Callable[[Floats], Floats]  # as a function of (T ω)²
+    numerator: list[float]  # of the filter, in powers of T s, constant first
+    denominator: list[float]  # of the filter
+    density: Callable[[Floats], Floats]  # density as a function of (T ω)²
 
 
-# Along the wind, and across and up: Dryden's exact filters, von Kármán's rational ones (Ly & Chan, AIAA Paper 80-1615).
-_SHAPES = {
+# Spectra along the wind, and across and up. Dryden's filters are exact; those for von Kármán's spectra are rational
+# approximations (Ly & Chan, AIAA Paper 80-1615).
+_SPECTRA = {
     "dryden": (
-        _Shape(2.0, [1.0], [1.0, 1.0], lambda x: 1.0 / (1.0 + x)),
-        _Shape(1.0, [1.0, 3.0**0.5], [1.0, 2.0, 1.0], lambda x: (1.0 + 3.0 * x) / (1.0 + x) ** 2),
+        _Spectrum(2.0, [1.0], [1.0, 1.0], lambda x: 1.0 / (1.0 + x)),
+        _Spectrum(1.0, [1.0, 3.0**0.5], [1.0, 2.0, 1.0], lambda x: (1.0 + 3.0 * x) / (1.0 + x) ** 2),
     ),
     "von_karman": (
-        _Shape(2.0, [1.0, 0.25], [1.0, 1.357, 0.1987], lambda x: 1.0 / (1.0 + 1.339**2 * x) ** (5.0 / 6.0)),
-        _Shape(
+        _Spectrum(2.0, [1.0, 0.25], [1.0, 1.357, 0.1987], lambda x: 1.0 / (1.0 + 1.339**2 * x) ** (5.0 / 6.0)),
+        _Spectrum(
             1.0,
             [1.0, 2.7478, 0.3398],
             [1.0, 2.9958, 1.9754, 0.1539],
@@ -126,17 +139,17 @@ _SHAPES = {
 
 @dataclass(frozen=True)
 class _Turbulence(Addable):
-    """What Dryden's and von Kármán's turbulence have in common: equations (1)–(3).
+    """Base class of Dryden and von Kármán turbulence: equations (1)–(3).
 
     Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is unknown or out of range.
+        TypeError: If a value has the wrong type.
+        ValueError: If a value is unknown or out of range.
     """
 
-    intensity: str | float = "light"  # light, moderate, severe, or W₂₀ in m/s
+    intensity: str | float = "light"  # "light", "moderate", "severe", or W₂₀ in m/s
     altitude: float = 20.0 * FOOT  # m, 10 to 1000 feet
-    mean_wind: float | None = None  # m/s, V; None: as (1) has it
-    heading: float = 0.0  # rad from x towards y: where the mean wind blows to
+    mean_wind: float | None = None  # m/s, V; if None, by equation (1)
+    heading: float = 0.0  # rad from x towards y, direction of the mean wind's velocity
     standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
     kind: str = field(default="", init=False)
 
@@ -153,7 +166,7 @@ class _Turbulence(Addable):
 
     @property
     def moves_air(self) -> bool:
-        """It is a velocity."""
+        """True: turbulence is a wind velocity."""
         return True
 
     @property
@@ -183,72 +196,75 @@ class _Turbulence(Addable):
 
     @property
     def times(self) -> Floats:
-        """T_u, T_v, T_w, s, as equations (4)–(7) have them: L/V of MIL-F-8785C, twice that of 1797 across and up."""
+        """T_u, T_v, T_w of equations (4)–(7), s: L/V with the lengths of MIL-F-8785C, for either standard."""
         factor = STANDARDS[self.standard]
         return self.lengths / [1.0, factor, factor] / self.mean_speed
 
     @property
     def filter(self) -> Filter:
-        """u, v, w in m/s from white noise: H = σ √(weight T/π) N(Ts)/D(Ts) each."""
-        parts = zip(self._shapes, self.deviations, self.times, strict=True)
-        return side_by_side(
-            [transfer(x.numerator, x.denominator, sigma * np.sqrt(x.weight * t / np.pi), t) for x, sigma, t in parts]
+        """Filters from white noise to u, v, w (m/s), each with H = σ √(weight T/π) N(Ts)/D(Ts)."""
+        axes = zip(self._spectra, self.deviations, self.times, strict=True)
+        return combine(
+            [
+                from_transfer_function(x.numerator, x.denominator, sigma * np.sqrt(x.weight * t / np.pi), t)
+                for x, sigma, t in axes
+            ]
         )
 
     def density(self, frequency: Floats) -> Floats:
-        """One-sided spectral densities of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s: (4) to (7)."""
-        parts = zip(self._shapes, self.deviations, self.times, strict=True)
-        return np.stack([sigma**2 * t / np.pi * x.weight * x.density((t * frequency) ** 2) for x, sigma, t in parts])
+        """Return the one-sided densities (4)–(7) of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s."""
+        axes = zip(self._spectra, self.deviations, self.times, strict=True)
+        return np.stack([sigma**2 * t / np.pi * x.weight * x.density((t * frequency) ** 2) for x, sigma, t in axes])
 
     @property
-    def _shapes(self) -> tuple[_Shape, _Shape, _Shape]:
-        along, across = _SHAPES[self.kind]
+    def _spectra(self) -> tuple[_Spectrum, _Spectrum, _Spectrum]:
+        along, across = _SPECTRA[self.kind]
         return along, across, across
 
     @property
     def memory_size(self) -> int:
-        """The filters' states."""
+        """One number for each state of the filters."""
         return int(self.filter.a.shape[0])
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """The stationary distribution."""
-        return start(_stationary(self), streams)
+        """Draw from the stationary distribution."""
+        return draw_stationary(_stationary_root(self), streams)
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Mean wind and turbulence at the beginning of the period, over which they are held."""
-        sampled, output, mean = _sampled_turbulence(self, period)
-        run(sampled, output, _VELOCITY, step, streams, memory, out)
+        """Add mean wind and turbulence at the beginning of the control period; they are constant during the period."""
+        system, output, mean = _discrete_turbulence(self, period)
+        advance(system, output, _VELOCITY, step, streams, memory, out)
         for axis, value in zip(_VELOCITY[:2], mean, strict=True):
             out[:, axis] += value
 
 
 @lru_cache(maxsize=64)
-def _stationary(turbulence: _Turbulence) -> Floats:
-    """S of equation (3) in `filters`."""
-    return square_root(turbulence.filter.stationary)
+def _stationary_root(turbulence: _Turbulence) -> Floats:
+    """Return S of equation (3) in `filters`."""
+    return square_root(turbulence.filter.stationary_covariance)
 
 
 @lru_cache(maxsize=64)
-def _sampled_turbulence(turbulence: _Turbulence, period: float) -> tuple[Sampled, Floats, Floats]:
-    """The sampled filter, its output turned to the heading, and the mean wind along x and y."""
+def _discrete_turbulence(turbulence: _Turbulence, period: float) -> tuple[DiscreteFilter, Floats, Floats]:
+    """Return the discrete filter, its output matrix rotated to the heading, and the mean wind along x and y."""
     system = turbulence.filter
     cosine, sine = np.cos(turbulence.heading), np.sin(turbulence.heading)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return sample(system, period), turn @ system.c, turbulence.mean_speed * turn[:2, 0]
+    rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return discretise(system, period), rotation @ system.c, turbulence.mean_speed * rotation[:2, 0]
 
 
 @dataclass(frozen=True)
 class Dryden(_Turbulence):
-    """Dryden turbulence at low altitude, equations (1)–(5): the mean wind with it."""
+    """Mean wind with Dryden turbulence at low altitude, equations (1)–(5)."""
 
     kind: str = field(default="dryden", init=False)
 
 
 @dataclass(frozen=True)
 class VonKarman(_Turbulence):
-    """von Kármán turbulence at low altitude by rational filters, equations (1)–(3), (6) and (7): the mean wind with it.
+    """Mean wind with von Kármán turbulence at low altitude, equations (1)–(3), (6) and (7).
 
-    The filters are those in use (Ly & Chan, AIAA Paper 80-1615).
+    The filters are the usual rational approximations (Ly & Chan, AIAA Paper 80-1615).
     """
 
     kind: str = field(default="von_karman", init=False)

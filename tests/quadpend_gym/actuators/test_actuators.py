@@ -303,8 +303,8 @@ BAD_CHAINS: dict[str, tuple[Any, str]] = {
     "rotors twice": ([Rotors(), Rotors(0.1)], "only once"),
     "a fault without rotors": (RotorFault(), "a RotorFault needs rotors"),
     "a fault behind rotors": ([Rotors(), RotorFault()], "a RotorFault needs rotors"),
-    "long arms": (Rotors(arm=2.0), r"torque of up to 6.86 N·m passes the simulation's limit of 5 N·m"),
-    "strong drag": (Rotors(drag_ratio=0.5), r"torque of up to 3.43 N·m passes the simulation's limit of 1 N·m"),
+    "long arms": (Rotors(arm=2.0), r"torque of up to 6.86 N·m exceeds the simulation's limit of 5 N·m"),
+    "strong drag": (Rotors(drag_ratio=0.5), r"torque of up to 3.43 N·m exceeds the simulation's limit of 1 N·m"),
 }
 
 
@@ -329,7 +329,9 @@ def test_arms_may_be_as_long_as_the_torques_allow() -> None:
     limit = 2.0 * 5.0 / Parameters().hover_thrust
     ActuatorWrapper(make_unwrapped(), Rotors(arm=limit))
     assert_refused(
-        lambda: ActuatorWrapper(make_unwrapped(), Rotors(arm=1.01 * limit)), "passes the simulation's limit", ValueError
+        lambda: ActuatorWrapper(make_unwrapped(), Rotors(arm=1.01 * limit)),
+        "exceeds the simulation's limit",
+        ValueError,
     )
     raised = Simulation(actuators=Actuators(roll_pitch_torque=6.0))
     ActuatorWrapper(make_unwrapped(simulation=raised), Rotors(arm=1.01 * limit))

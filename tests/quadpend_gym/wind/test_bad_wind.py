@@ -41,7 +41,7 @@ BAD += [
     (Gusts, "pause", (-0.1, 1.0), r"pause must be a finite number in \[0, inf\], not -0.1"),
     (Gusts, "length", (0.0, 1.0), r"length must be a finite number in \[0.01, inf\], not 0.0"),
     (Gusts, "length", (-1.0, 1.0), r"length must be a finite number in \[0.01, inf\], not -1.0"),
-    (Gusts, "torque", 0.1, "no torque"),
+    (Gusts, "torque", 0.1, "torque must be 0"),
     (Drawn, "wind", 3.0, "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0"),
     (
         Drawn,

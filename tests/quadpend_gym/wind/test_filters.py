@@ -11,7 +11,14 @@ from scipy.linalg import expm
 from quadpend_gym import Dryden, VonKarman
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.wind.filters import Filter, sample, side_by_side, square_root, start, transfer
+from quadpend_gym.wind.filters import (
+    Filter,
+    combine,
+    discretise,
+    draw_stationary,
+    from_transfer_function,
+    square_root,
+)
 from tests.helpers.wind import blown, chance
 
 ROOT, DAMPING, DRIVE = 3.0, 0.2, 0.7  # ω in rad/s, ζ, and the size of the noise
@@ -19,7 +26,7 @@ OSCILLATOR = Filter(
     np.array([[0.0, 1.0], [-(ROOT**2), -2.0 * DAMPING * ROOT]]), np.array([[0.0], [DRIVE]]), np.array([[1.0, 0.0]])
 )
 # Three states in a chain, whose time constants lie apart by a factor of 10.
-CHAIN = transfer([1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539], gain=1.0, time=1.0)
+CHAIN = from_transfer_function([1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539], gain=1.0, time=1.0)
 SYSTEMS = {
     "oscillator": OSCILLATOR,
     "chain": CHAIN,
@@ -57,22 +64,22 @@ def test_an_oscillator_moves_as_its_solution_in_closed_form(period: float) -> No
             [-(ROOT**2) / turn * sine, cosine - decay / turn * sine],
         ]
     )
-    sampled = sample(OSCILLATOR, period)
+    sampled = discretise(OSCILLATOR, period)
     assert_allclose(sampled.transition, expected, rtol=0.0, atol=1e-14)
-    assert_close(sampled.root @ sampled.root.T, noise(OSCILLATOR, period), 1e-10)
+    assert_close(sampled.noise_gain @ sampled.noise_gain.T, noise(OSCILLATOR, period), 1e-10)
 
 
 def test_an_oscillator_in_noise_has_as_much_energy_in_position_as_in_velocity() -> None:
     """E[v²] = q/(4ζω) and ω² E[x²] as much, uncorrelated: equipartition."""
     energy = DRIVE**2 / (4.0 * DAMPING * ROOT)
-    assert_allclose(OSCILLATOR.stationary, np.diag([energy / ROOT**2, energy]), atol=1e-15)
+    assert_allclose(OSCILLATOR.stationary_covariance, np.diag([energy / ROOT**2, energy]), atol=1e-15)
 
 
 def test_over_a_short_period_it_is_a_double_integrator() -> None:
     """[[T³/3, T²/2], [T²/2, T]] q but for terms of order T: the random walk's integral."""
     T = 1e-5
     expected = DRIVE**2 * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
-    root = sample(OSCILLATOR, T).root
+    root = discretise(OSCILLATOR, T).noise_gain
     assert_close(root @ root.T, expected, 1e-4)
 
 
@@ -80,8 +87,8 @@ def test_over_a_short_period_it_is_a_double_integrator() -> None:
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2, 0.1])
 def test_what_a_period_forgets_its_noise_makes_up_for(system: Filter, period: float) -> None:
     """Φ P Φᵀ + L Lᵀ = P: no drift of the deviation, whatever the period."""
-    sampled, covariance = sample(system, period), system.stationary
-    after = sampled.transition @ covariance @ sampled.transition.T + sampled.root @ sampled.root.T
+    sampled, covariance = discretise(system, period), system.stationary_covariance
+    after = sampled.transition @ covariance @ sampled.transition.T + sampled.noise_gain @ sampled.noise_gain.T
     assert_close(after, covariance, 1e-12)
     begun = square_root(covariance)
     assert_close(begun @ begun.T, covariance, 1e-12)
@@ -90,17 +97,19 @@ def test_what_a_period_forgets_its_noise_makes_up_for(system: Filter, period: fl
 @every_system
 @pytest.mark.parametrize("period", [1e-3, 1e-2, 0.1])
 def test_two_halves_of_a_period_are_the_whole(system: Filter, period: float) -> None:
-    half, whole = sample(system, 0.5 * period), sample(system, period)
-    covariance = half.root @ half.root.T
+    half, whole = discretise(system, 0.5 * period), discretise(system, period)
+    covariance = half.noise_gain @ half.noise_gain.T
     assert_allclose(half.transition @ half.transition, whole.transition, rtol=0.0, atol=1e-13)
-    assert_close(half.transition @ covariance @ half.transition.T + covariance, whole.root @ whole.root.T, 1e-8)
+    assert_close(
+        half.transition @ covariance @ half.transition.T + covariance, whole.noise_gain @ whole.noise_gain.T, 1e-8
+    )
 
 
 @every_system
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2])
 def test_the_noise_of_very_short_periods_is_still_a_covariance(system: Filter, period: float) -> None:
     """Its smallest eigenvalue is of order T⁵, out of sight beside T; what is rounded off must not turn negative."""
-    root = sample(system, period).root
+    root = discretise(system, period).noise_gain
     assert np.isfinite(root).all()
     covariance, expected = root @ root.T, noise(system, period)
     assert np.linalg.eigvalsh(covariance).min() > -1e-18
@@ -119,24 +128,24 @@ def test_a_root_is_a_root_of_covariances_that_are_singular_but_for_rounding() ->
 def test_a_transfer_function_has_its_gain_and_its_unit_of_noise() -> None:
     """C (iω − A)⁻¹ B is gain · N(iωT)/D(iωT) times √π, the amplitude of noise whose one-sided density is 1."""
     gain, time = 2.5, 0.4
-    system = transfer([1.0, 0.5], [1.0, 1.2, 0.3], gain, time)
+    system = from_transfer_function([1.0, 0.5], [1.0, 1.2, 0.3], gain, time)
     for omega in (0.0, 0.5, 3.0, 40.0):
         s = 1j * omega * time
         expected = gain * (1.0 + 0.5 * s) / (1.0 + 1.2 * s + 0.3 * s**2)
         response = system.c @ np.linalg.solve(1j * omega * np.eye(2) - system.a, system.b)
         assert_allclose(response[0, 0] / np.sqrt(np.pi), expected, rtol=1e-12)
     # ∫₀^∞ gain² / (1 + (ωT)²) dω
-    lag = transfer([1.0], [1.0, 1.0], gain, time)
-    assert_allclose(lag.c @ lag.stationary @ lag.c.T, [[gain**2 * np.pi / (2.0 * time)]], rtol=1e-12)
+    lag = from_transfer_function([1.0], [1.0, 1.0], gain, time)
+    assert_allclose(lag.c @ lag.stationary_covariance @ lag.c.T, [[gain**2 * np.pi / (2.0 * time)]], rtol=1e-12)
 
 
 def test_filters_side_by_side_do_not_hear_of_each_other() -> None:
-    both = side_by_side([OSCILLATOR, CHAIN])
-    alone, together = sample(CHAIN, 0.1), sample(both, 0.1)
+    both = combine([OSCILLATOR, CHAIN])
+    alone, together = discretise(CHAIN, 0.1), discretise(both, 0.1)
     assert_allclose(together.transition[2:, 2:], alone.transition, atol=1e-15)
-    covariance = together.root @ together.root.T
-    assert_allclose(covariance[2:, 2:], alone.root @ alone.root.T, atol=1e-14)
-    for matrix in (together.transition, covariance, both.stationary):
+    covariance = together.noise_gain @ together.noise_gain.T
+    assert_allclose(covariance[2:, 2:], alone.noise_gain @ alone.noise_gain.T, atol=1e-14)
+    for matrix in (together.transition, covariance, both.stationary_covariance):
         assert_allclose(matrix[:2, 2:], 0.0, atol=1e-15)
         assert_allclose(matrix[2:, :2], 0.0, atol=1e-15)
 
@@ -145,18 +154,18 @@ def test_it_starts_in_the_stationary_state() -> None:
     rows = 20_000
     streams = Streams.from_seeds([0]).derive(0)
     streams = Streams(np.repeat(streams.keys, rows)).derive(np.arange(rows))
-    memory = start(square_root(OSCILLATOR.stationary), streams)
-    deviations = np.sqrt(np.diag(OSCILLATOR.stationary))
+    memory = draw_stationary(square_root(OSCILLATOR.stationary_covariance), streams)
+    deviations = np.sqrt(np.diag(OSCILLATOR.stationary_covariance))
     assert_allclose(np.cov((memory / deviations).T), np.eye(2), atol=np.sqrt(2.0) * chance(rows))
     # Row by row the same numbers, however many rows there are.
-    assert_array_equal(start(square_root(OSCILLATOR.stationary), streams[:3]), memory[:3])
+    assert_array_equal(draw_stationary(square_root(OSCILLATOR.stationary_covariance), streams[:3]), memory[:3])
 
 
 def test_a_long_period_is_no_harder_than_a_short_one() -> None:
     for system in SYSTEMS.values():
         for period in (1.0, 10.0, 1000.0):
-            sampled, covariance = sample(system, period), system.stationary
-            after = sampled.transition @ covariance @ sampled.transition.T + sampled.root @ sampled.root.T
+            sampled, covariance = discretise(system, period), system.stationary_covariance
+            after = sampled.transition @ covariance @ sampled.transition.T + sampled.noise_gain @ sampled.noise_gain.T
             assert_close(after, covariance, 1e-12)
 
 
