@@ -1,100 +1,88 @@
-"""A cautious companion trusts its learner less where actions come late, or where the pendulum leans far."""
+"""The fallback reduces the policy's action where actuators are late or the pendulum leans far."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose, assert_array_equal
-from quadpend_baselines.hybrid.companion import Companion, CompanionMemory
 
-from quadpend_baselines import controller
+from quadpend_baselines.hybrid import BandwidthScheduling, Hybrid, HybridMemory, ResidualAction
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import find_scenario
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
-from tests.helpers.hybrid import Steered, constant, flown
-from tests.helpers.mlp_policies import card, layers
+from tests.helpers.hybrid import HybridPolicy, constant, run_policy
 
 SAME_STEP = {"autoreset_mode": "SameStep"}
-BEGINNING = np.ones(3, np.bool_)
+FIRST = np.ones(3, np.bool_)
+Kind = Callable[[str, float, float], Hybrid]
 
 
-def cautious(caution: float = 1.0, steers: str = "pace") -> Companion:
-    return Companion(controller("flatness"), steers, 0.5, caution)
+def scheduling(fallback_gain: float = 1.0) -> Hybrid:
+    return BandwidthScheduling("flatness", 0.5, fallback_gain)
 
 
-def watched(companion: Companion, **reset: Any) -> CompanionMemory:
+def first_memory(hybrid: Hybrid, **reset: Any) -> HybridMemory:
+    """Memory after the first observation of an episode."""
     observation, _ = make_vec(3, **SAME_STEP).reset(seed=0, **reset)
-    return companion.watch(observation, None, BEGINNING)[1]
+    return hybrid.observe(observation, None, FIRST)[1]
 
 
-@pytest.mark.parametrize("steers", ["action", "pace"])
-@pytest.mark.parametrize(("doubt", "caution", "trust"), [(1.0, 1.0, 0.5), (3.0, 1.0, 0.1), (1.5, 2.0, 0.1)])
-def test_what_the_learner_asks_for_counts_by_how_far_it_is_trusted(
-    steers: str, doubt: float, caution: float, trust: float
-) -> None:
+@pytest.mark.parametrize("kind", [ResidualAction, BandwidthScheduling])
+@pytest.mark.parametrize(("score", "gain", "weight"), [(1.0, 1.0, 0.5), (3.0, 1.0, 0.1), (1.5, 2.0, 0.1)])
+def test_anomaly_score_weighs_the_action(kind: Kind, score: float, gain: float, weight: float) -> None:
     action = np.tile(np.float32([0.2, -0.6, 0.4, 0.8]), (3, 1))
-    companion = cautious(caution, steers)
-    memory = watched(companion)._replace(doubt=np.full(3, doubt))
-    acting, _ = companion.act(action, memory)
-    expected, _ = cautious(0.0, steers).act(np.float32(trust) * action, memory)
-    assert_allclose(acting, expected, atol=1e-6)
+    hybrid = kind("flatness", 0.5, gain)
+    memory = first_memory(hybrid)._replace(anomaly_score=np.full(3, score))
+    applied, _ = hybrid.act(action, memory)
+    expected, _ = kind("flatness", 0.5, 0.0).act(np.float32(weight) * action, memory)
+    assert_allclose(applied, expected, atol=1e-6)
 
 
-def test_without_caution_it_is_trusted_whatever_happens() -> None:
-    learner = constant(1.0, 1.0, 1.0, 1.0)
-    env = {"wind": "storm", **SAME_STEP}
-    trusting, bare = (
-        flown(Steered(companion, learner), make_vec(3, **env), 40)[0]
-        for companion in (cautious(0.0), Companion(controller("flatness"), "pace", 0.5))
+def test_zero_fallback_gain_never_reduces_the_action() -> None:
+    agent = constant(1.0, 1.0, 1.0, 1.0)
+    options = {"wind": "storm", **SAME_STEP}
+    explicit, default = (
+        run_policy(HybridPolicy(hybrid, agent), make_vec(3, **options), 40)[0]
+        for hybrid in (scheduling(0.0), BandwidthScheduling("flatness", 0.5))
     )
-    assert_array_equal(trusting, bare)
+    assert_array_equal(explicit, default)
 
 
-def test_a_pendulum_that_leans_far_is_a_doubt_that_fades_by_one_in_a_hundred_a_step() -> None:
-    companion = cautious()
-    leaning = watched(companion, options={"state": {"direction": (0.3, 0.4, np.sqrt(0.75))}})
-    assert_allclose(leaning.doubt, 0.5 / 0.2, rtol=1e-6)
+def test_leaning_pendulum_raises_the_score_which_decays_by_one_percent_a_step() -> None:
+    hybrid = scheduling()
+    leaning = first_memory(hybrid, options={"state": {"direction": (0.3, 0.4, np.sqrt(0.75))}})
+    assert_allclose(leaning.anomaly_score, 0.5 / 0.2, rtol=1e-6)
     env = make_vec(3, **SAME_STEP)
     observation, _ = env.reset(seed=0)
-    _, memory = companion.watch(observation, None, BEGINNING)
-    action, memory = companion.act(np.zeros((3, 4), np.float32), memory._replace(doubt=np.full(3, 5.0)))
-    _, later = companion.watch(env.step(action)[0], memory, np.array([False, False, True]))
-    assert_allclose(later.doubt[:2], 0.99 * 5.0)
-    assert later.doubt[2] < 0.3, "an episode that begins knows of no earlier one"
+    _, memory = hybrid.observe(observation, None, FIRST)
+    action, memory = hybrid.act(np.zeros((3, 4), np.float32), memory._replace(anomaly_score=np.full(3, 5.0)))
+    _, later = hybrid.observe(env.step(action)[0], memory, np.array([False, False, True]))
+    assert_allclose(later.anomaly_score[:2], 0.99 * 5.0)
+    assert later.anomaly_score[2] < 0.3, "a new episode starts with a new score"
 
 
-def doubts(scenario: str) -> Floats:
-    """Equation (4)'s q over two seconds of eight flights, shape (200, 8)."""
+def anomaly_scores(scenario: str) -> Floats:
+    """Anomaly scores over two seconds of eight episodes, shape (200, 8)."""
     env = find_scenario(scenario).make_vec(8, AutoresetMode.SAME_STEP, 200)
-    steps = rollout(Steered(cautious()), env, VALIDATION_SEED)
-    return np.array([step.memory.doubt for step in steps])
+    steps = rollout(HybridPolicy(scheduling()), env, VALIDATION_SEED)
+    return np.array([step.memory.anomaly_score for step in steps])
 
 
-def test_late_actions_are_noticed_within_half_a_second_and_wind_is_not_taken_for_them() -> None:
-    assert doubts("training_lagged")[50:].min() > 2.0
-    assert np.median(doubts("windy")[50:]) < 0.5
-    assert np.median(doubts("turbulence")[50:]) < 1.0
+def test_late_actions_raise_the_score_within_half_a_second_and_wind_does_not() -> None:
+    assert anomaly_scores("training_lagged")[50:].min() > 2.0
+    assert np.median(anomaly_scores("windy")[50:]) < 0.5
+    assert np.median(anomaly_scores("turbulence")[50:]) < 1.0
 
 
 @pytest.mark.parametrize(
-    ("steers", "caution", "message"),
-    [
-        ("pace", -1.0, "caution .* not -1"),
-        ("pace", 11.0, "caution .* not 11"),
-        ("pace", np.nan, "caution .* not nan"),
-        ("alone", 1.0, "acts alone has no controller to fall back on: caution must be 0, not 1"),
-    ],
+    ("gain", "message"),
+    [(-1.0, "fallback_gain .* not -1"), (11.0, "fallback_gain .* not 11"), (np.nan, "fallback_gain .* not nan")],
 )
-def test_impossible_caution_is_refused(steers: str, caution: float, message: str) -> None:
-    assert_refused(lambda: cautious(caution, steers), message, ValueError)
-
-
-def test_a_card_that_knows_no_caution_means_none() -> None:
-    old = card()
-    del old["view"]["caution"]
-    assert MlpPolicy(layers(36, 8, 4), old).card == card()
+@pytest.mark.parametrize("kind", [ResidualAction, BandwidthScheduling])
+def test_impossible_fallback_gains_are_refused(kind: Kind, gain: float, message: str) -> None:
+    assert_refused(lambda: kind("flatness", 0.5, gain), message, ValueError)

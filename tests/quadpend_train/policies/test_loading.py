@@ -93,7 +93,8 @@ def test_shipped_policies_are_loaded_by_name_one_seed_or_all(shipped: Path) -> N
     assert [type(policy) for policy in load_policies("ppo")] == [MlpPolicy] * 3
     assert len(set(policy_fingerprints("ppo"))) == 3
     with pytest.raises(
-        ValueError, match=r"there is no policy 'nix': give adrc-paper, .*, ppo, sac-gain-scheduling, or the path of a finished run"
+        ValueError,
+        match=r"there is no policy 'nix': give adrc-paper, .*, ppo, sac-gain-scheduling, or the path of a finished run",
     ):
         load_policy("nix")
 

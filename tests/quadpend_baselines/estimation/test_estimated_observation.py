@@ -1,0 +1,83 @@
+"""Observations made from a state, and the observation that a controller estimates."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_baselines import controller
+from quadpend_baselines.estimation.estimator import measurement_from_observation, observation_from_state
+from quadpend_gym import OBSERVATION_FIELDS, Parameters
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.physics.state import STATE_SIZE, State
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS, REFERENCE_START
+from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
+from tests.helpers.envs import assert_same, make_vec
+from tests.helpers.wrappers import SHORT
+
+ROD = Parameters().rod_length
+
+
+def random_states(rows: int) -> Floats:
+    """States in the reference's frame with unit directions, shape (rows, 18)."""
+    state = np.random.default_rng(0).normal(size=(rows, STATE_SIZE))
+    direction = State(state).direction
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return state
+
+
+def random_observations(rows: int, output_feedback: bool) -> Floats32:
+    """Observations with a random reference, shape (rows, 36) or (rows, 27)."""
+    observation = np.random.default_rng(1).normal(size=(rows, 36)).astype(np.float32)
+    return observation[:, OUTPUT_FEEDBACK_COLUMNS] if output_feedback else observation
+
+
+@pytest.mark.parametrize("output_feedback", [False, True])
+def test_observation_from_state_inverts_measurement_from_observation(output_feedback: bool) -> None:
+    """For any yaw reference, with and without velocities in the measured observation."""
+    state, measured = random_states(200), random_observations(200, output_feedback)
+    observation = observation_from_state(state, measured, ROD)
+    assert observation.shape == (200, 36)
+    assert observation.dtype == np.float32
+    again = measurement_from_observation(observation, ROD)
+    assert_allclose(again.state, state, atol=3e-6)
+    assert_array_equal(again.reference, measurement_from_observation(measured, ROD).reference)
+    assert_array_equal(again.yaw_reference, measurement_from_observation(measured, ROD).yaw_reference)
+    assert_allclose(observation_from_state(again.state, observation, ROD), observation, atol=1e-5)
+
+
+def test_observation_from_state_does_not_change_its_arguments() -> None:
+    state, measured = random_states(5), random_observations(5, False)
+    copies = state.copy(), measured.copy()
+    observation_from_state(state, measured, ROD)
+    assert_same((state, measured), copies)
+
+
+@pytest.mark.parametrize("name", ["flatness", "lqr", "lqi"])
+def test_estimated_observation_is_the_observation_with_perfect_sensors_in_calm_air(name: str) -> None:
+    policy: Any = controller(name)
+    env = make_vec(6, autoreset_mode="SameStep", **SHORT)
+    observation, memory, started = env.reset(seed=0)[0], None, np.ones(6, np.bool_)
+    for _ in range(60):
+        action, memory = policy.predict(observation, memory, started)
+        assert_allclose(policy.estimated_observation(observation, memory), observation, atol=1e-6)
+        observation, _, terminated, truncated, _ = env.step(action)
+        started = terminated | truncated
+
+
+def test_estimated_observation_has_the_velocities_that_are_not_measured() -> None:
+    policy: Any = controller("flatness")
+    whole = make_vec(4)
+    hidden = VectorOutputFeedbackWrapper(make_vec(4))
+    true, observation, memory = whole.reset(seed=0)[0], hidden.reset(seed=0)[0], None
+    for _ in range(200):
+        action, memory = policy.predict(observation, memory)
+        true, observation = whole.step(action)[0], hidden.step(action)[0]
+    known = policy.update(observation, memory, None)
+    assert_allclose(policy.estimated_observation(observation, known), true, atol=1e-4)
+
+
+def test_state_part_of_the_observation_ends_where_the_reference_starts() -> None:
+    """Hybrids magnify this part."""
+    assert REFERENCE_START == OBSERVATION_FIELDS["reference_2"].start == 18

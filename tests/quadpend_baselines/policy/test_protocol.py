@@ -1,0 +1,35 @@
+"""Scaling of actions and selection of rows in memories."""
+
+from typing import Any
+
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_baselines import controller
+from quadpend_baselines.policy.protocol import replace_rows, to_action, to_command
+from quadpend_gym import Actuators, Parameters, Simulation
+from tests.helpers.envs import assert_same, draw_actions, make_vec
+
+
+def test_to_action_inverts_to_command_exactly() -> None:
+    for simulation in (Simulation(), Simulation(Parameters(bob_mass=0.3), Actuators(yaw_torque=2.0))):
+        actions = draw_actions(0, 50)
+        command = to_command(actions, simulation)
+        thrust = simulation.parameters.hover_thrust
+        assert_allclose(command[:, 0], thrust * (1.0 + actions[:, 0]), rtol=1e-6)
+        assert_array_equal(to_command(np.zeros((1, 4), np.float32), simulation), [[thrust, 0.0, 0.0, 0.0]])
+        again, applied = to_action(command, simulation)
+        assert_array_equal(again, actions)
+        assert_array_equal(applied, command)
+
+
+def test_replace_rows_works_through_tuples_of_arrays() -> None:
+    policy: Any = controller("flatness")
+    memories = [policy.predict(make_vec(rows).reset(seed=rows)[0])[1] for rows in (5, 2)]
+    copies = [tuple(memory.estimate) for memory in memories]
+    whole = replace_rows(np.array([3, 1]), memories[1], memories[0])
+    assert type(whole) is type(memories[0])
+    assert_array_equal(whole.command[[3, 1]], memories[1].command)
+    assert_array_equal(whole.command[[0, 2, 4]], memories[0].command[[0, 2, 4]])
+    assert_array_equal(whole.estimate.state[[3, 1]], memories[1].estimate.state)
+    assert_same([tuple(memory.estimate) for memory in memories], copies)
