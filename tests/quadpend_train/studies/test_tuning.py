@@ -1,29 +1,27 @@
-"""Tuning searches what it says, resumes, and the scores beside the gains are true."""
+"""The search for gains stays in its bounds, continues, and the scores beside the gains can be reproduced."""
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.gains import GAINS, TUNED, LqrGains
-from quadpend_baselines.policy.rollout import rollout
 from quadpend_train.cli.main import main
-from quadpend_train.evaluation.episodes import TUNING_SEED, collect_results, run_episodes
+from quadpend_train.evaluation.episodes import TUNING_SEED, run_episodes
 from quadpend_train.scenarios import SETS
 from quadpend_train.studies import tuning
 
 
-def test_every_controller_has_gains_and_what_was_tuned_has_a_space() -> None:
+def test_every_controller_has_gains_and_every_tuned_one_a_search_space() -> None:
     assert set(GAINS) == set(CONTROLLERS)
-    assert set(TUNED) == set(tuning.SPACES)
+    assert set(TUNED) == set(tuning.SEARCH_SPACES)
 
 
-@pytest.mark.parametrize("name", tuning.SPACES)
-def test_every_searched_gain_exists_and_lies_within_its_bounds(name: str) -> None:
-    for path, (low, high, first) in tuning.SPACES[name].items():
+@pytest.mark.parametrize("name", tuning.SEARCH_SPACES)
+def test_every_gain_of_a_search_space_exists_and_is_within_its_bounds(name: str) -> None:
+    for path, (low, high, first) in tuning.SEARCH_SPACES[name].items():
         gains = GAINS[name]
         for part in path.split("."):
             gains = getattr(gains, part)
@@ -31,31 +29,30 @@ def test_every_searched_gain_exists_and_lies_within_its_bounds(name: str) -> Non
         assert low <= first <= high, path
 
 
-def test_changed_replaces_nested_fields_and_leaves_the_rest() -> None:
-    gains = tuning.changed(LqrGains(), {"position": 0.5, "estimator.noise": 0.01})
+def test_replace_gains_replaces_nested_fields_only() -> None:
+    gains = tuning.replace_gains(LqrGains(), {"position": 0.5, "estimator.noise": 0.01})
     assert (gains.position, gains.estimator.noise) == (0.5, 0.01)
     assert (gains.velocity, gains.estimator.force_walk) == (LqrGains().velocity, LqrGains().estimator.force_walk)
 
 
-def test_a_fleet_flies_as_its_environments_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_concatenated_scenarios_give_the_results_of_each_scenario_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("windy", "training_upset")
     monkeypatch.setitem(SETS, "training", names)
-    fleet: Any = tuning.Fleet(3)
-    together = collect_results(rollout(controller("adrc-paper"), fleet, TUNING_SEED), 6)
+    together = tuning.run_training_scenarios(controller("adrc-paper"), tuning.training_scenarios(3), TUNING_SEED)
     apart = [run_episodes([controller("adrc-paper")], name, 3, TUNING_SEED) for name in names]
-    np.testing.assert_array_equal(together.steps, np.concatenate([flights.steps[0] for flights in apart]))
-    np.testing.assert_array_equal(together.rmse, np.concatenate([flights.rmse[0] for flights in apart]))
+    np.testing.assert_array_equal(together.steps, np.concatenate([results.steps[0] for results in apart]))
+    np.testing.assert_array_equal(together.rmse, np.concatenate([results.rmse[0] for results in apart]))
 
 
-def test_an_earlier_fall_is_a_greater_loss_than_a_later_one() -> None:
-    flights = run_episodes([controller("adrc-paper")], "upset", 20)
-    assert not flights.survived.all()
-    later = flights._replace(steps=np.where(flights.survived, flights.steps, flights.steps + 100))
-    assert tuning.lost(later) < tuning.lost(flights)
-    assert tuning.lost(flights) > 1000.0 * float(flights.penalised_rmse.mean())
+def test_the_loss_of_an_early_fall_is_greater_than_that_of_a_late_one() -> None:
+    results = run_episodes([controller("adrc-paper")], "upset", 20)
+    assert not results.survived.all()
+    later = results._replace(steps=np.where(results.survived, results.steps, results.steps + 100))
+    assert tuning.loss(later) < tuning.loss(results)
+    assert tuning.loss(results) > 1000.0 * float(results.penalised_rmse.mean())
 
 
-def test_a_search_goes_on_where_it_was_and_is_scored(
+def test_a_search_continues_and_its_result_is_scored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(SETS, "training", ("calm",))
@@ -66,22 +63,22 @@ def test_a_search_goes_on_where_it_was_and_is_scored(
     main([*options, "--trials", "3"])
     trials = tuning.search("adrc-tuned", 3, 2, 0, tmp_path).trials
     assert [trial.params for trial in trials[:2]] == [trial.params for trial in first]
-    assert trials[0].params == {path: begin for path, (_, _, begin) in tuning.SPACES["adrc-tuned"].items()}
+    assert trials[0].params == {path: begin for path, (_, _, begin) in tuning.SEARCH_SPACES["adrc-tuned"].items()}
     assert len({json.dumps(trial.params) for trial in trials}) == 3
     found = json.loads((tmp_path / "adrc-tuned.json").read_text(encoding="utf-8"))
     assert found["command"] == "quadpend tune adrc-tuned --trials 3 --episodes 2 --seed 0"
-    assert set(found["gains"]) == set(tuning.SPACES["adrc-tuned"])
+    assert set(found["gains"]) == set(tuning.SEARCH_SPACES["adrc-tuned"])
     assert '"score"' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("name", "trials", "sentence"), [("pid", 1, "no controller 'pid'"), ("lqr", 0, "trials must")])
-def test_what_cannot_be_tuned_is_refused(tmp_path: Path, name: str, trials: int, sentence: str) -> None:
+def test_wrong_arguments_of_tune_are_refused(tmp_path: Path, name: str, trials: int, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         tuning.tune(name, trials, 1, 0, tmp_path)
 
 
 @pytest.mark.parametrize("name", [name for name in TUNED if name != "mppi"])
-def test_the_score_beside_the_gains_is_theirs(name: str) -> None:
-    """MPPI's takes minutes: `quadpend tune mppi` tells it."""
+def test_the_score_beside_the_gains_can_be_reproduced(name: str) -> None:
+    """The score of MPPI takes minutes and is not computed here; `quadpend tune mppi` computes it."""
     scores = [rmse for _, rmse in tuning.score(controller(name)).values()]
     assert np.mean(scores) == pytest.approx(TUNED[name].score, abs=0.5)

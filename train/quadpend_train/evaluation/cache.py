@@ -32,6 +32,7 @@ _EXCLUDED = {
 }
 # The only files of quadpend_train with influence on an episode's result.
 _TRAIN_SOURCES = (
+    "common/version_0_1.py",
     "evaluation/episodes.py",
     "policies/adaptation.py",
     "policies/finite_differences.py",

@@ -1,7 +1,8 @@
-"""What each part of a learner is worth: the same training with it and without it.
+"""Ablations: the same training with and without one part of a learner.
 
-Every line compares two trainings that differ in that part and what follows from it (`ABLATIONS` has the settings), over
-the same seeds, in the scenario that the part is for. Steps are the environment's, those of an imitation included.
+Every ablation compares two trainings that differ in that part and in the settings that depend on it, over the same
+training seeds, in the scenario that the part is intended for. `ABLATIONS` has the settings. The timesteps of imitation
+count as training timesteps.
 """
 
 import hashlib
@@ -28,14 +29,22 @@ from quadpend_train.training.environment import concatenate_scenarios
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping
 from quadpend_train.training.train import POLICY, train
 
-STEPS = 3_000_000  # of learners that act alone
-BESIDE_STEPS = 1_000_000  # of those that steer a controller, and begin as good as it
+TIMESTEPS = 3_000_000  # of a learner without a base controller
+HYBRID_TIMESTEPS = 1_000_000  # of a hybrid, which performs as well as its base controller from the start
 EPISODES = 100
-_HIDDEN = '{"wind": "breeze", "output_feedback": true}'
-# What trainings beside a controller share, whatever of it they steer.
-_BESIDE: dict[str, Any] = {
+_OUTPUT_FEEDBACK = '{"wind": "breeze", "output_feedback": true}'
+
+
+def _merged(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings with changes; tables of settings are merged too."""
+    tables = {name: {**settings.get(name, {}), **value} for name, value in changes.items() if isinstance(value, dict)}
+    return {**settings, **changes, **tables}
+
+
+# Settings of all hybrids that change the base controller's action or its bandwidths.
+_HYBRID: dict[str, Any] = {
     "hybrid": {"base_controller": "flatness"},
-    "total_timesteps": BESIDE_STEPS,
+    "total_timesteps": HYBRID_TIMESTEPS,
     "learning_rate": 1e-3,
     "gamma": 0.99,
     "reward_scale": 0.1,
@@ -43,36 +52,40 @@ _BESIDE: dict[str, Any] = {
     "ppo": {"log_std_init": -2.0, "gae_lambda": 0.98, "n_epochs": 5},
     "reward": {"tracking": 1.0, "upright": 0.0, "yaw": 0.05, "effort": 0.0, "tip": 0.3},
 }
-_RESIDUAL: dict[str, Any] = {
-    **_BESIDE,
-    "hybrid": {"base_controller": "flatness", "mode": "residual_action", "action_scale": 0.3},
-}
-_SCHEDULING: dict[str, Any] = {
-    **_BESIDE,
-    "hybrid": {"base_controller": "flatness", "mode": "bandwidth_scheduling", "action_scale": 1.0},
-}
-_RELATIVE: dict[str, Any] = {"hybrid": {"baseline_relative_reward": True}}
-_RELATIVE_SCHEDULING: dict[str, Any] = {**_SCHEDULING, "hybrid": {**_SCHEDULING["hybrid"], **_RELATIVE["hybrid"]}}
-_HELD: dict[str, Any] = {  # and what follows from it: the same horizons and batches, in decisions
+_RESIDUAL_ACTION: dict[str, Any] = {"hybrid": {"mode": "residual_action", "action_scale": 0.3}}
+_GAIN_SCHEDULING: dict[str, Any] = {"hybrid": {"mode": "bandwidth_scheduling", "action_scale": 1.0}}
+_RELATIVE_REWARD: dict[str, Any] = {"hybrid": {"baseline_relative_reward": True}}
+# Action repeat, with the settings that keep horizon and batch the same in control steps.
+_ACTION_REPEAT: dict[str, Any] = {
     "hybrid": {"action_repeat": 10},
     "gamma": 0.92,
     "batch_size": 512,
-    "total_timesteps": BESIDE_STEPS // 10,
+    "total_timesteps": HYBRID_TIMESTEPS // 10,
     "ppo": {"gae_lambda": 0.95, "n_steps": 16},
 }
+_RELATIVE_GAIN_SCHEDULING = _merged(_merged(_HYBRID, _GAIN_SCHEDULING), _RELATIVE_REWARD)
 
 
 class Ablation(NamedTuple):
-    """A part, and the two trainings that show its worth, as changes of the demo's settings."""
+    """A part of a learner, and two trainings without and with it, as changes of the demo's settings.
+
+    Attributes:
+        part: Description of the part.
+        scenario: Scenario of the evaluation, and of the training unless the settings name another one.
+        without: Changes for the training without the part.
+        added: Further changes for the training with the part.
+    """
 
     part: str
-    scenario: str  # trained and flown in
+    scenario: str
     without: Mapping[str, Any]
-    added: Mapping[str, Any]  # on top of `without`
+    added: Mapping[str, Any]
 
 
 ABLATIONS = {
-    "tip": Ablation("reward with a sharp tip", "windy", {"reward": {"tip": 0.0}}, {"reward": {"tip": 0.5}}),
+    "sharp-reward": Ablation(
+        "reward with a sharp peak at zero error", "windy", {"reward": {"tip": 0.0}}, {"reward": {"tip": 0.5}}
+    ),
     "deso": Ablation(
         "the DESO's disturbance estimate observed", "windy", {}, {"hybrid": {"base_controller": "adrc-matched"}}
     ),
@@ -83,150 +96,175 @@ ABLATIONS = {
         "imitation of the flatness-based controller first",
         "windy",
         {"hybrid": {"base_controller": "flatness"}, "ppo": {"log_std_init": -1.0}},
-        {"hybrid": {"imitation_timesteps": 250_000}, "total_timesteps": STEPS - 250_000},
+        {"hybrid": {"imitation_timesteps": 250_000}, "total_timesteps": TIMESTEPS - 250_000},
     ),
     "gsde": Ablation("state-dependent exploration", "windy", {}, {"sde_sample_freq": 8}),
     "curriculum": Ablation(
         "curriculum: calm, breeze, then wind",
         "windy",
         {},
-        {"curriculum": ("calm", "breeze"), "curriculum_steps": STEPS // 3},
+        {"curriculum": ("calm", "breeze"), "curriculum_steps": TIMESTEPS // 3},
     ),
-    "upset curriculum": Ablation(
+    "upset-curriculum": Ablation(
         "curriculum: calm, wind, then upset starts",
         "training_upset",
         {},
-        {"curriculum": ("calm", "windy"), "curriculum_steps": STEPS // 3},
+        {"curriculum": ("calm", "windy"), "curriculum_steps": TIMESTEPS // 3},
     ),
-    "randomisation": Ablation(
-        "parameters drawn in training",
+    "domain-randomization": Ablation(
+        "domain randomization of the parameters",
         "training_uncertain",
         {"scenario": ("breeze",)},
         {"scenario": ("training_uncertain",)},
     ),
     "history": Ablation(
-        "four observations and three actions, without velocities",
-        _HIDDEN,
+        "history of four observations and three actions, without velocities",
+        _OUTPUT_FEEDBACK,
         {},
         {"history": 4, "history_actions": 3},
     ),
-    "residual": Ablation(
-        "corrections of the flatness-based controller's action, instead of acting alone",
+    "residual-action": Ablation(
+        "residual action on the flatness-based controller, instead of acting alone",
         "windy",
-        _BESIDE,
-        {"hybrid": {"mode": "residual_action", "action_scale": 0.3}},
+        _HYBRID,
+        _RESIDUAL_ACTION,
     ),
-    "paired residual": Ablation("the same, rewarded relative to the controller", "windy", _RESIDUAL, _RELATIVE),
-    "pace": Ablation("setting its bandwidths, instead of correcting its action", "windy", _RESIDUAL, _SCHEDULING),
-    "paired pace": Ablation("the same, rewarded relative to the controller", "windy", _SCHEDULING, _RELATIVE),
-    "held pace": Ablation("and held for ten steps", "windy", _RELATIVE_SCHEDULING, _HELD),
-    "caution": Ablation(
-        "and, trained in all training scenarios, trusted less where actions come late or it leans far",
+    "residual-action-relative-reward": Ablation(
+        "baseline-relative reward for the residual action",
+        "windy",
+        _merged(_HYBRID, _RESIDUAL_ACTION),
+        _RELATIVE_REWARD,
+    ),
+    "gain-scheduling": Ablation(
+        "gain scheduling of the controller's bandwidths, instead of the residual action",
+        "windy",
+        _merged(_HYBRID, _RESIDUAL_ACTION),
+        _GAIN_SCHEDULING,
+    ),
+    "gain-scheduling-relative-reward": Ablation(
+        "baseline-relative reward for gain scheduling",
+        "windy",
+        _merged(_HYBRID, _GAIN_SCHEDULING),
+        _RELATIVE_REWARD,
+    ),
+    "action-repeat": Ablation(
+        "action repeat of ten steps, with gain scheduling and baseline-relative reward",
+        "windy",
+        _RELATIVE_GAIN_SCHEDULING,
+        _ACTION_REPEAT,
+    ),
+    "fallback": Ablation(
+        "fallback to the base controller for late actions and large tilts, trained in all training scenarios",
         "training_lagged",
         {
-            **_RELATIVE_SCHEDULING,
-            **_HELD,
+            **_merged(_RELATIVE_GAIN_SCHEDULING, {"hybrid": {**_ACTION_REPEAT["hybrid"], "failure_penalty": 100.0}}),
+            **{name: value for name, value in _ACTION_REPEAT.items() if name != "hybrid"},
             "scenario": ("training",),
-            "hybrid": {**_RELATIVE_SCHEDULING["hybrid"], **_HELD["hybrid"], "failure_penalty": 100.0},
         },
         {"hybrid": {"fallback_gain": 1.0}},
     ),
 }
-CONSTANT = "the pace decided anew, instead of its mean (`ppo-pace`, trained in full)"
+# A comparison of evaluations without a training: gain scheduling against its constant mean.
+CONSTANT = "gain scheduling by `ppo-gain-scheduling`, fully trained, instead of its constant mean"
 CONSTANT_SCENARIO = "training_upset"
 
 
-class Outcome(NamedTuple):
-    """Penalised RMSE (m), and how much the part adds to it."""
+class AblationResult(NamedTuple):
+    """Penalised RMSE without and with a part, and the difference; m."""
 
     without: Interval
     added: Interval
     difference: Interval
 
 
-def settings_of(ablation: Ablation, seed: int) -> tuple[TrainSettings, TrainSettings]:
-    """The two trainings of an ablation."""
-    base = {"scenario": (ablation.scenario,), "total_timesteps": STEPS, "seed": seed}
+def settings_pair(ablation: Ablation, seed: int) -> tuple[TrainSettings, TrainSettings]:
+    """Return the settings of the two trainings of an ablation: without and with its part."""
+    base = {"scenario": (ablation.scenario,), "total_timesteps": TIMESTEPS, "seed": seed}
     without = _merged(base, ablation.without)
-    return tuple(from_mapping(part, ablation.part) for part in (without, _merged(without, ablation.added)))  # type: ignore[return-value]
+    added = _merged(without, ablation.added)
+    return from_mapping(without, ablation.part), from_mapping(added, ablation.part)
 
 
-def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS)) -> dict[str, Outcome]:
-    """Train and fly; what is trained in `folder` already with the same settings is not trained again.
+def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS)) -> dict[str, AblationResult]:
+    """Train and evaluate; trainings that `folder` already has with the same settings are not repeated.
+
+    Args:
+        folder: Folder of the run folders and of `ablations.json`.
+        seeds: Number of training seeds.
+        names: Keys of `ABLATIONS`.
 
     Raises:
-        ValueError: there is no such ablation.
+        ValueError: If a name is unknown.
     """
     if unknown := [name for name in names if name not in ABLATIONS]:
         raise ValueError(f"there is no ablation {unknown[0]!r}; there are {', '.join(ABLATIONS)}")
-    outcomes = {}
+    results = {}
     for name in names:
-        pairs = [settings_of(ABLATIONS[name], seed) for seed in range(seeds)]
+        pairs = [settings_pair(ABLATIONS[name], seed) for seed in range(seeds)]
         without, added = (
-            np.stack([_flown(side, ABLATIONS[name].scenario, folder) for side in sides])
-            for sides in zip(*pairs, strict=True)
+            np.stack([_train_and_evaluate(settings, ABLATIONS[name].scenario, folder) for settings in group])
+            for group in zip(*pairs, strict=True)
         )
-        outcomes[name] = Outcome(mean(without), mean(added), mean(added - without))
-        print(f"{ABLATIONS[name].part}: {_cells(outcomes[name])}", flush=True)
+        results[name] = AblationResult(mean(without), mean(added), mean(added - without))
+        print(f"{ABLATIONS[name].part}: {_cells(results[name])}", flush=True)
     if names == tuple(ABLATIONS):
-        outcomes["constant"] = _constant_outcome(seeds)
+        results["constant"] = _compare_with_constant(seeds)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "ablations.json").write_text(json.dumps(to_json_data(outcomes), indent=1) + "\n", encoding="utf-8")
-    return outcomes
+    (folder / "ablations.json").write_text(json.dumps(to_json_data(results), indent=1) + "\n", encoding="utf-8")
+    return results
 
 
-def _constant_outcome(seeds: int) -> Outcome:
+def _compare_with_constant(seeds: int) -> AblationResult:
     policies = [MlpPolicy.load(f"ppo-gain-scheduling-{seed}") for seed in range(seeds)]
     without, added = (
-        np.stack(
-            [run_episodes([policy], CONSTANT_SCENARIO, EPISODES, VALIDATION_SEED).penalised_rmse[0] for policy in group]
-        )
-        for group in ([_at_its_mean(policy) for policy in policies], policies)
+        np.stack([_penalised_rmse(policy, CONSTANT_SCENARIO) for policy in group])
+        for group in ([_with_constant_output(policy) for policy in policies], policies)
     )
-    return Outcome(mean(without), mean(added), mean(added - without))
+    return AblationResult(mean(without), mean(added), mean(added - without))
 
 
-def _at_its_mean(policy: MlpPolicy) -> MlpPolicy:
-    """The policy with what it decides on average in the training scenarios, always."""
+def _with_constant_output(policy: MlpPolicy) -> MlpPolicy:
+    """Return the policy with a constant output: its mean output in the training scenarios."""
     env = concatenate_scenarios([find_scenario(name) for name in expand(("training",))], 8 * 32)
-    decided = [step.memory.output[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
+    outputs = [step.memory.output[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
     weights, _ = policy.layers[-1]
-    constant = np.concatenate(decided).mean(axis=0).astype(np.float32)
+    constant = np.concatenate(outputs).mean(axis=0).astype(np.float32)
     return MlpPolicy([*policy.layers[:-1], (np.zeros_like(weights), constant)], policy.card)
 
 
-def _flown(settings: TrainSettings, scenario: str, folder: Path) -> Floats:
-    """Penalised RMSE of each episode, m, shape (n,)."""
-    said = json.dumps([to_mapping(settings), code_stamp(), versions()], sort_keys=True)
-    run = folder / hashlib.sha256(said.encode()).hexdigest()[:16]
-    policy = run / POLICY
+def _train_and_evaluate(settings: TrainSettings, scenario: str, folder: Path) -> Floats:
+    """Return the penalised RMSE of each episode of the trained policy, m, shape (n,)."""
+    key = json.dumps([to_mapping(settings), code_stamp(), versions()], sort_keys=True)
+    run_folder = folder / hashlib.sha256(key.encode()).hexdigest()[:16]
+    policy = run_folder / POLICY
     if not policy.is_file():
-        shutil.rmtree(run, ignore_errors=True)  # of an interruption
-        train(settings, run, progress=False)
-    flights = run_episodes([MlpPolicy.load(policy)], scenario, EPISODES, VALIDATION_SEED)
-    return np.asarray(flights.penalised_rmse[0])
+        shutil.rmtree(run_folder, ignore_errors=True)  # of an interrupted training
+        train(settings, run_folder, progress=False)
+    return _penalised_rmse(MlpPolicy.load(policy), scenario)
 
 
-def _merged(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    nested = {name: {**settings.get(name, {}), **value} for name, value in changes.items() if isinstance(value, dict)}
-    return {**settings, **changes, **nested}
+def _penalised_rmse(policy: MlpPolicy, scenario: str) -> Floats:
+    """Return the penalised RMSE of each validation episode, m, shape (n,)."""
+    return np.asarray(run_episodes([policy], scenario, EPISODES, VALIDATION_SEED).penalised_rmse[0])
 
 
-def _cells(outcome: Outcome) -> str:
-    return " | ".join(format_interval(part.scaled(1e3)) for part in outcome)
+def _cells(result: AblationResult) -> str:
+    return " | ".join(format_interval(interval.scaled(1e3)) for interval in result)
 
 
-def markdown(outcomes: Mapping[str, Outcome]) -> str:
-    """A line for each part, mm."""
+def label(name: str) -> tuple[str, str]:
+    """Return the first two cells of an ablation's row: its part and its scenario."""
+    part, scenario = (CONSTANT, CONSTANT_SCENARIO) if name == "constant" else ABLATIONS[name][:2]
+    return part, "breeze, no velocities" if scenario == _OUTPUT_FEEDBACK else scenario
+
+
+def markdown(results: Mapping[str, AblationResult]) -> str:
+    """Return a Markdown table with a row for each ablation; numbers in mm."""
     head = "| part | scenario | without | with | difference |\n|---|---|---|---|---|"
-    rows = []
-    for name, outcome in outcomes.items():
-        part, scenario = (CONSTANT, CONSTANT_SCENARIO) if name == "constant" else ABLATIONS[name][:2]
-        where = "breeze, no velocities" if scenario == _HIDDEN else scenario
-        rows.append(f"| {part} | {where} | {_cells(outcome)} |")
+    rows = [f"| {' | '.join(label(name))} | {_cells(result)} |" for name, result in results.items()]
     return "\n".join([head, *rows])
 
 
-def document(outcomes: Mapping[str, Outcome], path: Path) -> None:
-    """Fill in the part ``ablations`` of a document."""
-    documents.fill(path, {"ablations": markdown(outcomes)})
+def document(results: Mapping[str, AblationResult], path: Path) -> None:
+    """Write the table into the generated part ``ablations`` of a document."""
+    documents.fill(path, {"ablations": markdown(results)})

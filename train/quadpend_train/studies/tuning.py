@@ -1,9 +1,10 @@
-"""Tuning the classical controllers on the training scenarios, by what policies are compared by.
+"""Search for gains of the classical controllers on the training scenarios, by the metric of the comparisons.
 
-The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios of the set ``training``:
-survival first, since a fall counts as 1 m, then accuracy. The search (CMA-ES, by Optuna) minimises it, but counts a
-fall the worse the earlier it comes, so that it finds its way among gains with which everything falls. What it finds is
-rounded to three digits and scored again in episodes that the search has not seen.
+The score of gains is the penalised RMSE in mm, averaged over the episodes and then over the scenarios of the set
+``training``. A fall counts as 1 m, so survival matters first, then accuracy. The search (CMA-ES of Optuna) minimises a
+similar loss, which is larger the earlier a fall is, so that the search also makes progress among gains for which every
+episode ends in a fall. The gains that it finds are rounded to three digits and scored in episodes that the search has
+not used.
 """
 
 import json
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import optuna
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import VectorEnv
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
@@ -28,12 +29,13 @@ from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
 from quadpend_train.scenarios import SETS, find_scenario, scenario_hash
+from quadpend_train.training.environment import concatenate_scenarios
 
-SCORE_SEED = TUNING_SEED + 100_000  # episodes to score what was found in
+SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
 SCORE_EPISODES = 200
 
-# Lowest and highest value, and where the search begins; on a logarithmic scale, since all are above zero.
-Range = tuple[float, float, float]
+# Lowest value, highest value and start of the search, which uses a logarithmic scale. All are above zero.
+SearchRange = tuple[float, float, float]
 _LQR = {
     "position": (0.02, 2.0, 0.187),
     "velocity": (0.05, 5.0, 1.55),
@@ -58,7 +60,7 @@ _LQI = {
     "estimator.bob_force_walk": (1e-3, 1.0, 4.83e-3),
     "estimator.torque_walk": (1e-3, 10.0, 0.15),
 }
-SPACES: dict[str, dict[str, Range]] = {
+SEARCH_SPACES: dict[str, dict[str, SearchRange]] = {
     "adrc-tuned": {
         "horizontal_bandwidth": (2.0, 10.0, 4.0),
         "vertical_bandwidth": (3.0, 15.0, 10.0),
@@ -103,77 +105,71 @@ SPACES: dict[str, dict[str, Range]] = {
 }
 
 
-def changed(gains: Any, values: dict[str, float]) -> Any:
-    """Gains with some fields changed, ``a.b`` being field b of field a."""
+def replace_gains(gains: Any, values: dict[str, float]) -> Any:
+    """Return gains with some fields replaced; the key ``a.b`` stands for field b of field a."""
     for path, value in values.items():
         name, _, rest = path.partition(".")
-        gains = replace(gains, **{name: changed(getattr(gains, name), {rest: value}) if rest else value})
+        gains = replace(gains, **{name: replace_gains(getattr(gains, name), {rest: value}) if rest else value})
     return gains
 
 
-def lost(flights: EpisodeResults) -> float:
-    """Mean penalised RMSE in mm, in which a fall at the very start counts twice."""
-    share = 1.0 - flights.steps / EPISODE_STEPS
-    return 1000.0 * float(np.mean(flights.penalised_rmse + np.where(flights.survived, 0.0, share)))
+def loss(results: EpisodeResults) -> float:
+    """Return the mean penalised RMSE in mm, with up to 1 m added for each fall, the more the earlier it is."""
+    remaining = 1.0 - results.steps / EPISODE_STEPS
+    return 1000.0 * float(np.mean(results.penalised_rmse + np.where(results.survived, 0.0, remaining)))
 
 
 def score(policy: Policy, episodes: int = SCORE_EPISODES, seed: int = SCORE_SEED) -> dict[str, tuple[float, float]]:
-    """Survival (%) and mean penalised RMSE (mm) in each training scenario."""
-    fleet: Any = Fleet(episodes)
-    flights = collect_results(rollout(policy, fleet, seed), fleet.num_envs)
-    parts = (np.split(array, len(SETS["training"])) for array in (flights.survived, flights.penalised_rmse))
+    """Return survival (%) and mean penalised RMSE (mm) in each training scenario."""
+    results = run_training_scenarios(policy, training_scenarios(episodes), seed)
+    parts = (np.split(array, len(SETS["training"])) for array in (results.survived, results.penalised_rmse))
     return {
         name: (100.0 * float(survived.mean()), 1000.0 * float(rmse.mean()))
         for name, survived, rmse in zip(SETS["training"], *parts, strict=True)
     }
 
 
-class Fleet:
-    """All training scenarios in the place of one environment, so that a policy is asked once for all of them."""
+def training_scenarios(episodes: int) -> VectorEnv[Any, Any, Any]:
+    """Return one vector environment with `episodes` sub-environments of each training scenario."""
+    scenarios = [find_scenario(name) for name in SETS["training"]]
+    return concatenate_scenarios(scenarios, episodes * len(scenarios))
 
-    def __init__(self, episodes: int) -> None:
-        scenarios = [find_scenario(name) for name in SETS["training"]]
-        self.envs = [scenario.make_vec(episodes, AutoresetMode.SAME_STEP) for scenario in scenarios]
-        self.num_envs = episodes * len(scenarios)
 
-    def reset(self, *, seed: int, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every row; every environment counts up from `seed`."""
-        return np.concatenate([env.reset(seed=seed, options=options)[0] for env in self.envs]), {}
+def run_training_scenarios(policy: Policy, env: VectorEnv[Any, Any, Any], seed: int) -> EpisodeResults:
+    """Run a policy through the same seeds in every training scenario.
 
-    def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """One step of every row, with what `rollout` needs of the info."""
-        parts = np.split(action, np.cumsum([env.num_envs for env in self.envs])[:-1])
-        outcomes = [env.step(part) for env, part in zip(self.envs, parts, strict=True)]
-        observation, reward, terminated, truncated = (
-            np.concatenate([outcome[i] for outcome in outcomes]) for i in range(4)
-        )
-        infos = [outcome[4] for outcome in outcomes]
-        names = ("tracking_error", "tilt")
-        last = [info.get("final_info", info) for info in infos]
-        info: dict[str, Any] = {name: np.concatenate([item[name] for item in infos]) for name in names}
-        info["final_info"] = {name: np.concatenate([item[name] for item in last]) for name in names}
-        return observation, reward, terminated, truncated, info
+    Args:
+        policy: Policy to run.
+        env: Environment of `training_scenarios`.
+        seed: Seed of the first episode of each scenario.
+
+    Returns:
+        Results of shape (scenarios · episodes,), the episodes of one scenario after those of another.
+    """
+    count = len(SETS["training"])
+    seeds = [seed + episode for _ in range(count) for episode in range(env.num_envs // count)]
+    return collect_results(rollout(policy, env, seeds), env.num_envs)
 
 
 def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> optuna.Study:
-    """Search the gains of a controller; a search that `folder` holds, by the same code, is gone on with.
+    """Search for gains of a controller; continue the search in `folder` if the code has not changed since.
 
     Args:
-        name: a key of `SPACES`.
-        trials: altogether.
-        episodes: in each scenario.
-        seed: of the search.
-        folder: for the journal of the trials.
+        name: Key of `SEARCH_SPACES`.
+        trials: Number of trials, including those in `folder`.
+        episodes: Number of episodes in each scenario.
+        seed: Seed of the search.
+        folder: Folder of the journal of the trials.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = JournalFileBackend(str(folder / f"{name}.log"))
     hashes = [scenario_hash(find_scenario(scenario)) for scenario in SETS["training"]]
-    start = {path: first for path, (_, _, first) in SPACES[name].items()}
-    with warnings.catch_warnings():  # x0 and sigma0 go with Optuna 6, which is why it must be below
+    start = {path: first for path, (_, _, first) in SEARCH_SPACES[name].items()}
+    with warnings.catch_warnings():  # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
         warnings.simplefilter("ignore", FutureWarning)
         sampler = optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
     study = optuna.create_study(
-        study_name=json.dumps([name, episodes, seed, SPACES[name], hashes, code_stamp()]),
+        study_name=json.dumps([name, episodes, seed, SEARCH_SPACES[name], hashes, code_stamp()]),
         storage=JournalStorage(file),
         sampler=sampler,
         load_if_exists=True,
@@ -186,31 +182,38 @@ def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> op
 
 
 def _objective(name: str, episodes: int) -> Callable[[optuna.Trial], float]:
-    fleet: Any = Fleet(episodes)
+    env = training_scenarios(episodes)
 
     def objective(trial: optuna.Trial) -> float:
-        values = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SPACES[name].items()}
-        policy = CONTROLLER_FACTORIES[name](changed(GAINS[name], values), None)
-        return lost(collect_results(rollout(policy, fleet, TUNING_SEED), fleet.num_envs))
+        values = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SEARCH_SPACES[name].items()}
+        policy = CONTROLLER_FACTORIES[name](replace_gains(GAINS[name], values), None)
+        return loss(run_training_scenarios(policy, env, TUNING_SEED))
 
     return objective
 
 
 def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Search and score; what was found is written to `folder`, as ``{name}.json``, and returned.
+    """Search for gains, score them, write both to ``{name}.json`` in `folder`, and return them.
+
+    Args:
+        name: Key of `SEARCH_SPACES`.
+        trials: Number of trials, including those in `folder`.
+        episodes: Number of episodes in each scenario.
+        seed: Seed of the search.
+        folder: Folder of the results and of the journal of the trials.
 
     Raises:
-        ValueError: the controller has nothing to tune, or a number is out of range.
+        ValueError: If the controller has no search space, or a number is out of range.
     """
-    if name not in SPACES:
-        raise ValueError(f"there is no controller {name!r} to tune; there are {', '.join(SPACES)}")
+    if name not in SEARCH_SPACES:
+        raise ValueError(f"there is no controller {name!r} to tune; there are {', '.join(SEARCH_SPACES)}")
     check_int(trials, "trials", 1)
     check_int(episodes, "episodes", 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = search(name, trials, episodes, seed, folder)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
     before, after = (
-        score(CONTROLLER_FACTORIES[name](gains, None)) for gains in (GAINS[name], changed(GAINS[name], values))
+        score(CONTROLLER_FACTORIES[name](gains, None)) for gains in (GAINS[name], replace_gains(GAINS[name], values))
     )
     found = {
         "command": f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}",
