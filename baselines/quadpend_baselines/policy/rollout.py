@@ -45,14 +45,14 @@ class RolloutStep(NamedTuple):
 
 
 def rollout(
-    policy: Policy, env: VectorEnv[Any, Any, Any], seed: int, options: dict[str, Any] | None = None
+    policy: Policy, env: VectorEnv[Any, Any, Any], seed: int | list[int], options: dict[str, Any] | None = None
 ) -> Iterator[RolloutStep]:
     """Fly the first episode of every row, until none flies any more.
 
     Args:
         policy: anything that obeys the `predict` protocol; it flies deterministically.
         env: with same-step autoreset.
-        seed: of the first row; the others count up from it.
+        seed: Seed of the first sub-environment, whose successors get consecutive seeds; or the seed of each one.
         options: of the reset.
     """
     observation, _ = env.reset(seed=seed, options=options)

@@ -185,7 +185,9 @@ def _objective(name: str, episodes: int) -> Callable[[optuna.Trial], float]:
     env = training_scenarios(episodes)
 
     def objective(trial: optuna.Trial) -> float:
-        values = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SEARCH_SPACES[name].items()}
+        values = {
+            path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SEARCH_SPACES[name].items()
+        }
         policy = CONTROLLER_FACTORIES[name](replace_gains(GAINS[name], values), None)
         return loss(run_training_scenarios(policy, env, TUNING_SEED))
 
