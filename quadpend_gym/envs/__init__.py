@@ -1,1 +1,1 @@
-"""The environments: the batch simulation and its two adapters, Env and VectorEnv."""
+"""The environments: the batched simulation and its two adapters, `gymnasium.Env` and `gymnasium.vector.VectorEnv`."""

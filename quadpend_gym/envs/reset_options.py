@@ -1,4 +1,4 @@
-"""The options of `reset`: which state and reference an episode starts from."""
+"""The options ``state`` and ``reference`` of `reset`, with which an episode starts."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,11 +13,11 @@ from quadpend_gym.tasks.references import Reference
 
 
 class ResetOptions(NamedTuple):
-    """What a reset fixes of new episodes; the rest is drawn.
+    """Checked options of a reset of m sub-environments; everything that they do not fix is drawn.
 
     Attributes:
-        state: fields of the state, each of shape (3,) or (m, 3).
-        reference: shape (20,) or (m, 20), or None to draw it.
+        state: Fixed fields of the state by name, each of shape (3,) or (m, 3).
+        reference: Fixed reference as an array of shape (20,) or (m, 20), or None.
     """
 
     state: dict[str, Floats]
@@ -27,22 +27,22 @@ class ResetOptions(NamedTuple):
 NO_OPTIONS = ResetOptions({}, None)
 
 
-def check_reset_options(state: Any, reference: Any, rows: int) -> ResetOptions:
-    """Check what the options of a reset fix, before anything changes.
+def check_reset_options(state: Any, reference: Any, count: int) -> ResetOptions:
+    """Check the options of a reset before the reset changes anything.
 
     Args:
-        state: a mapping from names in `STATE_FIELDS` to arrays of shape (3,) or (rows, 3), or None.
-        reference: a `Reference`, a mapping of its fields, one of these for each row, or None.
-        rows: number of rows that begin an episode.
+        state: A mapping from names in `STATE_FIELDS` to arrays of shape (3,) or (count, 3), or None.
+        reference: A `Reference`, a mapping of its fields, a sequence of `count` of these, or None.
+        count: Number of sub-environments that are reset.
 
     Raises:
-        TypeError: `state` or `reference` is of the wrong type.
-        ValueError: one of them has something unknown, a wrong shape or a value out of range.
+        TypeError: If `state` or `reference` has the wrong type.
+        ValueError: If `state` or `reference` has an unknown field, a wrong shape or a value out of range.
     """
-    return ResetOptions(_check_state(state, rows), _check_reference(reference, rows))
+    return ResetOptions(_check_state(state, count), _check_reference(reference, count))
 
 
-def _check_state(state: Any, rows: int) -> dict[str, Floats]:
+def _check_state(state: Any, count: int) -> dict[str, Floats]:
     if state is None:
         return {}
     if not isinstance(state, Mapping):
@@ -52,23 +52,23 @@ def _check_state(state: Any, rows: int) -> dict[str, Floats]:
         if name not in STATE_FIELDS:
             raise ValueError(f"options['state'] has no field {name!r}; the fields are {', '.join(STATE_FIELDS)}")
         array = as_float_array(value, f"options['state'][{name!r}]").astype(np.float64)
-        if array.shape not in {(3,), (rows, 3)}:
-            raise ValueError(f"options['state'][{name!r}] must have shape (3,) or ({rows}, 3), not {array.shape}")
+        if array.shape not in {(3,), (count, 3)}:
+            raise ValueError(f"options['state'][{name!r}] must have shape (3,) or ({count}, 3), not {array.shape}")
         if not (np.abs(array) < DIVERGENCE_LIMIT).all():
             raise ValueError(
                 f"options['state'][{name!r}] must be finite and below {DIVERGENCE_LIMIT:g}, not {array.tolist()}"
             )
         checked[name] = array
     if "direction" in checked and not np.linalg.norm(checked["direction"], axis=-1).all():
-        raise ValueError("options['state']['direction'] must not be zero")
+        raise ValueError("options['state']['direction'] must be nonzero vectors, not zero")
     return checked
 
 
-def _check_reference(reference: Any, rows: int) -> Floats | None:
+def _check_reference(reference: Any, count: int) -> Floats | None:
     if reference is None:
         return None
     if isinstance(reference, Sequence) and not isinstance(reference, str):
-        if len(reference) != rows:
-            raise ValueError(f"options['reference'] must be one reference or {rows}, not {len(reference)}")
+        if len(reference) != count:
+            raise ValueError(f"options['reference'] must be one reference or {count} references, not {len(reference)}")
         return np.array([from_plain(Reference, item, "reference").as_array() for item in reference])
     return from_plain(Reference, reference, "reference").as_array()

@@ -1,4 +1,4 @@
-"""Spaces of observations and actions, and the checks of what the user passes in."""
+"""Spaces of observations and actions, and checks of the arguments of `reset` and `step`."""
 
 from typing import Any
 
@@ -7,28 +7,29 @@ from gymnasium import spaces
 
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.validation import as_float_array
+from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
 _FLOAT32 = np.dtype(np.float32)
 
 
 def observation_space(size: int = OBSERVATION_SIZE) -> spaces.Box:
-    """The space of one observation, any finite numbers; see `quadpend_gym.tasks.observation` for its layout."""
+    """Return the space of one observation of `size` finite numbers; `quadpend_gym.tasks.observation` has the layout."""
     largest = float(np.finfo(np.float32).max)
     return spaces.Box(-largest, largest, (size,), np.float32)
 
 
 def action_space() -> spaces.Box:
-    """The space of one action: thrust and the torques about roll, pitch and yaw."""
-    return spaces.Box(-1.0, 1.0, (4,), np.float32)
+    """Return the space of one action: thrust and the torques about roll, pitch and yaw, scaled to [−1, 1]."""
+    return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
 def check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
-    """The options of a reset, after a check that all of them are known.
+    """Check that the options of a reset are a dict with known keys, and return them; None becomes an empty dict.
 
     Raises:
-        TypeError: `options` is not a dict.
-        ValueError: it has an unknown key.
+        TypeError: If `options` is not a dict.
+        ValueError: If `options` has an unknown key.
     """
     if options is None:
         return {}
@@ -40,16 +41,18 @@ def check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dic
 
 
 def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
-    """`action` as a float32 array.
+    """Check shape and type of an action and return it as a contiguous float32 array.
+
+    `World.step` checks the range.
 
     Raises:
-        TypeError: it is not made of numbers.
-        ValueError: it has another shape.
+        TypeError: If `action` does not consist of numbers.
+        ValueError: If `action` does not have the shape `shape`.
     """
     if isinstance(action, np.ndarray) and action.dtype is _FLOAT32 and action.shape == shape:
         return action if action.flags.c_contiguous else np.ascontiguousarray(action)
     array = as_float_array(action, "action")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, not {array.shape}")
-    with np.errstate(over="ignore"):  # what overflows is refused as out of range
+    with np.errstate(over="ignore"):  # an overflow gives inf, which `World.step` rejects
         return array.astype(np.float32, order="C")

@@ -1,16 +1,19 @@
-"""Wrappers that bring the real world: each for a single environment and, as ``Vector…``, for a vector of them.
+"""Wrappers for non-ideal conditions and for other observations.
 
-| wrapper                 | what it brings                                    | models                        |
-|-------------------------|---------------------------------------------------|-------------------------------|
-| `WindWrapper`           | forces, torques, moving air                       | `quadpend_gym.wind`           |
-| `SensorWrapper`         | noise, delay, dropout                             | `quadpend_gym.sensors`        |
-| `ActuatorWrapper`       | rotors, lag, delay, rate limits, faults           | `quadpend_gym.actuators`      |
-| `ParameterWrapper`      | other physical parameters in each episode         | `quadpend_gym.randomization`  |
-| `OutputFeedbackWrapper` | no velocities                                     |                               |
-| `HistoryWrapper`        | the latest observations and actions side by side  |                               |
+Each wrapper exists for a single environment and, with the prefix ``Vector``, for a vector environment.
 
-The specification of a single environment holds its wrappers, and goes to JSON with them. That of a vector environment
-holds no wrappers (Gymnasium's neither), only the wind that it was made with.
+| wrapper                 | effect                                                   | models                       |
+|-------------------------|----------------------------------------------------------|------------------------------|
+| `WindWrapper`           | adds forces, torques and moving air                      | `quadpend_gym.wind`          |
+| `SensorWrapper`         | adds noise, delay and dropout to the measured state      | `quadpend_gym.sensors`       |
+| `ActuatorWrapper`       | adds rotors, lag, delay, rate limits and faults          | `quadpend_gym.actuators`     |
+| `ParameterWrapper`      | draws the physical parameters of each episode            | `quadpend_gym.randomization` |
+| `OutputFeedbackWrapper` | removes the velocities from the observation              |                              |
+| `HistoryWrapper`        | stacks the latest observations and actions               |                              |
+
+The specification of a single environment contains its wrappers and can be converted to JSON with them. The
+specification of a vector environment contains no wrappers, as with Gymnasium's own vector wrappers, but it contains the
+wind that the environment was made with.
 """
 
 from quadpend_gym.wrappers.observation import (

@@ -1,8 +1,8 @@
-"""Wind, sensors, actuators and uncertain parameters around an environment.
+"""Wrappers that add wind, sensors, actuators and uncertain parameters to an environment.
 
-These wrappers change the world underneath, `QuadPendulumEnv` or `QuadPendulumVectorEnv`, from the next reset on; other
-wrappers in between see the changed observations and act through the changed actuators. Env and VectorEnv get the same
-numbers for the same seed.
+These wrappers change the simulation of the innermost environment, a `QuadPendulumEnv` or `QuadPendulumVectorEnv`; the
+next reset applies the change. Wrappers in between receive the changed observations, and their actions pass through the
+changed actuators. Env and VectorEnv return the same numbers for the same seed.
 """
 
 from typing import Any
@@ -21,9 +21,10 @@ AnyEnv = gym.Env[Any, Any] | VectorEnv[Any, Any, Any]
 
 
 def _world(env: AnyEnv) -> World:
+    """Return the simulation of the innermost environment."""
     world = getattr(env.unwrapped, "world", None)
     if not isinstance(world, World):
-        raise TypeError(f"only a QuadPendulum environment can be wrapped so, not {env}")
+        raise TypeError(f"env must be a QuadPendulum environment, wrapped or not, not {env}")
     return world
 
 
@@ -44,15 +45,15 @@ def _draw_parameters(env: AnyEnv, ranges: Any) -> None:
 
 
 class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Let `wind` blow in `env`, besides what blows there already.
+    """Add wind to the wind that `env` already has.
 
     Args:
-        env: a QuadPendulum environment, wrapped or not.
-        wind: a model of `quadpend_gym.wind`, a sum of them, the name of a preset, or a mapping with its kind.
+        env: A QuadPendulum environment, wrapped or not.
+        wind: A model of `quadpend_gym.wind`, a sum of models, the name of a preset, or a mapping with a ``kind``.
 
     Raises:
-        TypeError: `env` is another environment, or `wind` is not a wind model.
-        ValueError: `wind` names something unknown, or has an unknown setting or one out of range.
+        TypeError: If `env` is another environment, or `wind` is not a wind model.
+        ValueError: If `wind` has an unknown name, kind or setting, or a setting out of range.
     """
 
     def __init__(self, env: gym.Env[Any, Any], wind: Any) -> None:
@@ -72,15 +73,19 @@ class VectorWindWrapper(VectorWrapper):
 
 
 class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Observe `env` through sensors; those of an outer wrapper work on what those of an inner one measured.
+    """Compute the observation of `env` from measured states instead of the true ones.
+
+    The sensors of an outer wrapper are applied to the output of the sensors of an inner one. Reward, termination and
+    info do not change.
 
     Args:
-        env: a QuadPendulum environment, wrapped or not.
-        sensors: a model of `quadpend_gym.sensors`, a mapping with its kind, or a list of these, in order.
+        env: A QuadPendulum environment, wrapped or not.
+        sensors: A model of `quadpend_gym.sensors`, a mapping with a ``kind``, or a list of these in the order in which
+            they are applied.
 
     Raises:
-        TypeError: `env` is another environment, or `sensors` are not sensor models.
-        ValueError: a kind or setting is unknown or out of range.
+        TypeError: If `env` is another environment, or `sensors` are not sensor models.
+        ValueError: If a kind or setting is unknown, or a setting is out of range.
     """
 
     def __init__(self, env: gym.Env[Any, Any], sensors: Any) -> None:
@@ -100,15 +105,19 @@ class VectorSensorWrapper(VectorWrapper):
 
 
 class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Act on `env` through actuators; an action passes those of an outer wrapper first.
+    """Pass the actions through actuators before they act on `env`; ``info["command"]`` has the resulting command.
+
+    An action passes the actuators of an outer wrapper before those of an inner one.
 
     Args:
-        env: a QuadPendulum environment, wrapped or not.
-        actuators: a model of `quadpend_gym.actuators`, a mapping with its kind, or a list of these, in order.
+        env: A QuadPendulum environment, wrapped or not.
+        actuators: A model of `quadpend_gym.actuators`, a mapping with a ``kind``, or a list of these in the order in
+            which an action passes them.
 
     Raises:
-        TypeError: `env` is another environment, or `actuators` are not actuator models.
-        ValueError: a kind or setting is unknown or out of range, or the models make no sense in this order.
+        TypeError: If `env` is another environment, or `actuators` are not actuator models.
+        ValueError: If a kind or setting is unknown, a setting is out of range, or the models do not fit together in
+            this order.
     """
 
     def __init__(self, env: gym.Env[Any, Any], actuators: Any) -> None:
@@ -128,16 +137,16 @@ class VectorActuatorWrapper(VectorWrapper):
 
 
 class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Draw the physical parameters of each episode; ``info["parameters"]`` tells the true ones.
+    """Draw the physical parameters of each episode; ``info["parameters"]`` has the true values.
 
     Args:
-        env: a QuadPendulum environment, wrapped or not.
-        ranges: `ParameterRanges`, or `Around` for a share of the parameters of `env`, or a mapping of the fields of
+        env: A QuadPendulum environment, wrapped or not.
+        ranges: `ParameterRanges`, `Around` for ranges around the parameters of `env`, or a mapping of the fields of
             either.
 
     Raises:
-        TypeError: `env` is another environment, or `ranges` are none.
-        ValueError: a parameter is unknown, a range is out of order, or the parameters of `env` are drawn already.
+        TypeError: If `env` is another environment, or `ranges` is not of these types.
+        ValueError: If a parameter is unknown, a range is out of order, or the parameters of `env` are drawn already.
     """
 
     def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:

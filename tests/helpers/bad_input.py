@@ -1,4 +1,4 @@
-"""Wrong input, and the check that it is refused in one sentence."""
+"""Wrong input, and the check that the error message is one sentence."""
 
 import copy
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from tests.helpers.envs import assert_same, draw_actions, run_actions
 ERRORS = (TypeError, ValueError, gym.error.Error)
 
 
-Table = dict[str, tuple[Any, Any, str]]  # value, kind of error, what the message names
+Table = dict[str, tuple[Any, Any, str]]  # value, type of the error, pattern of its message
 
 
 ROWS = 3
@@ -24,14 +24,14 @@ ZEROS = np.zeros((ROWS, 4))
 
 
 def assert_refused(call: Callable[[], Any], names: str, kind: Any = ERRORS) -> None:
-    """`call` raises one sentence that matches `names`."""
+    """Assert that `call` raises an error of type `kind` whose message is one line and matches `names`."""
     with pytest.raises(kind, match=names) as caught:
         call()
     assert "\n" not in str(caught.value)
 
 
-def in_row(row: int, *action: Any) -> Any:
-    """Actions of which one row's is special."""
+def with_action(row: int, *action: Any) -> Any:
+    """Return zero actions of a vector env with one action replaced."""
     actions = ZEROS.copy()
     actions[row] = action
     return actions
@@ -53,7 +53,7 @@ BAD_ACTIONS: Table = {
     "text": ("hover", TypeError, "action must contain only numbers, not 'hover'"),
     "numerals": (("1", "0", "0", "0"), TypeError, "action must contain only numbers"),
     "nothing": (None, TypeError, "action must contain only numbers, not None"),
-    "nothings": ((None,) * 4, TypeError, "action must contain only numbers"),
+    "list of nothing": ((None,) * 4, TypeError, "action must contain only numbers"),
     "complex": (np.zeros(4, complex), TypeError, "action must contain only numbers"),
     "ragged": (((0, 0), (0,)), TypeError, "action must contain only numbers"),
     "mapping": ({"thrust": 1.0}, TypeError, "action must contain only numbers"),
@@ -61,7 +61,7 @@ BAD_ACTIONS: Table = {
 
 
 def cases(table: Table) -> pytest.MarkDecorator:
-    """A table as parameters of a test."""
+    """Return a table of bad input as parameters of a test."""
     return pytest.mark.parametrize(("value", "kind", "names"), table.values(), ids=table.keys())
 
 

@@ -1,4 +1,4 @@
-"""What the tests of the environments share: makers, winds, actions, flights and exact comparison."""
+"""Helpers for tests of environments: constructors, winds, actions, stepping and exact comparison."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -21,7 +21,7 @@ from quadpend_gym.core.arrays import Floats32
 
 IDS = ("QuadPendulum-v0", "QuadPendulumHover-v0")
 AUTORESET_MODES = ("NextStep", "SameStep", "Disabled")
-# Every model at once, with gusts that set in before an episode can end.
+# Every wind model at once, with gusts that start before an episode can end.
 WINDY = (
     OrnsteinUhlenbeck(force=0.5, bob_force=0.1, torque=(0.02, 0.02, 0.01))
     + Sinusoid(force=(0.2, 0.0, 0.1), frequency=3.0)
@@ -30,7 +30,7 @@ WINDY = (
 )
 NO_LIMITS = Limits(pendulum_angle=np.pi, body_angle=np.pi, tracking_error=1e9, ground=-1e9)
 ENDLESS = Task(limits=NO_LIMITS)
-# Standing still at the point that `Reference.hover()` names.
+# The state of rest that tracks `Reference.hover()` exactly.
 AT_REST = {
     "position": (0.0, 0.0, 2.0),
     "velocity": (0.0, 0.0, 0.0),
@@ -42,41 +42,41 @@ AT_REST = {
 
 
 def make(**kwargs: Any) -> gym.Env[Any, Any]:
-    """The tracking environment with Gymnasium's own wrappers around it."""
+    """Return the tracking environment with Gymnasium's own wrappers."""
     return gym.make("QuadPendulum-v0", **kwargs)
 
 
 def make_unwrapped(**kwargs: Any) -> QuadPendulumEnv:
-    """The tracking environment without wrappers and time limit."""
+    """Return the tracking environment without wrappers and without a time limit."""
     env = make(**kwargs).unwrapped
     assert isinstance(env, QuadPendulumEnv)
     return env
 
 
 def make_vec(num_envs: int, **kwargs: Any) -> QuadPendulumVectorEnv:
-    """The native vector environment of the tracking task."""
+    """Return the native vector environment of the tracking task."""
     env = gym.make_vec("QuadPendulum-v0", num_envs=num_envs, **kwargs)
     assert isinstance(env, QuadPendulumVectorEnv)
     return env
 
 
 def draw_actions(seed: int, *shape: int) -> Floats32:
-    """Actions for a flight: every component uniform in ±1, shape (*shape, 4)."""
+    """Return random actions, every component uniform in ±1, shape (*shape, 4)."""
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (*shape, 4)).astype(np.float32)
 
 
 def run_actions(env: Any, actions: Iterable[Any]) -> list[Any]:
-    """Everything that `env`, an Env or a VectorEnv, returns while it takes one action after the other."""
+    """Step `env`, an Env or a VectorEnv, with one action after the other, and return what each step returned."""
     return [env.step(action) for action in actions]
 
 
-def rewards(flight: list[Any]) -> Any:
-    """The rewards of a flight, one after the other."""
-    return np.array([reward for _, reward, *_ in flight])
+def rewards(steps: list[Any]) -> Any:
+    """Return the rewards of the steps that `run_actions` returned."""
+    return np.array([reward for _, reward, *_ in steps])
 
 
 def assert_same(one: Any, other: Any) -> None:
-    """Exact equality, to the last bit, of nested tuples, lists, dicts, arrays and numbers."""
+    """Assert exact equality of nested tuples, lists, dicts, arrays and numbers."""
     if isinstance(one, dict):
         assert one.keys() == other.keys()
         for key, value in one.items():
@@ -90,7 +90,7 @@ def assert_same(one: Any, other: Any) -> None:
 
 
 def select_info(info: dict[str, Any], row: Any) -> dict[str, Any]:
-    """Row `row` of a vector environment's info, as the single environment would give it."""
+    """Return the info of one sub-environment in the form of the single environment's info."""
     return {
         key: select_info(value, row) if isinstance(value, dict) else value[row]
         for key, value in info.items()

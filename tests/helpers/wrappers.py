@@ -1,4 +1,4 @@
-"""Stacks of wrappers as data, for a single environment and for a vector of them alike."""
+"""Stacks of wrappers as data, for single and for vector environments."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Delay, Dropout, Noise
 from tests.helpers.envs import AUTORESET_MODES, draw_actions, make, make_vec
 
-Layers = list[tuple[Any, ...]]  # from the inside out: the name of a wrapper, then its arguments
+Layers = list[tuple[Any, ...]]  # name and arguments of each wrapper, the innermost first
 
 NOISE = Noise(
     position={"white": 0.002, "bias": 0.01, "walk": 0.01, "quantum": 0.001},
@@ -42,8 +42,8 @@ STACKS: dict[str, Layers] = {
     "outputs": [OUTPUTS],
     "history": [HISTORY],
     "outputs, history": [OUTPUTS, HISTORY],
-    "all, the world inside": [TURBULENCE, PARAMETERS, ACTUATORS, SENSORS, OUTPUTS, HISTORY],
-    "all, the world outside": [OUTPUTS, HISTORY, SENSORS, WIND, ACTUATORS, PARAMETERS],
+    "all, the simulation inside": [TURBULENCE, PARAMETERS, ACTUATORS, SENSORS, OUTPUTS, HISTORY],
+    "all, the simulation outside": [OUTPUTS, HISTORY, SENSORS, WIND, ACTUATORS, PARAMETERS],
     "all, mixed and some twice": [
         ("ActuatorWrapper", [MotorLag(), Rotors()]),
         ("SensorWrapper", Delay()),
@@ -56,7 +56,7 @@ STACKS: dict[str, Layers] = {
         ("HistoryWrapper", 2),
     ],
 }
-# Some episodes are terminated, the others truncated, and every row has a few.
+# Limits with which some episodes terminate, others are truncated, and every sub-environment has several episodes.
 SHORT: dict[str, Any] = {
     "task": Task(limits=Limits(body_angle=0.5, pendulum_angle=0.25, tracking_error=0.13)),
     "max_episode_steps": 20,
@@ -64,7 +64,7 @@ SHORT: dict[str, Any] = {
 
 
 def wrapped(env: Any, layers: Layers) -> Any:
-    """`env`, an Env or a VectorEnv, in wrappers, the first of them innermost."""
+    """Return `env`, an Env or a VectorEnv, inside wrappers, the first of them innermost."""
     prefix = "Vector" if isinstance(env, VectorEnv) else ""
     for name, *arguments in layers:
         env = getattr(wrappers, prefix + name)(env, *arguments)
@@ -72,21 +72,24 @@ def wrapped(env: Any, layers: Layers) -> Any:
 
 
 def make_wrapped(layers: Layers, **kwargs: Any) -> gym.Env[Any, Any]:
-    """A single environment in wrappers."""
+    """Return a single environment inside wrappers."""
     return wrapped(make(**kwargs), layers)
 
 
 def make_wrapped_vec(rows: int, layers: Layers, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
-    """The native vector environment in wrappers."""
+    """Return the native vector environment inside wrappers."""
     return wrapped(make_vec(rows, **kwargs), layers)
 
 
 def make_sync_vec(rows: int, layers: Layers, mode: str, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
-    """What Gymnasium makes of wrapped single environments: the oracle of the wrapped vector environment."""
+    """Return Gymnasium's vector of wrapped single environments, the expected result for the wrapped vector env."""
     assert mode in AUTORESET_MODES
     return SyncVectorEnv([lambda: make_wrapped(layers, **kwargs)] * rows, autoreset_mode=mode)
 
 
 def biased_actions(steps: int, rows: int) -> Floats32:
-    """Actions with a bias of each row's own, shape (steps, rows, 4): rows end at different times."""
+    """Return actions with a different bias for each sub-environment, so that episodes end at different times.
+
+    Shape (steps, rows, 4).
+    """
     return 0.3 * draw_actions(0, steps, rows) + 0.7 * draw_actions(1, rows)

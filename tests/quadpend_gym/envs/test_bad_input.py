@@ -1,4 +1,4 @@
-"""Wrong input is refused in one sentence that names it, and leaves everything as it was."""
+"""Wrong input raises an error of one sentence that names it, and leaves the environment unchanged."""
 
 import copy
 import re
@@ -37,15 +37,15 @@ from tests.helpers.bad_input import (
     assert_refused,
     assert_refused_unchanged,
     cases,
-    in_row,
+    with_action,
 )
 from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make, make_unwrapped, make_vec, run_actions
 
-BAD_ROW_ACTIONS: Table = {
-    "nan in the first row": (in_row(0, NAN, 0, 0, 0), ValueError, "action of sub-environment 0 .*nan"),
-    "nan in the last row": (in_row(2, 0, 0, 0, NAN), ValueError, "action of sub-environment 2 .* nan"),
-    "infinite": (in_row(1, 0, -INF, 0, 0), ValueError, "action of sub-environment 1 .* -inf"),
-    "too large": (in_row(1, 0, 0, 1.5, 0), ValueError, r"action of sub-environment 1 .* \[-1, 1\], not .* 1.5"),
+BAD_VECTOR_ACTIONS: Table = {
+    "nan in the first action": (with_action(0, NAN, 0, 0, 0), ValueError, "action of sub-environment 0 .*nan"),
+    "nan in the last action": (with_action(2, 0, 0, 0, NAN), ValueError, "action of sub-environment 2 .* nan"),
+    "infinite": (with_action(1, 0, -INF, 0, 0), ValueError, "action of sub-environment 1 .* -inf"),
+    "too large": (with_action(1, 0, 0, 1.5, 0), ValueError, r"action of sub-environment 1 .* \[-1, 1\], not .* 1.5"),
     "one for all": (np.zeros(4), ValueError, r"action must have shape \(3, 4\), not \(4,\)"),
     "too many rows": (np.zeros((4, 4)), ValueError, r"action must have shape \(3, 4\), not \(4, 4\)"),
     "text": ("hover", TypeError, "action must contain only numbers"),
@@ -58,12 +58,12 @@ BAD_OPTIONS: Table = {
     "unknown field": ({"state": {"speed": (0, 0, 0)}}, ValueError, "no field 'speed'; the fields are position"),
     "short field": ({"state": {"position": (0, 0)}}, ValueError, r"'position'.* shape .* not \(2,\)"),
     "scalar field": ({"state": {"euler": 0.0}}, ValueError, r"'euler'.* shape .* not \(\)"),
-    "rows that are not there": ({"state": {"euler": np.zeros((7, 3))}}, ValueError, r"'euler'.* shape .* not \(7, 3\)"),
+    "too many rows": ({"state": {"euler": np.zeros((7, 3))}}, ValueError, r"'euler'.* shape .* not \(7, 3\)"),
     "nan": ({"state": {"velocity": (0, NAN, 0)}}, ValueError, "'velocity'.* finite.* nan"),
     "infinite": ({"state": {"velocity": (0, INF, 0)}}, ValueError, "'velocity'.* finite.* inf"),
-    "astronomical": ({"state": {"velocity": (0, 1e300, 0)}}, ValueError, "'velocity'.* below"),
-    "textual": ({"state": {"velocity": "fast"}}, TypeError, "'velocity'.* numbers, not 'fast'"),
-    "no direction": ({"state": {"direction": (0, 0, 0)}}, ValueError, "'direction'.* zero"),
+    "too large": ({"state": {"velocity": (0, 1e300, 0)}}, ValueError, "'velocity'.* below"),
+    "text": ({"state": {"velocity": "fast"}}, TypeError, "'velocity'.* numbers, not 'fast'"),
+    "zero direction": ({"state": {"direction": (0, 0, 0)}}, ValueError, "'direction'.* zero"),
     "bad after good": ({"state": {"position": (9, 9, 9), "euler": NAN}}, ValueError, "'euler'"),
     "reference of the wrong type": ({"reference": "circle"}, TypeError, "reference must be a Reference"),
     "reference with an unknown field": ({"reference": {"radius": 1.0}}, ValueError, "reference has no field 'radius'"),
@@ -73,39 +73,39 @@ BAD_OPTIONS: Table = {
     "bad reference with a good state": ({"state": {"position": (9, 9, 9)}, "reference": 5}, TypeError, "reference"),
 }
 MASK = np.ones(ROWS, np.bool_)
-BAD_ROW_OPTIONS: Table = {
+BAD_VECTOR_OPTIONS: Table = {
     "mask of the wrong type": ({"reset_mask": [True] * ROWS}, ValueError, "'reset_mask'.* boolean array"),
     "mask of numbers": ({"reset_mask": np.ones(ROWS)}, ValueError, "'reset_mask'.* boolean array"),
     "mask of the wrong shape": ({"reset_mask": np.ones(2, np.bool_)}, ValueError, r"'reset_mask'.* shape \(3,\)"),
     "empty mask": ({"reset_mask": ~MASK}, ValueError, "'reset_mask'.* True"),
-    "a direction of nothing in one row": (
+    "zero direction in one sub-environment": (
         {"state": {"direction": [(0, 0, 1), (0, 0, 0), (0, 0, 1)]}},
         ValueError,
         "'direction'.* zero",
     ),
-    "more rows than are reset": (
+    "more values than sub-environments that are reset": (
         {"reset_mask": np.arange(ROWS) == 1, "state": {"position": np.zeros((ROWS, 3))}},
         ValueError,
         r"'position'.* shape \(3,\) or \(1, 3\)",
     ),
 }
 BAD_SEEDS = {"negative": -1, "float": 1.0, "text": "one", "list": [1]}
-BAD_ROW_SEEDS = {
+BAD_VECTOR_SEEDS = {
     "negative": -1,
     "float": 1.0,
     "text": "one",
     "set": {1, 2, 3},
     "too few": [1, 2],
     "too many": [1, 2, 3, 4],
-    "negative in a row": [1, -2, None],
-    "float in a row": [1, 2, 3.5],
-    "text in a row": ["a", "b", "c"],
+    "negative in a list": [1, -2, None],
+    "float in a list": [1, 2, 3.5],
+    "text in a list": ["a", "b", "c"],
 }
 
 
 @pytest.fixture
 def single() -> Any:
-    """A windy environment in mid-episode."""
+    """A windy environment during an episode."""
     env = make_unwrapped(wind=WINDY, task=ENDLESS)
     env.reset(seed=1)
     run_actions(env, draw_actions(0, 5))
@@ -114,7 +114,7 @@ def single() -> Any:
 
 @pytest.fixture
 def rows() -> Any:
-    """A windy vector environment in mid-episode."""
+    """A windy vector environment during an episode."""
     env = make_vec(ROWS, wind=WINDY)
     env.reset(seed=1)
     run_actions(env, draw_actions(0, 5, ROWS))
@@ -126,8 +126,8 @@ def test_a_bad_action_is_refused(single: Any, value: Any, kind: Any, names: str)
     assert_refused_unchanged(single, lambda: single.step(value), names, kind)
 
 
-@cases(BAD_ROW_ACTIONS)
-def test_a_bad_action_in_a_row_is_refused(rows: Any, value: Any, kind: Any, names: str) -> None:
+@cases(BAD_VECTOR_ACTIONS)
+def test_a_bad_action_of_a_vector_env_is_refused(rows: Any, value: Any, kind: Any, names: str) -> None:
     assert_refused_unchanged(rows, lambda: rows.step(value), names, kind)
 
 
@@ -138,8 +138,8 @@ def test_a_bad_option_is_refused(single: Any, seed: Any, value: Any, kind: Any, 
 
 
 @pytest.mark.parametrize("seed", [None, 9, [7, 8, 9]])
-@cases({**BAD_OPTIONS, **BAD_ROW_OPTIONS})
-def test_a_bad_option_for_many_rows_is_refused(rows: Any, seed: Any, value: Any, kind: Any, names: str) -> None:
+@cases({**BAD_OPTIONS, **BAD_VECTOR_OPTIONS})
+def test_a_bad_option_of_a_vector_env_is_refused(rows: Any, seed: Any, value: Any, kind: Any, names: str) -> None:
     assert_refused_unchanged(rows, lambda: rows.reset(seed=seed, options=value), names, kind)
 
 
@@ -149,13 +149,13 @@ def test_a_bad_seed_is_refused(single: Any, seed: Any) -> None:
     assert_refused_unchanged(single, lambda: single.reset(seed=seed, options=options), "(?i)seed")
 
 
-@pytest.mark.parametrize("seed", BAD_ROW_SEEDS.values(), ids=BAD_ROW_SEEDS.keys())
-def test_a_bad_seed_for_many_rows_is_refused(rows: Any, seed: Any) -> None:
+@pytest.mark.parametrize("seed", BAD_VECTOR_SEEDS.values(), ids=BAD_VECTOR_SEEDS.keys())
+def test_a_bad_seed_of_a_vector_env_is_refused(rows: Any, seed: Any) -> None:
     options = {"state": {"position": (9.0, 9.0, 9.0)}}
     assert_refused_unchanged(rows, lambda: rows.reset(seed=seed, options=options), "(?i)seed")
 
 
-def test_a_bad_option_before_the_first_reset_leaves_no_trace_either() -> None:
+def test_a_bad_option_before_the_first_reset_changes_nothing() -> None:
     env, fresh = make_vec(ROWS), make_vec(ROWS)
     assert_refused(lambda: env.reset(seed=5, options={"state": {"height": 1.0}}), "height")
     assert_refused(lambda: env.step(ZEROS), "call reset", ResetNeeded)
@@ -172,17 +172,17 @@ BAD_ARGUMENTS: Table = {
     "parameters of the wrong type": ({"simulation": {"parameters": 1}}, TypeError, "parameters must be a Parameters"),
     "wind of the wrong type": ({"wind": 3.0}, TypeError, "wind must be a wind model,.* not 3.0"),
     "wind of an unknown name": ({"wind": "gale"}, ValueError, "no wind 'gale'; there are calm, breeze, windy, storm"),
-    "a class of wind": ({"wind": Constant}, TypeError, "wind must be a wind model,.* not .*Constant"),
+    "wind class instead of a model": ({"wind": Constant}, TypeError, "wind must be a wind model,.* not .*Constant"),
     "wind without a kind": ({"wind": {"force": 1.0}}, ValueError, "no kind None; the kinds are constant"),
     "wind of an unknown kind": ({"wind": {"kind": "storm"}}, ValueError, "no kind 'storm'"),
     "wind with an unknown field": ({"wind": {"kind": "constant", "gust": 1}}, ValueError, "wind has no field 'gust'"),
     "render_mode": ({"render_mode": "ansi"}, ValueError, "render_mode must .* not 'ansi'"),
 }
-BAD_ROW_ARGUMENTS: Table = {
-    "no rows": ({"num_envs": 0}, ValueError, "num_envs must .* not 0"),
-    "half a row": ({"num_envs": 1.5}, ValueError, "num_envs must .* not 1.5"),
-    "no time": ({"max_episode_steps": 0}, ValueError, "max_episode_steps must .* not 0"),
-    "fractional time": ({"max_episode_steps": 10.0}, ValueError, "max_episode_steps must .* not 10.0"),
+BAD_VECTOR_ARGUMENTS: Table = {
+    "no sub-environments": ({"num_envs": 0}, ValueError, "num_envs must .* not 0"),
+    "fractional number of sub-environments": ({"num_envs": 1.5}, ValueError, "num_envs must .* not 1.5"),
+    "no steps": ({"max_episode_steps": 0}, ValueError, "max_episode_steps must .* not 0"),
+    "fractional number of steps": ({"max_episode_steps": 10.0}, ValueError, "max_episode_steps must .* not 10.0"),
     "unknown autoreset mode": ({"autoreset_mode": "never"}, ValueError, "autoreset_mode must .* not 'never'"),
 }
 
@@ -194,7 +194,7 @@ def test_a_bad_argument_is_refused(value: Any, kind: Any, names: str) -> None:
     assert_refused(lambda: make_vec(2, **value), names, kind)
 
 
-@cases(BAD_ROW_ARGUMENTS)
+@cases(BAD_VECTOR_ARGUMENTS)
 def test_a_bad_argument_of_a_vector_env_is_refused(value: Any, kind: Any, names: str) -> None:
     assert_refused(lambda: make_vec(**{"num_envs": 2, **value}), names, kind)
 
@@ -248,7 +248,7 @@ def test_weights_must_not_all_be_zero(kind: Any, weights: dict[str, float]) -> N
     assert_refused(lambda: kind(**weights), "above zero", ValueError)
 
 
-def test_members_of_a_sum_must_be_models() -> None:
+def test_a_sum_accepts_wind_models_only() -> None:
     assert_refused(lambda: Sum((Constant(), 3.0)), "wind must be a wind model,.* not 3.0", TypeError)
     assert_refused(lambda: Constant() + "gust", "no wind 'gust'; there are calm", ValueError)
 
@@ -260,34 +260,34 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
     assert_refused(lambda: env.step(ZEROS), "sub-environment 1 .* call reset before step", ResetNeeded)
 
 
-def test_wind_that_is_added_in_mid_episode_asks_for_a_reset(single: Any, rows: Any) -> None:
+def test_a_step_after_wind_is_added_needs_a_reset(single: Any, rows: Any) -> None:
     assert_refused(lambda: WindWrapper(single, Constant()).step(np.zeros(4)), "call reset before step", ResetNeeded)
     assert_refused(lambda: VectorWindWrapper(rows, Constant()).step(ZEROS), "call reset before step", ResetNeeded)
 
 
-def test_wind_blows_in_these_environments_only() -> None:
+def test_wind_wrappers_accept_quadpendulum_environments_only() -> None:
     assert_refused(lambda: WindWrapper(gym.make("CartPole-v1"), Constant()), "QuadPendulum", TypeError)
     assert_refused(lambda: VectorWindWrapper(gym.make_vec("CartPole-v1"), Constant()), "QuadPendulum", TypeError)
 
 
-def test_bad_wind_in_a_wrapper_leaves_the_environment_as_it_was(single: Any, rows: Any) -> None:
+def test_bad_wind_in_a_wrapper_changes_nothing(single: Any, rows: Any) -> None:
     assert_refused_unchanged(single, lambda: WindWrapper(single, "gale"), "no wind 'gale'")
     assert_refused_unchanged(rows, lambda: VectorWindWrapper(rows, {"kind": "gale"}), "no kind 'gale'")
 
 
-def test_a_row_that_has_ended_cannot_be_stepped_when_autoreset_is_disabled() -> None:
+def test_an_ended_sub_environment_cannot_be_stepped_when_autoreset_is_disabled() -> None:
     env = make_vec(ROWS, wind=WINDY, autoreset_mode="Disabled", max_episode_steps=5)
     env.reset(seed=0)
     run_actions(env, np.zeros((4, ROWS, 4)))
     env.reset(options={"reset_mask": np.array([True, False, False])})
     env.step(ZEROS)
     env.reset(options={"reset_mask": np.array([True, False, False])})
-    twin = copy.deepcopy(env)
+    clone = copy.deepcopy(env)
     assert_refused(
         lambda: env.step(ZEROS),
         re.escape("sub-environment 1 is over: reset it with options={'reset_mask'"),
         ResetNeeded,
     )
-    for other in (env, twin):
+    for other in (env, clone):
         other.reset(options={"reset_mask": np.array([False, True, True])})
-    assert_same(run_actions(env, np.zeros((3, ROWS, 4))), run_actions(twin, np.zeros((3, ROWS, 4))))
+    assert_same(run_actions(env, np.zeros((3, ROWS, 4))), run_actions(clone, np.zeros((3, ROWS, 4))))

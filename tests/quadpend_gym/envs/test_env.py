@@ -1,4 +1,4 @@
-"""The single environment: Gymnasium's contract, the action, the observation, the options of a reset."""
+"""The single environment: Gymnasium's interface, actions, observations and reset options."""
 
 import copy
 import pickle
@@ -42,25 +42,25 @@ ROD = PARAMETERS.rod_length
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])
 @pytest.mark.parametrize("name", IDS)
 @pytest.mark.parametrize("check", [check_with_gymnasium, check_with_sb3])
-def test_checkers_have_nothing_to_remark(check: Callable[[Any], None], name: str, wind: Any) -> None:
+def test_environment_checkers_give_no_warning(check: Callable[[Any], None], name: str, wind: Any) -> None:
     check(gym.make(name, wind=wind).unwrapped)
 
 
-def test_ids_are_found_through_the_package_name() -> None:
+def test_gym_make_imports_the_package_from_the_id() -> None:
     env = gym.make("quadpend_gym:QuadPendulum-v0")
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_make_vec_gives_the_native_vector_class(name: str) -> None:
+def test_make_vec_returns_the_native_vector_environment(name: str) -> None:
     env = gym.make_vec(f"quadpend_gym:{name}", num_envs=5)
     assert isinstance(env, QuadPendulumVectorEnv)
     assert env.reset(seed=0)[0].shape == (5, 36)
 
 
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_a_copy_in_mid_episode_continues_identically(clone: Callable[[Any], Any]) -> None:
+def test_copy_made_during_an_episode_continues_identically(clone: Callable[[Any], Any]) -> None:
     env = make(wind=WINDY, max_episode_steps=30)
     env.reset(seed=5)
     run_actions(env, draw_actions(0, 10))
@@ -72,7 +72,7 @@ def test_a_copy_in_mid_episode_continues_identically(clone: Callable[[Any], Any]
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_a_copy_of_many_rows_continues_identically_across_autoresets(clone: Callable[[Any], Any], mode: str) -> None:
+def test_copy_of_a_vector_env_continues_identically_across_autoresets(clone: Callable[[Any], Any], mode: str) -> None:
     env = make_vec(7, wind=WINDY, max_episode_steps=15, autoreset_mode=mode)
     env.reset(seed=5)
     run_actions(env, draw_actions(0, 10, 7))
@@ -83,8 +83,8 @@ def test_a_copy_of_many_rows_continues_identically_across_autoresets(clone: Call
 
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])
 @pytest.mark.parametrize("rows", [None, 3], ids=["single", "vector"])
-def test_returned_data_belongs_to_the_caller(rows: int | None, wind: Any) -> None:
-    """Nothing writes into it later, and what the caller writes into it does not reach the environment."""
+def test_returned_arrays_are_independent_of_the_environment(rows: int | None, wind: Any) -> None:
+    """The environment never writes into returned arrays, and writing into them does not change the environment."""
     env: Any = make_vec(3, wind=wind, max_episode_steps=8, autoreset_mode="SameStep") if rows else make(wind=wind)
     steps = (5, rows) if rows else (5,)
     returned = [
@@ -101,7 +101,7 @@ def test_returned_data_belongs_to_the_caller(rows: int | None, wind: Any) -> Non
 
 
 def overwrite(data: Any) -> None:
-    """Spoil every array in nested tuples, lists and dicts."""
+    """Overwrite every array in nested tuples, lists and dicts."""
     if isinstance(data, np.ndarray):
         data[...] = 0 if data.dtype == bool else 77
     elif isinstance(data, dict | list | tuple):
@@ -118,7 +118,7 @@ def test_zero_action_is_hover() -> None:
 
 @pytest.mark.parametrize("thrust", [-1.0, -0.5, 0.25, 1.0])
 def test_thrust_is_hover_thrust_times_one_plus_action(thrust: float) -> None:
-    """Upright and at rest, the weight is balanced by 1, so a₀ g is the acceleration."""
+    """From upright rest the vertical acceleration is a₀ g."""
     env = make_unwrapped()
     env.reset(seed=0, options={"state": AT_REST})
     env.step((thrust, 0.0, 0.0, 0.0))
@@ -126,7 +126,7 @@ def test_thrust_is_hover_thrust_times_one_plus_action(thrust: float) -> None:
 
 
 @pytest.mark.parametrize(("component", "full_torque"), [(1, 5.0), (2, 5.0), (3, 1.0)])
-def test_torques_reach_their_documented_limit(component: int, full_torque: float) -> None:
+def test_full_action_commands_the_documented_torque(component: int, full_torque: float) -> None:
     env = make_unwrapped()
     env.reset(seed=0, options={"state": AT_REST})
     action = np.zeros(4)
@@ -138,7 +138,7 @@ def test_torques_reach_their_documented_limit(component: int, full_torque: float
 
 
 @pytest.mark.parametrize("name", STATE_FIELDS)
-def test_a_reset_sets_the_state_field_it_is_told_and_draws_the_rest(name: str) -> None:
+def test_reset_sets_the_given_state_field_and_draws_the_others(name: str) -> None:
     env = make_unwrapped()
     env.reset(seed=4)
     drawn = env.state.array.copy()
@@ -149,14 +149,14 @@ def test_a_reset_sets_the_state_field_it_is_told_and_draws_the_rest(name: str) -
         assert_array_equal(getattr(env.state, other), drawn[STATE_FIELDS[other]])
 
 
-def test_a_set_direction_is_normalised_and_its_rate_made_perpendicular() -> None:
+def test_reset_normalises_the_direction_and_projects_its_rate() -> None:
     env = make_unwrapped()
     env.reset(seed=4, options={"state": {"direction": (3.0, 0.0, 4.0), "direction_rate": (1.0, 2.0, 0.0)}})
     assert_allclose(env.state.direction, (0.6, 0.0, 0.8), atol=1e-15)
     assert_allclose(env.state.direction_rate, (0.64, 2.0, -0.48), atol=1e-15)
 
 
-def test_a_reset_fixes_the_reference_and_draws_the_same_deviation_from_it() -> None:
+def test_reset_with_a_reference_draws_the_same_deviation_from_it() -> None:
     env = make_unwrapped()
     env.reset(seed=4, options={"reference": Reference.hover(x=0.5)})
     here = env.state.array.copy()
@@ -166,7 +166,7 @@ def test_a_reset_fixes_the_reference_and_draws_the_same_deviation_from_it() -> N
     assert_allclose(moved, np.eye(18)[0] + np.eye(18)[2], atol=1e-14)
 
 
-def test_rows_of_a_vector_env_can_have_starts_and_references_of_their_own() -> None:
+def test_each_sub_environment_can_have_its_own_start_and_reference() -> None:
     env = make_vec(3)
     positions = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.0, 2.0]])
     references = [Reference.hover(x=float(row)) for row in range(3)]
@@ -175,14 +175,14 @@ def test_rows_of_a_vector_env_can_have_starts_and_references_of_their_own() -> N
     assert_array_equal(env.world.reference, [reference.as_array() for reference in references])
 
 
-def test_an_option_holds_for_one_episode_only() -> None:
+def test_reset_options_apply_to_one_episode_only() -> None:
     env, other = make(), make()
     env.reset(seed=1, options={"state": {"position": (0.0, 0.0, 9.0)}, "reference": MOVING})
     other.reset(seed=1)
     assert_same(env.reset(), other.reset())
 
 
-def test_observation_fields_are_the_documented_quantities() -> None:
+def test_observation_fields_equal_the_documented_quantities() -> None:
     env = make_unwrapped()
     env.reset(seed=7, options={"reference": MOVING})
     observation = run_actions(env, draw_actions(7, 25))[-1][0]
@@ -202,12 +202,12 @@ def test_observation_fields_are_the_documented_quantities() -> None:
         assert_allclose(read_observation(observation, name), value, rtol=1e-6, atol=1e-7, err_msg=name)
 
 
-def test_observations_of_gentle_flight_are_of_order_one() -> None:
+def test_first_observations_are_of_order_one() -> None:
     observation, _ = make_vec(500).reset(seed=0)
     assert 0.5 < np.abs(observation).max() < 3.0
 
 
-def test_info_measures_the_state_it_comes_with() -> None:
+def test_info_describes_the_state_after_the_step() -> None:
     env = make_unwrapped(wind=WINDY)
     env.reset(seed=7)
     observation, _, _, _, info = run_actions(env, draw_actions(7, 25))[-1]
@@ -235,13 +235,13 @@ def test_info_has_the_same_keys_in_a_vector_env() -> None:
     assert rows.step(np.zeros((2, 4)))[4].keys() == vector.keys()
 
 
-def test_resets_without_a_seed_go_on_to_new_episodes_and_a_seed_begins_anew() -> None:
+def test_reset_without_a_seed_starts_the_next_episode_and_a_seed_repeats_the_first() -> None:
     env = make()
     first, second, third = (env.reset(seed=seed)[0] for seed in (8, None, None))
     assert len({first.tobytes(), second.tobytes(), third.tobytes()}) == 3
     assert_same([env.reset(seed=seed)[0] for seed in (8, None, None)], [first, second, third])
 
 
-def test_environments_without_a_seed_differ() -> None:
+def test_unseeded_environments_start_differently() -> None:
     assert not np.array_equal(make().reset()[0], make().reset()[0])
     assert not np.array_equal(make_vec(2).reset()[0], make_vec(2).reset()[0])

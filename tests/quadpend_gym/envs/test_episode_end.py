@@ -1,4 +1,4 @@
-"""How episodes end: each limit by itself, divergence, and the time limit apart from them."""
+"""Episode ends: each limit alone, divergence, and the time limit."""
 
 from typing import Any
 
@@ -12,22 +12,22 @@ HANGING = {"direction": (0.0, 0.0, -1.0)}
 
 
 def lean(degrees: float) -> dict[str, Any]:
-    """The pendulum leans by an angle towards −y."""
+    """Return a start in which the pendulum leans by an angle towards −y."""
     return {"direction": (0.0, -np.sin(np.radians(degrees)), np.cos(np.radians(degrees)))}
 
 
 def tilt(roll: float, pitch: float) -> dict[str, Any]:
-    """The body is rolled and pitched by angles in degrees."""
+    """Return a start in which the body has a roll and a pitch, in degrees."""
     return {"euler": (*np.radians((roll, pitch)), 0.0)}
 
 
 def at(x: float, y: float, z: float) -> dict[str, Any]:
-    """The quadrotor is elsewhere."""
+    """Return a start with the quadrotor at a position, m."""
     return {"position": (x, y, z)}
 
 
 def ends(start: dict[str, Any], task: Task | str = "track") -> bool:
-    """Whether a step from rest, but for `start`, at the hovering point terminates the episode."""
+    """Return whether one step from hover, changed by `start`, terminates the episode."""
     env = make_unwrapped(task=task)
     env.reset(seed=0, options={"state": {**AT_REST, **start}, "reference": Reference.hover()})
     _, _, terminated, truncated, _ = env.step(np.zeros(4))
@@ -49,24 +49,24 @@ def ends(start: dict[str, Any], task: Task | str = "track") -> bool:
         pytest.param(at(0.0, 0.0, 0.01), at(0.0, 0.0, -0.01), id="quadrotor on the ground"),
     ],
 )
-def test_each_limit_alone_ends_the_episode(inside: dict[str, Any], past: dict[str, Any]) -> None:
+def test_each_limit_terminates_the_episode(inside: dict[str, Any], past: dict[str, Any]) -> None:
     assert not ends(inside)
     assert ends(past)
 
 
-def test_the_bob_alone_ends_the_episode_on_the_ground() -> None:
+def test_bob_on_the_ground_terminates_the_episode() -> None:
     task = Task(limits=Limits(pendulum_angle=np.pi))
     assert not ends({**HANGING, **at(0.0, 0.0, 0.31)}, task)
     assert ends({**HANGING, **at(0.0, 0.0, 0.29)}, task)
 
 
-def test_nothing_ends_an_episode_without_limits() -> None:
+def test_no_state_terminates_an_episode_without_limits() -> None:
     for start in (lean(180.0), tilt(180.0, 0.0), tilt(0.0, 90.0), at(100.0, 0.0, 0.0), at(0.0, 0.0, -100.0)):
         assert not ends(start, ENDLESS)
 
 
 @pytest.mark.parametrize("wind", [{"force": 1e12}, {"bob_force": 1e12}, {"torque": 1e12}, {"force": 1e300}])
-def test_a_diverging_state_terminates_and_the_observation_stays_finite(wind: dict[str, float]) -> None:
+def test_divergence_terminates_and_the_observation_stays_finite(wind: dict[str, float]) -> None:
     env = make_unwrapped(task=ENDLESS, wind=Constant(**wind))
     env.reset(seed=0)
     for observation, reward, terminated, _, _ in run_actions(env, np.zeros((3, 4))):
@@ -76,7 +76,7 @@ def test_a_diverging_state_terminates_and_the_observation_stays_finite(wind: dic
         assert np.isfinite(env.state.array).all()
 
 
-def test_a_diverging_row_leaves_the_others_alone() -> None:
+def test_divergence_of_one_sub_environment_does_not_change_the_others() -> None:
     rows = make_vec(3, task=ENDLESS, autoreset_mode="Disabled")
     calm = make_vec(3, task=ENDLESS, autoreset_mode="Disabled")
     fast = np.zeros((3, 3))
@@ -90,7 +90,7 @@ def test_a_diverging_row_leaves_the_others_alone() -> None:
 
 
 def endings(env: Any, steps: int) -> list[tuple[bool, bool]]:
-    """(terminated, truncated) of the first sub-environment at each step of a flight without control."""
+    """Return (terminated, truncated) of the first sub-environment at each step with zero actions."""
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape)
     return [tuple(bool(np.ravel(flag)[0]) for flag in env.step(action)[2:4]) for _ in range(steps)]  # type: ignore[misc]
@@ -102,14 +102,14 @@ def test_an_episode_is_truncated_after_1000_steps_and_not_terminated(env: Any) -
 
 
 @pytest.mark.parametrize("env", [make, lambda **kwargs: make_vec(2, **kwargs)], ids=["single", "vector"])
-def test_termination_is_not_truncation(env: Any) -> None:
+def test_termination_does_not_set_truncated(env: Any) -> None:
     flags = endings(env(), 200)
     steps = flags.index((True, False)) + 1
     assert flags[: steps - 1] == [(False, False)] * (steps - 1)
 
 
 @pytest.mark.parametrize("env", [make, lambda **kwargs: make_vec(2, **kwargs)], ids=["single", "vector"])
-def test_an_episode_can_end_in_both_ways_at_once(env: Any) -> None:
+def test_an_episode_can_be_terminated_and_truncated_by_the_same_step(env: Any) -> None:
     steps = endings(env(), 200).index((True, False)) + 1
     assert endings(env(max_episode_steps=steps), steps)[-1] == (True, True)
 

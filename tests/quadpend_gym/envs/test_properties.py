@@ -1,4 +1,4 @@
-"""Properties that hold whatever the actions, the seed and the wind."""
+"""Properties that hold for all actions, seeds and winds, checked with Hypothesis."""
 
 from typing import Any
 
@@ -12,27 +12,27 @@ from quadpend_gym.core.arrays import Floats32
 from tests.helpers.envs import ENDLESS, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 
 STEPS, ROWS = 40, 5
-unhurried = settings(deadline=None, max_examples=100)
+many_examples = settings(deadline=None, max_examples=100)
 
 mostly_constant = arrays(
     np.float32, (STEPS, ROWS, 4), elements=st.floats(-1.0, 1.0, width=32), fill=st.floats(-1.0, 1.0, width=32)
 )
-restless = st.integers(0, 2**32).map(lambda seed: draw_actions(seed, STEPS, ROWS))
-bang_bang = restless.map(np.sign)
-action_sequences = mostly_constant | restless | bang_bang
+random_actions = st.integers(0, 2**32).map(lambda seed: draw_actions(seed, STEPS, ROWS))
+bang_bang = random_actions.map(np.sign)
+action_sequences = mostly_constant | random_actions | bang_bang
 seeds = st.integers(0, 2**64)
-strengths = st.floats(-10.0, 10.0) | st.floats(-1e12, 1e12)
-loads = st.fixed_dictionaries({"force": strengths, "bob_force": strengths, "torque": strengths})
+magnitudes = st.floats(-10.0, 10.0) | st.floats(-1e12, 1e12)
+loads = st.fixed_dictionaries({"force": magnitudes, "bob_force": magnitudes, "torque": magnitudes})
 winds = st.one_of(
     st.none(),
     loads.map(lambda load: Constant(**load)),
     loads.map(lambda load: Sinusoid(**load, frequency=20.0)),
     loads.map(lambda load: OrnsteinUhlenbeck(**{key: abs(value) for key, value in load.items()}, time_constant=0.1)),
-    strengths.map(lambda force: PaperGusts(force=abs(force), yaw_torque=abs(force), onset=0.0, hold=0.1)),
+    magnitudes.map(lambda force: PaperGusts(force=abs(force), yaw_torque=abs(force), onset=0.0, hold=0.1)),
 )
 
 
-@unhurried
+@many_examples
 @given(actions=action_sequences, seed=seeds, wind=winds, task=st.sampled_from(["track", "hover", ENDLESS]))
 def test_observations_are_finite_and_rewards_between_zero_and_one(
     actions: Floats32, seed: int, wind: Any, task: Any
@@ -47,9 +47,9 @@ def test_observations_are_finite_and_rewards_between_zero_and_one(
         assert ((info["tilt"] >= 0.0) & (info["tilt"] <= np.pi)).all()
 
 
-@unhurried
+@many_examples
 @given(actions=action_sequences, seed=seeds, wind=winds)
-def test_the_pendulum_keeps_its_length(actions: Floats32, seed: int, wind: Any) -> None:
+def test_direction_stays_a_unit_vector_and_its_rate_perpendicular(actions: Floats32, seed: int, wind: Any) -> None:
     env = make_vec(ROWS, wind=wind)
     env.reset(seed=seed)
     run_actions(env, actions)
@@ -60,17 +60,17 @@ def test_the_pendulum_keeps_its_length(actions: Floats32, seed: int, wind: Any) 
     )
 
 
-@unhurried
+@many_examples
 @given(actions=action_sequences, seed=seeds, wind=winds)
-def test_the_same_seed_and_actions_give_the_same_bits(actions: Floats32, seed: int, wind: Any) -> None:
+def test_the_same_seed_and_actions_give_identical_results(actions: Floats32, seed: int, wind: Any) -> None:
     one, other = make_vec(ROWS, wind=wind), make_vec(ROWS, wind=wind)
     assert_same(one.reset(seed=seed), other.reset(seed=seed))
     assert_same(run_actions(one, actions), run_actions(other, actions))
 
 
-@unhurried
+@many_examples
 @given(actions=action_sequences, seed=seeds, wind=winds)
-def test_one_row_is_the_single_environment(actions: Floats32, seed: int, wind: Any) -> None:
+def test_a_sub_environment_equals_the_single_environment(actions: Floats32, seed: int, wind: Any) -> None:
     env, rows = (
         make_unwrapped(wind=wind),
         make_vec(ROWS, wind=wind, autoreset_mode="Disabled", max_episode_steps=STEPS + 1),
@@ -85,8 +85,8 @@ def test_one_row_is_the_single_environment(actions: Floats32, seed: int, wind: A
             break
 
 
-@unhurried
+@many_examples
 @given(seed=seeds)
-def test_seeds_that_differ_give_episodes_that_differ(seed: int) -> None:
+def test_different_seeds_give_different_episodes(seed: int) -> None:
     starts = make_vec(ROWS).reset(seed=seed)[0]
     assert len({start.tobytes() for start in starts}) == ROWS

@@ -1,4 +1,4 @@
-"""Render modes: what `render` returns in each, alone and in others' wrappers, and that no number changes."""
+"""Render modes: what `render` returns, also inside other wrappers, and that rendering changes no number."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -42,7 +42,7 @@ def _no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
-def test_a_single_environment_renders_an_array() -> None:
+def test_rgb_array_of_the_single_environment_is_an_array() -> None:
     env = make(render_mode="rgb_array")
     env.reset(seed=0)
     assert_picture(env.render())
@@ -53,7 +53,7 @@ def test_a_single_environment_renders_an_array() -> None:
 
 @modes
 @pytest.mark.parametrize("rows", [1, 9])
-def test_a_vector_environment_renders_an_array_for_each_row(rows: int, mode: str) -> None:
+def test_rgb_array_of_a_vector_env_is_one_array_for_each_sub_environment(rows: int, mode: str) -> None:
     env = make_vec(rows, render_mode="rgb_array", autoreset_mode=mode, **SHORT)
     env.reset(seed=0)
     for actions in biased_actions(30, rows):
@@ -68,13 +68,13 @@ def test_a_vector_environment_renders_an_array_for_each_row(rows: int, mode: str
 
 
 @pytest.mark.parametrize("rows", [1, 2, 9, 100])
-def test_a_mosaic_is_one_array(rows: int) -> None:
+def test_mosaic_is_one_array(rows: int) -> None:
     env = make_vec(rows, render_mode="mosaic")
     env.reset(seed=0)
     assert_picture(env.render())
 
 
-def test_a_mosaic_has_a_tile_for_each_row() -> None:
+def test_mosaic_has_a_tile_for_each_sub_environment() -> None:
     env = make_vec(4, render_mode="mosaic")
     env.reset(seed=0, options={"reference": [Reference.hover(), *[Reference.circle(1.0, 1.0)] * 3]})
     before = env.render()
@@ -87,7 +87,7 @@ def test_a_mosaic_has_a_tile_for_each_row() -> None:
 
 @pytest.mark.parametrize("size", [(40, 30), (8, 6), (3, 3)])
 @pytest.mark.parametrize("rows", [1, 3, 64])
-def test_pictures_can_be_tiny(rows: int, size: tuple[int, int]) -> None:
+def test_tiny_surfaces_can_be_drawn_on(rows: int, size: tuple[int, int]) -> None:
     surface = pygame.Surface(size)
     Picture().draw_mosaic(surface, [still()] * rows)
     assert surface_to_array(surface).shape == (size[1], size[0], 3)
@@ -106,7 +106,7 @@ def test_a_render_mode_changes_no_number(mode: str) -> None:
 
 @modes
 @pytest.mark.parametrize("render_mode", ["rgb_array", "mosaic"])
-def test_a_render_mode_changes_no_number_of_many_rows(render_mode: str, mode: str) -> None:
+def test_a_render_mode_changes_no_number_of_a_vector_env(render_mode: str, mode: str) -> None:
     settings = {"wind": WINDY, "autoreset_mode": mode, **SHORT}
     one, other = make_vec(7, render_mode=render_mode, **settings), make_vec(7, **settings)
     assert_same(one.reset(seed=3), other.reset(seed=3))
@@ -134,7 +134,7 @@ def test_wrapped_environments_render_and_keep_their_numbers(layers: Any) -> None
         assert_picture(frame)
 
 
-def test_before_reset_there_is_nothing_to_render() -> None:
+def test_render_before_reset_raises_reset_needed() -> None:
     for env in (
         make(render_mode="rgb_array"),
         make_unwrapped(render_mode="rgb_array"),
@@ -150,7 +150,7 @@ def test_before_reset_there_is_nothing_to_render() -> None:
 
 
 @pytest.mark.parametrize("env", [make(), make_vec(2)], ids=["single", "vector"])
-def test_without_a_render_mode_there_is_no_film_and_rendering_warns(env: Any) -> None:
+def test_without_a_render_mode_there_is_no_recorder_and_render_warns(env: Any) -> None:
     env.reset(seed=0)
     assert env.unwrapped.recorder is None
     with pytest.warns(UserWarning, match="render_mode"):
@@ -158,7 +158,7 @@ def test_without_a_render_mode_there_is_no_film_and_rendering_warns(env: Any) ->
 
 
 @pytest.mark.parametrize(("maker", "names"), [(QuadPendulumEnv, "human, rgb_array"), (QuadPendulumVectorEnv, "mosaic")])
-def test_an_unknown_render_mode_is_refused_and_the_known_ones_are_named(maker: Any, names: str) -> None:
+def test_an_unknown_render_mode_is_refused_and_the_valid_ones_are_named(maker: Any, names: str) -> None:
     with pytest.raises(ValueError, match=f"render_mode must be .*{names}.* not 'ansi'"):
         maker(render_mode="ansi")
 
@@ -175,36 +175,36 @@ def test_a_render_mode_survives_json() -> None:
 
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.004])
-def test_films_run_in_real_time(period: float) -> None:
+def test_render_fps_is_the_control_rate(period: float) -> None:
     for env in (make(simulation={"period": period}), make_vec(2, simulation={"period": period})):
         assert env.metadata["render_fps"] == round(1.0 / period)
     assert QuadPendulumEnv.metadata["render_fps"] == 100
 
 
 @pytest.mark.parametrize("checker", [check_with_gymnasium, check_with_sb3])
-def test_checkers_have_nothing_to_remark_about_pictures(checker: Callable[[Any], None]) -> None:
+def test_environment_checkers_accept_rendering(checker: Callable[[Any], None]) -> None:
     checker(make(render_mode="rgb_array", wind=WINDY).unwrapped)
 
 
-def test_record_video_writes_a_film(tmp_path: Path) -> None:
-    env = RecordVideo(make(render_mode="rgb_array"), str(tmp_path / "film"))
+def test_record_video_writes_a_video(tmp_path: Path) -> None:
+    env = RecordVideo(make(render_mode="rgb_array"), str(tmp_path / "video"))
     env.reset(seed=0)
     run_actions(env, np.zeros((30, 4), np.float32))
     env.close()
-    (film,) = (tmp_path / "film").glob("*.mp4")
-    assert film.stat().st_size > 1000
+    (video,) = (tmp_path / "video").glob("*.mp4")
+    assert video.stat().st_size > 1000
 
 
-def test_record_video_writes_a_film_of_many_rows(tmp_path: Path) -> None:
-    env = VectorRecordVideo(make_vec(2, render_mode="rgb_array"), str(tmp_path / "film"), video_length=5)
+def test_vector_record_video_writes_a_video(tmp_path: Path) -> None:
+    env = VectorRecordVideo(make_vec(2, render_mode="rgb_array"), str(tmp_path / "video"), video_length=5)
     env.reset(seed=0)
     run_actions(env, np.zeros((6, 2, 4), np.float32))
     env.close()
-    (film,) = (tmp_path / "film").glob("*.mp4")
-    assert film.stat().st_size > 1000
+    (video,) = (tmp_path / "video").glob("*.mp4")
+    assert video.stat().st_size > 1000
 
 
-def test_human_rendering_shows_arrays_in_a_window() -> None:
+def test_human_rendering_wrapper_shows_the_arrays_in_a_window() -> None:
     env = HumanRendering(make(render_mode="rgb_array"))
     env.reset(seed=0)
     run_actions(env, np.zeros((3, 4), np.float32))
@@ -212,7 +212,7 @@ def test_human_rendering_shows_arrays_in_a_window() -> None:
     env.close()
 
 
-def test_pictures_can_be_observations_and_lists() -> None:
+def test_pictures_work_as_observations_and_as_frame_lists() -> None:
     env = AddRenderObservation(make(render_mode="rgb_array"))
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)

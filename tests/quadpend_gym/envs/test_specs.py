@@ -1,4 +1,4 @@
-"""An environment's specification goes to JSON and comes back as the same environment."""
+"""The specification of an environment survives conversion to JSON and makes the same environment."""
 
 from typing import Any
 
@@ -28,16 +28,16 @@ SETTINGS: dict[str, dict[str, Any]] = {
 settings = pytest.mark.parametrize("kwargs", SETTINGS.values(), ids=SETTINGS.keys())
 
 
-def remade(spec: EnvSpec | None) -> EnvSpec:
-    """The specification after a journey through JSON."""
+def through_json(spec: EnvSpec | None) -> EnvSpec:
+    """Return the specification after conversion to JSON and back."""
     assert spec is not None
     return EnvSpec.from_json(spec.to_json())
 
 
 @settings
-def test_a_spec_survives_json(kwargs: dict[str, Any]) -> None:
+def test_spec_survives_json(kwargs: dict[str, Any]) -> None:
     env = make(**kwargs)
-    twin = gym.make(remade(env.spec))
+    twin = gym.make(through_json(env.spec))
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
     assert_same(run_actions(twin, actions), run_actions(env, actions))
@@ -45,17 +45,17 @@ def test_a_spec_survives_json(kwargs: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @settings
-def test_the_spec_of_a_vector_env_survives_json(kwargs: dict[str, Any], mode: str) -> None:
+def test_vector_spec_survives_json(kwargs: dict[str, Any], mode: str) -> None:
     env = make_vec(3, autoreset_mode=mode, **kwargs)
-    twin = gym.make_vec(remade(env.spec))
+    twin = gym.make_vec(through_json(env.spec))
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10, 3)
     assert_same(run_actions(twin, actions), run_actions(env, actions))
 
 
-def test_the_spec_of_a_wrapped_env_survives_json() -> None:
+def test_wrapped_spec_survives_json() -> None:
     env = WindWrapper(make(wind={"kind": "constant", "torque": 0.1}), WINDY)
-    twin = gym.make(remade(env.spec))
+    twin = gym.make(through_json(env.spec))
     assert isinstance(twin, WindWrapper)
     assert_same(twin.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
@@ -63,8 +63,8 @@ def test_the_spec_of_a_wrapped_env_survives_json() -> None:
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_the_registered_specs_survive_json(name: str) -> None:
-    assert remade(gym.spec(name)) == gym.spec(name)
+def test_registered_specs_survive_json(name: str) -> None:
+    assert through_json(gym.spec(name)) == gym.spec(name)
 
 
 def test_mappings_and_objects_make_the_same_environment() -> None:
@@ -84,5 +84,5 @@ def test_mappings_and_objects_make_the_same_environment() -> None:
     assert_same(run_actions(mappings, actions), run_actions(objects, actions))
 
 
-def test_the_ids_are_tasks_by_name() -> None:
+def test_hover_id_is_the_hover_task() -> None:
     assert_same(make(task="hover").reset(seed=0), gym.make("QuadPendulumHover-v0").reset(seed=0))

@@ -1,4 +1,4 @@
-"""The vector environment: many single environments, to the last bit, in every autoreset mode."""
+"""The vector environment: equal to single environments to the last bit, in every autoreset mode."""
 
 from collections.abc import Iterable
 from functools import cache
@@ -25,9 +25,9 @@ from tests.helpers.envs import (
     select_info,
 )
 
-SEED, STEPS, MOST_ROWS = 100, 45, 200
+SEED, STEPS, MAX_ROWS = 100, 45, 200
 WINDS = {"calm": None, "windy": WINDY}
-# Some episodes are terminated, the others truncated, and every row has a few.
+# Limits with which some episodes terminate, others are truncated, and every sub-environment has several episodes.
 SHORT: dict[str, Any] = {"task": Task(limits=Limits(body_angle=0.5)), "max_episode_steps": 20}
 
 modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
@@ -35,46 +35,49 @@ winds = pytest.mark.parametrize("wind", WINDS)
 
 
 def biased_actions(rows: int) -> Floats32:
-    """Actions with a bias of each row's own, shape (STEPS, rows, 4); a row's do not depend on the number of rows."""
-    noise = draw_actions(0, MOST_ROWS, STEPS).swapaxes(0, 1)
-    return np.ascontiguousarray((0.3 * noise + 0.7 * draw_actions(1, MOST_ROWS))[:, :rows])
+    """Return actions with a different bias for each sub-environment, shape (STEPS, rows, 4).
+
+    Those of one sub-environment do not depend on the number of sub-environments.
+    """
+    noise = draw_actions(0, MAX_ROWS, STEPS).swapaxes(0, 1)
+    return np.ascontiguousarray((0.3 * noise + 0.7 * draw_actions(1, MAX_ROWS))[:, :rows])
 
 
 @cache
-def single_flight(row: int, mode: str, wind: str) -> list[Any]:
-    """What the single environment with row `row`'s seed and actions returns, restarted as the mode would.
+def single_steps(row: int, mode: str, wind: str) -> list[Any]:
+    """Return what the single environment with the seed and actions of one sub-environment returns, with autoreset.
 
-    Each entry is a step's five returns and, if it restarted the episode, the reset's two.
+    Each entry holds the five return values of a step and, if an episode ended, the two of the reset.
     """
     env = make(wind=WINDS[wind], **SHORT)
-    flight: list[Any] = [env.reset(seed=SEED + row)]
+    steps: list[Any] = [env.reset(seed=SEED + row)]
     over = False
-    for action in biased_actions(MOST_ROWS)[:, row]:
+    for action in biased_actions(MAX_ROWS)[:, row]:
         if over and mode == "NextStep":
             observation, info = env.reset()
-            flight.append(((observation, 0.0, False, False, info), None))
+            steps.append(((observation, 0.0, False, False, info), None))
             over = False
         else:
             step = env.step(action)
             over = step[2] or step[3]
-            flight.append((step, env.reset() if over and mode != "NextStep" else None))
-    return flight
+            steps.append((step, env.reset() if over and mode != "NextStep" else None))
+    return steps
 
 
 def stack(items: list[Any]) -> Any:
-    """One info of arrays from many infos, or one array from many arrays or numbers."""
+    """Return one info of arrays from many infos, or one array from many arrays or numbers."""
     if isinstance(items[0], dict):
         return {key: stack([item[key] for item in items]) for key in items[0]}
     return np.array(items)
 
 
 def across_rows(returned: Iterable[tuple[Any, ...]]) -> tuple[Any, ...]:
-    """What many single environments return, as a vector environment would."""
+    """Return what many single environments returned, in the form of a vector environment."""
     return tuple(stack(list(part)) for part in zip(*returned, strict=True))
 
 
 def without_masks(info: dict[str, Any], mask: Booleans) -> dict[str, Any]:
-    """An info without its masks, which must all be `mask`."""
+    """Return an info without its masks, after a check that all masks equal `mask`."""
     for key, value in info.items():
         if key.startswith("_"):
             assert_array_equal(value, mask)
@@ -87,14 +90,14 @@ def without_masks(info: dict[str, Any], mask: Booleans) -> dict[str, Any]:
 
 @winds
 @modes
-@pytest.mark.parametrize("rows", [1, 3, 64, 65, MOST_ROWS])
-def test_every_row_is_the_single_environment_to_the_last_bit(rows: int, mode: str, wind: str) -> None:
+@pytest.mark.parametrize("rows", [1, 3, 64, 65, MAX_ROWS])
+def test_every_sub_environment_equals_the_single_environment(rows: int, mode: str, wind: str) -> None:
     env = make_vec(rows, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
-    first, *flight = zip(*(single_flight(row, mode, wind) for row in range(rows)), strict=True)
+    first, *later = zip(*(single_steps(row, mode, wind) for row in range(rows)), strict=True)
     every_row = np.ones(rows, np.bool_)
     observation, info = env.reset(seed=SEED)
     assert_same((observation, without_masks(info, every_row)), across_rows(first))
-    for actions, expected in zip(biased_actions(rows), flight, strict=True):
+    for actions, expected in zip(biased_actions(rows), later, strict=True):
         observation, reward, terminated, truncated, info = env.step(actions)
         steps, resets = zip(*expected, strict=True)
         over = np.array([reset is not None for reset in resets])
@@ -117,13 +120,13 @@ def test_every_row_is_the_single_environment_to_the_last_bit(rows: int, mode: st
                 assert_same((observation[row], select_info(info, row)), resets[row])
 
 
-def test_the_flights_above_end_in_both_ways() -> None:
-    flags = [step[2:4] for row in range(MOST_ROWS) for step, _ in single_flight(row, "SameStep", "windy")[1:]]
+def test_the_episodes_above_end_by_termination_and_by_truncation() -> None:
+    flags = [step[2:4] for row in range(MAX_ROWS) for step, _ in single_steps(row, "SameStep", "windy")[1:]]
     assert min(flags.count((True, False)), flags.count((False, True))) > 50
 
 
 def assert_same_info(ours: dict[str, Any], theirs: dict[str, Any], mask: Booleans) -> None:
-    """The same keys, masks and types, and the same values wherever the masks say there are any."""
+    """Assert the same keys, masks and types, and the same values where the masks are true."""
     assert ours.keys() == theirs.keys()
     for key in ours:
         if isinstance(ours[key], dict):
@@ -137,7 +140,7 @@ def assert_same_info(ours: dict[str, Any], theirs: dict[str, Any], mask: Boolean
 
 @winds
 @modes
-def test_it_is_what_gymnasium_makes_of_single_environments(mode: str, wind: str) -> None:
+def test_the_vector_env_equals_gymnasiums_sync_vector_env(mode: str, wind: str) -> None:
     env = make_vec(3, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
     theirs = gym.make_vec(
         "QuadPendulum-v0",
@@ -166,7 +169,7 @@ def test_it_is_what_gymnasium_makes_of_single_environments(mode: str, wind: str)
             assert_same_info(info, their_info, over)
 
 
-def test_a_reset_mask_resets_its_rows_and_leaves_the_others_flying() -> None:
+def test_reset_mask_resets_only_the_masked_sub_environments() -> None:
     env, untouched = make_vec(4, wind=WINDY), make_vec(4, wind=WINDY)
     mask = np.array([True, False, False, True])
     env.reset(seed=0), untouched.reset(seed=0)
@@ -186,13 +189,13 @@ def test_a_reset_mask_resets_its_rows_and_leaves_the_others_flying() -> None:
 
 
 def make_twice_reset(seed: int) -> Floats32:
-    """First observations of the second episodes of four rows."""
+    """Return the first observations of the second episodes of four sub-environments."""
     env = make_vec(4, wind=WINDY)
     env.reset(seed=seed)
     return env.reset()[0]
 
 
-def test_a_row_that_has_ended_still_restarts_after_a_reset_of_other_rows() -> None:
+def test_an_ended_sub_environment_restarts_after_a_reset_of_others() -> None:
     env = make_vec(3, max_episode_steps=2)
     env.reset(seed=0)
     run_actions(env, np.zeros((2, 3, 4)))
@@ -204,12 +207,12 @@ def test_a_row_that_has_ended_still_restarts_after_a_reset_of_other_rows() -> No
 
 
 @pytest.mark.parametrize("seeds", [[5, 2, 5], (5, 2, 5), np.array([5, 2, 5])], ids=["list", "tuple", "array"])
-def test_each_row_can_have_a_seed_of_its_own(seeds: Any) -> None:
+def test_each_sub_environment_can_have_its_own_seed(seeds: Any) -> None:
     observation, _ = make_vec(3).reset(seed=seeds)
     assert_array_equal(observation, [make().reset(seed=seed)[0] for seed in (5, 2, 5)])
 
 
-def test_a_row_without_a_seed_goes_on_to_its_next_episode() -> None:
+def test_a_sub_environment_without_a_seed_starts_its_next_episode() -> None:
     env, single = make_vec(3), make()
     env.reset(seed=10)
     single.reset(seed=12)
@@ -218,8 +221,8 @@ def test_a_row_without_a_seed_goes_on_to_its_next_episode() -> None:
     assert_array_equal(observation[2], single.reset()[0])
 
 
-def test_an_episode_depends_on_its_seed_and_number_only() -> None:
-    """Not on the actions or the length of earlier episodes, nor on the other rows."""
+def test_an_episode_depends_only_on_its_seed_and_number() -> None:
+    """Neither earlier actions, nor the length of earlier episodes, nor other sub-environments change it."""
     env = make_vec(5, wind=WINDY, autoreset_mode="SameStep", **SHORT)
     single = make(wind=WINDY)
     env.reset(seed=0)
@@ -231,7 +234,7 @@ def test_an_episode_depends_on_its_seed_and_number_only() -> None:
         if terminated[3] or truncated[3]:
             seen.append(observation[3])
     assert_same(seen[:4], starts)
-    # The same number of episodes, so the same wind from here on.
+    # Both have had the same number of episodes, so the wind is the same from here on.
     single.reset(seed=3, options={"state": {"position": (0.0, 0.0, 5.0)}})
     env.reset(seed=0), env.reset(), single.reset()
     action = draw_actions(9, 1, 5)[0]
@@ -250,23 +253,23 @@ def test_wind_leaves_starts_and_references_unchanged() -> None:
 
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
-def test_gymnasium_records_its_episodes(mode: str) -> None:
+def test_gymnasiums_record_episode_statistics_agrees(mode: str) -> None:
     env = RecordEpisodeStatistics(make_vec(3, autoreset_mode=mode, **SHORT))
     env.reset(seed=SEED)
-    flight = run_actions(env, biased_actions(3))
-    over = np.array([terminated | truncated for _, _, terminated, truncated, _ in flight])
+    steps = run_actions(env, biased_actions(3))
+    over = np.array([terminated | truncated for _, _, terminated, truncated, _ in steps])
     for row in range(3):
         ends = np.flatnonzero(over[:, row])
         begin = 0
         for end in ends:
-            episode = flight[end][4]["episode"]
-            np.testing.assert_allclose(episode["r"][row], rewards(flight)[begin : end + 1, row].sum(), rtol=1e-12)
+            episode = steps[end][4]["episode"]
+            np.testing.assert_allclose(episode["r"][row], rewards(steps)[begin : end + 1, row].sum(), rtol=1e-12)
             assert episode["l"][row] == end + 1 - begin
             begin = int(end) + (2 if mode == "NextStep" else 1)
     assert env.episode_count == over.sum()
 
 
-def test_gymnasium_turns_its_infos_into_lists() -> None:
+def test_gymnasiums_dict_info_to_list_agrees() -> None:
     env = DictInfoToList(RecordEpisodeStatistics(make_vec(3, autoreset_mode="SameStep", **SHORT)))
     single = make(**SHORT)
     _, infos = env.reset(seed=SEED)
@@ -284,8 +287,8 @@ def test_gymnasium_turns_its_infos_into_lists() -> None:
     assert all("episode" in info for info in ended)
 
 
-def test_the_action_of_a_row_about_to_begin_an_episode_is_ignored() -> None:
-    """Gymnasium's next-step autoreset: whatever the policy says to a row that has ended, even nothing."""
+def test_next_step_autoreset_ignores_the_action_of_an_ended_sub_environment() -> None:
+    """Even an action that is not a number."""
     env, twin = (make_vec(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
     env.reset(seed=0), twin.reset(seed=0)
     still = np.zeros((2, 4), np.float32)

@@ -1,4 +1,4 @@
-"""What a policy gets to see: outputs without velocities, and histories of what was observed and done."""
+"""Wrappers that change the observation: output feedback and histories."""
 
 from collections.abc import Callable
 from typing import Any
@@ -42,7 +42,7 @@ sizes = pytest.mark.parametrize(("observations", "actions"), SIZES)
 modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
 
 
-def test_output_feedback_has_every_field_but_the_velocities() -> None:
+def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
     env, whole = make_wrapped([OUTPUTS]), make_wrapped([])
     actions = draw_actions(0, 3)
     seen, observations = ([one.reset(seed=0), *run_actions(one, actions)] for one in (env, whole))
@@ -55,14 +55,14 @@ def test_output_feedback_has_every_field_but_the_velocities() -> None:
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_a_velocity_that_is_hidden_cannot_be_read(name: str) -> None:
+def test_reading_a_removed_velocity_is_refused(name: str) -> None:
     outputs, _ = make_wrapped_vec(3, [OUTPUTS]).reset(seed=0)
     assert_refused(
         lambda: read_observation(outputs, name), f"no field '{name}'; its fields are tracking_error, direction,", ValueError
     )
 
 
-def test_states_that_differ_in_velocities_only_look_the_same() -> None:
+def test_states_that_differ_only_in_velocities_give_the_same_observation() -> None:
     env: Any = OutputFeedbackWrapper(make_unwrapped())
     still, moving = (
         env.reset(
@@ -77,12 +77,14 @@ def test_states_that_differ_in_velocities_only_look_the_same() -> None:
     assert_array_equal(moving, still)
 
 
-def test_an_observation_of_another_size_cannot_be_read() -> None:
+def test_reading_an_observation_of_another_size_is_refused() -> None:
     assert_refused(lambda: read_observation(np.zeros((2, 30)), "direction"), "has 36 or 27 numbers, not 30", ValueError)
 
 
-def test_velocities_are_hidden_once_and_inside_a_history() -> None:
-    once = "from the whole observation of 36 numbers, not from 27: put OutputFeedbackWrapper once, and inside History"
+def test_output_feedback_is_applied_once_and_inside_a_history() -> None:
+    once = (
+        "from the full observation of 36 numbers, not from 27: apply OutputFeedbackWrapper only once, and inside Hist"
+    )
     assert_refused(lambda: OutputFeedbackWrapper(make_wrapped([OUTPUTS])), once, ValueError)
     assert_refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_vec(2, [OUTPUTS])), once, ValueError)
     assert_refused(lambda: OutputFeedbackWrapper(make_wrapped([HISTORY])), "not from 116", ValueError)
@@ -91,8 +93,8 @@ def test_velocities_are_hidden_once_and_inside_a_history() -> None:
 
 
 @pytest.mark.parametrize("gains", ["paper", "matched"])
-def test_the_papers_controller_sees_no_velocities(gains: str) -> None:
-    """On 27 numbers it does what it does on 36."""
+def test_the_papers_controller_uses_no_velocities(gains: str) -> None:
+    """Its actions on 27 numbers equal those on 36."""
     layers = [("WindWrapper", "breeze"), ("SensorWrapper", NOISE)]
     whole, outputs = make_wrapped_vec(3, layers), make_wrapped_vec(3, [*layers, OUTPUTS])
     controller, memories = ADRC(gains), [None, None]
@@ -105,13 +107,13 @@ def test_the_papers_controller_sees_no_velocities(gains: str) -> None:
 
 
 def last(items: list[Any], count: int, before: Any) -> list[Any]:
-    """The last so many, oldest first, with `before` where there are too few."""
+    """Return the last `count` items, oldest first, padded with `before` in front."""
     return [before] * max(count - len(items), 0) + items[max(len(items) - count, 0) :]
 
 
 @sizes
-def test_a_history_is_the_latest_observations_and_actions_oldest_first(observations: int, actions: int) -> None:
-    """Of actions, those that were given, whatever comes out of the actuators; before the first, hover."""
+def test_a_history_has_the_latest_observations_and_actions_oldest_first(observations: int, actions: int) -> None:
+    """The actions are those before the actuators; zeros stand for actions before the first."""
     env = make_wrapped([ACTUATORS, SENSORS, ("HistoryWrapper", observations, actions)])
     plain = make_wrapped([ACTUATORS, SENSORS])
     assert env.observation_space.shape == (36 * observations + 4 * actions,)
@@ -130,10 +132,10 @@ def test_a_history_is_the_latest_observations_and_actions_oldest_first(observati
 
 @modes
 @sizes
-def test_the_histories_of_many_rows_are_those_of_single_environments(
+def test_histories_of_a_vector_env_equal_those_of_single_environments(
     observations: int, actions: int, mode: str
 ) -> None:
-    """At an end, too: the last observation completes the old history, the first begins a new one."""
+    """Also at the end of an episode: the last observation completes the old history, the first starts a new one."""
     layers = [WIND, OUTPUTS, ("HistoryWrapper", observations, actions)]
     env, theirs = make_wrapped_vec(4, layers, autoreset_mode=mode, **SHORT), make_sync_vec(4, layers, mode, **SHORT)
     assert_array_equal(env.reset(seed=0)[0], theirs.reset(seed=0)[0])
@@ -154,7 +156,7 @@ def test_the_histories_of_many_rows_are_those_of_single_environments(
 
 
 @modes
-def test_the_vector_environments_of_gymnasium_have_histories_too(mode: str) -> None:
+def test_histories_work_for_gymnasiums_vector_environments(mode: str) -> None:
     env = VectorHistoryWrapper(make_sync_vec(3, [], mode, **SHORT), 3, 2)
     native = make_wrapped_vec(3, [HISTORY], autoreset_mode=mode, **SHORT)
     assert_array_equal(env.reset(seed=0)[0], native.reset(seed=0)[0])
@@ -166,7 +168,7 @@ def test_the_vector_environments_of_gymnasium_have_histories_too(mode: str) -> N
             assert_array_equal(*again)
 
 
-def test_a_reset_of_some_rows_leaves_the_histories_of_the_others() -> None:
+def test_a_masked_reset_keeps_the_histories_of_the_other_sub_environments() -> None:
     env, untouched = (make_wrapped_vec(3, [HISTORY]) for _ in range(2))
     env.reset(seed=0), untouched.reset(seed=0)
     actions = draw_actions(0, 4, 3)
@@ -179,8 +181,8 @@ def test_a_reset_of_some_rows_leaves_the_histories_of_the_others() -> None:
     assert_array_equal(env.step(actions[0])[0][~mask], untouched.step(actions[0])[0][~mask])
 
 
-def test_of_rows_that_have_ended_those_that_were_reset_go_on_and_the_others_begin() -> None:
-    """As their episodes do, with next-step autoreset."""
+def test_a_masked_reset_after_episode_ends_restarts_each_history_once() -> None:
+    """With next-step autoreset, the next step restarts only the histories that the reset left out."""
     env = make_wrapped_vec(3, [("HistoryWrapper", 2)], max_episode_steps=2)
     env.reset(seed=0)
     run_actions(env, np.zeros((2, 3, 4)))
@@ -192,7 +194,7 @@ def test_of_rows_that_have_ended_those_that_were_reset_go_on_and_the_others_begi
 
 
 @pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
-def test_a_history_once_given_does_not_change(rows: tuple[int, ...]) -> None:
+def test_returned_histories_do_not_change_later(rows: tuple[int, ...]) -> None:
     env: Any = make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY])
     given = [env.reset(seed=0)[0], *(step[0] for step in run_actions(env, draw_actions(0, 3, *rows)))]
     kept = [history.copy() for history in given]
@@ -202,7 +204,7 @@ def test_a_history_once_given_does_not_change(rows: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
-def test_an_action_that_is_refused_leaves_no_trace_in_the_history(rows: tuple[int, ...]) -> None:
+def test_a_refused_action_does_not_change_the_history(rows: tuple[int, ...]) -> None:
     env, twin = (make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY]) for _ in range(2))
     env.reset(seed=0), twin.reset(seed=0)
     assert_refused(lambda: env.step(np.full((*rows, 4), 1.5)), "must be four numbers", ValueError)
@@ -210,7 +212,7 @@ def test_an_action_that_is_refused_leaves_no_trace_in_the_history(rows: tuple[in
     assert_same(run_actions(env, actions), run_actions(twin, actions))
 
 
-def test_other_environments_have_histories_too() -> None:
+def test_histories_work_for_other_environments() -> None:
     env = HistoryWrapper(gym.make("Pendulum-v1"), 2, 1)
     first, _ = env.reset(seed=0)
     second = env.step(np.array([0.5]))[0]
@@ -220,11 +222,11 @@ def test_other_environments_have_histories_too() -> None:
 
 BAD: dict[str, tuple[Callable[..., Any], str]] = {
     "no observation": (lambda wrap, env: wrap(env, 0), "observations must be a whole number of at least 1, not 0"),
-    "half an observation": (lambda wrap, env: wrap(env, 1.5), "observations must .* not 1.5"),
-    "a true observation": (lambda wrap, env: wrap(env, True, 1), "observations must .* not True"),
-    "less than no action": (lambda wrap, env: wrap(env, 2, -1), "actions must be .* at least 0, not -1"),
-    "actions in words": (lambda wrap, env: wrap(env, 2, "two"), "actions must .* not 'two'"),
-    "the present alone": (lambda wrap, env: wrap(env, 1, 0), "no history"),
+    "fractional observations": (lambda wrap, env: wrap(env, 1.5), "observations must .* not 1.5"),
+    "boolean observations": (lambda wrap, env: wrap(env, True, 1), "observations must .* not True"),
+    "negative actions": (lambda wrap, env: wrap(env, 2, -1), "actions must be .* at least 0, not -1"),
+    "text": (lambda wrap, env: wrap(env, 2, "two"), "actions must .* not 'two'"),
+    "only the current observation": (lambda wrap, env: wrap(env, 1, 0), "no history"),
 }
 
 
@@ -234,7 +236,7 @@ def test_an_impossible_history_is_refused(call: Callable[..., Any], names: str) 
     assert_refused(lambda: call(VectorHistoryWrapper, make_vec(2)), names, ValueError)
 
 
-def test_a_history_needs_vectors() -> None:
+def test_a_history_of_discrete_spaces_is_refused() -> None:
     assert_refused(
         lambda: HistoryWrapper(gym.make("CartPole-v1")), "action must be a vector .* not Discrete", TypeError
     )
@@ -243,7 +245,7 @@ def test_a_history_needs_vectors() -> None:
     )
 
 
-def test_a_learner_learns_from_histories_of_measured_outputs() -> None:
+def test_ppo_trains_on_histories_of_measured_outputs() -> None:
     layers = [("SensorWrapper", NOISE), OUTPUTS, ("HistoryWrapper", 4, 2)]
     env = SB3VecEnv(make_wrapped_vec(4, layers, autoreset_mode="SameStep", max_episode_steps=6))
     model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, n_epochs=1, device="cpu", seed=0).learn(64)
@@ -252,7 +254,7 @@ def test_a_learner_learns_from_histories_of_measured_outputs() -> None:
     assert single.step(action)[0].shape == (27 * 4 + 4 * 2,)
 
 
-def test_sensors_and_histories_see_each_other_in_any_order() -> None:
+def test_sensor_and_history_wrappers_commute() -> None:
     one = HistoryWrapper(SensorWrapper(make_unwrapped(), NOISE), 2)
     other = SensorWrapper(HistoryWrapper(make_unwrapped(), 2), NOISE)
     assert_same(one.reset(seed=0), other.reset(seed=0))

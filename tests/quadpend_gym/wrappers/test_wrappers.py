@@ -1,4 +1,4 @@
-"""Wrappers: one real world around one environment and around many, in any sensible order, as data and as objects."""
+"""Wrappers: equal results for single and vector environments, in any order, from objects and from data."""
 
 import copy
 import pickle
@@ -51,7 +51,7 @@ from tests.helpers.wrappers import (
 from tests.quadpend_gym.envs.test_vector_env import assert_same_info
 
 ROWS, STEPS = 5, 50
-EVERY_ROW = np.ones(ROWS, np.bool_)
+ALL = np.ones(ROWS, np.bool_)
 stacks = pytest.mark.parametrize("layers", STACKS.values(), ids=STACKS.keys())
 modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
 WORLD = {"wind": WIND, "sensors": SENSORS, "actuators": ACTUATORS, "parameters": PARAMETERS}
@@ -60,8 +60,8 @@ world_wrappers = pytest.mark.parametrize("layer", WORLD.values(), ids=WORLD.keys
 
 @modes
 @stacks
-def test_many_rows_are_what_gymnasium_makes_of_single_environments(layers: Layers, mode: str) -> None:
-    """To the last bit, `final_obs` and `final_info` too, through several ends of both sorts."""
+def test_a_wrapped_vector_env_equals_gymnasiums_sync_vector_env(layers: Layers, mode: str) -> None:
+    """To the last bit, with `final_obs` and `final_info`, across several terminations and truncations."""
     env = make_wrapped_vec(ROWS, layers, autoreset_mode=mode, **SHORT)
     theirs = make_sync_vec(ROWS, layers, mode, **SHORT)
     assert env.observation_space == theirs.observation_space
@@ -69,20 +69,20 @@ def test_many_rows_are_what_gymnasium_makes_of_single_environments(layers: Layer
     assert env.action_space == theirs.action_space
     (observation, info), (their_observation, their_info) = env.reset(seed=9), theirs.reset(seed=9)
     assert_same(observation, their_observation)
-    assert_same_info(info, their_info, EVERY_ROW)
+    assert_same_info(info, their_info, ALL)
     ends = []
     for actions in biased_actions(STEPS, ROWS):
         *returned, info = env.step(actions)
         *their_return, their_info = theirs.step(actions)
         assert_same(returned, their_return)
-        assert_same_info(info, their_info, EVERY_ROW)
+        assert_same_info(info, their_info, ALL)
         over: Booleans = returned[2] | returned[3]
         ends.append(np.array(returned[2:]))
         if mode == "Disabled" and over.any():
             observation, info = env.reset(options={"reset_mask": over})
             their_observation, their_info = theirs.reset(options={"reset_mask": over})
             assert_same(observation, their_observation)
-            assert_same_info(info, their_info, EVERY_ROW)
+            assert_same_info(info, their_info, ALL)
     terminated, truncated = np.sum(ends, axis=(0, 2))
     assert terminated > 0
     assert truncated > 0
@@ -90,7 +90,7 @@ def test_many_rows_are_what_gymnasium_makes_of_single_environments(layers: Layer
 
 
 @stacks
-def test_the_number_of_rows_does_not_matter(layers: Layers) -> None:
+def test_results_do_not_depend_on_the_number_of_sub_environments(layers: Layers) -> None:
     many, few = (make_wrapped_vec(rows, layers, autoreset_mode="SameStep", **SHORT) for rows in (130, 3))
     assert_same(many.reset(seed=0)[0][:3], few.reset(seed=0)[0])
     actions = draw_actions(0, 30, 130)
@@ -101,8 +101,8 @@ def test_the_number_of_rows_does_not_matter(layers: Layers) -> None:
 
 
 @stacks
-def test_an_episode_depends_on_its_seed_and_number_only(layers: Layers) -> None:
-    """Not on what was done in earlier episodes."""
+def test_an_episode_depends_only_on_its_seed_and_number(layers: Layers) -> None:
+    """Actions of earlier episodes do not change it."""
     env, twin = make_wrapped(layers), make_wrapped(layers)
     for k, seed in enumerate((5, None, None)):
         assert_same(env.reset(seed=seed), twin.reset(seed=seed))
@@ -113,13 +113,13 @@ def test_an_episode_depends_on_its_seed_and_number_only(layers: Layers) -> None:
 
 
 @stacks
-def test_the_checker_of_stable_baselines_has_nothing_to_remark(layers: Layers) -> None:
+def test_stable_baselines3_checker_gives_no_warning(layers: Layers) -> None:
     with warnings.catch_warnings(action="error"):
         check_with_sb3(make_wrapped(layers))
 
 
 @stacks
-def test_the_checker_of_gymnasium_only_remarks_that_it_is_wrapped(layers: Layers) -> None:
+def test_gymnasium_checker_warns_only_about_the_wrapper(layers: Layers) -> None:
     with warnings.catch_warnings(record=True, action="always") as caught:
         check_with_gymnasium(make_wrapped(layers), skip_render_check=True)
     (remark,) = caught
@@ -127,7 +127,7 @@ def test_the_checker_of_gymnasium_only_remarks_that_it_is_wrapped(layers: Layers
 
 
 @stacks
-def test_the_spec_of_a_wrapped_env_survives_json(layers: Layers) -> None:
+def test_wrapped_spec_survives_json(layers: Layers) -> None:
     env = make_wrapped(layers, max_episode_steps=7)
     assert env.spec is not None
     twin = gym.make(EnvSpec.from_json(env.spec.to_json()))
@@ -139,7 +139,7 @@ def test_the_spec_of_a_wrapped_env_survives_json(layers: Layers) -> None:
 
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
 @stacks
-def test_a_copy_in_mid_episode_continues_identically(layers: Layers, clone: Callable[[Any], Any]) -> None:
+def test_copy_made_during_an_episode_continues_identically(layers: Layers, clone: Callable[[Any], Any]) -> None:
     env: Any
     for env, rows in ((make_wrapped(layers), ()), (make_wrapped_vec(3, layers, **SHORT), (3,))):
         env.reset(seed=5)
@@ -151,7 +151,7 @@ def test_a_copy_in_mid_episode_continues_identically(layers: Layers, clone: Call
 
 
 @world_wrappers
-def test_the_same_models_serve_several_environments(layer: tuple[Any, ...]) -> None:
+def test_models_can_be_shared_between_environments(layer: tuple[Any, ...]) -> None:
     one, other, alone = make_wrapped([layer]), make_wrapped([layer]), make_wrapped(copy.deepcopy([layer]))
     expected = [alone.reset(seed=1), *run_actions(alone, draw_actions(1, 15))]
     seen = [one.reset(seed=1)]
@@ -163,8 +163,8 @@ def test_the_same_models_serve_several_environments(layer: tuple[Any, ...]) -> N
 
 
 @pytest.mark.parametrize(("name", "models"), [SENSORS, ACTUATORS])
-def test_wrappers_one_around_the_other_are_one_wrapper_with_the_list(name: str, models: list[Any]) -> None:
-    """What is measured goes outwards, an action inwards."""
+def test_nested_wrappers_equal_one_wrapper_with_a_list(name: str, models: list[Any]) -> None:
+    """Measurements pass from the inner to the outer wrapper, actions from the outer to the inner one."""
     inside_out = models if name == "SensorWrapper" else models[::-1]
     nested = make_wrapped([(name, model) for model in inside_out])
     flat = make_wrapped([(name, models)])
@@ -173,14 +173,14 @@ def test_wrappers_one_around_the_other_are_one_wrapper_with_the_list(name: str, 
     assert_same(run_actions(nested, actions), run_actions(flat, actions))
 
 
-def test_the_order_in_which_different_wrappers_of_the_world_stand_does_not_matter() -> None:
+def test_wind_sensor_actuator_and_parameter_wrappers_commute() -> None:
     one, other = (make_wrapped(list(order), **SHORT) for order in (WORLD.values(), reversed(WORLD.values())))
     assert_same(one.reset(seed=0), other.reset(seed=0))
     actions = draw_actions(0, 15)
     assert_same(run_actions(one, actions), run_actions(other, actions))
 
 
-def test_sensors_and_actuators_leave_starts_references_parameters_and_wind_unchanged() -> None:
+def test_sensors_and_actuators_do_not_change_starts_references_parameters_and_wind() -> None:
     plain: Any = make_wrapped_vec(5, [WIND, PARAMETERS])
     real: Any = make_wrapped_vec(5, [WIND, PARAMETERS, ACTUATORS, SENSORS])
     for seed in (0, None):
@@ -194,14 +194,14 @@ def test_sensors_and_actuators_leave_starts_references_parameters_and_wind_uncha
             assert_array_equal(info["air_velocity"], expected["air_velocity"])
 
 
-def test_every_purpose_has_a_random_stream_of_its_own() -> None:
+def test_every_purpose_has_its_own_random_stream() -> None:
     numbers = [number for name, number in vars(streams).items() if name.endswith("_STREAM")]
     assert len(numbers) == 6
     assert len(set(numbers)) == 6
 
 
 @world_wrappers
-def test_a_wrapper_in_mid_episode_asks_for_a_reset(layer: tuple[Any, ...]) -> None:
+def test_a_step_after_wrapping_during_an_episode_needs_a_reset(layer: tuple[Any, ...]) -> None:
     env: Any
     for env, rows in ((make_unwrapped(), ()), (make_vec(3), (3,))):
         env.reset(seed=0)
@@ -214,14 +214,14 @@ def test_a_wrapper_in_mid_episode_asks_for_a_reset(layer: tuple[Any, ...]) -> No
 
 
 @world_wrappers
-def test_only_these_environments_can_be_wrapped(layer: tuple[Any, ...]) -> None:
-    only = "only a QuadPendulum environment can be wrapped so, not .*CartPole"
+def test_wrappers_accept_quadpendulum_environments_only(layer: tuple[Any, ...]) -> None:
+    only = "env must be a QuadPendulum environment, wrapped or not, not .*CartPole"
     assert_refused(lambda: wrapped(gym.make("CartPole-v1"), [layer]), only, TypeError)
     assert_refused(lambda: wrapped(gym.make_vec("CartPole-v1", 2), [layer]), only, TypeError)
 
 
 @pytest.mark.parametrize("layer", [*WORLD.values(), OUTPUTS, HISTORY], ids=[*WORLD, "outputs", "history"])
-def test_a_wrapper_for_one_environment_and_one_for_many_are_not_taken_for_each_other(layer: tuple[Any, ...]) -> None:
+def test_single_and_vector_wrappers_are_not_interchangeable(layer: tuple[Any, ...]) -> None:
     name, *arguments = layer
     assert_refused(
         lambda: getattr(wrappers, f"Vector{name}")(make_unwrapped(), *arguments), "Expected env to be", TypeError
@@ -229,13 +229,13 @@ def test_a_wrapper_for_one_environment_and_one_for_many_are_not_taken_for_each_o
     assert_refused(lambda: getattr(wrappers, name)(make_vec(2), *arguments), "Expected env to be", TypeError)
 
 
-def test_gymnasiums_wrappers_go_in_between() -> None:
+def test_gymnasiums_wrappers_can_stand_in_between() -> None:
     env = wrapped(gym.wrappers.TimeLimit(wrapped(make(), [SENSORS]), 4), [ACTUATORS, HISTORY])
     env.reset(seed=0)
     assert [truncated for *_, truncated, _ in run_actions(env, np.zeros((4, 4)))] == [False, False, False, True]
 
 
-def test_refused_models_leave_the_environment_as_it_was() -> None:
+def test_refused_models_change_nothing() -> None:
     for name in ("SensorWrapper", "ActuatorWrapper", "ParameterWrapper", "WindWrapper"):
         env, twin = make(), make()
         env.reset(seed=0), twin.reset(seed=0)
@@ -244,7 +244,7 @@ def test_refused_models_leave_the_environment_as_it_was() -> None:
         assert_same(run_actions(env, actions), run_actions(twin, actions))
 
 
-def test_no_models_change_nothing() -> None:
+def test_empty_models_change_nothing() -> None:
     env, plain = make_wrapped([("SensorWrapper", []), ("ActuatorWrapper", None), ("WindWrapper", "calm")]), make()
     assert_same(env.reset(seed=0), plain.reset(seed=0))
     actions = draw_actions(0, 10)
@@ -252,7 +252,7 @@ def test_no_models_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("wrapper", [None, SensorWrapper])
-def test_stable_baselines_makes_its_own_vector_of_them(wrapper: Any) -> None:
+def test_stable_baselines3_makes_its_own_vector_of_them(wrapper: Any) -> None:
     kwargs = {"sensors": Noise(position=0.01)} if wrapper else None
     envs = make_vec_env("QuadPendulum-v0", 2, wrapper_class=wrapper, wrapper_kwargs=kwargs)
     assert envs.reset().shape == (2, 36)
