@@ -1,13 +1,13 @@
-"""What Theorems 1 and 2 claim, what of it holds, and what can be proven instead.
+"""Theorems 1 and 2 of the paper: which of their claims hold, and which bounds can be proven instead.
 
-The errors of the paper's observers and loops are chains e⁽ⁿ⁾ + a₍ₙ₋₁₎ e⁽ⁿ⁻¹⁾ + … + a₀ e = w: with w = ϑ̈ for the DESO
-inside the layer δ = ρ/λ₀, and w = ϑ − ϑ̂ for (61)–(63). In the phase variables, ė = A e + b w, |w| ≤ D:
+The errors of the paper's observers and loops satisfy e⁽ⁿ⁾ + a₍ₙ₋₁₎ e⁽ⁿ⁻¹⁾ + … + a₀ e = w. For the DESO inside the layer
+δ = ρ/λ₀, w = ϑ̈; for (61)–(63), w = ϑ − ϑ̂. In the phase variables ė = A e + b w with |w| ≤ D. The ultimate bounds are:
 
-    (1)  |eᵢ(t)| ≤ gᵢ D ultimately,  gᵢ = ∫₀^∞ |(e^(At) b)ᵢ| dt                          sharp: a bounded w attains it
-    (2)  ‖e‖ ≤ 2 ‖Pb‖ √(λmax(P)/λmin(P)) D ultimately,  AᵀP + PA = −I                    (Khalil, Theorem 4.18)
-    (3)  ‖e‖ ≤ D / |Re σmax(A)|                                                         (59), (72) as printed
+    (1)  |eᵢ(t)| ≤ gᵢ D,  gᵢ = ∫₀^∞ |(e^(At) b)ᵢ| dt                          sharp: a bounded w attains it
+    (2)  ‖e‖ ≤ 2 ‖Pb‖ √(λmax(P)/λmin(P)) D,  AᵀP + PA = −I                    (Khalil, Theorem 4.18)
+    (3)  ‖e‖ ≤ D / |Re σmax(A)|                                              (59), (72) as printed
 
-Time is counted in units of 1/ω where it says so: eᵢ then has the same unit as e, and A depends on ζ alone.
+Some tests measure time in units of 1/ω, and say so. All eᵢ then have the unit of e, and A depends on ζ only.
 """
 
 import numpy as np
@@ -19,12 +19,12 @@ from quadpend_baselines.gains import ADRC_GAINS
 from quadpend_gym.core.arrays import Floats
 
 ZETA = 0.9  # ζ and ζ_c of Section 5
-# The error dynamics at Section 5's gains: order and bandwidth, rad/s.
+# Order and bandwidth (rad/s) of the error dynamics with the gains of Section 5.
 SECTION_5 = {"DESO, (59)": (4, 500.0), "z and ψ, (72)": (2, 10.0), "F, (72)": (6, 7.0)}
 
 
 def polynomial(order: int, bandwidth: float = 1.0, damping: float = ZETA) -> Floats:
-    """(s² + 2ζωs + ω²) to the power order/2, highest power first."""
+    """Return the coefficients of (s² + 2ζωs + ω²)^(order/2), highest power first."""
     quadratic = np.array([1.0, 2.0 * damping * bandwidth, bandwidth**2])
     product = np.array([1.0])
     for _ in range(order // 2):
@@ -32,8 +32,8 @@ def polynomial(order: int, bandwidth: float = 1.0, damping: float = ZETA) -> Flo
     return product
 
 
-def companion(coefficients: Floats) -> Floats:
-    """A of ė = A e + b w for phase variables e, from a polynomial, highest power first."""
+def companion_matrix(coefficients: Floats) -> Floats:
+    """Return A of ė = A e + b w in phase variables for a characteristic polynomial, highest power first."""
     order = coefficients.size - 1
     matrix = np.eye(order, k=1)
     matrix[-1] = -coefficients[:0:-1]
@@ -41,7 +41,7 @@ def companion(coefficients: Floats) -> Floats:
 
 
 def impulse_response(matrix: Floats, step: float, seconds: float) -> Floats:
-    """e^(At) b on a grid, shape (steps, n)."""
+    """Return e^(At) b on a grid of times, shape (steps, n)."""
     transition, state = expm(matrix * step), np.eye(len(matrix))[-1]
     out = np.empty((round(seconds / step), len(matrix)))
     for row in out:
@@ -51,19 +51,19 @@ def impulse_response(matrix: Floats, step: float, seconds: float) -> Floats:
 
 
 def peak_gains(order: int, bandwidth: float, damping: float = ZETA) -> Floats:
-    """gᵢ of (1), shape (n,)."""
+    """Return gᵢ of (1), shape (n,)."""
     step, seconds = 5e-3 / bandwidth, 40.0 / (min(damping, 1.0) * bandwidth)
-    response = impulse_response(companion(polynomial(order, bandwidth, damping)), step, seconds)
+    response = impulse_response(companion_matrix(polynomial(order, bandwidth, damping)), step, seconds)
     return np.asarray(np.trapezoid(np.abs(response), dx=step, axis=0))
 
 
 def lyapunov(matrix: Floats, right: Floats | None = None) -> Floats:
-    """P of AᵀP + PA = −Q, with Q = I unless given."""
+    """Return P of AᵀP + PA = −Q; Q is `right`, by default I."""
     return np.asarray(solve_continuous_lyapunov(matrix.T, -np.eye(len(matrix)) if right is None else -right))
 
 
 def printed_radius(matrix: Floats) -> float:
-    """The radius (3) for D = 1."""
+    """Return the radius (3) for D = 1."""
     return float(1.0 / np.abs(np.max(np.linalg.eigvals(matrix).real)))
 
 
@@ -87,7 +87,7 @@ def test_15_22_and_50_are_hurwitz(gains: str) -> None:
 
 
 def test_hurwitz_needs_no_large_n() -> None:
-    """Theorem 2 says 'if and only if N ≫ 0': any N > 0 does, and k > 0 alone does not."""
+    """Theorem 2 says 'if and only if N ≫ 0'. Every N > 0 is sufficient, and k > 0 alone is not."""
     assert np.max(np.roots(polynomial(6, bandwidth=1e-3)).real) < 0.0
     all_positive = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     assert np.max(np.roots(all_positive).real) > 0.0
@@ -97,22 +97,22 @@ def test_hurwitz_needs_no_large_n() -> None:
 
 
 def test_54_has_no_solution_as_printed_but_one_with_lambda_0() -> None:
-    """Inside the layer the last row of A_e is −λ₀, −λ₁, −λ₂, −λ₃, and a P > 0 exists."""
-    with_lambda = companion(polynomial(4))
+    """With the last row −λ₀, −λ₁, −λ₂, −λ₃ of A_e, which is right inside the layer, a solution P > 0 exists."""
+    with_lambda = companion_matrix(polynomial(4))
     printed = with_lambda.copy()
     printed[-1, 0] = 0.0
-    unknowns = np.kron(np.eye(4), printed.T) + np.kron(printed.T, np.eye(4))  # acting on the entries of P
+    unknowns = np.kron(np.eye(4), printed.T) + np.kron(printed.T, np.eye(4))  # linear map of the entries of P
     best, *_ = np.linalg.lstsq(unknowns, -np.eye(4).ravel(), rcond=None)
-    assert np.linalg.norm(unknowns @ best + np.eye(4).ravel()) > 0.99  # −Q₁₁ is out of reach
+    assert np.linalg.norm(unknowns @ best + np.eye(4).ravel()) > 0.99  # no P gives the entry −Q₁₁
     P = lyapunov(with_lambda)
     np.testing.assert_allclose(with_lambda.T @ P + P @ with_lambda, -np.eye(4), atol=1e-12)
     assert np.min(np.linalg.eigvalsh(P)) > 0.0
 
 
 @pytest.mark.parametrize("order", [2, 4, 6])
-def test_57_and_70_claim_more_than_any_lyapunov_function_can(order: int) -> None:
-    """½ eᵀ(AᵀP + PA)e ≤ −‖e‖²‖P‖|Re σmax| is false for every Q tried: λmin(Q) ≤ 2 |Re σmax| λmax(P), always."""
-    matrix = companion(polynomial(order))
+def test_57_and_70_hold_for_no_lyapunov_function(order: int) -> None:
+    """½ eᵀ(AᵀP + PA)e ≤ −‖e‖²‖P‖|Re σmax| is false for all Q tested, since always λmin(Q) ≤ 2 |Re σmax| λmax(P)."""
+    matrix = companion_matrix(polynomial(order))
     rng = np.random.default_rng(0)
     for _ in range(100):
         root = rng.normal(size=(order, order))
@@ -129,10 +129,10 @@ def test_57_and_70_claim_more_than_any_lyapunov_function_can(order: int) -> None
 
 
 @pytest.mark.parametrize("system", SECTION_5)
-def test_59_and_72_do_not_keep_what_enters_them(system: str) -> None:
-    """'No path entering S(0, ρ) will ever leave it': from (ρ/2, 0, …) the undisturbed error leaves it at once."""
+def test_59_and_72_are_not_invariant_sets(system: str) -> None:
+    """'No path entering S(0, ρ) will ever leave it': the undisturbed error that starts at (ρ/2, 0, …) leaves it."""
     order, bandwidth = SECTION_5[system]
-    matrix = companion(polynomial(order, bandwidth))
+    matrix = companion_matrix(polynomial(order, bandwidth))
     radius = printed_radius(matrix)
     state = np.zeros(order)
     state[0] = 0.5 * radius
@@ -147,11 +147,11 @@ def test_59_and_72_do_not_keep_what_enters_them(system: str) -> None:
 
 @pytest.mark.parametrize("system", SECTION_5)
 def test_59_and_72_hold_ultimately_at_section_5s_gains(system: str) -> None:
-    """With λ₀ in A_e. As printed its largest eigenvalue is 0, and the radius (59) infinite."""
+    """They hold with λ₀ in A_e. The largest eigenvalue of the printed A_e is 0, so the radius (59) is infinite."""
     order, bandwidth = SECTION_5[system]
-    assert np.linalg.norm(peak_gains(order, bandwidth)) < printed_radius(companion(polynomial(order, bandwidth)))
+    assert np.linalg.norm(peak_gains(order, bandwidth)) < printed_radius(companion_matrix(polynomial(order, bandwidth)))
     if order == 4:
-        printed = companion(polynomial(order, bandwidth))
+        printed = companion_matrix(polynomial(order, bandwidth))
         printed[-1, 0] = 0.0
         assert np.max(np.linalg.eigvals(printed).real) == pytest.approx(0.0, abs=1e-9)
 
@@ -163,24 +163,23 @@ def test_59_and_72_hold_ultimately_at_section_5s_gains(system: str) -> None:
 def test_59_and_72_fail_for_slow_or_lightly_damped_errors(
     order: int, bandwidth: float, damping: float, factor: float
 ) -> None:
-    """A bounded disturbance takes the error out of the printed ball by this factor.
+    """A bounded disturbance drives the error out of the printed ball by this factor.
 
-    That slow errors break it is a matter of units: ‖e‖ adds m to m/s, m/s², …, so (3) says one thing in s and another
-    in ms.
+    For slow errors the reason is the units: ‖e‖ adds m, m/s, m/s², …, so (3) depends on the unit of time.
     """
-    matrix = companion(polynomial(order, bandwidth, damping))
+    matrix = companion_matrix(polynomial(order, bandwidth, damping))
     error = np.max(worst_response(matrix, 0.01 / bandwidth, 40.0 / (damping * bandwidth), 1.0))
     assert error / printed_radius(matrix) == pytest.approx(factor, rel=0.03)
 
 
 def worst_response(matrix: Floats, step: float, seconds: float, size: float) -> Floats:
-    """Largest |eᵢ| at the end, each under the disturbance |w| ≤ size that is worst for it, simulated, shape (n,)."""
+    """Simulate the worst disturbance |w| ≤ size for each eᵢ and return the final values of |eᵢ|, shape (n,)."""
     order = len(matrix)
     response = impulse_response(matrix, step, seconds)
     held = np.zeros((order + 1, order + 1))
     held[:order, :order], held[order - 1, order] = matrix, 1.0
     transition = expm(held * step)
-    errors = np.zeros((order, order))  # column i under the disturbance that is worst for eᵢ
+    errors = np.zeros((order, order))  # column i: the error under the worst disturbance for eᵢ
     for now in response[::-1]:
         errors = transition[:order, :order] @ errors + np.outer(transition[:order, order], size * np.sign(now))
     return np.abs(np.diag(errors))
@@ -188,13 +187,13 @@ def worst_response(matrix: Floats, step: float, seconds: float, size: float) -> 
 
 @pytest.mark.parametrize("system", SECTION_5)
 def test_corrected_ultimate_bounds(system: str) -> None:
-    """(1) is attained by a bang-bang disturbance; (2) holds, and is 3 to 200 times too large in units of 1/ω."""
+    """A bang-bang disturbance attains (1). (2) holds, and is 3 to 200 times too large in units of 1/ω."""
     order, bandwidth = SECTION_5[system]
-    matrix = companion(polynomial(order, bandwidth))
+    matrix = companion_matrix(polynomial(order, bandwidth))
     attained = worst_response(matrix, 0.01 / bandwidth, 40.0 / bandwidth, 3.0)
     np.testing.assert_allclose(attained, 3.0 * peak_gains(order, bandwidth), rtol=0.01)
 
-    scaled = companion(polynomial(order))
+    scaled = companion_matrix(polynomial(order))
     P = lyapunov(scaled)
     values = np.linalg.eigvalsh(P)
     bound = 2.0 * np.linalg.norm(P[:, -1]) * np.sqrt(values[-1] / values[0])
@@ -203,11 +202,14 @@ def test_corrected_ultimate_bounds(system: str) -> None:
     assert bound == pytest.approx({2: 3.36, 4: 29.5, 6: 279.0}[order], rel=0.01)
 
 
-# The observer with its switching term, in units of 1/ω, ρ = 1: ε = (ẽ₁, ẽ₂, ϑ − ϑ̂₁, ϑ̇ − ϑ̂₂)
+# The observer with its switching term, time in units of 1/ω, ρ = 1, errors ε = (ẽ₁, ẽ₂, ϑ − ϑ̂₁, ϑ̇ − ϑ̂₂)
 
 
 def simulate(slope: float, start: Floats, seconds: float, disturbance: float = 0.0, frequency: float = 1.0) -> Floats:
-    """Errors of the DESO with the term ρ sat(slope·ẽ) (inf: the sign) under ϑ̈ = D sin(ωt), on a grid of 2 ms."""
+    """Simulate the errors of the DESO with the term ρ sat(slope·ẽ) under ϑ̈ = D sin(ωt).
+
+    An infinite slope is the sign function. The result has one row for each step of 0.002.
+    """
     step = 2e-3
     _, l3, l2, l1, _ = polynomial(4)
     held = np.zeros((5, 5))
@@ -226,20 +228,20 @@ def simulate(slope: float, start: Floats, seconds: float, disturbance: float = 0
 
 
 @pytest.mark.parametrize("start", [0.001, 1.0])
-def test_sign_term_cycles_as_its_describing_function_says(start: float) -> None:
-    """Without any disturbance: amplitude 4ρ/(π ω⁴(4ζ²+1)) at ω, ripple of ϑ̂ 1.67 ρ/ω², so ϑ̂ does not converge to ϑ."""
+def test_sign_term_has_the_limit_cycle_that_its_describing_function_predicts(start: float) -> None:
+    """Without a disturbance ẽ oscillates at ω with 4ρ/(π ω⁴(4ζ²+1)) and ϑ̂ with 1.67 ρ/ω²; ϑ̂ does not converge to ϑ."""
     errors = simulate(np.inf, np.array([start, 0.0, 0.0, 0.0]), seconds=120.0)[-20_000:]
     margin = 4.0 * ZETA**2 + 1.0
     amplitude, ripple = 4.0 / np.pi / margin, 4.0 / np.pi * np.hypot(1.0, 4.0 * ZETA / margin)
     assert ripple == pytest.approx(1.67, abs=0.001)
-    assert np.max(np.abs(errors[:, 0])) == pytest.approx(amplitude, rel=0.03)  # ±10 % promised
+    assert np.max(np.abs(errors[:, 0])) == pytest.approx(amplitude, rel=0.03)  # the prediction is good to ±10 %
     assert np.max(np.abs(errors[:, 2])) == pytest.approx(ripple, rel=0.04)
     crossings = np.flatnonzero((errors[1:, 0] > 0.0) & (errors[:-1, 0] <= 0.0))
     assert np.mean(np.diff(crossings)) * 2e-3 == pytest.approx(2.0 * np.pi, rel=0.05)
 
 
 def test_sign_term_reaches_the_margin_of_the_linear_observer() -> None:
-    """Where the describing function comes from: λ₀ may grow by the factor 4ζ² + 1 before the poles cross at ±jω."""
+    """The describing function uses this: λ₀ can grow by the factor 4ζ² + 1 until poles reach ±jω."""
     for damping in (0.5, 0.7, ZETA):
         coefficients = polynomial(4, damping=damping)
         coefficients[-1] *= 4.0 * damping**2 + 1.0
@@ -250,25 +252,26 @@ def test_sign_term_reaches_the_margin_of_the_linear_observer() -> None:
 
 
 def test_saturated_term_converges_from_any_error() -> None:
-    """Popov's criterion, for every slope below the margin 4ζ²+1, G = 1/(s⁴+λ₃s³+λ₂s²+λ₁s): Re (1+qs)G > −1/(4ζ²+1)."""
+    """Popov's criterion holds for slopes below 4ζ²+1: Re (1+qs)G > −1/(4ζ²+1) with G = 1/(s⁴+λ₃s³+λ₂s²+λ₁s)."""
     s = 1j * np.logspace(-4.0, 4.0, 20_001)
     plant = 1.0 / np.polyval([*polynomial(4)[:4], 0.0], s)
     margin = 4.0 * ZETA**2 + 1.0
     assert np.min(((1.0 + ZETA * s) * plant).real) > -1.0 / margin - 1e-6
-    assert margin > 4.0  # δ = ρ/λ₀ is a slope of 1 in these units: four times inside
+    assert margin > 4.0  # δ = ρ/λ₀ is a slope of 1 in these units, a quarter of the margin
     for start in (0.1, 10.0):
         errors = simulate(1.0, np.array([start, 0.0, 0.0, 0.0]), seconds=120.0)
         assert np.max(np.abs(errors[-1])) < 1e-9
 
 
 def test_saturated_term_stays_in_its_layer() -> None:
-    """|ϑ̈| ≤ D and ρ ≥ g₁λ₀ D = 1.003 D: from no error it never leaves the layer, where it is the linear observer.
+    """If |ϑ̈| ≤ D and ρ ≥ g₁λ₀ D = 1.003 D, the error that starts at zero stays in the layer.
 
-    There |ẽ| ≤ 1.003 D/ω⁴ and |ϑ − ϑ̂| ≤ 5.25 D/ω², sharp; the sign term adds its ripple to that.
+    In the layer the observer is linear. The sharp bounds are |ẽ| ≤ 1.003 D/ω⁴ and |ϑ − ϑ̂| ≤ 5.25 D/ω². The sign term
+    adds its ripple to them.
     """
     assert peak_gains(4, 1.0)[0] == pytest.approx(1.003, abs=1e-3)
     to_estimate = polynomial(4)[2::-1]  # ϑ − ϑ̂ = ẽ̈ + λ₃ẽ̇ + λ₂ẽ
-    response = impulse_response(companion(polynomial(4)), 5e-3, 40.0)[:, :3] @ to_estimate
+    response = impulse_response(companion_matrix(polynomial(4)), 5e-3, 40.0)[:, :3] @ to_estimate
     gain = np.trapezoid(np.abs(response), dx=5e-3)
     assert gain == pytest.approx(5.25, rel=0.01)
     for frequency in (0.2, 0.6, 1.0, 2.0):
@@ -278,7 +281,7 @@ def test_saturated_term_stays_in_its_layer() -> None:
 
 
 def test_constant_drift_is_estimated_without_error_by_the_saturated_term_only() -> None:
-    """ϑ̈ = 0, Theorem 1's best case: the linear layer's error vanishes, the sign term's ripple does not."""
+    """ϑ̈ = 0 is the best case of Theorem 1: the saturated term has no error, the sign term still has its ripple."""
     start = np.array([0.0, 0.0, 0.3, 0.1])
     assert np.max(np.abs(simulate(1.0, start, seconds=80.0)[-4000:, 2])) < 1e-9
     assert np.max(np.abs(simulate(np.inf, start, seconds=80.0)[-4000:, 2])) > 1.5

@@ -1,7 +1,7 @@
-"""The paper's model, (1)–(7) and (17)–(19), entry by entry against its own energies differentiated by sympy.
+"""The paper's model, (1)–(7) and (17)–(19), compared entry by entry with what sympy derives from the paper's energies.
 
-A test named `…_as_printed` shows that the paper is right; every other one shows the printed form failing and the
-corrected one holding. The map of all equations is docs/paper.md.
+A test named `…_as_printed` shows that the printed equation is right. Each other test shows that the printed form fails
+and the corrected form holds. docs/paper.md lists all equations.
 """
 
 import pytest
@@ -38,7 +38,7 @@ alpha_dot, beta_dot = rate_of(alpha), rate_of(beta)
 SWING = sp.Matrix([alpha_dot, beta_dot])
 POSITION, EULER, PENDULUM = slice(0, 3), slice(3, 6), slice(6, 8)
 
-# The blocks of (7): Θ, Γ, Y and Ψ corrected, the others as printed.
+# Blocks of (7): Θ, Γ, Y and Ψ are corrected, the others are as printed.
 THETA = (
     m_c
     * length
@@ -70,7 +70,7 @@ PSI = (
 
 
 def replaced(matrix: sp.Matrix, entries: dict[tuple[int, int], sp.Expr], factor: sp.Expr) -> sp.Matrix:
-    """A copy with the given entries, each times the factor in front of the printed matrix."""
+    """Return a copy with the given entries, multiplied by the factor in front of the printed matrix."""
     printed = matrix.copy()
     for place, entry in entries.items():
         printed[place] = factor * entry
@@ -83,7 +83,7 @@ def model() -> Model:
 
 
 def test_6_and_7_are_the_same_equation(model: Model) -> None:
-    """d/dt ∂L/∂q̇ − ∂L/∂q, with C made of Christoffel symbols; no entry of C belongs to the attitude."""
+    """d/dt ∂L/∂q̇ − ∂L/∂q equals C q̇ + G with Christoffel symbols in C; the attitude block of C is zero."""
     kinetic = (model.q_dot.T * model.mass * model.q_dot)[0] / 2
     potential = (M + m_c) * g * z + m_c * g * length * C_alpha  # (4) + (5) as printed
     momentum = model.mass * model.q_dot
@@ -94,7 +94,7 @@ def test_6_and_7_are_the_same_equation(model: Model) -> None:
 
 
 def test_7_needs_u_in_r4(model: Model) -> None:
-    """[f τ 0 0]ᵀ ∈ R⁸ is right in (6), as the generalised force, but does not fit the 8 × 4 matrix B of (7)."""
+    """[f τ 0 0]ᵀ ∈ R⁸ is right in (6), as the generalised force, but B of (7) is 8 × 4 and needs a vector in R⁴."""
     tau = sp.Matrix(COMMAND[1:])
     printed = sp.Matrix([u * THRUST_AXIS, tau, sp.zeros(2, 1)])
     right = sp.Matrix([u, tau])
@@ -112,14 +112,14 @@ def test_theta_matrix_entry_31(model: Model) -> None:
 
 
 def test_gamma_matrix_entry_21(model: Model) -> None:
-    """Γᵀ₂₁ = +CαSβ, printed −CαSβ; corrected, Γ is exactly Θᵀ."""
+    """Γᵀ₂₁ = +CαSβ, printed −CαSβ. The corrected Γ is exactly Θᵀ."""
     printed_transposed = replaced(THETA, {(1, 0): -C_alpha * S_beta}, m_c * length)
     assert vanishes(THETA.T - model.mass[PENDULUM, POSITION])
     assert not vanishes(printed_transposed.T - model.mass[PENDULUM, POSITION])
 
 
 def test_printed_mass_matrix_is_not_symmetric() -> None:
-    """So it cannot come from a kinetic energy, whatever the coordinates mean."""
+    """A mass matrix of a kinetic energy is symmetric in all coordinates."""
     theta_printed = replaced(THETA, {(2, 0): S_alpha}, m_c * length)
     gamma_printed = replaced(THETA, {(1, 0): -C_alpha * S_beta}, m_c * length).T
     assert not vanishes(gamma_printed - theta_printed.T)
@@ -130,7 +130,7 @@ def test_phi_matrix_as_printed(model: Model) -> None:
 
 
 def test_mass_matrix_blocks_and_determinant(model: Model) -> None:
-    """det M is zero exactly at sin α = 0: (α, β) cannot be integrated through the upright position."""
+    """det M is zero if and only if sin α = 0, so (α, β) cannot be integrated through the upright position."""
     assert vanishes(model.mass[POSITION, POSITION] - (M + m_c) * sp.eye(3))
     assert vanishes(
         model.mass[EULER, :] - sp.Matrix.hstack(sp.zeros(3), sp.diag(I_phi, I_theta, I_psi), sp.zeros(3, 2))
@@ -140,7 +140,7 @@ def test_mass_matrix_blocks_and_determinant(model: Model) -> None:
 
 
 def test_y_matrix_rows_1_and_2(model: Model) -> None:
-    """Printed, both rows miss sines and cosines of β: they are not even the right force Y (α̇, β̇)ᵀ."""
+    """The printed rows lack sines and cosines of β; even their force Y (α̇, β̇)ᵀ is wrong."""
     last = -(alpha_dot * C_alpha * C_beta + beta_dot * S_alpha)
     entries = {
         (0, 0): -(alpha_dot * S_alpha + beta_dot * C_alpha * S_beta),
@@ -161,7 +161,7 @@ def test_y_matrix_row_3_as_printed(model: Model) -> None:
 
 
 def test_psi_matrix_row_2(model: Model) -> None:
-    """β̇SαCα and α̇SαCα, printed with Cβ for Cα: a force on β that would depend on where β is counted from."""
+    """β̇SαCα and α̇SαCα, printed with Cβ for Cα: the force on β would depend on the choice of β = 0."""
     printed = replaced(
         PSI, {(1, 0): beta_dot * S_alpha * C_beta, (1, 1): alpha_dot * S_alpha * C_beta}, m_c * length**2
     )
@@ -176,7 +176,7 @@ def test_psi_matrix_row_1_as_printed(model: Model) -> None:
 
 
 def test_gravity_vector_and_input_matrix_as_printed(model: Model) -> None:
-    """G depends on q alone, though it is written G(q̇, q)."""
+    """G depends on q only, although the paper writes G(q̇, q)."""
     gravity = sp.Matrix([0, 0, g * (M + m_c), 0, 0, 0, -m_c * length * g * S_alpha, 0])
     inputs = sp.Matrix(
         sp.BlockMatrix(
@@ -189,7 +189,7 @@ def test_gravity_vector_and_input_matrix_as_printed(model: Model) -> None:
 
 @pytest.fixture(scope="module")
 def height_acceleration(model: Model) -> sp.Expr:
-    """z̈ of (7), by eliminating the pendulum's accelerations."""
+    """Return z̈ of (7), with the accelerations of the pendulum eliminated."""
     couple, swing = model.mass[POSITION, PENDULUM], model.mass[PENDULUM, PENDULUM]
     through = couple * swing.inv()
     force = model.inputs * sp.Matrix(COMMAND) - model.coriolis * model.q_dot - model.gravity
@@ -201,7 +201,7 @@ def height_acceleration(model: Model) -> sp.Expr:
 
 
 def test_17_as_printed_and_18_g_z(height_acceleration: sp.Expr) -> None:
-    """g_z ends in SθCφ, printed SθCψ: wrong by a factor cos ψ/cos φ in the term that couples pitch and pendulum."""
+    """g_z ends in SθCφ, printed SθCψ; the printed coupling of pitch and pendulum is wrong by cos ψ/cos φ."""
 
     def thrust_gain(misprinted: sp.Expr) -> sp.Expr:
         lean = (C_psi * S_beta - S_psi * C_beta) * S_phi - (C_psi * C_beta + S_psi * S_beta) * S_theta * misprinted

@@ -1,4 +1,4 @@
-"""References: exact derivatives, the shapes they are named after, and what is drawn near them."""
+"""References: exact derivatives, shapes, random references, and random starts near them."""
 
 import copy
 from functools import cache
@@ -12,10 +12,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_gym import PAPER, Reference, ReferenceSettings, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
+from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.tasks import TASKS
 from tests.helpers.envs import make_unwrapped, make_vec
 
-FAMILIES = ("hover", "circle", "figure_eight", "helix")  # fields of `ReferenceSettings`, each a frequency
+FAMILIES = ("hover", "circle", "figure_eight", "helix")  # fields of `ReferenceSettings` with relative frequencies
 
 GENERAL = Reference(
     offset=(0.1, -0.2, 2.5, 0.3),
@@ -26,10 +27,10 @@ GENERAL = Reference(
 )
 TIMES = np.linspace(0.0, 10.0, 201)
 GRAVITY, ROD = 9.8, 0.3
-NOTHING = StartSettings(**dict.fromkeys(StartSettings.__dataclass_fields__, 0.0))
+NO_DEVIATION = StartSettings(**dict.fromkeys(StartSettings.__dataclass_fields__, 0.0))
 
 
-def test_derivatives_are_those_of_sympy() -> None:
+def test_derivatives_agree_with_sympy() -> None:
     t = sympy.Symbol("t")
     derivatives = GENERAL.derivatives(TIMES)
     for channel in range(4):
@@ -40,20 +41,20 @@ def test_derivatives_are_those_of_sympy() -> None:
             assert_allclose(derivatives[:, order, channel], exact, rtol=1e-12, atol=1e-12)
 
 
-def test_derivatives_keep_the_shape_of_the_times() -> None:
+def test_derivatives_have_the_shape_of_the_times() -> None:
     assert GENERAL.derivatives(1.0).shape == (7, 4)
     assert GENERAL.derivatives(TIMES.reshape(3, 67)).shape == (3, 67, 7, 4)
     assert_array_equal(GENERAL.derivatives(TIMES.reshape(3, 67)).reshape(201, 7, 4), GENERAL.derivatives(TIMES))
 
 
-def test_hover_stands_still() -> None:
+def test_a_hover_reference_is_constant() -> None:
     derivatives = Reference.hover(1.0, 2.0, 3.0, yaw=0.4).derivatives(TIMES)
     assert_array_equal(derivatives[:, 0], np.broadcast_to((1.0, 2.0, 3.0, 0.4), (201, 4)))
     assert_array_equal(derivatives[:, 1:], 0.0)
 
 
 @pytest.mark.parametrize("frequency", [1.3, -1.3])
-def test_a_circle_is_round_and_turns_as_told(frequency: float) -> None:
+def test_a_circle_has_the_given_radius_and_angular_frequency(frequency: float) -> None:
     (x, y, z, _), (vx, vy, *_) = np.moveaxis(Reference.circle(0.8, frequency, 2.5).derivatives(TIMES)[:, :2], 0, -1)
     assert_allclose(np.hypot(x, y), 0.8, rtol=1e-12)
     assert_allclose(x * vy - y * vx, frequency * 0.8**2, rtol=1e-12)
@@ -68,7 +69,7 @@ def test_a_helix_is_a_circle_that_climbs() -> None:
 
 
 def test_a_figure_eight_is_the_lemniscate_of_gerono() -> None:
-    """x⁴ = R² (x² − y²), passed once in 2π/ω."""
+    """x⁴ = R² (x² − y²), with the period 2π/ω."""
     radius, frequency = 0.9, 2.0
     x, y, z, _ = Reference.figure_eight(radius, frequency).derivatives(TIMES)[:, 0].T
     assert_allclose(x**4, radius**2 * (x**2 - y**2), atol=1e-14)
@@ -78,14 +79,14 @@ def test_a_figure_eight_is_the_lemniscate_of_gerono() -> None:
     assert_allclose(again[:, 0, 0], x, atol=1e-12)
 
 
-def only(family: str, **settings: Any) -> Task:
-    """A task whose references are all of one family."""
+def single_family(family: str, **settings: Any) -> Task:
+    """Return a task whose references are all of one family."""
     return Task(references=ReferenceSettings(**{**dict.fromkeys(FAMILIES, 0.0), family: 1.0, **settings}))
 
 
 @cache
 def drawn(task: Task, rows: int = 500) -> list[Reference]:
-    """References that a task draws."""
+    """Return references that a task draws."""
     env = make_vec(rows, task=task)
     env.reset(seed=0)
     return [Reference(*numbers.reshape(5, 4)) for numbers in env.world.reference]
@@ -96,7 +97,7 @@ def test_drawn_references_lie_within_the_ranges_of_their_task(family: str) -> No
     ranges = ReferenceSettings()
     times = np.linspace(0.0, 40.0, 4001)
     heights, sizes, peaks, climbs = [], [], [], []
-    for reference in drawn(only(family), 200):
+    for reference in drawn(single_family(family), 200):
         derivatives = reference.derivatives(times)
         heights.append(derivatives[0, 0, 2])
         sizes.append(np.abs(derivatives[:, 0, 0]).max())
@@ -106,7 +107,7 @@ def test_drawn_references_lie_within_the_ranges_of_their_task(family: str) -> No
     if family == "hover":
         assert max(sizes) == max(peaks) == 0.0
     else:
-        # Times on a grid meet the peaks only nearly.
+        # The grid of times contains the peaks only approximately.
         assert 0.999 * ranges.radius[0] < min(sizes) < 0.4 < 1.4 < max(sizes) < ranges.radius[1]
         assert 0.999 * ranges.acceleration[0] < min(peaks) < 0.25 < 0.95 < max(peaks) < 1.0001 * ranges.acceleration[1]
     if family == "helix":
@@ -118,7 +119,7 @@ def test_drawn_references_lie_within_the_ranges_of_their_task(family: str) -> No
 @pytest.mark.parametrize("family", FAMILIES)
 def test_drawn_yaw_references_lie_within_the_ranges_of_their_task(family: str) -> None:
     offsets, amplitudes, frequencies = np.array(
-        [(r.offset[3], r.amplitude[3], r.frequency[3]) for r in drawn(only(family))]
+        [(r.offset[3], r.amplitude[3], r.frequency[3]) for r in drawn(single_family(family))]
     ).T
     for drawn_values, low, high in ((offsets, -0.5, 0.5), (amplitudes, 0.0, 0.3), (frequencies, 0.0, 1.0)):
         assert low <= drawn_values.min() < low + 0.02
@@ -126,7 +127,7 @@ def test_drawn_yaw_references_lie_within_the_ranges_of_their_task(family: str) -
 
 
 def family_of(reference: Reference) -> str:
-    """The family a drawn reference belongs to."""
+    """Return the family of a drawn reference."""
     if reference.amplitude[0] == 0.0:
         return "hover"
     if reference.rate[2] != 0.0:
@@ -134,31 +135,31 @@ def family_of(reference: Reference) -> str:
     return "circle" if reference.frequency[1] == reference.frequency[0] else "figure_eight"
 
 
-def test_families_are_drawn_as_often_as_told() -> None:
+def test_families_are_drawn_with_their_relative_frequencies() -> None:
     task = Task(references=ReferenceSettings(hover=1.0, circle=2.0, figure_eight=3.0, helix=4.0))
     names = [family_of(reference) for reference in drawn(task, 5000)]
     assert_allclose([names.count(family) / 5000 for family in FAMILIES], [0.1, 0.2, 0.3, 0.4], atol=0.03)
 
 
 @pytest.mark.parametrize("family", ["circle", "figure_eight", "helix"])
-def test_drawn_references_turn_both_ways_and_begin_anywhere(family: str) -> None:
-    points = np.array([reference.derivatives(0.0)[:2, :2] for reference in drawn(only(family))])
+def test_drawn_references_have_both_directions_of_rotation_and_all_phases(family: str) -> None:
+    points = np.array([reference.derivatives(0.0)[:2, :2] for reference in drawn(single_family(family))])
     (x, y), (vx, vy) = points.transpose(1, 2, 0)
-    turning = x * vy - y * vx > 0.0
-    assert 0.4 < turning.mean() < 0.6
+    counterclockwise = x * vy - y * vx > 0.0
+    assert 0.4 < counterclockwise.mean() < 0.6
     for quadrant in range(4):
         inside = (x > 0.0) == (quadrant % 2), (y > 0.0) == (quadrant // 2)
         assert 0.15 < np.mean(inside[0] & inside[1]) < 0.35
 
 
-def test_the_hover_task_hovers_at_one_height_and_heading() -> None:
+def test_the_hover_task_has_one_height_and_one_yaw() -> None:
     points = np.array([reference.derivatives(TIMES) for reference in drawn(TASKS["hover"], 20)])
     assert_array_equal(points[:, :, 0], np.broadcast_to((0.0, 0.0, 2.0, 0.0), (20, 201, 4)))
     assert_array_equal(points[:, :, 1:], 0.0)
 
 
 def exact_start(reference: Reference) -> dict[str, Floats]:
-    """The state that flies a reference of constant height, by central differences of what must point along F̈ + g e₃."""
+    """Return the state that tracks a reference of constant height, from r ∥ F̈ + g e₃ and central differences."""
     step = 1e-4
     times = np.array([-step, 0.0, step])
     lift = reference.derivatives(times)[:, 2, :3] + (0.0, 0.0, GRAVITY)
@@ -170,8 +171,8 @@ def exact_start(reference: Reference) -> dict[str, Floats]:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_starts_without_deviation_fly_the_reference(family: str) -> None:
-    env = make_unwrapped(task=Task(references=only(family, climb=(0.0, 0.0)).references, start=NOTHING))
+def test_starts_without_deviation_track_the_reference(family: str) -> None:
+    env = make_unwrapped(task=Task(references=single_family(family, climb=(0.0, 0.0)).references, start=NO_DEVIATION))
     for seed in range(20):
         _, info = env.reset(seed=seed)
         reference = Reference(*env.world.reference[0].reshape(5, 4))
@@ -182,7 +183,7 @@ def test_starts_without_deviation_fly_the_reference(family: str) -> None:
 
 
 def shifted(reference: Reference, time: float) -> Reference:
-    """The same trajectory, begun `time` seconds later."""
+    """Return the trajectory that starts `time` seconds later on the same path."""
     numbers = reference.as_array().reshape(5, 4)
     _, rate, _, frequency, _ = numbers
     return Reference(*(numbers + np.outer((time, 0, 0, 0, 0), rate) + np.outer((0, 0, 0, 0, time), frequency)))
@@ -191,7 +192,9 @@ def shifted(reference: Reference, time: float) -> Reference:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_rates_of_a_start_without_deviation_are_derivatives_along_the_reference(family: str) -> None:
     step, still_yaw = 1e-4, {"yaw_amplitude": 0.0}
-    env = make_vec(50, task=Task(references=only(family, climb=(0.0, 0.0), **still_yaw).references, start=NOTHING))
+    env = make_vec(
+        50, task=Task(references=single_family(family, climb=(0.0, 0.0), **still_yaw).references, start=NO_DEVIATION)
+    )
     env.reset(seed=0)
     references = [Reference(*numbers.reshape(5, 4)) for numbers in env.world.reference]
     states = []
@@ -205,13 +208,13 @@ def test_rates_of_a_start_without_deviation_are_derivatives_along_the_reference(
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_in_a_start_without_deviation_the_body_leans_so_that_the_pendulum_follows(family: str) -> None:
-    """Near upright the bob's acceleration is g r, so r̈ must be F⁽⁴⁾ / g."""
+def test_the_tilt_of_a_start_without_deviation_gives_the_pendulum_the_required_acceleration(family: str) -> None:
+    """Near upright the acceleration of the bob is g r, so r̈ must be F⁽⁴⁾ / g."""
     small = {"radius": (0.02, 0.03), "acceleration": (0.05, 0.1), "climb": (0.0, 0.0)}
-    env = make_vec(50, task=Task(references=only(family, **small).references, start=NOTHING))
+    env = make_vec(50, task=Task(references=single_family(family, **small).references, start=NO_DEVIATION))
     env.reset(seed=0)
-    hovering = np.array([PAPER.hover_thrust, 0.0, 0.0, 0.0])
-    swing = accelerations(env.state.array, hovering, np.zeros(9), PAPER).direction
+    hover_command = np.array([PAPER.hover_thrust, 0.0, 0.0, 0.0])
+    swing = accelerations(env.state.array, hover_command, np.zeros(DISTURBANCE_SIZE), PAPER).direction
     fourth = [Reference(*numbers.reshape(5, 4)).derivatives(0.0)[4, :2] for numbers in env.world.reference]
     assert_allclose(swing[:, :2], np.array(fourth) / GRAVITY, atol=1e-3)
 
@@ -227,17 +230,17 @@ START_FIELDS = {
 
 
 @pytest.mark.parametrize(("setting", "field"), START_FIELDS.items())
-def test_starts_deviate_from_the_reference_as_far_as_told(setting: str, field: str) -> None:
+def test_starts_deviate_from_the_reference_up_to_the_given_size(setting: str, field: str) -> None:
     size = 0.05
-    nothing = dict.fromkeys(START_FIELDS, 0.0)
-    references = only("hover").references
-    env = make_vec(1000, task=Task(references=references, start=StartSettings(**{**nothing, setting: size})))
-    exact = make_vec(1000, task=Task(references=references, start=StartSettings(**nothing)))
+    no_deviation = dict.fromkeys(START_FIELDS, 0.0)
+    references = single_family("hover").references
+    env = make_vec(1000, task=Task(references=references, start=StartSettings(**{**no_deviation, setting: size})))
+    exact = make_vec(1000, task=Task(references=references, start=StartSettings(**no_deviation)))
     env.reset(seed=0), exact.reset(seed=0)
     deviation = getattr(env.state, field) - getattr(exact.state, field)
-    # The direction is normalised and its rate projected, which leaves nothing along z.
-    seen = deviation[:, :2] if setting.startswith("direction") else deviation
+    # The normalisation of r and the projection of ṙ leave no deviation along z.
+    drawn_part = deviation[:, :2] if setting.startswith("direction") else deviation
     limit = 1.06 * size if setting == "direction" else size * (1.0 + 1e-9)
-    assert (0.95 * size < np.abs(seen).max(axis=0)).all()
+    assert (0.95 * size < np.abs(drawn_part).max(axis=0)).all()
     assert np.abs(deviation).max() <= limit
-    assert_allclose(seen.mean(axis=0), 0.0, atol=0.1 * size)
+    assert_allclose(drawn_part.mean(axis=0), 0.0, atol=0.1 * size)

@@ -1,4 +1,4 @@
-"""The reward: bounded named terms, steep at the goal, and never worth ending an episode for."""
+"""The reward: bounded named terms, sensitive to small errors; ending an episode early does not increase the return."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,28 +13,31 @@ from scipy.linalg import solve_discrete_are
 
 from quadpend_gym import PAPER, QuadPendulumEnv, Reference, RewardWeights, State, read_observation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, DISTURBANCE_SIZE, STATE_SIZE
+from quadpend_gym.tasks import EPISODE_STEPS
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.physics import simulate_period
 
-FULL = np.array([PAPER.hover_thrust, 5.0, 5.0, 1.0])  # of the actuators, N and N·m
+COMMAND_SCALE = np.array([PAPER.hover_thrust, 5.0, 5.0, 1.0])  # N and N·m
 HEIGHT = Reference.hover().offset[2]
-Pilot = Callable[[State, int], Any]
+Actor = Callable[[State, int], Any]
 
 
 def reward_at(action: Any = (0.0, 0.0, 0.0, 0.0), **start: Any) -> tuple[float, dict[str, float]]:
-    """Reward and its terms after a step from rest, but for `start`, at the hovering point."""
+    """Return the reward and its terms after one step; all fields that `start` does not have are those of hovering."""
     env = make_unwrapped(task=ENDLESS)
     env.reset(seed=0, options={"state": {**AT_REST, **start}, "reference": Reference.hover()})
     _, reward, _, _, info = env.step(action)
     return reward, info["reward_terms"]
 
 
-def test_perfect_still_tracking_earns_one() -> None:
+def test_exact_tracking_with_zero_action_has_reward_one() -> None:
     assert_allclose(reward_at()[0], 1.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    "flaw",
+    "deviation",
     [
         {"position": (1e-3, 0.0, HEIGHT)},
         {"position": (0.0, 0.0, HEIGHT - 1e-3)},
@@ -43,27 +46,27 @@ def test_perfect_still_tracking_earns_one() -> None:
         {"action": (0.05, 0.0, 0.0, 0.0)},
         {"action": (0.0, 0.0, 0.0, -0.05)},
     ],
-    ids=["beside", "below", "leaning", "turned", "thrusting", "twisting"],
+    ids=["beside", "below", "tilted pendulum", "yawed", "thrust", "yaw torque"],
 )
-def test_nothing_less_earns_one(flaw: dict[str, Any]) -> None:
-    assert reward_at(**flaw)[0] < 1.0 - 1e-4
+def test_every_deviation_has_a_reward_below_one(deviation: dict[str, Any]) -> None:
+    assert reward_at(**deviation)[0] < 1.0 - 1e-4
 
 
-def test_one_millimetre_and_one_centimetre_of_error_differ() -> None:
+def test_the_rewards_of_one_millimetre_and_one_centimetre_of_error_differ() -> None:
     for axis in (0, 2):
         millimetre, centimetre = (reward_at(position=np.eye(3)[axis] * e + (0, 0, HEIGHT))[0] for e in (1e-3, 1e-2))
         assert millimetre - centimetre >= 0.03
 
 
-def test_less_error_always_earns_more() -> None:
+def test_the_reward_decreases_strictly_with_the_error() -> None:
     errors = np.geomspace(1e-4, 100.0, 60)
-    earned = [reward_at(position=(error, 0.0, HEIGHT))[0] for error in errors]
-    assert (np.diff(earned) < 0.0).all()
+    reward = [reward_at(position=(error, 0.0, HEIGHT))[0] for error in errors]
+    assert (np.diff(reward) < 0.0).all()
 
 
 @pytest.mark.parametrize("tip", [0.0, 0.2, 0.5, 1.0])
-def test_terms_are_those_of_the_equations(tip: float) -> None:
-    """Half of the tracking term is its sharp tip if nobody says otherwise."""
+def test_the_terms_follow_the_equations(tip: float) -> None:
+    """The default weight of the narrow peak is one half."""
     env = make_unwrapped(task=replace(ENDLESS, reward=RewardWeights() if tip == 0.5 else RewardWeights(tip=tip)))
     env.reset(seed=0)
     for action in draw_actions(0, 30):
@@ -94,25 +97,25 @@ def test_the_reward_is_the_weighted_mean_of_bounded_terms(wind: Any) -> None:
             assert ((value >= 0.0) & (value <= 1.0)).all()
 
 
-# Coordinates for the regulator: the state without r_z and ṙ_z, which the unit vector leaves no freedom.
-FREE = [*range(14), 15, 16]
+# Columns of the state that the regulator uses: all but r_z and ṙ_z, which follow from the others.
+FREE = [i for i in range(STATE_SIZE) if i not in (DIRECTION + 2, DIRECTION_RATE + 2)]
 
 
-def flown(deviation: Floats, action: Floats) -> Floats:
-    """Deviations from hovering one control period later, shapes (n, 16) and (n, 4)."""
-    state = np.zeros((len(deviation), 18))
+def next_deviation(deviation: Floats, action: Floats) -> Floats:
+    """Return the deviations from hovering one control period later, shape (n, 16)."""
+    state = np.zeros((len(deviation), STATE_SIZE))
     state[:, FREE] = deviation
-    state[:, 14] = np.sqrt(1.0 - np.sum(state[:, 12:14] ** 2, axis=-1))
-    command = FULL * (action + np.eye(4)[0])
-    advance(state, command, np.zeros((len(state), 9)), np.repeat(PAPER.as_array()[np.newaxis], len(state), 0), 0.01, 2)
-    return state[:, FREE]
+    direction = State(state).direction
+    direction[:, 2] = np.sqrt(1.0 - np.sum(direction[:, :2] ** 2, axis=-1))
+    command = COMMAND_SCALE * (action + np.eye(4)[0])
+    return simulate_period(state, command, np.zeros(DISTURBANCE_SIZE), PAPER, CONTROL_PERIOD, 2)[:, FREE]
 
 
 @cache
 def gain() -> Floats:
-    """Linear–quadratic regulator of the sampled physics around hovering, by central differences, shape (4, 16)."""
+    """Return the gain of the linear–quadratic regulator at hover from central differences, shape (4, 16)."""
     step, eye = 1e-5, np.eye(20)
-    sides = [flown(sign * step * eye[:, :16], sign * step * eye[:, 16:]) for sign in (1.0, -1.0)]
+    sides = [next_deviation(sign * step * eye[:, :16], sign * step * eye[:, 16:]) for sign in (1.0, -1.0)]
     jacobian = ((sides[0] - sides[1]) / (2.0 * step)).T
     a, b = jacobian[:, :16], jacobian[:, 16:]
     q, r = np.diag([10.0] * 3 + [1.0] * 13), np.eye(4)
@@ -121,13 +124,15 @@ def gain() -> Floats:
 
 
 def balance(state: State, goal: Any = (0.0, 0.0, HEIGHT)) -> Floats:
-    """The regulator's action towards a goal."""
-    deviation = state.array - np.concatenate([goal, np.zeros(11), [1.0], np.zeros(3)])
+    """Return the action of the regulator for a position."""
+    hover = State(np.zeros(STATE_SIZE))
+    hover.position[:], hover.direction[:] = goal, (0.0, 0.0, 1.0)
+    deviation = state.array - hover.array
     return np.asarray(np.clip(-gain() @ deviation[FREE], -1.0, 1.0))
 
 
-def total(pilot: Pilot) -> tuple[float, int]:
-    """Mean return and length of ten hover episodes flown by a pilot."""
+def total(actor: Actor) -> tuple[float, int]:
+    """Return the mean return and the mean length of ten hover episodes."""
     env = gym.make("QuadPendulumHover-v0")
     bare = env.unwrapped
     assert isinstance(bare, QuadPendulumEnv)
@@ -136,54 +141,54 @@ def total(pilot: Pilot) -> tuple[float, int]:
         env.reset(seed=episode)
         over, step = False, 0
         while not over:
-            _, reward, terminated, truncated, _ = env.step(pilot(bare.state, step))
+            _, reward, terminated, truncated, _ = env.step(actor(bare.state, step))
             earned, step, over = earned + float(reward), step + 1, terminated or truncated
         steps += step
     return earned / 10, steps // 10
 
 
 @cache
-def balanced() -> tuple[float, int]:
-    """Return and length of balancing."""
+def balancing_result() -> tuple[float, int]:
+    """Return the mean return and the mean length of episodes with the regulator."""
     return total(lambda state, _: balance(state))
 
 
-def test_balancing_lasts_and_earns_almost_everything() -> None:
-    earned, steps = balanced()
-    assert steps == 1000
+def test_balancing_lasts_the_whole_episode_and_has_almost_the_maximal_return() -> None:
+    earned, steps = balancing_result()
+    assert steps == EPISODE_STEPS
     assert earned > 900.0
 
 
-def at_random(state: State, step: int) -> Any:
-    """Random actions, the same in every episode."""
+def random_action(state: State, step: int) -> Any:
+    """Return a random action that depends on the step only."""
     return np.random.default_rng(step).uniform(-1.0, 1.0, 4)
 
 
-EXPLOITS: dict[str, Pilot] = {
+EXPLOITS: dict[str, Actor] = {
     "do nothing": lambda state, step: np.zeros(4),
-    "fall": lambda state, step: np.array([-1.0, 0.0, 0.0, 0.0]),
-    "fly away upwards": lambda state, step: np.array([1.0, 0.0, 0.0, 0.0]),
-    "fly away sidewards": lambda state, step: np.array([0.0, 0.0, 1.0, 0.0]),
+    "drop": lambda state, step: np.array([-1.0, 0.0, 0.0, 0.0]),
+    "move away upwards": lambda state, step: np.array([1.0, 0.0, 0.0, 0.0]),
+    "move away sideways": lambda state, step: np.array([0.0, 0.0, 1.0, 0.0]),
     "spin": lambda state, step: np.array([0.0, 0.0, 0.0, 1.0]),
     "spin while balancing": lambda state, step: np.append(balance(state)[:3], 1.0),
     "land gently while balancing": lambda state, step: balance(state, (0.0, 0.0, HEIGHT - 0.005 * step)),
-    "glide away while balancing": lambda state, step: balance(state, (0.005 * step, 0.0, HEIGHT)),
+    "move away slowly while balancing": lambda state, step: balance(state, (0.005 * step, 0.0, HEIGHT)),
     "balance two metres away": lambda state, step: balance(state, (2.0, 0.0, HEIGHT)),
-    "random": at_random,
+    "random": random_action,
 }
 
 
-@pytest.mark.parametrize("pilot", EXPLOITS.values(), ids=EXPLOITS.keys())
-def test_every_exploit_earns_much_less_than_balancing(pilot: Pilot) -> None:
-    assert total(pilot)[0] < 0.6 * balanced()[0]
+@pytest.mark.parametrize("actor", EXPLOITS.values(), ids=EXPLOITS.keys())
+def test_the_return_of_every_exploit_is_much_lower_than_that_of_balancing(actor: Actor) -> None:
+    assert total(actor)[0] < 0.6 * balancing_result()[0]
 
 
-def test_balancing_longer_earns_more() -> None:
-    """Whenever one gives up, the rest of the episode's reward is lost."""
+def test_balancing_longer_has_a_higher_return() -> None:
+    """An episode that ends early loses the rewards of its remaining steps."""
 
-    def quit_at(last: int) -> Pilot:
+    def stop_balancing_at(last: int) -> Actor:
         return lambda state, step: balance(state) if step < last else np.array([-1.0, 0.0, 0.0, 0.0])
 
-    earned = [total(quit_at(last))[0] for last in (0, 100, 300, 600)]
+    earned = [total(stop_balancing_at(last))[0] for last in (0, 100, 300, 600)]
     assert (np.diff(earned) > 50.0).all()
-    assert earned[-1] < balanced()[0]
+    assert earned[-1] < balancing_result()[0]
