@@ -153,7 +153,7 @@ def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, 
             run_settings = replace(read_settings(settings), seed=seed, eval_freq=0, patience=0)
             callback = _GoalCallback(run_settings, wanted)
             with tempfile.TemporaryDirectory() as folder:
-                train(run_settings, Path(folder) / "run", progress=False, more=[callback])
+                train(run_settings, Path(folder) / "run", progress=False, callbacks=[callback])
             for name in wanted:
                 times[name].append(callback.reached.get(name, GoalTime(np.inf, np.inf)))
                 print(f"{name}, seed {seed}: {times[name][-1].seconds:.1f} s", flush=True)

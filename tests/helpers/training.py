@@ -1,4 +1,4 @@
-"""Brief training runs, and what comes out of them."""
+"""Brief training runs and their results."""
 
 import json
 from dataclasses import replace
@@ -14,7 +14,7 @@ from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import PpoSettings, SacSettings, TrainSettings
 
-# Episodes that end after a few steps, whoever flies.
+# Scenarios whose episodes end after a few steps for every policy.
 SHORT = json.dumps({"wind": "windy", "task": {"limits": {"pendulum_angle": 0.06}}})
 OTHER = json.dumps({"wind": "breeze", "task": {"limits": {"pendulum_angle": 0.07}}})
 BRIEF = TrainSettings(
@@ -30,18 +30,18 @@ BRIEF = TrainSettings(
 BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32)
 
 
-def trained(settings: TrainSettings, folder: Path, **more: Any) -> MlpPolicy:
-    """The policy of a run from scratch."""
-    return MlpPolicy.load(training.train(settings, folder, progress=False, **more))
+def train_policy(settings: TrainSettings, folder: Path, **options: Any) -> MlpPolicy:
+    """Train from scratch and return the policy."""
+    return MlpPolicy.load(training.train(settings, folder, progress=False, **options))
 
 
 def model_of(folder: Path, settings: TrainSettings) -> Any:
-    """The model that a finished run has left."""
+    """Return the model of a finished run."""
     return algorithm_class(settings.algo).load(folder / "model.zip", device="cpu")
 
 
-def numbers_of(model: Any) -> list[Any]:
-    """All that a model has learned: networks, target networks, optimizers, and the entropy's weight."""
+def trained_arrays(model: Any) -> list[Any]:
+    """Return everything that training changes: networks, target networks, optimizers and entropy coefficient."""
     found: list[Any] = [*model.policy.state_dict().values()]
     optimizers = [model.policy.optimizer] if hasattr(model.policy, "optimizer") else []
     for part in ("actor", "critic"):
@@ -56,11 +56,11 @@ def numbers_of(model: Any) -> list[Any]:
 
 
 def interrupt_at(steps: int, patch: pytest.MonkeyPatch) -> None:
-    """Let training be interrupted as soon as it has taken so many steps."""
+    """Interrupt training as soon as it has taken so many steps."""
 
-    def interrupted(watch: callbacks.StopConditions) -> bool:
-        if watch.num_timesteps >= steps:
+    def interrupt(callback: callbacks.StopConditions) -> bool:
+        if callback.num_timesteps >= steps:
             raise KeyboardInterrupt
         return True
 
-    patch.setattr(callbacks.StopConditions, "_on_step", interrupted)
+    patch.setattr(callbacks.StopConditions, "_on_step", interrupt)

@@ -58,7 +58,9 @@ def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
 def test_reading_a_removed_velocity_is_refused(name: str) -> None:
     outputs, _ = make_wrapped_vec(3, [OUTPUTS]).reset(seed=0)
     assert_refused(
-        lambda: read_observation(outputs, name), f"no field '{name}'; its fields are tracking_error, direction,", ValueError
+        lambda: read_observation(outputs, name),
+        f"no field '{name}'; its fields are tracking_error, direction,",
+        ValueError,
     )
 
 

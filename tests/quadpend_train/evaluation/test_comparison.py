@@ -136,7 +136,7 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
         (["train", "--scenario", "training", "--num-envs", "12"], "num_envs must be a multiple of the 8 scenarios"),
         (["train", "--settings", "nix"], "there are no settings 'nix'"),
         (["train", "--scenario", "nix"], "there is no scenario 'nix'"),
-        (["train", "--resume", "nowhere"], "holds no run"),
+        (["train", "--resume", "nowhere"], "contains no run"),
         (["train", "--resume", "nowhere", "--seed", "9"], "give no others"),
         (["evaluate", "--policies", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
     ],

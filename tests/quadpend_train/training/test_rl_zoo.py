@@ -1,4 +1,4 @@
-"""What RL Baselines3 Zoo reads in `train/quadpend_train/rl_zoo` is what Stable-Baselines3 and the environments accept."""
+"""The hyperparameter files for RL Baselines3 Zoo are valid for Stable-Baselines3 and the environments."""
 
 import inspect
 import shlex
@@ -17,24 +17,24 @@ from tests.helpers.envs import IDS
 from tests.helpers.sources import ROOT
 
 FOLDER = ROOT / "train/quadpend_train/rl_zoo"
-ZOO = {"n_timesteps", "n_envs", "normalize"}  # what the Zoo takes out before it makes the model
+ZOO = {"n_timesteps", "n_envs", "normalize"}  # keys that the Zoo removes before it makes the model
 algorithms = pytest.mark.parametrize("algo", ALGORITHMS)
 
 
 def read(algo: str) -> dict[str, dict[str, Any]]:
-    """The entries for an algorithm, by environment."""
+    """Return the entries for an algorithm by environment id."""
     entries = yaml.safe_load((FOLDER / f"{algo}.yml").read_text(encoding="utf-8"))
     assert isinstance(entries, dict)
     return entries
 
 
 def python(text: str) -> Any:
-    """What the Zoo makes of Python in a string."""
+    """Evaluate Python code in a string as the Zoo does."""
     return eval(text, {"nn": nn})
 
 
 def make_model(algo: str, name: str, entry: dict[str, Any]) -> Any:
-    """The model that the Zoo would make, at a constant learning rate."""
+    """Return the model that the Zoo would make, with a constant learning rate."""
     entry = dict(entry)
     entry["policy_kwargs"] = python(entry["policy_kwargs"])
     schedule, rate = entry["learning_rate"].split("_")
@@ -51,7 +51,7 @@ def test_there_is_a_file_for_every_algorithm() -> None:
 
 
 @algorithms
-def test_every_environment_has_an_entry_under_the_name_that_the_zoo_looks_up(algo: str) -> None:
+def test_every_environment_id_has_an_entry(algo: str) -> None:
     assert set(read(algo)) == set(IDS)
 
 
@@ -64,7 +64,7 @@ def test_every_key_is_an_argument_of_the_algorithm_or_of_the_zoo(algo: str) -> N
 
 @algorithms
 @pytest.mark.parametrize("name", IDS)
-def test_the_models_can_be_made_and_learn(algo: str, name: str) -> None:
+def test_models_can_be_made_and_trained(algo: str, name: str) -> None:
     entry = read(algo)[name]
     assert isinstance(entry["n_timesteps"], int)  # YAML reads 5e6 as a string
     model = make_model(algo, name, entry)
@@ -72,7 +72,7 @@ def test_the_models_can_be_made_and_learn(algo: str, name: str) -> None:
 
 
 @algorithms
-def test_the_command_at_the_top_is_for_the_file(algo: str) -> None:
+def test_command_in_the_comment_uses_the_file(algo: str) -> None:
     comments = (FOLDER / f"{algo}.yml").read_text(encoding="utf-8").splitlines()
     (command,) = (line for line in comments if "rl_zoo3.train" in line)
     words = shlex.split(command.removeprefix("#"))

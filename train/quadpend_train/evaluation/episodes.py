@@ -19,7 +19,7 @@ from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, find_scenario
 
 # First seeds of disjoint sets of episodes. The seeds of training runs are above 2³², see
-# `quadpend_train.training.train.first_episode`.
+# `quadpend_train.training.train.first_seed`.
 TEST_SEED = 1_000_000  # of the published results
 TUNING_SEED = 2_000_000  # of the search for gains of the classical controllers
 VALIDATION_SEED = 3_000_000  # for daily use: not used for tuning and not in the published results

@@ -1,4 +1,4 @@
-"""PPO, SAC and TQC of Stable-Baselines3 and sb3-contrib, made from settings."""
+"""Models of PPO, SAC and TQC from training settings."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,13 +12,19 @@ from quadpend_train.training.settings import TrainSettings
 
 
 def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> Any:
-    """An untrained model; with a `folder`, TensorBoard's events go there."""
-    own = _ppo(settings) if settings.algo == "ppo" else _sac(settings)
-    policy = own.pop("policy_kwargs", {})
+    """Return an untrained model of Stable-Baselines3 or sb3-contrib.
+
+    Args:
+        settings: The training settings.
+        env: The training environment.
+        folder: The folder for TensorBoard's event files; None for none.
+    """
+    special = _ppo(settings) if settings.algo == "ppo" else _sac(settings)
+    policy = special.pop("policy_kwargs", {})
     model = algorithm_class(settings.algo)(
         "MlpPolicy",
         env,
-        learning_rate=_falling(settings.learning_rate, settings.final_learning_rate),
+        learning_rate=_linear_schedule(settings.learning_rate, settings.final_learning_rate),
         batch_size=settings.batch_size,
         gamma=settings.gamma,
         use_sde=settings.sde_sample_freq > 0,
@@ -31,10 +37,10 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
         tensorboard_log=None if folder is None else str(folder),
         seed=settings.seed,
         device="cpu",
-        **own,
+        **special,
     )
     if settings.hybrid.mode != "estimate_only":
-        _begin_at_zero(model, settings)
+        _start_near_zero(model, settings)
     return model
 
 
@@ -61,15 +67,18 @@ def _sac(settings: TrainSettings) -> dict[str, Any]:
     }
 
 
-def _falling(first: float, last: float) -> Callable[[float], float]:
-    return lambda remaining: last + (first - last) * max(remaining, 0.0)
+def _linear_schedule(initial: float, final: float) -> Callable[[float], float]:
+    return lambda progress_remaining: final + (initial - final) * max(progress_remaining, 0.0)
 
 
-def _begin_at_zero(model: Any, settings: TrainSettings) -> None:
-    """Steer nothing at the beginning, and expect nothing more than the companion earns."""
+def _start_near_zero(model: Any, settings: TrainSettings) -> None:
+    """Scale down the initial actions of a hybrid, so that it starts close to its base controller.
+
+    With a baseline-relative reward the expected return of the base controller is 0, so PPO's critic starts at 0.
+    """
     with torch.no_grad():
         layer: Any = output_layer(model)
-        if isinstance(layer, torch.nn.Sequential):  # of a state-dependent exploration
+        if isinstance(layer, torch.nn.Sequential):  # with gSDE a clipping module follows the layer
             layer = layer[0]
         layer.weight *= 0.1
         layer.bias.zero_()

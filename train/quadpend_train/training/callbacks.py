@@ -1,4 +1,4 @@
-"""What happens beside learning: legs and checkpoints, evaluation, early stop, TensorBoard, the progress bar."""
+"""Callbacks of a training run: checkpoints, stop conditions, evaluation, TensorBoard and the progress bar."""
 
 import csv
 import time
@@ -10,6 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tqdm.auto import tqdm
 
 from quadpend_train.policies.export import export
+from quadpend_train.policies.sb3_models import start_new_episodes
 from quadpend_train.training.environment import make_env, scenarios_at
 from quadpend_train.training.settings import TrainSettings
 from quadpend_train.training.validation import Score, validate
@@ -19,16 +20,19 @@ DIVERGED = (
     "training diverged within {} steps: the networks hold numbers that are not finite; lower learning_rate or"
     " reward_scale"
 )
-_CHECKED = 256  # calls between two looks at the weights, where a rollout is a single step
+_CHECK_INTERVAL = 256  # rollouts of a single step between two checks for divergence
 
 
-def first_episode(settings: TrainSettings) -> int:
-    """Seed of a run's first row: every run has a block of 2³² seeds, which no other run and no evaluation touches."""
+def first_seed(settings: TrainSettings) -> int:
+    """Return the seed of the first sub-environment of a run.
+
+    Every run has a block of 2³² seeds of its own, which no other run and no evaluation uses.
+    """
     return (1 + settings.seed) << 32
 
 
 def save_checkpoint(model: Any, folder: Path) -> None:
-    """Replace the checkpoint in `folder`; an interruption in the middle leaves the old one."""
+    """Replace the checkpoint in `folder`; an interruption while saving leaves the old checkpoint."""
     parts = {"checkpoint.zip": model.save}
     buffer = f"buffer_{model.num_timesteps}.pkl"
     if getattr(model, "replay_buffer", None) is not None:
@@ -43,88 +47,91 @@ def save_checkpoint(model: Any, folder: Path) -> None:
 
 
 class CheckpointSegments(BaseCallback):
-    """Divides a run into legs, each of which depends on the settings and the model it begins with only.
+    """Divide a run into segments that start from a checkpoint.
 
-    A leg begins with new episodes and new random numbers, and a checkpoint is what it begins with: so a run that was
-    interrupted and goes on is the run that was not.
+    A segment starts with new episodes and new random numbers, so it depends only on the settings and on the model in
+    its checkpoint. Therefore an interrupted and resumed run gives the same policy as an uninterrupted one. A segment
+    ends after `save_freq` steps, and at every change of the scenarios by the curriculum.
     """
 
     def __init__(self, settings: TrainSettings, folder: Path) -> None:
         super().__init__()
         self.settings, self.folder = settings, folder
-        self.began_at = -1
+        self.segment_start = -1
 
     def _on_rollout_start(self) -> None:
-        steps, settings = self.num_timesteps, self.settings
-        same = self.began_at < 0 or scenarios_at(settings, steps) == scenarios_at(settings, self.began_at)
-        if self.began_at >= 0 and steps - self.began_at < settings.save_freq and same:
-            return
-        if self.began_at >= 0:
+        steps, start, settings = self.num_timesteps, self.segment_start, self.settings
+        if start >= 0:
+            same_scenarios = scenarios_at(settings, steps) == scenarios_at(settings, start)
+            if steps - start < settings.save_freq and same_scenarios:
+                return
             save_checkpoint(self.model, self.folder)
-        self.began_at = steps
-        self._begin()
+        self.segment_start = steps
+        self._start_segment()
 
-    def _begin(self) -> None:
+    def _start_segment(self) -> None:
         model: Any = self.model
         steps, settings = self.num_timesteps, self.settings
         env = model.get_env()
         if settings.curriculum:
             env.env = make_env(settings, steps).env
         model.set_random_seed((settings.seed * 1_000_003 + steps) % 2**32)
-        env.seed(first_episode(settings) + steps)
-        model._last_obs = env.reset()
-        model._last_episode_starts[:] = True
-        if model.use_sde:
-            (model.policy if settings.algo == "ppo" else model.actor).reset_noise(env.num_envs)
+        env.seed(first_seed(settings) + steps)
+        start_new_episodes(model)
 
     def _on_step(self) -> bool:
         return True
 
 
 class StopConditions(BaseCallback):
-    """Ends training when the time is up, and says so when it has diverged; PPO's critic may learn alone at first."""
+    """Stop training after `max_seconds`, and raise an error if it diverged; train only PPO's critic during its warm-up.
+
+    Raises:
+        FloatingPointError: If a weight is not finite.
+    """
 
     def __init__(self, settings: TrainSettings) -> None:
         super().__init__()
         self.settings = settings
-        self.began = time.perf_counter()
-        self.calls = 0
+        self.start_time = time.perf_counter()
+        self.rollouts = 0
 
     def _on_rollout_start(self) -> None:
-        self.calls += 1
-        if self.settings.algo == "ppo" or self.calls % _CHECKED == 0:
-            self.check()
-        if critic := self.settings.ppo.critic_warmup_steps if self.settings.algo == "ppo" else 0:
+        self.rollouts += 1
+        if self.settings.algo == "ppo" or self.rollouts % _CHECK_INTERVAL == 0:
+            self.check_finite()
+        if warmup := self.settings.ppo.critic_warmup_steps if self.settings.algo == "ppo" else 0:
             for name, parameter in self.model.policy.named_parameters():
-                parameter.requires_grad_("value" in name or self.num_timesteps >= critic)
+                parameter.requires_grad_("value" in name or self.num_timesteps >= warmup)
 
-    def check(self) -> None:
-        """Raise FloatingPointError if a weight is no number any more."""
+    def check_finite(self) -> None:
+        """Raise FloatingPointError if a weight is not finite."""
         if not all(torch.isfinite(parameter).all() for parameter in self.model.policy.parameters()):
             raise FloatingPointError(DIVERGED.format(self.num_timesteps))
 
     def _on_step(self) -> bool:
         limit = self.settings.max_seconds
-        return limit <= 0 or time.perf_counter() - self.began < limit
+        return limit <= 0 or time.perf_counter() - self.start_time < limit
 
 
 class EvaluationCallback(BaseCallback):
-    """Flies the training scenarios now and then, keeps the best policy, and ends a run that gets no better.
+    """Evaluate the policy every `eval_freq` steps, save the best one, and stop early if `patience` is exceeded.
 
-    ``curve.csv`` has a line for each evaluation; `seconds` are of training, without the evaluations.
+    ``curve.csv`` has one line per evaluation, see `Score`. Its seconds count training without evaluations.
     """
 
-    def __init__(self, settings: TrainSettings, folder: Path, target: float | None = None) -> None:
+    def __init__(self, settings: TrainSettings, folder: Path) -> None:
         super().__init__()
-        self.settings, self.folder, self.target = settings, folder, target
+        self.settings, self.folder = settings, folder
         self.scores: list[Score] = []
-        self.flown = 0.0
+        self.evaluation_seconds = 0.0
         self.stop = False
 
     def _on_training_start(self) -> None:
-        self.began = time.perf_counter()
+        self.start_time = time.perf_counter()
+        # A resumed run repeats the evaluations after its checkpoint.
         self.scores = [score for score in read_curve(self.folder) if score.steps < self.num_timesteps]
-        self.before = self.scores[-1].seconds if self.scores else 0.0
+        self.seconds_before = self.scores[-1].seconds if self.scores else 0.0
 
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq
@@ -136,11 +143,11 @@ class EvaluationCallback(BaseCallback):
             self.evaluate()
 
     def evaluate(self) -> None:
-        """Fly, and write down how well."""
-        paused = time.perf_counter()
+        """Evaluate the present policy, and record its score."""
+        start = time.perf_counter()
         policy = export(self.model, **self.settings.policy_interface())
         survival, rmse = validate(policy, self.settings)
-        seconds = self.before + paused - self.began - self.flown
+        seconds = self.seconds_before + start - self.start_time - self.evaluation_seconds
         score = Score(self.num_timesteps, round(seconds, 2), survival, rmse)
         if rmse < min((other.penalised_rmse for other in self.scores), default=float("inf")):
             policy.save(self.folder / BEST)
@@ -152,14 +159,14 @@ class EvaluationCallback(BaseCallback):
         best = min(range(len(self.scores)), key=lambda i: self.scores[i].penalised_rmse)
         patience = self.settings.patience
         self.stop |= bool(patience) and len(self.scores) - 1 - best >= patience
-        self.flown += time.perf_counter() - paused
+        self.evaluation_seconds += time.perf_counter() - start
 
     def _on_step(self) -> bool:
         return not self.stop
 
 
 class RewardTerms(BaseCallback):
-    """The means of the reward's terms and of the tracking error, for TensorBoard."""
+    """Log the means of the reward terms and of the tracking error (m) of each rollout to TensorBoard."""
 
     def _on_step(self) -> bool:
         return True
@@ -171,11 +178,11 @@ class RewardTerms(BaseCallback):
 
 
 class ProgressBar(BaseCallback):
-    """A progress bar with the mean length and return of the latest episodes, and the latest score."""
+    """Show a progress bar with the mean length and return of the latest episodes and the latest score."""
 
-    def __init__(self, settings: TrainSettings, evaluate: EvaluationCallback) -> None:
+    def __init__(self, settings: TrainSettings, evaluation: EvaluationCallback) -> None:
         super().__init__()
-        self.settings, self.scores = settings, evaluate
+        self.settings, self.evaluation = settings, evaluation
 
     def _on_training_start(self) -> None:
         total = self.settings.total_timesteps
@@ -184,13 +191,13 @@ class ProgressBar(BaseCallback):
     def _on_rollout_end(self) -> None:
         if self.num_timesteps - self.bar.n < 1000:
             return
-        told = list(scenarios_at(self.settings, self.num_timesteps)) if self.settings.curriculum else []
+        parts = list(scenarios_at(self.settings, self.num_timesteps)) if self.settings.curriculum else []
         if episodes := self.model.ep_info_buffer:
-            told.append(f"episodes of {sum(item['l'] for item in episodes) / len(episodes):.0f} steps")
-            told.append(f"return {sum(item['r'] for item in episodes) / len(episodes):.0f}")
-        if self.scores.scores:
-            told.append(f"penalised RMSE {1e3 * self.scores.scores[-1].penalised_rmse:.0f} mm")
-        self.bar.set_postfix_str(", ".join(told), refresh=False)
+            parts.append(f"episodes of {sum(item['l'] for item in episodes) / len(episodes):.0f} steps")
+            parts.append(f"return {sum(item['r'] for item in episodes) / len(episodes):.0f}")
+        if self.evaluation.scores:
+            parts.append(f"penalised RMSE {1e3 * self.evaluation.scores[-1].penalised_rmse:.0f} mm")
+        self.bar.set_postfix_str(", ".join(parts), refresh=False)
         self.bar.update(self.num_timesteps - self.bar.n)
 
     def _on_training_end(self) -> None:
@@ -202,7 +209,7 @@ class ProgressBar(BaseCallback):
 
 
 def read_curve(folder: Path) -> list[Score]:
-    """The evaluations of a run so far."""
+    """Return the scores of all evaluations of a run so far; none if it is not evaluated."""
     path = folder / CURVE
     if not path.is_file():
         return []

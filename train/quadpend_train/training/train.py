@@ -1,9 +1,16 @@
-"""Training PPO, SAC or TQC on the native vector environment.
+"""Train PPO, SAC or TQC on the native vector environment.
 
-A run folder holds everything that a run is: `settings.json` (resolved), `provenance.json` (versions, commit, hardware),
-`checkpoint.zip` (the latest; for SAC and TQC with `buffer.pkl`), `curve.csv` and `best.npz` (if it is evaluated),
-TensorBoard's events, and at the end `model.zip` and `policy.npz`, which is the best policy, or the last without
-evaluations. Interrupted, a run goes on from its checkpoint as if nothing had been.
+The files of a run folder:
+
+- ``settings.json``: all settings;
+- ``provenance.json``: package versions, commit and machine;
+- ``events*``: TensorBoard's event files;
+- ``checkpoint.zip``: the latest checkpoint, for SAC and TQC with ``buffer_*.pkl``; deleted when the run is finished;
+- ``curve.csv`` and ``best.npz``: scores and best policy, if the run is evaluated;
+- ``model.zip``: the final model;
+- ``policy.npz``: the best policy, or the final one if the run is not evaluated.
+
+An interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run.
 """
 
 import json
@@ -32,7 +39,7 @@ from quadpend_train.training.callbacks import (
     ProgressBar,
     RewardTerms,
     StopConditions,
-    first_episode,
+    first_seed,
     read_curve,
 )
 from quadpend_train.training.dagger import dagger
@@ -40,53 +47,59 @@ from quadpend_train.training.environment import check_curriculum, make_env
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
 from quadpend_train.training.validation import validate
 
-CARD_SEED = VALIDATION_SEED + 100_000  # of the episodes behind a card's score, on which no policy was chosen
+CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card: no policy is selected on these episodes
 SETTINGS, PROVENANCE, CHECKPOINT = "settings.json", "provenance.json", "checkpoint.zip"
 MODEL, POLICY = "model.zip", "policy.npz"
 
 
-def train(settings: TrainSettings, folder: Path, *, progress: bool = True, more: Sequence[BaseCallback] = ()) -> Path:
-    """Train from scratch.
+def train(
+    settings: TrainSettings, folder: Path, *, progress: bool = True, callbacks: Sequence[BaseCallback] = ()
+) -> Path:
+    """Train a policy from scratch.
 
     Args:
-        settings: of the run; those of a run to go on with are in its folder, see `resume`.
-        folder: of the run.
-        progress: whether to draw a progress bar.
-        more: callbacks of one's own.
+        settings: The settings of the run.
+        folder: The folder of the run; it is created. See `resume` for a folder with an interrupted run.
+        progress: Whether to show a progress bar.
+        callbacks: Additional callbacks of Stable-Baselines3.
 
     Returns:
         The path of the trained policy.
 
     Raises:
-        FileExistsError: the folder holds a run already.
-        FloatingPointError: training diverged.
+        FileExistsError: If the folder contains a run already.
+        FloatingPointError: If training diverged.
     """
     if (folder / SETTINGS).exists():
-        raise FileExistsError(f"{folder} holds a run already: resume it, or choose another folder")
-    model = fresh_model(settings, folder)
+        raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
+    model = initial_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     _write_json(folder / SETTINGS, to_mapping(settings))
     _write_json(folder / PROVENANCE, provenance())
-    return _learn(model, settings, folder, progress, more)
+    return _learn(model, settings, folder, progress, callbacks)
 
 
 def resume(folder: Path, *, progress: bool = True) -> Path:
-    """Go on with an interrupted run, from its last checkpoint or, if it has none, from scratch.
+    """Continue an interrupted run from its latest checkpoint, or from scratch if it has none.
+
+    Args:
+        folder: The folder of the run.
+        progress: Whether to show a progress bar.
 
     Returns:
         The path of the trained policy.
 
     Raises:
-        FileNotFoundError: the folder holds no run, or a finished one.
-        FloatingPointError: training diverged.
+        FileNotFoundError: If the folder contains no run, or a finished one.
+        FloatingPointError: If training diverged.
     """
     if not (folder / SETTINGS).is_file():
-        raise FileNotFoundError(f"{folder} holds no run")
+        raise FileNotFoundError(f"{folder} contains no run")
     if (folder / POLICY).is_file():
-        raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to go on with")
+        raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
     settings = read_settings(str(folder / SETTINGS))
     if not (folder / CHECKPOINT).is_file():
-        return _learn(fresh_model(settings, folder), settings, folder, progress)
+        return _learn(initial_model(settings, folder), settings, folder, progress)
     torch.set_num_threads(settings.num_threads)
     model = algorithm_class(settings.algo).load(folder / CHECKPOINT, env=make_env(settings), device="cpu")
     if settings.algo != "ppo":
@@ -94,17 +107,22 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
     return _learn(model, settings, folder, progress)
 
 
-def fresh_model(settings: TrainSettings, folder: Path | None) -> Any:
-    """The model that a run begins with: untrained, or an imitation of its companion."""
+def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
+    """Return the model with which a run starts: untrained, or after imitation of the base controller.
+
+    Args:
+        settings: The settings of the run.
+        folder: The folder for TensorBoard's event files; None for none.
+    """
     torch.set_num_threads(settings.num_threads)
     env = make_env(settings)
     if settings.curriculum:
         check_curriculum(settings)
     model = make_model(settings, env, folder)
     if settings.hybrid.imitation_timesteps:
-        env.seed(first_episode(settings) + 2**31)  # half a block away from all other episodes of the run
-        left = dagger(model, env, settings)
-        print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {left:.4f} (root mean square).")
+        env.seed(first_seed(settings) + 2**31)  # in the middle of the run's block: training uses the seeds before it
+        error = dagger(model, env, settings)
+        print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
     return model
 
 
@@ -113,37 +131,37 @@ def _interrupt(*_: Any) -> None:
 
 
 def _learn(
-    model: Any, settings: TrainSettings, folder: Path, progress: bool, more: Sequence[BaseCallback] = ()
+    model: Any, settings: TrainSettings, folder: Path, progress: bool, callbacks: Sequence[BaseCallback] = ()
 ) -> Path:
-    steps, began = settings.total_timesteps - model.num_timesteps, time.perf_counter()
-    watch, evaluate = StopConditions(settings), EvaluationCallback(settings, folder)
-    callbacks = [CheckpointSegments(settings, folder), watch, evaluate, RewardTerms(), *more]
+    steps, start = settings.total_timesteps - model.num_timesteps, time.perf_counter()
+    stop, evaluation = StopConditions(settings), EvaluationCallback(settings, folder)
+    callbacks = [CheckpointSegments(settings, folder), stop, evaluation, RewardTerms(), *callbacks]
     if progress:
-        callbacks.append(ProgressBar(settings, evaluate))
-    terminate = signal.signal(signal.SIGTERM, _interrupt)
+        callbacks.append(ProgressBar(settings, evaluation))
+    previous_handler = signal.signal(signal.SIGTERM, _interrupt)
     try:
         model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
-        watch.check()
+        stop.check_finite()
     except KeyboardInterrupt:
-        print(f"Interrupted after {model.num_timesteps} steps; `quadpend train --resume {folder}` goes on.")
+        print(f"Interrupted after {model.num_timesteps} steps; `quadpend train --resume {folder}` continues the run.")
         raise
-    except ValueError as error:  # of a distribution whose parameters are no numbers
-        watch.check()
+    except ValueError as error:  # torch refuses a distribution whose parameters are not finite
+        stop.check_finite()
         if "found invalid values" in str(error):
             raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
         raise
     finally:
-        signal.signal(signal.SIGTERM, terminate)
+        signal.signal(signal.SIGTERM, previous_handler)
     model.save(folder / MODEL)
-    seconds = time.perf_counter() - began - evaluate.flown
-    _policy(model, settings, folder, seconds).save(folder / POLICY)
+    seconds = time.perf_counter() - start - evaluation.evaluation_seconds
+    _final_policy(model, settings, folder, seconds).save(folder / POLICY)
     for leftover in (folder / CHECKPOINT, *folder.glob("buffer_*.pkl")):
         leftover.unlink(missing_ok=True)
     return folder / POLICY
 
 
-def _policy(model: Any, settings: TrainSettings, folder: Path, seconds: float) -> MlpPolicy:
-    """What a run has learned, with its card."""
+def _final_policy(model: Any, settings: TrainSettings, folder: Path, seconds: float) -> MlpPolicy:
+    """Return the policy of a finished run with its card."""
     best = folder / BEST
     policy = MlpPolicy.load(best) if best.is_file() else export(model, **settings.policy_interface())
     curve = read_curve(folder)

@@ -1,4 +1,4 @@
-"""How well a policy flies the scenarios that it is trained in, in episodes that it is not trained on."""
+"""Validation: the score of a policy in its training scenarios, in episodes that are not used for training."""
 
 from typing import Any, NamedTuple
 
@@ -11,19 +11,36 @@ from quadpend_train.training.settings import TrainSettings
 
 
 class Score(NamedTuple):
-    """A line of the training curve."""
+    """One point of the training curve.
 
-    steps: int  # of the environment so far
-    seconds: float  # of training so far
-    survival: float  # share of the episodes
-    penalised_rmse: float  # m, the mean over all scenarios
+    Attributes:
+        steps: Number of timesteps of training so far.
+        seconds: Duration of training so far, s.
+        survival: Share of episodes without a fall, that is an early termination.
+        penalised_rmse: Mean over all episodes of the root mean square of the tracking error, m; a fall counts as 1 m.
+    """
+
+    steps: int
+    seconds: float
+    survival: float
+    penalised_rmse: float
 
 
 def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEED) -> tuple[float, float]:
-    """Survival (a share) and penalised RMSE (m): means over the scenarios of a run, in the episodes from `seed` on."""
+    """Run a policy in the training scenarios of a run.
+
+    Args:
+        policy: The policy; its base controller, if there is one, receives the nominal simulation of the scenarios.
+        settings: The settings of the run.
+        seed: The seed of the first episode.
+
+    Returns:
+        Survival and penalised RMSE (m), see `Score`; means over `n_eval_episodes` episodes of each scenario.
+    """
     scenarios = [find_scenario(name) for name in expand(settings.scenario)]
     env = concatenate_scenarios(scenarios, settings.n_eval_episodes * len(scenarios))
-    told: Any = policy
-    policy = told.with_simulation(scenarios[0].simulation) if hasattr(policy, "with_simulation") else policy
-    flights = collect_results(rollout(policy, env, seed), env.num_envs)
-    return float(flights.survived.mean()), float(flights.penalised_rmse.mean())
+    adaptable: Any = policy
+    if hasattr(policy, "with_simulation"):
+        policy = adaptable.with_simulation(scenarios[0].simulation)
+    results = collect_results(rollout(policy, env, seed), env.num_envs)
+    return float(results.survived.mean()), float(results.penalised_rmse.mean())
