@@ -131,7 +131,7 @@ def balance(state: State, goal: Any = (0.0, 0.0, HEIGHT)) -> Floats:
     return np.asarray(np.clip(-gain() @ deviation[FREE], -1.0, 1.0))
 
 
-def total(actor: Actor) -> tuple[float, int]:
+def mean_return_and_length(actor: Actor) -> tuple[float, int]:
     """Return the mean return and the mean length of ten hover episodes."""
     env = gym.make("QuadPendulumHover-v0")
     bare = env.unwrapped
@@ -150,7 +150,7 @@ def total(actor: Actor) -> tuple[float, int]:
 @cache
 def balancing_result() -> tuple[float, int]:
     """Return the mean return and the mean length of episodes with the regulator."""
-    return total(lambda state, _: balance(state))
+    return mean_return_and_length(lambda state, _: balance(state))
 
 
 def test_balancing_lasts_the_whole_episode_and_has_almost_the_maximal_return() -> None:
@@ -180,7 +180,7 @@ EXPLOITS: dict[str, Actor] = {
 
 @pytest.mark.parametrize("actor", EXPLOITS.values(), ids=EXPLOITS.keys())
 def test_the_return_of_every_exploit_is_much_lower_than_that_of_balancing(actor: Actor) -> None:
-    assert total(actor)[0] < 0.6 * balancing_result()[0]
+    assert mean_return_and_length(actor)[0] < 0.6 * balancing_result()[0]
 
 
 def test_balancing_longer_has_a_higher_return() -> None:
@@ -189,6 +189,6 @@ def test_balancing_longer_has_a_higher_return() -> None:
     def stop_balancing_at(last: int) -> Actor:
         return lambda state, step: balance(state) if step < last else np.array([-1.0, 0.0, 0.0, 0.0])
 
-    earned = [total(stop_balancing_at(last))[0] for last in (0, 100, 300, 600)]
+    earned = [mean_return_and_length(stop_balancing_at(last))[0] for last in (0, 100, 300, 600)]
     assert (np.diff(earned) > 50.0).all()
     assert earned[-1] < balancing_result()[0]
