@@ -79,7 +79,7 @@ def test_every_kind_of_model_has_its_picture_on_the_page() -> None:
 
 
 def test_models_are_drawn_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_plots, "_LONG", 45.0)
+    monkeypatch.setattr(model_plots, "_SPECTRUM_SECONDS", 45.0)
     chosen = [f"{name}={GALLERY[name]}" for name in ("dryden", "gusts", "noise", "rotors")]
     main(["wind", "--models", *chosen, "windy", '{"kind": "delay"}', "--out", str(tmp_path)])
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -96,7 +96,7 @@ def test_models_are_drawn_by_the_command(tmp_path: Path, monkeypatch: pytest.Mon
     ("options", "sentence"),
     [
         (["--models", "hurricane"], "there is no model 'hurricane'; there are calm, breeze"),
-        (["--models", "constant"], "this wind blows nothing"),
+        (["--models", "constant"], "the wind is always zero"),
         (["--models", '{"kind": "dryden"'], "the model is not valid JSON"),
         (["--seconds", "0"], "seconds must be from 1"),
         (["--seed", "-1"], "seed must be at least 0"),

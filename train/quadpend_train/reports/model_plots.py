@@ -1,6 +1,7 @@
-"""Pictures of models: a wind's series, histogram and spectrum beside theory; what sensors and actuators do to a signal.
+"""Pictures of wind, sensor and actuator models.
 
-So that one sees what one trains in.
+A wind is drawn as a time series, a histogram and a spectrum beside its theory. Sensors and actuators are drawn as a
+signal before and after the model.
 """
 
 from collections.abc import Callable
@@ -18,6 +19,8 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.drag import AIR_DENSITY
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_SIZE, State
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
@@ -25,11 +28,12 @@ from quadpend_train.common.files import parse_mapping
 from quadpend_train.reports.figures import COLOURS
 from quadpend_train.scenarios import find_scenario
 
-_PERIOD = 0.01  # s
-_EPISODES, _LONG, _SEGMENT = 24, 62.0, 2048  # episodes, seconds and samples behind histogram and spectrum
+_PERIOD = CONTROL_PERIOD
+# Episodes, seconds and samples per segment from which histogram and spectrum are computed.
+_EPISODES, _SPECTRUM_SECONDS, _WELCH_SEGMENT = 24, 62.0, 2048
 _UNITS = {"force": "N", "bob_force": "N", "torque": "N·m", "velocity": "m/s"}
 
-# One of each kind, for docs/models.md: picture and model.
+# Models in docs/models.md, by the name of their picture.
 GALLERY = {
     "constant": '{"kind": "drawn", "wind": {"kind": "constant", "force": [0.3, 0, 0]}, "strength": [0.5, 1.5]}',
     "sinusoid": '{"kind": "sinusoid", "force": [0.3, 0.2, 0], "frequency": 2.0}',
@@ -50,32 +54,32 @@ GALLERY = {
 
 
 def draw(title: str, name: str, seconds: float, seed: int, path: Path) -> None:
-    """Draw the model that `name` stands for into a PNG file.
+    """Draw a model into a PNG file.
 
     Args:
-        title: of the picture.
-        name: a preset or kind of wind, a kind of sensor or actuator with its defaults, JSON with a kind, or the file of
-            a scenario, for its wind.
-        seconds: how much of the series to show.
-        seed: of the episode shown.
-        path: of the picture.
+        title: Title of the picture.
+        name: Preset or kind of wind, kind of sensor or actuator (with default settings), JSON with a ``kind``, or the
+            file of a scenario, whose wind is drawn.
+        seconds: Length of the time series, s.
+        seed: Seed of the episode in the time series.
+        path: Path of the picture.
 
     Raises:
-        ValueError: it is none of these.
+        ValueError: If `name` is none of these, or the wind is always zero.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    family, models = _find(name)
-    figure = Figure(figsize=(9.0, 5.2 if family == "wind" else 3.4), layout="constrained")
+    category, models = _find(name)
+    figure = Figure(figsize=(9.0, 5.2 if category == "wind" else 3.4), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title.replace("_", " "), fontsize=11)
-    _DRAWN[family](figure, models, seconds, seed)
+    _DRAW[category](figure, models, seconds, seed)
     figure.savefig(path, dpi=80)
 
 
 def _find(name: str) -> tuple[str, tuple[Any, ...]]:
-    """Family and models of a name."""
+    """Return the category ("wind", "sensors" or "actuators") and the models with this name."""
     if name.lstrip().startswith("{"):
         data = parse_mapping(name, "the model")
     elif name in PRESETS:
@@ -84,30 +88,30 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
         return "wind", find_scenario(name).wind.models
     else:
         data = {"kind": name}
-    for family, (kinds, as_models) in _FAMILIES.items():
+    for category, (kinds, as_models) in _CATEGORIES.items():
         if data.get("kind") in kinds:
-            return family, as_models(data)
-    known = ", ".join([*PRESETS, *(kind for kinds, _ in _FAMILIES.values() for kind in kinds if kind != "sum")])
+            return category, as_models(data)
+    known = ", ".join([*PRESETS, *(kind for kinds, _ in _CATEGORIES.values() for kind in kinds if kind != "sum")])
     raise ValueError(f"there is no model {name!r}; there are {known}; or give JSON with a kind")
 
 
 def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
-    """Above the series of one episode, below histogram and spectrum over many, with theory where there is one."""
-    blown = time_series(models, round(max(seconds, _LONG) / _PERIOD), _EPISODES, seed, _PERIOD)
-    if models and not blown.any():
-        raise ValueError("this wind blows nothing: give its loads, as JSON with a kind")
+    """Draw the time series of one episode, and histogram and spectrum of many episodes beside their theory."""
+    wind = time_series(models, round(max(seconds, _SPECTRUM_SECONDS) / _PERIOD), _EPISODES, seed, _PERIOD)
+    if models and not wind.any():
+        raise ValueError("the wind is always zero: set its loads, as JSON with a kind")
     order = ("velocity", "force", "bob_force", "torque")
-    field = next((name for name in order if blown[..., WIND_FIELDS[name]].any()), "force")
+    field = next((name for name in order if wind[..., WIND_FIELDS[name]].any()), "force")
     columns = WIND_FIELDS[field]
     theory = _theory(models, columns)
     grid = figure.add_gridspec(2, 2)
     time = _PERIOD * np.arange(round(seconds / _PERIOD))
     above, histogram, spectrum = (figure.add_subplot(place) for place in (grid[0, :], grid[1, 0], grid[1, 1]))
-    frequency, density = signal.welch(blown[..., columns], 1.0 / _PERIOD, nperseg=_SEGMENT, noverlap=0, axis=0)
+    frequency, density = signal.welch(wind[..., columns], 1.0 / _PERIOD, nperseg=_WELCH_SEGMENT, noverlap=0, axis=0)
     omega = 2.0 * np.pi * frequency[1:]
-    averages = _EPISODES * (blown.shape[0] // _SEGMENT)
+    averages = _EPISODES * (wind.shape[0] // _WELCH_SEGMENT)
     for i, axis in enumerate("xyz"):
-        values, colour = blown[..., columns][..., i], COLOURS[i]
+        values, colour = wind[..., columns][..., i], COLOURS[i]
         if not values.any():
             continue
         above.plot(time, values[: time.size, 0], color=colour, linewidth=1.0, label=axis)
@@ -133,7 +137,7 @@ def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) 
     spectrum.set(xlabel="frequency (rad/s)", ylabel=f"({unit})² per rad/s", xlim=(omega[0], 100.0))
     spectrum.set_ylim(bottom=max(spectrum.get_ylim()[0], 1e-9 * spectrum.get_ylim()[1]))
     if density[1:].max() < 1e-12:
-        spectrum.set(title="nothing fluctuates", ylim=(1e-6, 1.0))
+        spectrum.set(title="constant: no spectrum", ylim=(1e-6, 1.0))
     if theory is not None:
         histogram.set_title("dashed: theory, around the mean", fontsize=9)
         spectrum.set_title("dashed: theory, with the 95 % band of this estimate", fontsize=9)
@@ -142,13 +146,13 @@ def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) 
 
 
 def _fine(theory: Callable[[Floats], Floats], axis: int) -> tuple[Floats, Floats]:
-    """Density and frequency, finely enough to integrate."""
+    """Return density and frequency on a grid that is fine enough for integration."""
     omega = np.concatenate([[0.0], np.geomspace(1e-5, 1e5, 4000)])
     return theory(omega)[axis], omega
 
 
 def _force_axis(axes: Any) -> None:
-    """A second scale: the drag of such a wind on the quadrotor at rest."""
+    """Add a second scale: the drag of this wind on a quadrotor at rest."""
     factor = 0.5 * AIR_DENSITY * Simulation().parameters.quadrotor_drag_area
     force = axes.secondary_yaxis(
         "right",
@@ -158,20 +162,27 @@ def _force_axis(axes: Any) -> None:
 
 
 def _theory(models: tuple[Any, ...], columns: slice) -> Callable[[Floats], Floats] | None:
-    """The spectral density along x, y, z as a function of frequency, of a single model that has one."""
+    """Return the spectral density along x, y, z as a function of frequency, or None if no theory is available."""
     if len(models) != 1 or not hasattr(models[0], "density") or getattr(models[0], "heading", 0.0) != 0.0:
         return None
     model = models[0]
 
     def density(omega: Floats) -> Floats:
-        found = model.density(omega)
-        return np.asarray(found if found.shape[0] == 3 else found[columns])
+        values = model.density(omega)
+        return np.asarray(values if values.shape[0] == 3 else values[columns])
 
     return density
 
 
-def _through(models: tuple[Any, ...], values: Floats, seed: int, call: Callable[..., None]) -> Floats:
-    """What models make of a signal, shape (steps, k); `call` gets sample, number, model, memory and streams."""
+def _apply(models: tuple[Any, ...], values: Floats, seed: int, call: Callable[..., None]) -> Floats:
+    """Apply models to a signal, shape (steps, k).
+
+    Args:
+        models: Models in their order.
+        values: The signal, shape (steps, k).
+        seed: Seed of the random stream.
+        call: Function that applies one model; its arguments are sample, step, model, memory and streams.
+    """
     batch, out = ModelBatch(models, 1), np.empty(values.shape)
     row, streams = np.zeros(1, np.int64), Streams.from_seeds([seed])
     batch.start_episodes(row, streams, lambda *_: None)
@@ -183,18 +194,21 @@ def _through(models: tuple[Any, ...], values: Floats, seed: int, call: Callable[
 
 
 def _draw_sensors(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
-    """A position and a direction that swing, as they are and as they are measured."""
+    """Draw an oscillating position and direction, true and measured."""
     seconds = min(seconds, 3.0)
     time = np.arange(0.0, seconds, _PERIOD)
-    true = np.zeros((time.size, 18))
-    true[:, 0], true[:, 12] = 0.02 * np.sin(2.0 * time), np.sin(0.05 * np.sin(4.0 * time))
-    true[:, 14] = np.sqrt(1.0 - true[:, 12] ** 2)
+    true = np.zeros((time.size, STATE_SIZE))
+    state = State(true)
+    state.position[:, 0], state.direction[:, 0] = 0.02 * np.sin(2.0 * time), np.sin(0.05 * np.sin(4.0 * time))
+    state.direction[:, 2] = np.sqrt(1.0 - state.direction[:, 0] ** 2)
 
     def sense(sample: Floats, step: Integers, model: Any, memory: Floats, streams: Streams) -> None:
         model.sense(sample, memory, step, _PERIOD, streams)
 
-    measured = _through(models, true, seed, sense)
-    for axes, column, label in zip(figure.subplots(1, 2), (0, 12), ("position x (m)", "direction r_x"), strict=True):
+    measured = _apply(models, true, seed, sense)
+    for axes, column, label in zip(
+        figure.subplots(1, 2), (POSITION, DIRECTION), ("position x (m)", "direction r_x"), strict=True
+    ):
         axes.step(time, measured[:, column], where="post", color=COLOURS[1], linewidth=0.8, label="measured")
         axes.plot(time, true[:, column], color=COLOURS[0], linewidth=1.5, label="true")
         axes.set(xlabel="time (s)", ylabel=label, xlim=(0.0, seconds))
@@ -204,35 +218,35 @@ def _draw_sensors(figure: Any, models: tuple[Any, ...], seconds: float, seed: in
 
 
 def _draw_actuators(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
-    """A pulse on one component of the action after the other, and what becomes of the four components."""
+    """Draw pulses on the components of the action, one after the other, and the resulting components."""
     time = np.arange(0.0, 1.0, _PERIOD)
-    action = np.zeros((time.size, 4))
-    for i in range(4):
+    action = np.zeros((time.size, ACTION_SIZE))
+    for i in range(ACTION_SIZE):
         action[10 + 22 * i : 22 + 22 * i, i] = 0.5
 
     def act(sample: Floats, step: Integers, model: Any, memory: Floats, streams: Streams) -> None:
         model.act(sample, memory, step, Simulation(), streams)
 
-    acted = _through(models, action, seed, act)
+    acted = _apply(models, action, seed, act)
     for axes, values, title in zip(
         figure.subplots(1, 2, sharey=True),
         (action, acted),
-        ("action", "what acts: thrust, roll, pitch, yaw"),
+        ("action", "result: thrust, roll, pitch, yaw"),
         strict=True,
     ):
-        for i in range(4):
+        for i in range(ACTION_SIZE):
             axes.step(time, values[:, i], where="post", color=COLOURS[i], linewidth=1.2, label=f"a{'₀₁₂₃'[i]}")
         axes.set(xlabel="time (s)", title=title, ylim=(-0.1, 0.7))
         axes.grid(alpha=0.3)
         axes.legend(frameon=False, ncols=4, loc="upper center", fontsize=8)
 
 
-_FAMILIES: dict[str, tuple[Any, Callable[[Any], tuple[Any, ...]]]] = {
+_CATEGORIES: dict[str, tuple[Any, Callable[[Any], tuple[Any, ...]]]] = {
     "wind": (KINDS, as_wind),
     "sensors": (SENSORS, as_sensors),
     "actuators": (ACTUATORS, as_actuators),
 }
-_DRAWN: dict[str, Callable[[Any, tuple[Any, ...], float, int], None]] = {
+_DRAW: dict[str, Callable[[Any, tuple[Any, ...], float, int], None]] = {
     "wind": _draw_wind,
     "sensors": _draw_sensors,
     "actuators": _draw_actuators,
