@@ -1,1 +1,1 @@
-"""The command line `quadpend`."""
+"""The command line: `quadpend`, with one function for each command."""

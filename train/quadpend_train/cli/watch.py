@@ -1,121 +1,125 @@
-"""`quadpend watch`: policies in the same episode side by side, in a window or in a file."""
+"""The command `quadpend watch`: policies side by side in the same episode, in a window or in a file."""
 
 import time
-from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 
-from quadpend_train.cli import commands
+from quadpend_train.cli.options import named_policies
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 FORMATS = (".mp4", ".gif", ".webp", ".png")
 _WINDOW_RATE = 60.0  # pictures per second
 
 
+@dataclass(frozen=True)
+class VideoOptions:
+    """Options of what to show and how.
+
+    Raises:
+        ValueError: If an option is out of range, or the format of the file does not support it.
+    """
+
+    out: Path | None = None
+    """File for a video (.mp4, .gif, .webp) or for its last picture (.png); without it, a window opens."""
+    size: tuple[int, int] = (1280, 720)
+    """Width and height in pixels."""
+    fps: float = 25.0
+    """Pictures per second of a video. GIF files round the time between pictures to hundredths of a second."""
+    speed: float = 1.0
+    """Factor on the speed of time."""
+    seconds: tuple[float, float] = (0.0, 10.0)
+    """Begin and end of the shown part of the episode, s."""
+    zoom: float = 1.0
+    """Magnification."""
+
+    def __post_init__(self) -> None:
+        out, size, fps, seconds = self.out, self.size, self.fps, self.seconds
+        if not (320 <= size[0] <= 8000 and 180 <= size[1] <= 8000):
+            raise ValueError(f"size must be from 320 × 180 to 8000 × 8000 pixels, not {size[0]} × {size[1]}")
+        for name, low, high in (("fps", 1.0, 100.0), ("speed", 0.05, 20.0), ("zoom", 0.2, 2.5)):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} must be from {low:g} to {high:g}, not {getattr(self, name):g}")
+        if not 0.0 <= seconds[0] < seconds[1]:
+            raise ValueError(
+                f"seconds must be a beginning of at least 0 and a later end, not {seconds[0]:g} {seconds[1]:g}"
+            )
+        if out is None:
+            return
+        if out.suffix not in FORMATS:
+            raise ValueError(f"out must end with one of {', '.join(FORMATS)}, not be {str(out)!r}")
+        if out.suffix == ".gif" and fps > 50.0:
+            raise ValueError(f"fps of a GIF file must be at most 50, since browsers slow faster ones down, not {fps:g}")
+        if out.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
+            raise ValueError("MP4 files need imageio-ffmpeg: pip install 'quadpend-gym[view]'")
+        if out.suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
+            raise ValueError(f"size of an MP4 file must be even numbers of pixels, not {size[0]} × {size[1]}")
+
+
 def watch(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-gain-scheduling-0"),
     scenario: str = "windy",
     seed: int = VALIDATION_SEED,
-    out: Path | None = None,
-    size: tuple[int, int] = (1280, 720),
-    fps: float = 25.0,
-    speed: float = 1.0,
-    seconds: tuple[float, float] = (0.0, 10.0),
-    zoom: float = 1.0,
+    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = VideoOptions(),  # noqa: B008
 ) -> None:
-    """Watch policies fly the same episode side by side, above their errors and the wind as they saw it.
+    """Show policies side by side in the same episode, above their tracking errors and their estimates of the wind.
 
     Args:
-        policies: One to three, as in evaluate; NAME=POLICY gives one a name.
-        scenario: By name, TOML or JSON file, or as JSON, as in evaluate.
-        seed: Of the episode.
-        out: File for a film (.mp4, .gif, .webp) or a picture of its end (.png), instead of a window.
-        size: Width and height, in pixels.
-        fps: Pictures per second of a film; GIF counts hundredths of a second.
-        speed: Of the time shown.
-        seconds: From when to when to show.
-        zoom: How much closer than usual.
+        policies: One to three policies, as in evaluate; NAME=POLICY gives a policy a name.
+        scenario: Scenario: a name, a TOML or JSON file, or JSON, as in evaluate.
+        seed: Seed of the episode.
+        video: Options of what to show and how.
     """
     from quadpend_gym.viewer import check_pygame
     from quadpend_train.policies.loading import load_policies
     from quadpend_train.scenarios import find_scenario
 
-    _check(policies, out, size, fps, speed, seconds, zoom)
+    if not 1 <= len(policies) <= 3:
+        raise ValueError(f"policies must be one to three, not {len(policies)}")
     check_pygame()
     from quadpend_train.evaluation.recording import record_episode
     from quadpend_train.reports.side_by_side import SideBySideView
+    from quadpend_train.reports.video import write_video
 
     found = find_scenario(scenario)
-    loaded = [(name, load_policies(policy)) for name, policy in commands.named_policies(policies).items()]
-    if several := [name for name, members in loaded if len(members) > 1]:
+    loaded = [(name, load_policies(policy)) for name, policy in named_policies(policies).items()]
+    if several := [name for name, seeds in loaded if len(seeds) > 1]:
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")
-    screen = _open(size) if out is None else None
+    screen = _open_window(video.size) if video.out is None else None
     period = found.simulation.period
-    board = SideBySideView([record_episode(name, members[0], found, seed) for name, members in loaded], period, seconds)
-    board.picture.camera.zoom(1.0 / zoom)
-    if out is None:
-        _play(board, screen, period, speed)
+    recordings = [record_episode(name, seeds[0], found, seed) for name, seeds in loaded]
+    view = SideBySideView(recordings, period, video.seconds)
+    view.picture.camera.zoom(1.0 / video.zoom)
+    if video.out is None:
+        _play(view, screen, period, video.speed)
         return
-    out.parent.mkdir(parents=True, exist_ok=True)
-    _film(board, out, size, fps, speed / period)
-    print(f"Written: {out}")
+    video.out.parent.mkdir(parents=True, exist_ok=True)
+    write_video(view, video.out, video.size, video.fps, video.speed / period)
+    print(f"Written: {video.out}")
 
 
-def _check(
-    policies: tuple[str, ...],
-    out: Path | None,
-    size: tuple[int, int],
-    fps: float,
-    speed: float,
-    seconds: tuple[float, float],
-    zoom: float,
-) -> None:
-    if not 1 <= len(policies) <= 3:
-        raise ValueError(f"one to three policies can be watched at a time, not {len(policies)}")
-    if not (320 <= size[0] <= 8000 and 180 <= size[1] <= 8000):
-        raise ValueError(f"size must be from 320 × 180 to 8000 × 8000 pixels, not {size[0]} × {size[1]}")
-    if not 1.0 <= fps <= 100.0:
-        raise ValueError(f"fps must be from 1 to 100, not {fps:g}")
-    if not 0.05 <= speed <= 20.0:
-        raise ValueError(f"speed must be from 0.05 to 20, not {speed:g}")
-    if not 0.2 <= zoom <= 2.5:
-        raise ValueError(f"zoom must be from 0.2 to 2.5, not {zoom:g}")
-    if not 0.0 <= seconds[0] < seconds[1]:
-        raise ValueError(
-            f"seconds must be a beginning of at least 0 and a later end, not {seconds[0]:g} {seconds[1]:g}"
-        )
-    if out is not None and out.suffix not in FORMATS:
-        raise ValueError(f"out must end with one of {', '.join(FORMATS)}, not be {str(out)!r}")
-    if out is not None and out.suffix == ".gif" and fps > 50.0:
-        raise ValueError(f"browsers slow GIF films down that have more than 50 pictures per second: fps is {fps:g}")
-    if out is not None and out.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
-        raise ValueError("MP4 films need imageio-ffmpeg: pip install 'quadpend-gym[view]'")
-    if out is not None and out.suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
-        raise ValueError(f"an MP4 film has an even number of pixels each way, not {size[0]} × {size[1]}")
-
-
-def _open(size: tuple[int, int]) -> Any:
+def _open_window(size: tuple[int, int]) -> Any:
     from quadpend_gym.viewer.window import is_headless, open_window
 
     screen = open_window("quadpend watch", size)
     if is_headless():
-        raise ValueError("there is no screen for a window: give --out, a file for the film")
+        raise ValueError("there is no screen for a window: give --out, a file for the video")
     return screen
 
 
-def _play(board: Any, screen: Any, period: float, speed: float) -> None:
-    """Show the board in a window until it is closed."""
+def _play(view: Any, screen: Any, period: float, speed: float) -> None:
+    """Show the view in a window until the user closes it."""
     import pygame
 
     from quadpend_gym.viewer.window import Controls, draw_status
 
-    controls = Controls(board.picture)
+    controls = Controls(view.picture)
     controls.speed = speed
-    first, last = float(board.steps.start), float(board.steps.stop - 1)
-    at, before = first, time.perf_counter()
+    first, last = float(view.steps.start), float(view.steps.stop - 1)
+    position, before = first, time.perf_counter()  # in steps; s
     while True:
         for event in pygame.event.get():
             controls.handle(event)
@@ -123,86 +127,14 @@ def _play(board: Any, screen: Any, period: float, speed: float) -> None:
             break
         now = time.perf_counter()
         if controls.end_requested:
-            controls.end_requested, at = False, first
+            controls.end_requested, position = False, first
         if controls.steps:
-            at, controls.steps = at + controls.steps, 0
+            position, controls.steps = position + controls.steps, 0
         elif not controls.paused:
-            at += controls.speed * (now - before) / period
-        at, before = min(at, last), now
-        board.draw(screen, int(at))
-        draw_status(screen, board.picture, controls)
+            position += controls.speed * (now - before) / period
+        position, before = min(position, last), now
+        view.draw(screen, int(position))
+        draw_status(screen, view.picture, controls)
         pygame.display.flip()
         time.sleep(max(1.0 / _WINDOW_RATE - (time.perf_counter() - now), 0.0))
     pygame.display.quit()
-
-
-def _pictures(board: Any, size: tuple[int, int], steps: list[int]) -> Iterator[Any]:
-    """What the board shows after each of these steps, shape (height, width, 3), uint8."""
-    import pygame
-    from tqdm import tqdm
-
-    from quadpend_gym.viewer.picture import surface_to_array
-
-    surface = pygame.Surface(size)
-    for step in tqdm(steps, desc="drawing", disable=None if len(steps) > 1 else True):
-        board.draw(surface, step)
-        yield surface_to_array(surface)
-
-
-def _film(board: Any, out: Path, size: tuple[int, int], fps: float, rate: float) -> None:
-    """Write a film of `rate` steps per second, or the last picture; an interruption leaves what was there."""
-    import numpy as np
-
-    shown = board.steps
-    seconds = round(100.0 / fps) / 100.0 if out.suffix == ".gif" else 1.0 / fps  # GIF counts hundredths
-    steps = np.arange(shown.start, shown.stop, rate * seconds).astype(int).tolist()
-    unfinished = out.with_name(f"{out.stem}.unfinished{out.suffix}")
-    try:
-        if out.suffix == ".mp4":
-            from imageio.v2 import get_writer
-
-            with get_writer(unfinished, fps=fps, quality=8, macro_block_size=2) as writer:
-                for picture in _pictures(board, size, steps):
-                    writer.append_data(picture)  # type: ignore[attr-defined]
-        elif out.suffix == ".png":
-            _write_images(_pictures(board, size, [shown.stop - 1]), unfinished)
-        else:
-            few = steps[:: max(len(steps) // 4, 1)]
-            palette = _palette(list(_pictures(board, size, few))) if out.suffix == ".gif" else None
-            images = _pictures(board, size, steps)
-            more = {"save_all": True, "duration": 1000.0 * seconds, "loop": 0}
-            _write_images(images, unfinished, palette, **more)
-        unfinished.replace(out)
-    finally:
-        unfinished.unlink(missing_ok=True)
-
-
-def _write_images(pictures: Iterator[Any], path: Path, palette: Any = None, **more: Any) -> None:
-    """Write pictures as one file, in the colours of a palette if there is one."""
-    from PIL import Image
-
-    plain = (Image.fromarray(picture) for picture in pictures)
-    images = (
-        plain if palette is None else (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in plain)
-    )
-    more |= {"quality": 80, "method": 4} if path.suffix == ".webp" else {"optimize": True}
-    if "save_all" in more:
-        more["append_images"] = images
-    next(images).save(path, **more)
-
-
-def _palette(pictures: list[Any]) -> Any:
-    """One palette for all, so that only what moves is written; it has the telling colours, though they are rare."""
-    import numpy as np
-    from PIL import Image
-
-    from quadpend_gym.viewer.palette import INK, MEANINGFUL, WHITE, blend
-
-    shades = [
-        blend(colour, other, share) for colour in MEANINGFUL for other in (WHITE, INK) for share in (0.0, 0.25, 0.5)
-    ]
-    few = np.concatenate(pictures)
-    rows = len(few) // (2 * len(shades)) + 1
-    swatches = np.repeat(np.array(shades, np.uint8), rows, axis=0)[:, np.newaxis]
-    sample = np.concatenate([few, np.broadcast_to(swatches, (len(swatches), few.shape[1], 3))])
-    return Image.fromarray(sample).quantize(192, method=Image.Quantize.MEDIANCUT)

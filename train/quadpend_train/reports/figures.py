@@ -1,11 +1,11 @@
-"""Figures for pages and documents: one style for every contender, and the same file whenever one is drawn."""
+"""Figures for reports: every policy has one line style, and the same data always gives the same file."""
 
 import io
 import re
 from pathlib import Path
 from typing import Any
 
-# Okabe and Ito's colours, distinguishable by the colour-blind.
+# Colours of Okabe and Ito, which people with colour-vision deficiencies can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 LINES: Any = ("-", "--", ":", "-.")
 _METADATA: dict[str, None] = {"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -13,17 +13,22 @@ _SETTINGS: Any = {"svg.fonttype": "none", "font.size": 9, "axes.spines.top": Fal
 
 
 def colour(i: int) -> str:
-    """Of contender i."""
+    """Return the colour of policy i."""
     return COLOURS[i % len(COLOURS)]
 
 
 def line(i: int) -> Any:
-    """Line style of contender i: another one for each round of the colours."""
+    """Return the line style of policy i. Policies with the same colour have different line styles."""
     return LINES[i // len(COLOURS) % len(LINES)]
 
 
 def blank(width: float, height: float) -> Any:
-    """An empty figure in inches, without pyplot and its global state."""
+    """Return an empty figure, without pyplot and its global state.
+
+    Args:
+        width: Width, inches.
+        height: Height, inches.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -33,7 +38,14 @@ def blank(width: float, height: float) -> Any:
 
 
 def grid(figure: Any, rows: int, columns: int, **settings: Any) -> Any:
-    """Axes of a figure in the house's style, shape (rows, columns)."""
+    """Add axes in the common style to a figure, and return them in an array of shape (rows, columns).
+
+    Args:
+        figure: Matplotlib figure.
+        rows: Number of rows.
+        columns: Number of columns.
+        settings: Further arguments of `Figure.subplots`.
+    """
     from matplotlib import rc_context
 
     with rc_context(_SETTINGS):
@@ -41,13 +53,29 @@ def grid(figure: Any, rows: int, columns: int, **settings: Any) -> Any:
 
 
 def curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any, name: str = "") -> None:
-    """Draw contender i's line in its band."""
-    axis.fill_between(x, low, high, color=colour(i), alpha=0.15, linewidth=0, gid=f"contender{i}")
-    axis.plot(x, middle, line(i), color=colour(i), linewidth=1.5, label=name, gid=f"contender{i}")
+    """Draw the line and the band of policy i.
+
+    Args:
+        axis: Matplotlib axes.
+        i: Index of the policy.
+        x: Horizontal coordinates, shape (n,).
+        low: Lower edge of the band, shape (n,).
+        middle: Line, shape (n,).
+        high: Upper edge of the band, shape (n,).
+        name: Label of the line in a legend.
+    """
+    axis.fill_between(x, low, high, color=colour(i), alpha=0.15, linewidth=0, gid=f"policy{i}")
+    axis.plot(x, middle, line(i), color=colour(i), linewidth=1.5, label=name, gid=f"policy{i}")
 
 
 def logarithmic(axis: Any, low: float, high: float) -> None:
-    """Give an axis a logarithmic scale upwards, with 1, 2, 5, 10 … written out."""
+    """Give axes a logarithmic vertical scale with ticks at 1, 2, 5, 10 …
+
+    Args:
+        axis: Matplotlib axes.
+        low: Smallest value to show.
+        high: Largest value to show.
+    """
     from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
     axis.set_yscale("log")
@@ -58,7 +86,7 @@ def logarithmic(axis: Any, low: float, high: float) -> None:
 
 
 def legend(figure: Any, names: tuple[str, ...]) -> None:
-    """Name the contenders above a figure."""
+    """Add a legend of the policies above a figure."""
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], color=colour(i), linestyle=line(i), label=name) for i, name in enumerate(names)]
@@ -71,27 +99,31 @@ def png(figure: Any, path: Path) -> None:
 
 
 def svg(figure: Any, name: str) -> str:
-    """A figure as an element for a page, with what is black in the colour of the page's text.
+    """Return a figure as an SVG element for an HTML page, in which black becomes the colour of the page's text.
 
-    The contenders' parts have the attribute ``data-contender``. Paths are rounded to 0.1 points, and only ids that are
-    referred to stay, which are those of no other figure if `name` is not.
+    The lines and bands of policy i have the attribute ``data-policy-index="i"``. Paths are rounded to 0.1 points. Only
+    ids with references are kept; they are unique on the page if `name` is.
+
+    Args:
+        figure: Matplotlib figure.
+        name: Name of the figure, from which the ids are made.
     """
     from matplotlib import rc_context
 
-    text = io.StringIO()
+    buffer = io.StringIO()
     with rc_context({**_SETTINGS, "svg.hashsalt": name}):
-        figure.savefig(text, format="svg", transparent=True, metadata=_METADATA)
-    drawn = text.getvalue()
-    box = re.search(r'viewBox="[^"]*"', drawn)
-    body = drawn[drawn.index(">", drawn.index("<svg")) + 1 :]
+        figure.savefig(buffer, format="svg", transparent=True, metadata=_METADATA)
+    text = buffer.getvalue()
+    box = re.search(r'viewBox="[^"]*"', text)
+    body = text[text.index(">", text.index("<svg")) + 1 :]
     body = re.sub(r"<(metadata|style).*?</\1>|<defs>\s*</defs>", "", body, flags=re.DOTALL)
-    body = re.sub(r'id="contender(\d+)"', r'data-contender="\1"', body)
+    body = re.sub(r'id="policy(\d+)"', r'data-policy-index="\1"', body)
     used = set(re.findall(r'#([\w-]+)["\)]', body))
     body = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", body)
-    body = re.sub(r' d="[^"]*"', _shortened, body)
+    body = re.sub(r' d="[^"]*"', _rounded, body)
     body = body.replace("#000000", "currentColor")
     return f'<svg class="figure" role="img" fill="currentColor" {box[0] if box else ""}>{body}'
 
 
-def _shortened(path: re.Match[str]) -> str:
+def _rounded(path: re.Match[str]) -> str:
     return " " + re.sub(r"(\.\d)\d+", r"\1", " ".join(path[0].split()))

@@ -1,7 +1,7 @@
-"""A comparison, and how far its policies can be pushed, as one page that needs nothing else: no network, no files.
+"""The report of a comparison as one HTML page, which needs no network and no other files.
 
-`report.html` beside this module is its template. All numbers are in the page again as JSON, in the element with the id
-``data``, for whatever else is to be shown with them.
+`templates/report.html` is its template. The page also contains all numbers as JSON, in the element with the id
+``data``.
 """
 
 import datetime
@@ -17,25 +17,25 @@ from markupsafe import Markup
 from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.formatting import format_interval, format_number
-from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
+from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, robustness_plots
 from quadpend_train.reports.tables import COLUMNS, draw_errors
 from quadpend_train.studies.robustness import Robustness, format_tolerated_range
 
-_DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # as `figures.LINES`
-_FINE, _GRAVE = 10.0, 1000.0  # mm of penalised RMSE, where the shading of a cell begins and ends
+_DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
+_LIGHTEST, _DARKEST = 10.0, 1000.0  # mm of penalised RMSE, at which the shade of a cell begins and ends
 
 
 class Section(NamedTuple):
-    """Another part of the page.
+    """An additional section of the page.
 
     Attributes:
-        id: of the element.
-        title: its heading.
-        content: HTML; names in it must be escaped.
-        style: HTML that it needs in the page's head.
+        id: Id of the element.
+        title: Heading.
+        content: HTML, in which names must be escaped.
+        style: HTML for the head of the page.
     """
 
     id: str
@@ -46,30 +46,32 @@ class Section(NamedTuple):
 
 def write(
     comparison: Comparison,
+    standings: Sequence[LeaderboardRow],
     robustness: Robustness | None,
     path: Path,
     sections: Sequence[Section] = (),
-    title: str = "Policies for a pendulum on a quadrotor, compared",
+    title: str = "Comparison of policies for a pendulum on a quadrotor",
     date: str | None = None,
 ) -> None:
-    """Write the page. Two are the same but for the line with the date.
+    """Write the page. Pages of the same data differ only in the line with the date.
 
     Args:
-        comparison: what it is about.
-        robustness: of the same policies in the same order; None: without.
-        path: of the page.
-        sections: to come after the duels.
-        title: of the page.
-        date: to stand in it; None: today's.
+        comparison: Comparison to report.
+        standings: Leaderboard of the comparison.
+        robustness: Robustness of the same policies in the same order, or None.
+        path: HTML file.
+        sections: Sections to insert after the pairwise comparisons.
+        title: Title of the page.
+        date: Date on the page; None is today in UTC.
 
     Raises:
-        ValueError: `robustness` is about other policies.
+        ValueError: If `robustness` is about other policies.
     """
     if robustness and robustness.policies != comparison.policies:
         raise ValueError(
             f"robustness must be of {', '.join(comparison.policies)}, not {', '.join(robustness.policies)}"
         )
-    standings = leaderboard(comparison)
+    first, *others = comparison.policies
     text = (
         environment()
         .get_template("report.html")
@@ -80,16 +82,16 @@ def write(
             provenance=comparison.provenance(),
             policies=comparison.policies,
             styles=[style(i) for i in range(len(comparison.policies))],
-            least={name: _least(comparison, name) for name in comparison.scenarios},
+            smallest_rmse={name: _smallest_rmse(comparison, name) for name in comparison.scenarios},
             standings=standings,
-            duels=[compare_pair(comparison, other, comparison.policies[0]) for other in comparison.policies[1:]],
-            measures={name: METRICS[name] for name in COLUMNS},
+            pairs=[compare_pair(comparison, other, first) for other in others],
+            metrics={name: METRICS[name] for name in COLUMNS},
             errors={name: _svg(_error_figure(comparison, name), f"error-{name}") for name in comparison.scenarios},
             robustness=robustness,
             axes=_axes(robustness),
             maps=_maps(robustness),
             outcomes=list(robustness_plots.OUTCOMES.values()),
-            scale=robustness_plots.scale(),
+            scale=robustness_plots.colour_scale(),
             longest=robustness_plots.LONGEST,
             sections=sections,
             data=embedded(_data(comparison, standings, robustness)),
@@ -100,43 +102,48 @@ def write(
 
 
 def environment() -> Environment:
-    """Jinja's, for the templates beside this module."""
-    made = Environment(
+    """Return a Jinja environment for the templates of this package."""
+    jinja = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "format_number": format_number}
-    return made
+    jinja.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "format_number": format_number}
+    return jinja
 
 
 def estimate(interval: Interval) -> Markup:
-    """A number with its interval."""
+    """Return HTML with a value and its interval."""
     value, _, ends = format_interval(interval).partition(" ")
     return Markup(f"{value} <small>{ends}</small>" if ends else value)
 
 
 def sortable(value: float) -> str:
-    """A number to sort by; nan last."""
+    """Return a number by which the page sorts a column; nan comes last."""
     return "1e99" if np.isnan(value) else f"{value:.6g}"
 
 
 def shade(penalised_rmse: float) -> int:
-    """How strongly to shade a cell, %, by the logarithm of its penalised RMSE in mm."""
-    share = np.log(max(penalised_rmse, _FINE) / _FINE) / np.log(_GRAVE / _FINE)
+    """Return the strength of the colour behind a cell, %, by the logarithm of its penalised RMSE in mm."""
+    share = np.log(max(penalised_rmse, _LIGHTEST) / _LIGHTEST) / np.log(_DARKEST / _LIGHTEST)
     return round(65.0 * min(float(share), 1.0))
 
 
-def _least(comparison: Comparison, scenario: str) -> float:
-    """The smallest penalised RMSE in a scenario, mm."""
-    return min(comparison.summaries[scenario, policy]["penalised_rmse"].value for policy in comparison.policies)
-
-
 def style(i: int) -> tuple[str, str]:
-    """Colour and dashes of contender i on the page, where black is the text's colour."""
+    """Return colour and dash pattern of policy i on the page, where black becomes the colour of the text."""
     return figures.colour(i).replace("#000000", "currentColor"), _DASHES[figures.LINES.index(figures.line(i))]
+
+
+def embedded(data: Any) -> Markup:
+    """Return JSON for a script element, which no string in the data can end."""
+    return Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))
+
+
+def _smallest_rmse(comparison: Comparison, scenario: str) -> float:
+    """Return the smallest penalised RMSE in a scenario, mm."""
+    return min(comparison.summaries[scenario, policy]["penalised_rmse"].value for policy in comparison.policies)
 
 
 def _svg(figure: Any, name: str) -> Markup:
@@ -144,7 +151,7 @@ def _svg(figure: Any, name: str) -> Markup:
 
 
 def _axes(robustness: Robustness | None) -> list[tuple[str, list[str], Markup]]:
-    """Of every axis its label, what each policy endures, and the figure."""
+    """Return label, tolerated range of each policy, and figure of every perturbation axis."""
     if not robustness:
         return []
     return [
@@ -158,19 +165,19 @@ def _axes(robustness: Robustness | None) -> list[tuple[str, list[str], Markup]]:
 
 
 def _maps(robustness: Robustness | None) -> list[tuple[str, list[tuple[float, Markup]]]]:
-    """Of every map its title and, for every policy, the share that recovered and the figure."""
+    """Return the title of every grid of starts and, for each policy, the share of recovered starts and the figure."""
     if not robustness:
         return []
     return [
         (
-            item.title,
+            grid.title,
             [
-                (basin.recovered, _svg(robustness_plots.map_figure(item, basin), f"map-{name}-{policy}"))
+                (recovery.recovered, _svg(robustness_plots.map_figure(grid, recovery), f"map-{name}-{policy}"))
                 for policy in robustness.policies
-                for basin in (robustness.recovery_maps[name, policy],)
+                for recovery in (robustness.recovery_maps[name, policy],)
             ],
         )
-        for name, item in robustness.start_grids.items()
+        for name, grid in robustness.start_grids.items()
     ]
 
 
@@ -183,11 +190,6 @@ def _error_figure(comparison: Comparison, scenario: str) -> Any:
 def _data(comparison: Comparison, standings: Sequence[LeaderboardRow], robustness: Robustness | None) -> dict[str, Any]:
     return {
         "comparison": comparison.as_data(),
-        "leaderboard": [to_json_data(standing) for standing in standings],
+        "leaderboard": [to_json_data(row) for row in standings],
         "robustness": robustness.as_data() if robustness else None,
     }
-
-
-def embedded(data: Any) -> Markup:
-    """JSON that no part of can end the element it stands in."""
-    return Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))

@@ -1,12 +1,13 @@
-"""Episodes of a comparison that its page can replay in 3-D: which ones, and what happened in them, in few bytes.
+"""Episodes of a comparison that the HTML page can replay in 3-D: their selection, recording and storage.
 
-`replay.html` beside this module is the page's part, which reads what `recorded` returns. Of each flight it has samples
-at 25 Hz, and the last step, as whole numbers of 16 bits, channel after channel, in base64; times its scale, such a
-number is the value. Of a channel whose scale is 0 there are none: it is 0 throughout.
+`templates/replay.html` is the page's section, which reads the data that `record_replay` returns. An episode is stored
+as samples at 25 Hz and the last step. Each channel of the samples is an array of 16-bit integers; an integer times the
+scale of the channel is the value. The arrays are concatenated and encoded in base64. A channel with the scale 0 is 0
+throughout and is not stored.
 """
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,43 +18,54 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.comparison import Comparison
-from quadpend_train.evaluation.leaderboard import leaderboard
+from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports.html_page import Section, embedded, environment, style
 
-EVERY = 4  # steps from sample to sample, from the first step on; whatever remains before the last
-# Of a sample: names and how many numbers; m, rad, 1 and N, all vectors in the world frame.
+SAMPLE_INTERVAL = 4  # control steps
+# Channels of a sample and their numbers of components: m, rad, unit vector, N, N, N, m; all vectors in the world frame.
 CHANNELS = {"position": 3, "euler": 3, "direction": 3, "force": 3, "bob_force": 3, "estimate": 3, "error": 1}
-MISSING, _LARGEST = -32768, 32767  # stands for nan; the largest number
-_OTHERS = 2  # policies beside the first
+MISSING, _LARGEST = -32768, 32767  # the integer that stands for nan, and the largest integer
+_OTHERS = 2  # policies in the replay, besides the first one
 
 
 class Choice(NamedTuple):
-    """An episode to show.
+    """An episode to replay.
 
     Attributes:
-        title: why.
-        episode: its index, counted from 0.
+        title: Reason for the choice.
+        episode: Index of the episode, from 0.
     """
 
     title: str
     episode: int
 
 
-def contenders(comparison: Comparison) -> list[str]:
-    """The policies to show: the first, and the best others of the leaderboard, of those that were given by name."""
+def choose_policies(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> list[str]:
+    """Return the first policy and the best others of the leaderboard, among the policies that were given by name.
+
+    Args:
+        comparison: Comparison.
+        standings: Leaderboard of the comparison.
+    """
     first = comparison.policies[0]
-    others = [standing.policy for standing in leaderboard(comparison) if standing.policy != first]
+    others = [row.policy for row in standings if row.policy != first]
     return [name for name in (first, *others) if name in comparison.fingerprints][: 1 + _OTHERS]
 
 
-def choose(comparison: Comparison, scenario: str, policies: list[str], count: int) -> list[Choice]:
-    """The typical episode of a scenario, and then the hardest ones.
+def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], count: int) -> list[Choice]:
+    """Return the typical episode of a scenario, and then the hardest ones.
 
-    What counts is the mean penalised RMSE of the policies, of a learner the first seed's; among equals, the earlier
-    episode comes first. Typical is the median, of an even number the lower one.
+    Episodes are ordered by the mean penalised RMSE of the policies, with the first training seed of each learner. The
+    typical episode is the median, or the lower median of an even number. Of equal episodes the earlier comes first.
+
+    Args:
+        comparison: Comparison.
+        scenario: Name of the scenario.
+        policies: Names of the policies.
+        count: Number of episodes.
     """
     rmse = np.mean([comparison.results[scenario, policy].penalised_rmse[0] for policy in policies], axis=0)
     typical = int(np.argsort(rmse, kind="stable")[(len(rmse) - 1) // 2])
@@ -62,35 +74,35 @@ def choose(comparison: Comparison, scenario: str, policies: list[str], count: in
     return [Choice("typical", typical), *map(Choice, titles, hardest)][:count]
 
 
-def recorded(comparison: Comparison, given: Mapping[str, str], count: int) -> dict[str, Any] | None:
-    """Fly the chosen episodes again and keep what is to be seen of them.
+def record_replay(
+    comparison: Comparison, standings: Sequence[LeaderboardRow], policies: Mapping[str, str], count: int
+) -> dict[str, Any] | None:
+    """Run the chosen episodes again, and return their recordings as data for JSON, or None if there are none.
 
     Args:
-        comparison: whose episodes.
-        given: what `load_policies` takes, by the names in the comparison.
-        count: episodes of each scenario.
-
-    Returns:
-        What the page's part reads, for JSON; None if there is nothing to see.
+        comparison: Comparison of the episodes.
+        standings: Leaderboard of the comparison.
+        policies: Policies as for `load_policies`, by their names in the comparison.
+        count: Episodes of each scenario.
     """
-    names = contenders(comparison) if count else []
-    policies = {name: load_policies(given[name]) for name in names}
-    choices = {name: choose(comparison, name, names, count) for name in comparison.scenarios if names}
+    names = choose_policies(comparison, standings) if count else []
+    loaded = {name: load_policies(policies[name]) for name in names}
+    choices = {name: choose_episodes(comparison, name, names, count) for name in comparison.scenarios if names}
     scenarios: dict[str, list[dict[str, Any]]] = {}
     with tqdm(total=len(names) * sum(map(len, choices.values())), unit="recording", leave=False) as bar:
-        for name, chosen in choices.items():
+        for scenario, chosen in choices.items():
             for title, episode in chosen:
-                flown = []
+                recordings = []
                 seed = comparison.seed + episode
-                for policy, members in policies.items():
-                    flown.append(record_episode(policy, members[0], comparison.scenarios[name], seed))
+                for name, seeds in loaded.items():
+                    recordings.append(record_episode(name, seeds[0], comparison.scenarios[scenario], seed))
                     bar.update()
-                scenarios.setdefault(name, []).append({"title": title, "seed": seed, **_seen(flown)})
+                scenarios.setdefault(scenario, []).append({"title": title, "seed": seed, **_episode_data(recordings)})
     if not scenarios:
         return None
     return {
-        "policies": [_looks(name, seeds, comparison.policies.index(name)) for name, seeds in policies.items()],
-        "rate": 1.0 / (EVERY * CONTROL_PERIOD),
+        "policies": [_appearance(name, seeds, comparison.policies.index(name)) for name, seeds in loaded.items()],
+        "rate": 1.0 / (SAMPLE_INTERVAL * CONTROL_PERIOD),
         "start": CONTROL_PERIOD,
         "duration": EPISODE_STEPS * CONTROL_PERIOD,
         "missing": MISSING,
@@ -100,40 +112,40 @@ def recorded(comparison: Comparison, given: Mapping[str, str], count: int) -> di
 
 
 def section(data: dict[str, Any]) -> Section:
-    """The page's part; `data` as from `recorded`."""
+    """Return the page's section for the data that `record_replay` returns."""
     template: Any = environment().get_template("replay.html").module
     return Section("replay", "Replay", Markup(template.content(embedded(data))), Markup(template.style()))
 
 
-def packed(values: Floats) -> dict[str, Any]:
-    """Channels, shape (T, c), as whole numbers and the scale of each channel."""
+def encode(values: Floats) -> dict[str, Any]:
+    """Encode channels, shape (T, c), as integers in base64, with the scale of each channel."""
     missing = np.isnan(values)
     largest = np.where(missing, 0.0, np.abs(values)).max(axis=0)
-    scales = np.array([float(f"{most / _LARGEST:.6g}") for most in largest])
+    scales = np.array([float(f"{value / _LARGEST:.6g}") for value in largest])
     scales[(scales == 0.0) & missing.any(axis=0)] = 1.0
-    kept = scales > 0.0
-    numbers = np.where(missing[:, kept], MISSING, np.round(values[:, kept] / scales[kept])).astype("<i2")
-    return {"scales": scales.tolist(), "samples": base64.b64encode(numbers.T.tobytes()).decode("ascii")}
+    stored = scales > 0.0
+    integers = np.where(missing[:, stored], MISSING, np.round(values[:, stored] / scales[stored])).astype("<i2")
+    return {"scales": scales.tolist(), "samples": base64.b64encode(integers.T.tobytes()).decode("ascii")}
 
 
-def sampled(steps: int) -> Integers:
-    """Which of an episode's steps are kept, counted from 0."""
-    return np.append(np.arange(0, steps - 1, EVERY), steps - 1)
+def sampled_steps(steps: int) -> Integers:
+    """Return the indices of the stored steps of an episode, from 0."""
+    return np.append(np.arange(0, steps - 1, SAMPLE_INTERVAL), steps - 1)
 
 
-def _seen(flown: list[Recording]) -> dict[str, Any]:
-    """One episode: its reference, where the bob belongs at 25 Hz, and how each policy flew it."""
-    first = flown[0].snapshots[0]
-    times = np.asarray(CONTROL_PERIOD * (sampled(EPISODE_STEPS) + 1.0), np.float64)
-    target = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length]
-    fell = [recording.fell_at and round(recording.fell_at, 2) for recording in flown]
-    flights = [{"fell": at, **packed(_samples(recording))} for at, recording in zip(fell, flown, strict=True)]
-    return {"rod_length": first.rod_length, "reference": packed(target), "flights": flights}
+def _episode_data(recordings: list[Recording]) -> dict[str, Any]:
+    """Return the data of one episode: rod length, reference of the bob at 25 Hz, and the samples of each policy."""
+    first = recordings[0].snapshots[0]
+    times = np.asarray(CONTROL_PERIOD * (sampled_steps(EPISODE_STEPS) + 1.0), np.float64)
+    reference = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length]
+    fell = [recording.fell_at and round(recording.fell_at, 2) for recording in recordings]
+    episodes = [{"fell": at, **encode(_samples(recording))} for at, recording in zip(fell, recordings, strict=True)]
+    return {"rod_length": first.rod_length, "reference": encode(reference), "episodes": episodes}
 
 
 def _samples(recording: Recording) -> Floats:
-    """What `CHANNELS` says, shape (T, 19)."""
-    states = [seen.state for seen in recording.snapshots]
+    """Return the samples of all `CHANNELS`, shape (T, 19)."""
+    states = [snapshot.state for snapshot in recording.snapshots]
     channels = [
         np.array([state.position for state in states]),
         np.unwrap([state.euler for state in states], axis=0),
@@ -142,17 +154,17 @@ def _samples(recording: Recording) -> Floats:
         recording.estimate[:, :3],
         recording.error[:, np.newaxis],
     ]
-    return np.concatenate(channels, axis=1)[sampled(len(states))]
+    return np.concatenate(channels, axis=1)[sampled_steps(len(states))]
 
 
-def _looks(name: str, seeds: list[Any], place: int) -> dict[str, str]:
-    """How the page tells a policy apart: what `style` says of its place in the comparison."""
-    colour, dashes = style(place)
+def _appearance(name: str, seeds: list[Any], index: int) -> dict[str, str]:
+    """Return label, colour and dash pattern of a policy, from its index in the comparison."""
+    colour, dashes = style(index)
     return {"name": _label(name, seeds), "colour": colour, "dashes": dashes}
 
 
 def _label(name: str, seeds: list[Any]) -> str:
-    """A policy's name, and which of its training seeds is shown if it has several."""
+    """Return the name of a policy and, if it has several training seeds, which of them is shown."""
     if len(seeds) == 1:
         return name
     card = seeds[0].card if isinstance(seeds[0], MlpPolicy) else {}

@@ -1,77 +1,85 @@
-"""Everything that is written of a comparison: data, tables, pictures, the page, and parts of documents."""
+"""All files of a comparison: data, tables, figures, the HTML page, and the generated parts of a Markdown document."""
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from quadpend_train.common import documents
 from quadpend_train.evaluation.comparison import Comparison
-from quadpend_train.evaluation.leaderboard import leaderboard
+from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.reports import figures, html_page, learning_curves, replay, robustness_plots, tables
 from quadpend_train.reports.learning_curves import Curves
 from quadpend_train.studies import robustness
 from quadpend_train.studies.robustness import Robustness
 
-PARTS = ("provenance", "tuning", "leaderboard", "duels", "matrix", "robustness")  # of a document
-DUELS = 3  # that a document tells of: the best against the ones behind it
+PARTS = ("provenance", "tuning", "leaderboard", "pairwise", "matrix", "robustness")  # of a document
+PAIRS = 3  # pairwise comparisons in a document: the best policy with the next ones
 
 
 def write(
     comparison: Comparison,
-    endured: Robustness | None,
+    standings: Sequence[LeaderboardRow],
+    measured: Robustness | None,
     folder: Path,
     curves: Curves | None = None,
     recordings: dict[str, Any] | None = None,
 ) -> list[str]:
-    """Write all files of a comparison.
+    """Write all files of a comparison, and return their names.
 
     Args:
-        comparison: what it is about.
-        endured: the robustness of the same policies; None: without.
-        folder: for the files.
-        curves: of the learned policies among them, see `quadpend_train.reports.learning_curves`.
-        recordings: what the page replays, see `quadpend_train.reports.replay.recorded`.
-
-    Returns:
-        Their names.
+        comparison: Comparison to write.
+        standings: Leaderboard of the comparison.
+        measured: Robustness of the same policies, or None.
+        folder: Folder for the files.
+        curves: Learning curves of the learned policies, see `quadpend_train.reports.learning_curves`, or None.
+        recordings: Episodes for the replay, see `quadpend_train.reports.replay.record_replay`, or None.
     """
     comparison.save(folder)
-    (folder / "comparison.md").write_text(tables.markdown(comparison), encoding="utf-8")
+    (folder / "comparison.md").write_text(tables.markdown(comparison, standings), encoding="utf-8")
     pictures = {"comparison.png": tables.plot(comparison)}
     if curves:
         pictures["learning.png"] = learning_curves.draw(curves)
-    if endured:
-        endured.save(folder)
-        pictures["curves.png"] = robustness_plots.curves(endured)
-        pictures |= {f"{name}.png": robustness_plots.maps(endured, name) for name in endured.start_grids}
+    if measured:
+        measured.save(folder)
+        pictures["curves.png"] = robustness_plots.curves(measured)
+        pictures |= {f"{name}.png": robustness_plots.maps(measured, name) for name in measured.start_grids}
     for name, figure in pictures.items():
         figures.png(figure, folder / name)
-    html_page.write(comparison, endured, folder / "report.html", [replay.section(recordings)] if recordings else [])
-    data = ["comparison.json", "comparison.csv", "comparison.md"] + ["robustness.json"] * bool(endured)
+    sections = [replay.section(recordings)] if recordings else []
+    html_page.write(comparison, standings, measured, folder / "report.html", sections)
+    data = ["comparison.json", "comparison.csv", "comparison.md"] + ["robustness.json"] * bool(measured)
     return ["report.html", *data, *pictures]
 
 
-def document(comparison: Comparison, endured: Robustness | None, path: Path) -> None:
-    """Fill in the `PARTS` of a document.
+def update_document(
+    comparison: Comparison, standings: Sequence[LeaderboardRow], measured: Robustness | None, path: Path
+) -> None:
+    """Update the `PARTS` of a Markdown document.
+
+    Args:
+        comparison: Comparison to describe.
+        standings: Leaderboard of the comparison.
+        measured: Robustness of the same policies, or None.
+        path: Markdown file.
 
     Raises:
-        ValueError: the document has no place for one of them.
+        ValueError: If the document has no place for a part.
     """
-    standings = leaderboard(comparison)
-    best, *others = (standing.policy for standing in standings)
-    duels = [f"- {compare_pair(comparison, best, other).sentence()}" for other in others[:DUELS]]
-    origin = comparison.provenance()
-    told = (
-        f"`{shlex.join(origin['provenance']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"
-        f" {comparison.seed}; scenario file `{origin['scenario_file']}`, code `{origin['code']}`."
+    best, *others = (row.policy for row in standings)
+    pairs = [f"- {compare_pair(comparison, best, other).sentence()}" for other in others[:PAIRS]]
+    made = comparison.provenance()
+    provenance = (
+        f"`{shlex.join(made['provenance']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"
+        f" {comparison.seed}; scenario file `{made['scenario_file']}`, code `{made['code']}`."
     )
     parts = {
-        "provenance": told,
+        "provenance": provenance,
         "tuning": tables.tuning_markdown(comparison.policies),
         "leaderboard": tables.leaderboard_markdown(standings),
-        "duels": "\n".join(duels),
+        "pairwise": "\n".join(pairs),
         "matrix": tables.matrix_markdown(comparison),
+        "robustness": robustness.markdown(measured) if measured else "Not measured.",
     }
-    parts["robustness"] = robustness.markdown(endured) if endured else "Not measured."
     documents.fill(path, parts)

@@ -1,4 +1,4 @@
-"""A comparison for the eye: a table for the terminal, the same in Markdown, and a plot."""
+"""A comparison as text and as a figure: tables for the terminal and in Markdown, sentences, and error curves."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,177 +12,122 @@ from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, format_number
-from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
+from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import PairwiseComparison, ScenarioResult, compare_pair
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures
 
-COLUMNS = ("survival", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort")  # of the tables
-_THINNED = 10  # every so many steps are drawn
-_SMALLEST = 0.05  # mm, lower end of the plots
+# Metrics in the tables.
+COLUMNS = ("survival", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort")
+LEADERBOARD_COLUMNS = ("rank", "policy", "penalised rmse (mm)", "survival (%)", "worst survival (%)", "wins", "losses")
+PAIRWISE_COLUMNS = (
+    "scenario",
+    "winner",
+    "survival (points)",
+    "p",
+    "rmse where both survive (mm)",
+    "p",
+    "penalised rmse (mm)",
+    "improvement",
+)
+_INTERVAL = 10  # steps between two points of an error curve
+_SMALLEST = 0.05  # mm, lower end of the error axis
 
 
-def _heading(name: str) -> str:
-    unit = METRICS[name].unit
-    return f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
-
-
-def _cells(comparison: Comparison) -> list[list[str]]:
-    return [
-        [scenario, policy, *(format_interval(comparison.summaries[scenario, policy][name]) for name in COLUMNS)]
-        for scenario in comparison.scenarios
-        for policy in comparison.policies
-    ]
-
-
-def table(comparison: Comparison) -> Table:
-    """Every cell with its 95 % interval, for the terminal."""
+def comparison_table(comparison: Comparison) -> Table:
+    """Return a table for the terminal with all metrics of all policies and their 95 % intervals."""
     title = f"{comparison.episodes} episodes each, seeds from {comparison.seed}, 95 % intervals"
-    out = _table(title, ["scenario", "policy", *map(_heading, COLUMNS)])
-    for row in _cells(comparison):
-        out.add_row(*row, end_section=row[1] == comparison.policies[-1])
-    return out
-
-
-def _table(title: str, headings: Sequence[str]) -> Table:
-    out = Table(title=title)
-    for heading in headings:
-        out.add_column(heading, overflow="fold")
-    return out
-
-
-STANDINGS = ("rank", "policy", "penalised rmse (mm)", "survival (%)", "worst survival (%)", "wins", "losses")
-
-
-def _standings(standings: Sequence[LeaderboardRow]) -> list[list[str]]:
-    return [
-        [
-            str(rank),
-            standing.policy,
-            format_interval(standing.penalised_rmse),
-            format_interval(standing.survival),
-            f"{format_interval(standing.worst_survival)} {standing.worst_scenario}",
-            str(standing.wins),
-            str(standing.losses),
-        ]
-        for rank, standing in enumerate(standings, 1)
-    ]
+    table = _table(title, ["scenario", "policy", *map(_heading, COLUMNS)])
+    for cells in _comparison_cells(comparison):
+        table.add_row(*cells, end_section=cells[1] == comparison.policies[-1])
+    return table
 
 
 def leaderboard_table(standings: Sequence[LeaderboardRow]) -> Table:
-    """The leaderboard, for the terminal."""
-    out = _table("All scenarios together, each weighing the same; wins and losses by Holm's method", STANDINGS)
-    for row in _standings(standings):
-        out.add_row(*row)
-    return out
+    """Return the leaderboard as a table for the terminal."""
+    title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
+    table = _table(title, LEADERBOARD_COLUMNS)
+    for cells in _leaderboard_cells(standings):
+        table.add_row(*cells)
+    return table
 
 
-BOUTS = ("scenario", "winner", "survival (points)", "p", "rmse where both survive (mm)", "p", "penalised rmse (mm)")
-
-
-def duel_table(fought: PairwiseComparison) -> Table:
-    """The differences of a duel, scenario by scenario, and the probability of improvement, for the terminal."""
-    title = f"{fought.first} minus {fought.second}, 95 % intervals, p corrected by Holm's method"
-    out = _table(title, [*BOUTS, "improvement"])
-    for name, bout in fought.results.items():
-        winner = {1: fought.first, -1: fought.second, 0: "–"}[bout.winner]
-        survival = [format_interval(bout.survival), f"{bout.p_survival:.2g}"]
-        rmse = [format_interval(bout.rmse), f"{bout.p_rmse:.2g}"]
-        out.add_row(
-            name, winner, *survival, *rmse, format_interval(bout.penalised_rmse), format_interval(bout.improvement)
+def pairwise_table(pair: PairwiseComparison) -> Table:
+    """Return a table for the terminal with the differences of two policies in each scenario."""
+    title = f"{pair.first} minus {pair.second}, 95 % intervals, p corrected by Holm's method"
+    table = _table(title, PAIRWISE_COLUMNS)
+    for scenario, result in pair.results.items():
+        table.add_row(
+            scenario,
+            {1: pair.first, -1: pair.second, 0: "–"}[result.winner],
+            format_interval(result.survival),
+            f"{result.p_survival:.2g}",
+            format_interval(result.rmse),
+            f"{result.p_rmse:.2g}",
+            format_interval(result.penalised_rmse),
+            format_interval(result.improvement),
         )
-    return out
+    return table
 
 
-def _markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str:
+    """Return a Markdown page: the table of all metrics, a sentence for each policy and scenario, and the leaderboard.
+
+    Args:
+        comparison: Comparison to describe.
+        standings: Leaderboard of the comparison.
+    """
+    text = comparison_markdown(comparison)
+    if sentences := verdicts(comparison):
+        text += "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
+    if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
+        text += "\n\n" + leaderboard_markdown(standings)
+    return f"{text}\n"
 
 
-def table_markdown(comparison: Comparison) -> str:
-    """The table in Markdown."""
-    return _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _cells(comparison))
+def comparison_markdown(comparison: Comparison) -> str:
+    """Return a Markdown table with all metrics of all policies and their 95 % intervals."""
+    return _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _comparison_cells(comparison))
+
+
+def leaderboard_markdown(standings: Sequence[LeaderboardRow]) -> str:
+    """Return the leaderboard as a Markdown table."""
+    return _markdown_table(LEADERBOARD_COLUMNS, _leaderboard_cells(standings))
 
 
 def tuning_markdown(policies: Sequence[str]) -> str:
-    """How the gains of those policies that were tuned were found, in Markdown."""
+    """Return a Markdown table with the tuning command and the score of each policy whose gains were tuned."""
     rows = [[name, f"`{TUNED[name].command}`", format_number(TUNED[name].score)] for name in policies if name in TUNED]
     return _markdown_table(["controller", "found by", "score (mm)"], rows)
 
 
 def matrix_markdown(comparison: Comparison) -> str:
-    """Penalised RMSE in mm of every cell, each scenario's smallest in bold, and survival where it is not complete."""
+    """Return a Markdown table of the penalised RMSE in mm, with one line for each scenario.
+
+    The smallest value of a scenario is bold. Survival follows in parentheses where it is below 100 %.
+    """
     rows = []
     for scenario in comparison.scenarios:
         summaries = [comparison.summaries[scenario, policy] for policy in comparison.policies]
-        least = min(summary["penalised_rmse"].value for summary in summaries)
-        row = []
+        smallest = min(summary["penalised_rmse"].value for summary in summaries)
+        cells = []
         for summary in summaries:
             rmse, survival = summary["penalised_rmse"].value, summary["survival"].value
-            number = f"**{format_number(rmse)}**" if rmse == least else format_number(rmse)
-            row.append(number if survival == 100.0 else f"{number} ({survival:.3g} %)")
-        rows.append([scenario, *row])
+            number = f"**{format_number(rmse)}**" if rmse == smallest else format_number(rmse)
+            cells.append(number if survival == 100.0 else f"{number} ({survival:.3g} %)")
+        rows.append([scenario, *cells])
     return _markdown_table(["scenario", *comparison.policies], rows)
 
 
-def leaderboard_markdown(standings: Sequence[LeaderboardRow]) -> str:
-    """The leaderboard in Markdown."""
-    return _markdown_table(STANDINGS, _standings(standings))
-
-
-def markdown(comparison: Comparison) -> str:
-    """The table in Markdown, under it who is better and by how much, and the leaderboard."""
-    text = table_markdown(comparison)
-    if sentences := verdicts(comparison):
-        text += "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
-    if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
-        text += "\n\n" + leaderboard_markdown(leaderboard(comparison))
-    return f"{text}\n"
-
-
 def verdicts(comparison: Comparison) -> list[str]:
-    """One sentence for each scenario and policy: does it beat the first one in their duel, and by how much."""
+    """Return one sentence for each scenario and policy: whether it beats the first policy, and by how much."""
     first, *others = comparison.policies
-    fought = [compare_pair(comparison, policy, first) for policy in others]
-    return [_verdict(scenario, one, one.results[scenario]) for scenario in comparison.scenarios for one in fought]
-
-
-def _verdict(scenario: str, fought: PairwiseComparison, bout: ScenarioResult) -> str:
-    beats = f"{fought.first} beats {fought.second}"
-    loses = f"{fought.first} loses to {fought.second}"
-    neither = f"{fought.first} and {fought.second} cannot be told apart"
-    return (
-        f"In {scenario}, {[neither, beats, loses][bout.winner]}: RMSE where both survive {_judged(bout.rmse, 'mm')},"
-        f" survival {_judged(bout.survival, 'points')}."
-    )
-
-
-def _judged(difference: Interval, unit: str) -> str:
-    """How much higher or lower the first is, with the interval of that amount: "lower by 2.00 mm [-1.00, 5.00]"."""
-    value = difference.value
-    if np.isnan(value):
-        return "unknown"
-    amount = difference.negated() if value < 0.0 else difference
-    word = "lower" if value < 0.0 else "higher" if value > 0.0 else "different"
-    text, _, ends = format_interval(amount).partition(" ")
-    return f"{word} by {text} {unit} {ends}"
-
-
-def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
-    """Tracking error over time: median and 80 % band of all episodes, in which the fallen stay at `FALL_ERROR`."""
-    lowest = np.inf
-    for i, policy in enumerate(comparison.policies):
-        flown = comparison.results[scenario, policy].error[..., _THINNED - 1 :: _THINNED]
-        error = 1000.0 * np.fmin(np.nan_to_num(flown.reshape(-1, flown.shape[-1]), nan=FALL_ERROR), FALL_ERROR)
-        low, middle, high = np.quantile(error, [0.1, 0.5, 0.9], axis=0)
-        figures.curve(axis, i, CONTROL_PERIOD * _THINNED * np.arange(1, error.shape[-1] + 1), low, middle, high)
-        lowest = min(lowest, low.min())
-    figures.logarithmic(axis, max(lowest, _SMALLEST), 1000.0 * FALL_ERROR)
-    axis.grid(alpha=0.25)
-    axis.set(xlim=(0.0, CONTROL_PERIOD * EPISODE_STEPS), xlabel="time (s)", ylabel="tracking error (mm)")
+    pairs = [compare_pair(comparison, policy, first) for policy in others]
+    return [_verdict(scenario, pair, pair.results[scenario]) for scenario in comparison.scenarios for pair in pairs]
 
 
 def plot(comparison: Comparison) -> Any:
-    """The figure of the tracking errors in every scenario."""
+    """Return a figure of the tracking errors over time in all scenarios."""
     columns = min(len(comparison.scenarios), 2 if len(comparison.scenarios) <= 4 else 4)
     rows = -(-len(comparison.scenarios) // columns)
     figure = figures.blank(0.6 + 4.2 * columns, 0.6 + 2.7 * rows)
@@ -194,3 +139,85 @@ def plot(comparison: Comparison) -> Any:
         axis.set_axis_off()
     figures.legend(figure, comparison.policies)
     return figure
+
+
+def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
+    """Draw the tracking error over time: median and 80 % band over all episodes.
+
+    An episode counts as `FALL_ERROR` after a fall.
+
+    Args:
+        axis: Matplotlib axes.
+        comparison: Comparison to draw.
+        scenario: Name of the scenario.
+    """
+    lowest = np.inf
+    for i, policy in enumerate(comparison.policies):
+        every = comparison.results[scenario, policy].error[..., _INTERVAL - 1 :: _INTERVAL]
+        error = 1000.0 * np.fmin(np.nan_to_num(every.reshape(-1, every.shape[-1]), nan=FALL_ERROR), FALL_ERROR)
+        low, middle, high = np.quantile(error, [0.1, 0.5, 0.9], axis=0)
+        times = CONTROL_PERIOD * _INTERVAL * np.arange(1, error.shape[-1] + 1)
+        figures.curve(axis, i, times, low, middle, high)
+        lowest = min(lowest, low.min())
+    figures.logarithmic(axis, max(lowest, _SMALLEST), 1000.0 * FALL_ERROR)
+    axis.grid(alpha=0.25)
+    axis.set(xlim=(0.0, CONTROL_PERIOD * EPISODE_STEPS), xlabel="time (s)", ylabel="tracking error (mm)")
+
+
+def _heading(name: str) -> str:
+    unit = METRICS[name].unit
+    return f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
+
+
+def _comparison_cells(comparison: Comparison) -> list[list[str]]:
+    return [
+        [scenario, policy, *(format_interval(comparison.summaries[scenario, policy][name]) for name in COLUMNS)]
+        for scenario in comparison.scenarios
+        for policy in comparison.policies
+    ]
+
+
+def _leaderboard_cells(standings: Sequence[LeaderboardRow]) -> list[list[str]]:
+    return [
+        [
+            str(rank),
+            row.policy,
+            format_interval(row.penalised_rmse),
+            format_interval(row.survival),
+            f"{format_interval(row.worst_survival)} {row.worst_scenario}",
+            str(row.wins),
+            str(row.losses),
+        ]
+        for rank, row in enumerate(standings, 1)
+    ]
+
+
+def _table(title: str, headings: Sequence[str]) -> Table:
+    table = Table(title=title)
+    for heading in headings:
+        table.add_column(heading, overflow="fold")
+    return table
+
+
+def _markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+
+
+def _verdict(scenario: str, pair: PairwiseComparison, result: ScenarioResult) -> str:
+    beats = f"{pair.first} beats {pair.second}"
+    loses = f"{pair.first} loses to {pair.second}"
+    neither = f"{pair.first} and {pair.second} cannot be told apart"
+    return (
+        f"In {scenario}, {[neither, beats, loses][result.winner]}: RMSE where both survive"
+        f" {_describe(result.rmse, 'mm')}, survival {_describe(result.survival, 'points')}."
+    )
+
+
+def _describe(difference: Interval, unit: str) -> str:
+    """Return how much higher or lower the first policy's value is, such as "lower by 2.00 mm [-1.00, 5.00]"."""
+    value = difference.value
+    if np.isnan(value):
+        return "unknown"
+    word = "lower" if value < 0.0 else "higher" if value > 0.0 else "different"
+    amount, _, ends = format_interval(difference.negated() if value < 0.0 else difference).partition(" ")
+    return f"{word} by {amount} {unit} {ends}"

@@ -1,0 +1,122 @@
+"""The commands that evaluate policies: `evaluate` and `compare`.
+
+The parameters of these functions are the options of the commands. Functions import what is slow to load, so that
+`quadpend --help` starts quickly.
+"""
+
+from pathlib import Path
+
+import tyro
+
+from quadpend_gym.core.validation import check_int
+from quadpend_train.cli.options import make_console, named_policies, named_scenarios
+from quadpend_train.evaluation.cache import FOLDER
+from quadpend_train.evaluation.episodes import VALIDATION_SEED
+
+_MOST_SENTENCES, _MOST_ROWS = 16, 40  # that are printed; the files contain all of them
+
+
+def evaluate(
+    policies: tuple[str, ...] = ("adrc-paper", "adrc-matched"),
+    scenarios: tuple[str, ...] = ("calm", "windy"),
+    episodes: int = 100,
+    seed: int = VALIDATION_SEED,
+    out: Path = Path("results"),
+    jobs: int = 1,
+    cache: Path = FOLDER,
+    recompute: bool = False,
+    robustness: int = 0,
+    replay: int = 2,
+    document: Path | None = None,
+) -> None:
+    """Evaluate policies in the same episodes and compare them with the first policy.
+
+    Args:
+        policies: Classical controllers (adrc-paper, …), run folders or policy files. NAME=POLICY gives a policy a name;
+            NAME=POLICY,POLICY,… combines the training seeds of one learner under a name.
+        scenarios: Scenarios: names, TOML or JSON files, or JSON, see train/quadpend_train/scenarios. NAME=SCENARIO
+            gives a scenario a name; "test" and "training" stand for all scenarios of these sets.
+        episodes: Episodes in each scenario.
+        seed: Seed of the first episode. The gains of the controllers were tuned on seeds from 2000000 on, and the
+            published results use seeds from 1000000 on: do not use these while you develop a policy.
+        out: Folder for report.html, comparison.json, .csv, .md and .png, and the figures of the robustness.
+        jobs: Number of processes; the results do not depend on it.
+        cache: Folder of cached results; only missing results are computed.
+        recompute: Compute all results again, also cached ones.
+        robustness: Episodes at each value of the perturbation axes, see train/quadpend_train/studies; 0 omits the
+            robustness curves and the recovery maps. Of a learner with several training seeds, the first is evaluated.
+        replay: Episodes of each scenario that the report can replay; 0 omits the replay.
+        document: Markdown file whose generated parts to update.
+    """
+    from quadpend_train.common import documents
+    from quadpend_train.evaluation.comparison import compare
+    from quadpend_train.evaluation.leaderboard import leaderboard
+    from quadpend_train.policies.loading import load_policies, policy_names
+    from quadpend_train.reports import learning_curves, results, tables
+    from quadpend_train.reports.replay import record_replay
+    from quadpend_train.studies.robustness import measure_robustness
+
+    check_int(replay, "replay", 0)
+    check_int(robustness, "robustness", 0)
+    named = named_policies(policies)
+    if document:
+        documents.check(document, results.PARTS)
+    comparison = compare(named, named_scenarios(scenarios), episodes, seed, cache, recompute, jobs)
+    measured = None
+    if robustness:
+        first_seeds = {name: policy_names(policy)[0] for name, policy in named.items()}
+        measured = measure_robustness(
+            first_seeds, episodes=robustness, seed=seed, folder=cache, fresh=recompute, jobs=jobs
+        )
+    standings = leaderboard(comparison)
+    curves = learning_curves.collect({name: load_policies(policy) for name, policy in named.items()})
+    files = results.write(
+        comparison, standings, measured, out, curves, record_replay(comparison, standings, named, replay)
+    )
+    if document:
+        results.update_document(comparison, standings, measured, document)
+    console = make_console()
+    if len(comparison.results) <= _MOST_ROWS:
+        console.print(tables.comparison_table(comparison))
+    if len(sentences := tables.verdicts(comparison)) <= _MOST_SENTENCES:
+        for sentence in sentences:
+            console.print(f"• {sentence}", highlight=False)
+    if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
+        console.print(tables.leaderboard_table(standings))
+    console.print(f"Written: {out}/{', '.join(files)}", highlight=False)
+
+
+def compare(
+    policies: tyro.conf.Positional[tuple[str, str]],
+    scenarios: tuple[str, ...] = ("test",),
+    episodes: int = 200,
+    seed: int = VALIDATION_SEED,
+    jobs: int = 1,
+    cache: Path = FOLDER,
+    recompute: bool = False,
+) -> None:
+    """Compare two policies, and print in one sentence which of them wins where, by how much, and how certain that is.
+
+    A policy wins a scenario by survival, or else by the RMSE over the episodes that both survive, if the difference is
+    significant at 5 % after Holm's correction for the number of tests.
+
+    Args:
+        policies: Two policies, as in evaluate.
+        scenarios: Scenarios, as in evaluate.
+        episodes: Episodes in each scenario.
+        seed: Seed of the first episode. The gains of the controllers were tuned on seeds from 2000000 on, and the
+            published results use seeds from 1000000 on: do not use these while you develop a policy.
+        jobs: Number of processes; the results do not depend on it.
+        cache: Folder of cached results; only missing results are computed.
+        recompute: Compute all results again, also cached ones.
+    """
+    from quadpend_train.evaluation.comparison import compare as compare_policies
+    from quadpend_train.evaluation.pairwise import compare_pair
+    from quadpend_train.reports import tables
+
+    named = named_policies(policies)
+    comparison = compare_policies(named, named_scenarios(scenarios), episodes, seed, cache, recompute, jobs)
+    pair = compare_pair(comparison, *named)
+    console = make_console()
+    console.print(pair.sentence(), highlight=False)
+    console.print(tables.pairwise_table(pair))

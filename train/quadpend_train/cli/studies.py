@@ -1,0 +1,127 @@
+"""The commands of the studies: `tune`, `ablate`, `wind` and `paper`.
+
+The parameters of these functions are the options of the commands. Functions import what is slow to load, so that
+`quadpend --help` starts quickly.
+"""
+
+import json
+from pathlib import Path
+
+import tyro
+
+from quadpend_gym.core.validation import check_int
+from quadpend_train.cli.options import named_model
+
+
+def tune(
+    controllers: tyro.conf.Positional[tuple[str, ...]],
+    trials: int = 150,
+    episodes: int = 48,
+    seed: int = 0,
+    out: Path = Path("results/tune"),
+) -> None:
+    """Tune classical controllers on the training scenarios, by penalised RMSE: survival first, then accuracy.
+
+    An interrupted search continues from its last trial. Nothing is changed in the package: copy the gains into
+    baselines/quadpend_baselines/gains.py by hand.
+
+    Args:
+        controllers: Controllers with tunable gains, see train/quadpend_train/studies/tuning.py.
+        trials: Trials of the search for each controller.
+        episodes: Episodes in each scenario.
+        seed: Seed of the search.
+        out: Folder for the journal of the search and for the gains that it finds, NAME.json.
+    """
+    from quadpend_train.studies import tuning
+
+    for name in controllers:
+        print(json.dumps(tuning.tune(name, trials, episodes, seed, out), indent=1))
+
+
+def ablate(
+    names: tyro.conf.Positional[tuple[str, ...]] = (),
+    seeds: int = 3,
+    out: Path = Path("runs/ablations"),
+    document: Path | None = None,
+) -> None:
+    """Train with and without each part of a learner, and tabulate the differences.
+
+    Args:
+        names: Ablations, see train/quadpend_train/studies/ablations.py; the default is all of them.
+        seeds: Number of training seeds, counted from 0.
+        out: Folder for the runs and for ablations.json. Finished runs in it are not repeated.
+        document: Markdown file whose part "ablations" to update.
+    """
+    from quadpend_train.common import documents
+    from quadpend_train.studies import ablations
+
+    check_int(seeds, "seeds", 1)
+    if document and names:
+        raise ValueError("a document needs all ablations: give no names with --document")
+    if document:
+        documents.check(document, ["ablations"])
+    outcomes = ablations.run(out, seeds, names or tuple(ablations.ABLATIONS))
+    if document:
+        ablations.document(outcomes, document)
+
+
+def wind(
+    models: tuple[str, ...] = (),
+    out: Path = Path("results/wind"),
+    seconds: float = 10.0,
+    seed: int = 1,
+) -> None:
+    """Plot models: time series, histogram and spectrum of winds beside theory, and the effects of sensors and actuators.
+
+    Args:
+        models: Presets or kinds of wind, kinds of sensors or actuators, JSON with a kind and its settings, or a
+            scenario file, whose wind is plotted. NAME=MODEL gives a model a name. The default is one model of each
+            kind, as in docs/models.md.
+        out: Folder for the figures, one PNG file for each model.
+        seconds: Length of the time series, s.
+        seed: Seed of the episode in the time series.
+    """
+    from quadpend_train.reports import model_plots
+
+    if not (1.0 <= seconds <= 3600.0):
+        raise ValueError(f"seconds must be from 1 to 3600, not {seconds:g}")
+    check_int(seed, "seed", 0)
+    named = [named_model(model) for model in models] or list(model_plots.GALLERY.items())
+    names = [name if name.isidentifier() else f"model_{number}" for number, (name, _) in enumerate(named)]
+    if len(set(names)) < len(names):
+        raise ValueError("two models have the same name: give each its own, as NAME=MODEL")
+    out.mkdir(parents=True, exist_ok=True)
+    for name, (_, model) in zip(names, named, strict=True):
+        model_plots.draw(name, model, seconds, seed, out / f"{name}.png")
+        print(f"Written: {out / name}.png")
+
+
+def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bool = False) -> None:
+    """Repeat the experiment of the paper and draw its Figures 4 to 10.
+
+    Args:
+        gains: Gains of the controller: "paper" or "matched".
+        out: Folder for the figures (PNG, SVG) and merit.json.
+        ablations: Tabulate instead when the controller fails and which changes prevent that, in ablations.md and
+            ablations.png.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    if ablations:
+        _paper_ablations(out)
+        return
+    from quadpend_baselines.paper import experiment, figures, figures_of_merit
+
+    results = experiment.run(gains)
+    figures.draw(results, out)
+    numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
+    (out / "merit.json").write_text(numbers + "\n", encoding="utf-8")
+    print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
+
+
+def _paper_ablations(out: Path) -> None:
+    from quadpend_baselines.paper import ablation_plots, ablations
+
+    results = ablations.run()
+    (out / "ablations.md").write_text(ablations.markdown(results), encoding="utf-8")
+    ablation_plots.draw(results, out / "ablations.png")
+    print(ablations.markdown(results) + f"Written: {out}/ablations.md, ablations.png")
