@@ -17,7 +17,7 @@ from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.viewer.palette import BLUE, GREEN, VERMILLION, VIOLET
 from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.cli.main import main
-from quadpend_train.cli.watch import watch
+from quadpend_train.cli.watch import VideoOptions, watch
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policy
@@ -31,43 +31,43 @@ SIZE = (320, 180)
 
 @pytest.fixture(scope="module")
 def recordings() -> list[Recording]:
-    """Of a fall, and of a flight."""
+    """A recording that ends with a fall, and one of a whole episode."""
     lagged = find_scenario("lagged")
     return [record_episode(name, load_policy(name), lagged, SEED) for name in ("adrc-paper", "flatness")]
 
 
-def drawn(board: SideBySideView, step: int, size: tuple[int, int] = (1280, 720)) -> Any:
+def drawn(view: SideBySideView, step: int, size: tuple[int, int] = (1280, 720)) -> Any:
     surface = pygame.Surface(size)
-    board.draw(surface, step)
+    view.draw(surface, step)
     return surface_to_array(surface)
 
 
 def count(picture: Any, colour: tuple[int, int, int]) -> int:
-    """Pixels of a colour."""
+    """Number of pixels of a colour."""
     return int((picture == colour).all(axis=-1).sum())
 
 
 @pytest.mark.parametrize("name", ["adrc-paper", "flatness", "ppo-gain-scheduling-0"])
 @pytest.mark.parametrize("scenario", ["windy", "output_feedback", "lagged"])
-def test_a_recording_is_the_flight_that_is_compared(name: str, scenario: str) -> None:
-    flown = run_episodes([load_policy(name)], scenario, 1, SEED)
+def test_a_recording_agrees_with_the_evaluated_episode(name: str, scenario: str) -> None:
+    results = run_episodes([load_policy(name)], scenario, 1, SEED)
     recorded = record_episode(name, load_policy(name), find_scenario(scenario), SEED)
     steps = len(recorded.snapshots)
-    assert steps == flown.steps[0, 0]
-    assert recorded.survived == flown.survived[0, 0]
-    assert_allclose(recorded.error, flown.error[0, 0, :steps], rtol=1e-6)
-    assert_allclose([seen.time for seen in recorded.snapshots], CONTROL_PERIOD * np.arange(1, steps + 1))
+    assert steps == results.steps[0, 0]
+    assert recorded.survived == results.survived[0, 0]
+    assert_allclose(recorded.error, results.error[0, 0, :steps], rtol=1e-6)
+    assert_allclose([snapshot.time for snapshot in recorded.snapshots], CONTROL_PERIOD * np.arange(1, steps + 1))
 
 
 @pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-gain-scheduling-0"])
-def test_a_recording_has_what_the_policy_took_the_wind_for(name: str) -> None:
+def test_a_recording_contains_the_policys_estimate_of_the_wind(name: str) -> None:
     scenario = find_scenario('{"wind": {"kind": "constant", "force": [0.3, -0.2, 0.1]}}')
     recorded = record_episode(name, load_policy(name), scenario, SEED)
     assert_allclose(recorded.disturbance[:, :3], [[0.3, -0.2, 0.1]] * len(recorded.snapshots))
     assert_allclose(recorded.estimate[500:, :3].mean(axis=0), [0.3, -0.2, 0.1], atol=0.01)
 
 
-def test_who_estimates_nothing_says_so() -> None:
+def test_the_estimate_of_a_policy_without_estimator_is_nan() -> None:
     class Idle:
         def predict(self, observation: Any, *_: Any, **__: Any) -> Any:
             return np.zeros((len(observation), 4), np.float32), None
@@ -78,16 +78,16 @@ def test_who_estimates_nothing_says_so() -> None:
     drawn(SideBySideView([recorded], CONTROL_PERIOD, (0.0, 1.0)), 10)
 
 
-def test_rotors_are_recorded_through_their_mixing() -> None:
+def test_the_thrust_of_rotor_actuators_is_recorded() -> None:
     light = '{"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004}}'
     scenario = find_scenario(f'{{"simulation": {light}, "actuators": {{"kind": "rotors"}}}}')
     recorded = record_episode("adrc-paper", controller("adrc-paper"), scenario, SEED)
     assert len(recorded.snapshots) > 50
     assert np.isfinite(recorded.estimate).all()
-    assert_allclose(np.mean([seen.thrust for seen in recorded.snapshots]), 1.0, atol=0.1)
+    assert_allclose(np.mean([snapshot.thrust for snapshot in recorded.snapshots]), 1.0, atol=0.1)
 
 
-def test_each_policy_has_its_half_and_its_colour(recordings: list[Recording]) -> None:
+def test_each_policy_has_its_part_of_the_view_and_its_colour(recordings: list[Recording]) -> None:
     picture = drawn(SideBySideView(recordings, CONTROL_PERIOD, (0.0, 10.0)), 20)
     left, right = picture[:500, :640], picture[:500, 640:]
     assert count(left, VERMILLION) > 30 > count(left, VIOLET)
@@ -95,46 +95,46 @@ def test_each_policy_has_its_half_and_its_colour(recordings: list[Recording]) ->
     assert min(count(half, colour) for half in (left, right) for colour in (BLUE, GREEN)) > 10
 
 
-def test_curves_unfold_with_the_flight(recordings: list[Recording]) -> None:
-    board = SideBySideView(recordings, CONTROL_PERIOD, (0.0, 0.6))
-    inked = [count(drawn(board, step)[505:], VERMILLION) for step in (1, 20, 50)]
+def test_curves_grow_with_time(recordings: list[Recording]) -> None:
+    view = SideBySideView(recordings, CONTROL_PERIOD, (0.0, 0.6))
+    inked = [count(drawn(view, step)[505:], VERMILLION) for step in (1, 20, 50)]
     assert inked[0] < inked[1] < inked[2]
 
 
-def test_who_has_fallen_stays_where_it_fell_behind_a_veil(recordings: list[Recording]) -> None:
-    board = SideBySideView(recordings, CONTROL_PERIOD, (0.0, 10.0))
+def test_a_fallen_vehicle_stays_in_place_and_is_faded(recordings: list[Recording]) -> None:
+    view = SideBySideView(recordings, CONTROL_PERIOD, (0.0, 10.0))
     steps = len(recordings[0].snapshots)
-    before, after, later = (drawn(board, step)[:500, :640] for step in (steps - 2, steps - 1, steps + 300))
+    before, after, later = (drawn(view, step)[:500, :640] for step in (steps - 2, steps - 1, steps + 300))
     assert after.mean() > before.mean()
     assert_array_equal(after, later)
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".gif", ".webp"])
-def test_a_film_shows_every_moment_asked_for(ending: str, tmp_path: Path) -> None:
-    out = tmp_path / f"new/film{ending}"
-    watch(("flatness",), "windy", SEED, out, SIZE, fps=20.0, speed=0.5, seconds=(1.0, 1.5))
+def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tmp_path: Path) -> None:
+    out = tmp_path / f"new/video{ending}"
+    watch(("flatness",), "windy", SEED, VideoOptions(out, SIZE, fps=20.0, speed=0.5, seconds=(1.0, 1.5)))
     if ending == ".mp4":
         assert count_frames_and_secs(out) == (20, 1.0)
     else:
-        with Image.open(out) as film:
-            assert film.size == SIZE
-            assert film.n_frames == 20
-            film.load()
-            assert film.info["duration"] == 50
+        with Image.open(out) as video:
+            assert video.size == SIZE
+            assert video.n_frames == 20
+            video.load()
+            assert video.info["duration"] == 50
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 
 
-def test_a_gif_keeps_the_colours_that_tell_things_apart(tmp_path: Path) -> None:
+def test_a_gif_keeps_the_colours_that_have_a_meaning(tmp_path: Path) -> None:
     out = tmp_path / "film.gif"
-    watch(("adrc-paper", "flatness"), "windy", SEED, out, (640, 360), fps=10.0, seconds=(2.0, 2.5))
-    with Image.open(out) as film:
-        film.seek(2)
-        picture = np.asarray(film.convert("RGB")).astype(int)
+    watch(("adrc-paper", "flatness"), "windy", SEED, VideoOptions(out, (640, 360), fps=10.0, seconds=(2.0, 2.5)))
+    with Image.open(out) as video:
+        video.seek(2)
+        picture = np.asarray(video.convert("RGB")).astype(int)
     for colour in (BLUE, GREEN, VIOLET, VERMILLION):
         assert np.abs(picture - colour).max(axis=-1).min() <= 8
 
 
-def test_a_picture_shows_the_end_of_what_is_asked_for(tmp_path: Path) -> None:
+def test_a_picture_shows_the_end_of_the_requested_part(tmp_path: Path) -> None:
     out = tmp_path / "end.png"
     main(["watch", "flatness", "--scenario", "calm", "--seconds", "0", "2", "--size", "640", "360", "--out", str(out)])
     recorded = record_episode("flatness", load_policy("flatness"), find_scenario("calm"), SEED)
@@ -144,21 +144,21 @@ def test_a_picture_shows_the_end_of_what_is_asked_for(tmp_path: Path) -> None:
         )
 
 
-def test_an_interrupted_film_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interruption_leaves_the_older_file_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "film.gif"
     out.write_bytes(b"before")
 
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("quadpend_train.cli.watch._write_images", interrupt)
+    monkeypatch.setattr("quadpend_train.reports.video._write_images", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        watch(("flatness",), out=out, size=SIZE, seconds=(0.0, 0.1))
+        watch(("flatness",), video=VideoOptions(out, SIZE, seconds=(0.0, 0.1)))
     assert out.read_bytes() == b"before"
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_the_window_goes_on_to_the_end_waits_there_and_closes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     shown: list[int] = []
     press: dict[int, Callable[[], Any]] = {
@@ -176,7 +176,7 @@ def test_the_window_goes_on_to_the_end_waits_there_and_closes(monkeypatch: pytes
         press.get(len(shown), lambda: None)()
 
     monkeypatch.setattr(SideBySideView, "draw", drawing)
-    watch(("flatness",), "calm", SEED, size=SIZE, speed=4.0, seconds=(0.0, 0.5))
+    watch(("flatness",), "calm", SEED, VideoOptions(size=SIZE, speed=4.0, seconds=(0.0, 0.5)))
     assert not pygame.display.get_init()
     assert shown[3] == shown[5], "paused"
     assert shown[6] == shown[5] + 1, "one step"
@@ -184,10 +184,10 @@ def test_the_window_goes_on_to_the_end_waits_there_and_closes(monkeypatch: pytes
     assert shown[-1] == 49, "the end"
 
 
-def test_a_window_that_nobody_could_see_is_refused_before_anything_is_flown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_without_a_screen_is_an_error_before_any_episode_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
-    monkeypatch.setattr("quadpend_train.evaluation.recording.record_episode", lambda *_: pytest.fail("flown"))
+    monkeypatch.setattr("quadpend_train.evaluation.recording.record_episode", lambda *_: pytest.fail("an episode ran"))
     assert_refused(lambda: watch(("flatness",)), "there is no screen for a window: give --out", ValueError)
 
 
@@ -203,15 +203,15 @@ def test_without_pygame_ce_the_command_names_the_extra(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"policies": ()}, "one to three policies .* not 0"),
-        ({"policies": ("lqr", "lqi", "mppi", "flatness")}, "one to three policies .* not 4"),
+        ({"policies": ()}, "policies must be one to three, not 0"),
+        ({"policies": ("lqr", "lqi", "mppi", "flatness")}, "policies must be one to three, not 4"),
         ({"policies": ("ppo-gain-scheduling",)}, "ppo-gain-scheduling has several training seeds: choose one of them"),
         ({"policies": ("nobody",)}, "no policy 'nobody'"),
         ({"scenario": "nowhere"}, "nowhere"),
-        ({"out": Path("film.avi")}, r"\.mp4, \.gif, \.webp, \.png, not be 'film.avi'"),
-        ({"out": Path("film.mp4"), "size": (321, 180)}, "even number of pixels each way, not 321 × 180"),
+        ({"out": Path("video.avi")}, r"\.mp4, \.gif, \.webp, \.png, not be 'video.avi'"),
+        ({"out": Path("video.mp4"), "size": (321, 180)}, "even numbers of pixels, not 321 × 180"),
         ({"size": (10, 180)}, "320 × 180 to 8000 × 8000 pixels, not 10 × 180"),
-        ({"fps": 60.0}, "browsers slow GIF films down .* fps is 60"),
+        ({"fps": 60.0}, "fps of a GIF file must be at most 50, .* not 60"),
         ({"fps": 0.0}, "fps must be from 1 to 100, not 0"),
         ({"speed": 0.0}, "speed must be from 0.05 to 20, not 0"),
         ({"zoom": 9.0}, "zoom must be from 0.2 to 2.5, not 9"),
@@ -219,7 +219,17 @@ def test_without_pygame_ce_the_command_names_the_extra(
         ({"policies": ("adrc-paper",), "scenario": "lagged", "seconds": (5.0, 6.0)}, "over after 0.* before 5 s"),
     ],
 )
-def test_what_cannot_be_watched_is_refused(options: dict[str, Any], message: str) -> None:
-    assert_refused(
-        lambda: watch(**{"policies": ("flatness",), "out": Path("film.gif"), **options}), message, ValueError
-    )
+def test_wrong_options_are_errors(options: dict[str, Any], message: str) -> None:
+    chosen = {name: options[name] for name in ("policies", "scenario") if name in options}
+    video = {name: value for name, value in options.items() if name not in chosen}
+
+    def call() -> None:
+        watch(**{"policies": ("flatness",), **chosen}, video=VideoOptions(**{"out": Path("video.gif"), **video}))
+
+    assert_refused(call, message, ValueError)
+
+
+def test_a_wrong_option_on_the_command_line_ends_with_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["watch", "flatness", "--zoom", "9"])
+    assert capsys.readouterr().err == "quadpend: zoom must be from 0.2 to 2.5, not 9\n"

@@ -1,4 +1,4 @@
-"""The page stands alone, is valid, trusts no name, and is the same whenever it is made of the same."""
+"""The report page is complete in one file, valid, safe against names with markup, and reproducible."""
 
 import json
 import re
@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from markupsafe import Markup
+from quadpend_train.studies.perturbations import PERTURBATION_AXES
+from quadpend_train.studies.recovery import START_GRIDS
 
 from quadpend_baselines import ADRC
 from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.reports import replay
 from quadpend_train.reports.html_page import Section, write
-from quadpend_train.studies.perturbations import PERTURBATION_AXES
-from quadpend_train.studies.recovery import START_GRIDS
 from quadpend_train.studies.robustness import Robustness, measure_robustness
 
 NASTY = "</script><b>\"x\" & 'y'"
@@ -28,7 +29,7 @@ VOID = {"meta", "br", "link", "img", "input", "hr"}
 
 
 class Checker(HTMLParser):
-    """Collects what a page holds, and fails if a tag is not closed where it should be."""
+    """A parser that collects tags, ids, links and texts, and fails if tags are not properly nested."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -64,20 +65,16 @@ def comparison() -> Comparison:
 @pytest.fixture(scope="module")
 def robustness(comparison: Comparison) -> Robustness:
     values = np.array([-0.1, 0.0, 0.1])
-    x, y = (side._replace(values=values) for side in (START_GRIDS["tilt_rate"].x, START_GRIDS["tilt_rate"].y))
+    x, y = (axis._replace(values=values) for axis in (START_GRIDS["tilt_rate"].x, START_GRIDS["tilt_rate"].y))
     policies = {name: [ADRC()] for name in comparison.policies}
-    return measure_robustness(
-        policies,
-        {"delay": PERTURBATION_AXES["delay"]},
-        {"map": replace(START_GRIDS["tilt_rate"], title=NASTY, x=x, y=y)},
-        4,
-    )
+    grids = {"map": replace(START_GRIDS["tilt_rate"], title=NASTY, x=x, y=y)}
+    return measure_robustness(policies, {"delay": PERTURBATION_AXES["delay"]}, grids, 4)
 
 
 @pytest.fixture(scope="module")
 def page(comparison: Comparison, robustness: Robustness, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write(comparison, robustness, path, SECTIONS, date="2026-01-01")
+    write(comparison, leaderboard(comparison), robustness, path, SECTIONS, date="2026-01-01")
     return path.read_text(encoding="utf-8")
 
 
@@ -89,7 +86,7 @@ def parsed(page: str) -> Checker:
     return checker
 
 
-def test_all_tags_close_and_ids_are_unique(page: str) -> None:
+def test_all_tags_are_closed_and_ids_are_unique(page: str) -> None:
     checker = parsed(page)
     assert {"table", "svg", "figure", "script", "style", "canvas"} <= checker.tags
     assert "<style>" not in page.partition("</head>")[2]
@@ -97,7 +94,7 @@ def test_all_tags_close_and_ids_are_unique(page: str) -> None:
     assert page.startswith("<!DOCTYPE html>")
 
 
-def test_nothing_is_loaded_from_anywhere(page: str) -> None:
+def test_the_page_loads_nothing(page: str) -> None:
     checker = parsed(page)
     assert all(link.startswith(("#", "data:")) for link in checker.links)
     assert {link[1:] for link in checker.links if link.startswith("#")} <= set(checker.ids)
@@ -112,7 +109,7 @@ def test_names_are_escaped(page: str) -> None:
     assert "More <3" in parsed(page).texts
 
 
-def test_the_numbers_are_inside(page: str, comparison: Comparison) -> None:
+def test_the_page_contains_the_numbers_as_json(page: str, comparison: Comparison) -> None:
     text = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert text
     data = json.loads(text[1])
@@ -122,24 +119,27 @@ def test_the_numbers_are_inside(page: str, comparison: Comparison) -> None:
     assert len(data["robustness"]["axes"]["delay"]["curves"]["adrc-paper"]) == len(PERTURBATION_AXES["delay"].values)
 
 
-def test_the_page_is_the_same_but_for_the_date(
+def test_pages_of_the_same_data_differ_only_in_the_date(
     page: str, comparison: Comparison, robustness: Robustness, tmp_path: Path
 ) -> None:
-    write(comparison, robustness, tmp_path / "a.html", SECTIONS, date="2026-01-01")
-    write(comparison, robustness, tmp_path / "b.html", SECTIONS, date="2026-01-02")
+    standings = leaderboard(comparison)
+    write(comparison, standings, robustness, tmp_path / "a.html", SECTIONS, date="2026-01-01")
+    write(comparison, standings, robustness, tmp_path / "b.html", SECTIONS, date="2026-01-02")
     first, second = ((tmp_path / name).read_text(encoding="utf-8") for name in ("a.html", "b.html"))
     assert first == page
     differing = [a for a, b in zip(first.splitlines(), second.splitlines(), strict=True) if a != b]
     assert differing == ["<dd>2026-01-01</dd>"]
 
 
-def test_a_single_cell_makes_a_page_too(tmp_path: Path) -> None:
-    write(compare({"adrc": [ADRC()]}, ["calm"], 2), None, tmp_path / "sub" / "page.html")
+def test_one_policy_in_one_scenario_makes_a_page(tmp_path: Path) -> None:
+    comparison = compare({"adrc": [ADRC()]}, ["calm"], 2)
+    write(comparison, leaderboard(comparison), None, tmp_path / "sub" / "page.html")
     checker = parsed((tmp_path / "sub" / "page.html").read_text(encoding="utf-8"))
     assert "robustness" not in checker.ids
     assert "1 policy in 1 scenario, 2 episodes in each" in " ".join(checker.texts).replace("\n", " ")
 
 
-def test_robustness_of_others_is_refused(robustness: Robustness, tmp_path: Path) -> None:
+def test_robustness_of_other_policies_is_an_error(robustness: Robustness, tmp_path: Path) -> None:
+    comparison = compare({"adrc": [ADRC()]}, ["calm"], 2)
     with pytest.raises(ValueError, match="robustness must be of adrc, not adrc-paper"):
-        write(compare({"adrc": [ADRC()]}, ["calm"], 2), robustness, tmp_path / "page.html")
+        write(comparison, leaderboard(comparison), robustness, tmp_path / "page.html")

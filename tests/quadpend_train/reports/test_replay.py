@@ -1,4 +1,4 @@
-"""The page replays the very episodes that were compared, chosen as it says, and does so in a real browser."""
+"""The page replays exactly the compared episodes, those that the documentation states, in a real browser."""
 
 import base64
 import json
@@ -16,10 +16,20 @@ from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports.html_page import style, write
-from quadpend_train.reports.replay import CHANNELS, MISSING, choose, contenders, packed, recorded, sampled, section
+from quadpend_train.reports.replay import (
+    CHANNELS,
+    MISSING,
+    choose_episodes,
+    choose_policies,
+    encode,
+    record_replay,
+    sampled_steps,
+    section,
+)
 from quadpend_train.scenarios import SCENARIOS
 from tests.helpers.browser import Browser
 from tests.helpers.policies import synthetic_results
@@ -28,15 +38,15 @@ NAMES = {"paper": "adrc-paper", "matched": "adrc-matched"}
 
 
 def constructed(rmse: dict[str, Any], given: tuple[str, ...] | None = None) -> Comparison:
-    """Policies with these values (m) in the only scenario, all or some of them given by name."""
-    flights = {("calm", name): synthetic_results(values) for name, values in rmse.items()}
+    """A comparison with the given penalised RMSE (m) in one scenario; `given` are the policies given by name."""
+    results = {("calm", name): synthetic_results(values) for name, values in rmse.items()}
     known: dict[str, list[str]] = {name: [] for name in (rmse if given is None else given)}
-    scenarios, episodes = {"calm": SCENARIOS["calm"]}, flights["calm", next(iter(rmse))].rmse.shape[1]
-    return Comparison(tuple(rmse), scenarios, episodes, 0, flights, known)
+    scenarios, episodes = {"calm": SCENARIOS["calm"]}, results["calm", next(iter(rmse))].rmse.shape[1]
+    return Comparison(tuple(rmse), scenarios, episodes, 0, results, known)
 
 
-def unpacked(data: dict[str, Any]) -> Floats:
-    """What the page makes of a recording, shape (T, c)."""
+def decoded(data: dict[str, Any]) -> Floats:
+    """Decode channels as the page does, shape (T, c)."""
     scales = np.array(data["scales"])
     numbers = np.frombuffer(base64.b64decode(data["samples"]), "<i2").reshape(np.count_nonzero(scales), -1).T
     values = np.zeros((len(numbers), len(scales)))
@@ -44,52 +54,60 @@ def unpacked(data: dict[str, Any]) -> Floats:
     return values
 
 
+def policies_of(comparison: Comparison) -> list[str]:
+    return choose_policies(comparison, leaderboard(comparison))
+
+
+def replay_of(comparison: Comparison, policies: dict[str, str], count: int) -> dict[str, Any] | None:
+    return record_replay(comparison, leaderboard(comparison), policies, count)
+
+
 @pytest.fixture(scope="module")
-def flown() -> tuple[Comparison, dict[str, Any]]:
+def replayed() -> tuple[Comparison, dict[str, Any]]:
     comparison = compare(NAMES, ["windy", "storm"], episodes=4)
-    data = recorded(comparison, NAMES, 2)
+    data = record_replay(comparison, leaderboard(comparison), NAMES, 2)
     assert data is not None
     return comparison, data
 
 
-def test_shown_are_the_first_policy_and_the_two_best_others() -> None:
+def test_the_replay_contains_the_first_policy_and_the_two_best_others() -> None:
     comparison = constructed({"first": [0.5], "worse": [0.4], "good": [0.2], "best": [0.1]})
-    assert contenders(comparison) == ["first", "best", "good"]
-    assert contenders(constructed({"best": [0.1], "other": [0.2]})) == ["best", "other"]
+    assert policies_of(comparison) == ["first", "best", "good"]
+    assert policies_of(constructed({"best": [0.1], "other": [0.2]})) == ["best", "other"]
 
 
-def test_only_policies_given_by_name_are_shown() -> None:
-    assert contenders(constructed({"first": [0.5], "good": [0.2], "best": [0.1]}, ("good",))) == ["good"]
-    assert recorded(constructed({"mine": [0.5]}, ()), {}, 2) is None
+def test_the_replay_contains_only_policies_given_by_name() -> None:
+    assert policies_of(constructed({"first": [0.5], "good": [0.2], "best": [0.1]}, ("good",))) == ["good"]
+    assert replay_of(constructed({"mine": [0.5]}, ()), {}, 2) is None
 
 
-def test_the_typical_episode_is_the_median_and_then_come_the_hardest() -> None:
+def test_the_median_episode_comes_first_and_then_the_hardest() -> None:
     comparison = constructed({"a": [0.1, 0.5, 0.2, 0.3, 0.9], "b": [0.1, 0.4, 0.2, 0.8, 0.1]})  # mean: 10 45 20 55 50
-    chosen = choose(comparison, "calm", ["a", "b"], 4)
+    chosen = choose_episodes(comparison, "calm", ["a", "b"], 4)
     assert [choice.episode for choice in chosen] == [1, 3, 4, 2]
     assert [choice.title for choice in chosen] == ["typical", "hardest", "hardest no. 2", "hardest no. 3"]
-    assert choose(comparison, "calm", ["a"], 1) == [("typical", 3)]
+    assert choose_episodes(comparison, "calm", ["a"], 1) == [("typical", 3)]
 
 
-def test_among_equals_the_first_is_chosen_and_no_episode_twice() -> None:
+def test_of_equal_episodes_the_first_is_chosen_and_none_twice() -> None:
     fallen = constructed({"a": [1.0, 1.0, 1.0, 1.0]})
     titles = ["typical", "hardest", "hardest no. 2", "hardest no. 3"]
-    assert choose(fallen, "calm", ["a"], 9) == list(zip(titles, [1, 0, 2, 3], strict=True))
-    assert choose(constructed({"a": [0.1]}), "calm", ["a"], 2) == [("typical", 0)]
+    assert choose_episodes(fallen, "calm", ["a"], 9) == list(zip(titles, [1, 0, 2, 3], strict=True))
+    assert choose_episodes(constructed({"a": [0.1]}), "calm", ["a"], 2) == [("typical", 0)]
 
 
-def test_of_a_learner_the_first_seed_counts_and_the_label_says_so() -> None:
+def test_the_first_training_seed_of_a_learner_is_shown_and_labelled() -> None:
     comparison = constructed({"a": [[0.1, 0.2, 0.3], [0.3, 0.9, 0.1]]})
-    assert [choice.episode for choice in choose(comparison, "calm", ["a"], 2)] == [1, 2]
-    data = recorded(comparison, {"a": "ppo-gain-scheduling-1,ppo-gain-scheduling-0"}, 1)
+    assert [choice.episode for choice in choose_episodes(comparison, "calm", ["a"], 2)] == [1, 2]
+    data = replay_of(comparison, {"a": "ppo-gain-scheduling-1,ppo-gain-scheduling-0"}, 1)
     assert data is not None
     assert [policy["name"] for policy in data["policies"]] == ["a, seed 1"]
 
 
-def test_policies_look_as_in_the_legend_of_the_page() -> None:
-    """They stand at places 0, 9 and 7, of which the first and the last have one colour."""
+def test_policies_have_the_same_style_as_in_the_legend_of_the_page() -> None:
+    """The policies have the indices 0, 9 and 7, of which 0 and 7 have the same colour."""
     comparison = constructed({f"p{place}": [1.0 - 0.1 * place] for place in range(10)}, ("p0", "p7", "p9"))
-    data = recorded(comparison, dict.fromkeys(comparison.policies, "lqr"), 1)
+    data = replay_of(comparison, dict.fromkeys(comparison.policies, "lqr"), 1)
     assert data is not None
     looks = [(policy["colour"], policy["dashes"]) for policy in data["policies"]]
     assert looks == [style(0), style(9), style(7)]
@@ -97,59 +115,59 @@ def test_policies_look_as_in_the_legend_of_the_page() -> None:
     assert style(0)[1] != style(7)[1]
 
 
-def test_every_fourth_step_is_kept_and_the_last() -> None:
-    assert [sampled(steps).tolist() for steps in (1, 2, 9, 10)] == [[0], [0, 1], [0, 4, 8], [0, 4, 8, 9]]
+def test_every_fourth_step_and_the_last_are_stored() -> None:
+    assert [sampled_steps(steps).tolist() for steps in (1, 2, 9, 10)] == [[0], [0, 1], [0, 4, 8], [0, 4, 8, 9]]
 
 
-def test_the_recorded_episode_is_the_very_one_that_was_compared(flown: tuple[Comparison, dict[str, Any]]) -> None:
-    comparison, data = flown
+def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison, dict[str, Any]]) -> None:
+    comparison, data = replayed
     for name, scenes in data["scenarios"].items():
         assert [scene["title"] for scene in scenes] == ["typical", "hardest"]
         for scene in scenes:
             episode = scene["seed"] - comparison.seed
-            for policy, flight in zip(NAMES, scene["flights"], strict=True):
-                flights = comparison.results[name, policy]
-                error, steps = unpacked(flight)[:, -1], int(flights.steps[0, episode])
-                exact = flights.error[0, episode, sampled(steps)]
-                np.testing.assert_allclose(error, exact, atol=0.51 * flight["scales"][-1] + 1e-7)
-                assert flight["fell"] == (None if flights.survived[0, episode] else pytest.approx(0.01 * steps))
-    assert any(flight["fell"] for scene in data["scenarios"]["storm"] for flight in scene["flights"])
+            for policy, run in zip(NAMES, scene["episodes"], strict=True):
+                results = comparison.results[name, policy]
+                error, steps = decoded(run)[:, -1], int(results.steps[0, episode])
+                exact = results.error[0, episode, sampled_steps(steps)]
+                np.testing.assert_allclose(error, exact, atol=0.51 * run["scales"][-1] + 1e-7)
+                assert run["fell"] == (None if results.survived[0, episode] else pytest.approx(0.01 * steps))
+    assert any(run["fell"] for scene in data["scenarios"]["storm"] for run in scene["episodes"])
 
 
-def test_samples_are_the_recorded_numbers_within_their_rounding(flown: tuple[Comparison, dict[str, Any]]) -> None:
-    scene = flown[1]["scenarios"]["windy"][0]
+def test_samples_equal_the_recorded_numbers_within_rounding(replayed: tuple[Comparison, dict[str, Any]]) -> None:
+    scene = replayed[1]["scenarios"]["windy"][0]
     recording: Recording = record_episode("", load_policy("adrc-matched"), SCENARIOS["windy"], scene["seed"])
-    kept = sampled(EPISODE_STEPS)
-    seen, flight = [recording.snapshots[step] for step in kept], scene["flights"][1]
-    found = dict(zip(CHANNELS, np.split(unpacked(flight), np.cumsum([*CHANNELS.values()])[:-1], axis=1), strict=True))
+    steps = sampled_steps(EPISODE_STEPS)
+    snapshots, run = [recording.snapshots[step] for step in steps], scene["episodes"][1]
+    found = dict(zip(CHANNELS, np.split(decoded(run), np.cumsum([*CHANNELS.values()])[:-1], axis=1), strict=True))
     for name, exact, finest in (
-        ("position", [one.state.position for one in seen], 2e-4),
-        ("euler", [one.state.euler for one in seen], 1e-4),
-        ("direction", [one.state.direction for one in seen], 3e-5),
-        ("force", [one.disturbance[:3] for one in seen], 1e-4),
-        ("bob_force", [one.disturbance[3:6] for one in seen], 1e-4),
-        ("estimate", recording.estimate[kept, :3], 1e-4),
-        ("error", [[one.error] for one in seen], 1e-4),
+        ("position", [snapshot.state.position for snapshot in snapshots], 2e-4),
+        ("euler", [snapshot.state.euler for snapshot in snapshots], 1e-4),
+        ("direction", [snapshot.state.direction for snapshot in snapshots], 3e-5),
+        ("force", [snapshot.disturbance[:3] for snapshot in snapshots], 1e-4),
+        ("bob_force", [snapshot.disturbance[3:6] for snapshot in snapshots], 1e-4),
+        ("estimate", recording.estimate[steps, :3], 1e-4),
+        ("error", [[snapshot.error] for snapshot in snapshots], 1e-4),
     ):
         np.testing.assert_allclose(found[name], exact, atol=finest, err_msg=name)
-    times = np.minimum(flown[1]["start"] + np.arange(len(seen)) / flown[1]["rate"], flown[1]["duration"])
-    np.testing.assert_allclose(times, [one.time for one in seen])
-    bob = seen[-1].reference.derivatives(times[-1])[0, :3] + [0.0, 0.0, scene["rod_length"]]
-    np.testing.assert_allclose(unpacked(scene["reference"])[-1], bob, atol=1e-4)
-    assert len(json.dumps(flight)) < 12_000
+    times = np.minimum(replayed[1]["start"] + np.arange(len(snapshots)) / replayed[1]["rate"], replayed[1]["duration"])
+    np.testing.assert_allclose(times, [snapshot.time for snapshot in snapshots])
+    bob = snapshots[-1].reference.derivatives(times[-1])[0, :3] + [0.0, 0.0, scene["rod_length"]]
+    np.testing.assert_allclose(decoded(scene["reference"])[-1], bob, atol=1e-4)
+    assert len(json.dumps(run)) < 12_000
 
 
-def test_what_is_not_known_is_told_apart_from_zero() -> None:
+def test_missing_values_differ_from_zero() -> None:
     values = np.array([[0.0, np.nan, -2.0, np.nan], [0.0, np.nan, np.nan, 0.0], [0.0, np.nan, 1.0, 0.0]])
-    data = packed(values)
-    np.testing.assert_allclose(unpacked(data), values, atol=1e-4)
-    assert data["scales"][0] == 0.0, "of which nothing is kept"
+    data = encode(values)
+    np.testing.assert_allclose(decoded(data), values, atol=1e-4)
+    assert data["scales"][0] == 0.0, "a channel of zeros is not stored"
     assert len(base64.b64decode(data["samples"])) == 3 * 3 * 2
 
 
-def test_the_command_takes_the_number_of_episodes(tmp_path: Path) -> None:
+def test_the_option_replay_sets_the_number_of_episodes(tmp_path: Path) -> None:
     command = ["evaluate", "--policies", "adrc-paper", "--scenarios", "calm", "--episodes", "2", "--out", str(tmp_path)]
-    command += ["--store", str(tmp_path / "store")]
+    command += ["--cache", str(tmp_path / "cache")]
     for count in (0, 1):
         main([*command, "--replay", str(count)])
         page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -157,13 +175,13 @@ def test_the_command_takes_the_number_of_episodes(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def page(flown: tuple[Comparison, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def page(replayed: tuple[Comparison, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     programs = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
     program = next(filter(None, programs), None)
     if program is None:
         pytest.skip("Chromium is not installed, so the page cannot be opened")
     folder = tmp_path_factory.mktemp("browser")
-    write(flown[0], None, folder / "report.html", [section(flown[1])])
+    write(replayed[0], leaderboard(replayed[0]), None, folder / "report.html", [section(replayed[1])])
     browser = Browser(program, folder / "profile")
     try:
         browser.open(folder / "report.html")
@@ -177,7 +195,7 @@ CURVES = "document.getElementById('replay-errors').toDataURL()"
 
 
 def choice(name: str, index: int) -> str:
-    """Script that chooses as a hand does."""
+    """Script that selects an option as a user does."""
     select = f"document.getElementById('replay-{name}')"
     return f"{select}.selectedIndex = {index}; {select}.dispatchEvent(new Event('change'))"
 
@@ -188,7 +206,7 @@ def key(name: str, shift: bool = False) -> str:
 
 
 def pixels(page: Browser, colour: str, canvas: str = "view") -> Floats:
-    """Where there is exactly this colour, as shares of the width, shape (n,)."""
+    """Horizontal positions of the pixels of a colour, as shares of the width, shape (n,)."""
     number = int.from_bytes([*bytes.fromhex(colour[1:]), 255], "little")
     script = f"""(canvas => {{
         const pen = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {{willReadFrequently: true}});
@@ -205,7 +223,7 @@ def shown(page: Browser, row: str) -> list[str]:
 
 
 def assert_shown(page: Browser, sample: Floats) -> None:
-    """The numbers of A are those of a sample."""
+    """Check that the table shows the numbers of a sample for policy A."""
     _, direction, force, _, estimate, error = np.split(sample, [6, 9, 12, 15, 18])
     tilt = np.degrees(np.arccos(direction[2] / np.linalg.norm(direction)))
     exact = [1000.0 * error[0], tilt, np.linalg.norm(force), np.linalg.norm(estimate)]
@@ -213,7 +231,7 @@ def assert_shown(page: Browser, sample: Floats) -> None:
         assert float(cell) == pytest.approx(value, abs=1.01 * finest)
 
 
-def test_the_page_opens_quietly_and_does_not_play_by_itself(page: Browser) -> None:
+def test_the_page_opens_without_messages_and_does_not_play(page: Browser) -> None:
     assert page.run("document.readyState") == "complete"
     assert page.run("replay.time") == 0.0
     assert page.run("replay.playing") is False
@@ -222,7 +240,7 @@ def test_the_page_opens_quietly_and_does_not_play_by_itself(page: Browser) -> No
     assert page.complaints() == []
 
 
-def test_play_moves_on_and_pause_stops(page: Browser) -> None:
+def test_play_advances_time_and_pause_stops_it(page: Browser) -> None:
     page.run("replay.seek(1)")
     page.run("document.getElementById('replay-play').click()")
     page.wait("replay.time > 1.2")
@@ -236,7 +254,7 @@ def test_play_moves_on_and_pause_stops(page: Browser) -> None:
     assert page.run("replay.time") == 10.0
 
 
-def test_scrubbing_moves_the_picture_and_back_again(page: Browser) -> None:
+def test_the_time_slider_changes_the_picture_and_back(page: Browser) -> None:
     page.run("replay.seek(2)")
     first, curves = page.run(PICTURE), page.run(CURVES)
     scrub = "document.getElementById('replay-scrub')"
@@ -248,11 +266,9 @@ def test_scrubbing_moves_the_picture_and_back_again(page: Browser) -> None:
     assert page.run(PICTURE) == first
 
 
-def test_numbers_beside_the_picture_are_those_of_the_flight(
-    page: Browser, flown: tuple[Comparison, dict[str, Any]]
-) -> None:
-    """At a sample and half-way between two."""
-    samples = unpacked(flown[1]["scenarios"]["windy"][0]["flights"][0])
+def test_the_table_shows_the_recorded_numbers(page: Browser, replayed: tuple[Comparison, dict[str, Any]]) -> None:
+    """The times are that of a sample and the middle between two samples."""
+    samples = decoded(replayed[1]["scenarios"]["windy"][0]["episodes"][0])
     for at in (100.0, 100.5):
         page.run(f"replay.seek({0.01 + 0.04 * at})")
         assert_shown(page, (samples[int(at)] + samples[int(np.ceil(at))]) / 2.0)
@@ -271,13 +287,13 @@ def test_scenarios_episodes_and_policies_can_be_switched(page: Browser) -> None:
     assert page.run(PICTURE) == pictures[0]
 
 
-def test_one_who_fell_is_told(page: Browser, flown: tuple[Comparison, dict[str, Any]]) -> None:
-    fell = flown[1]["scenarios"]["storm"][1]["flights"][0]["fell"]
+def test_the_time_of_a_fall_is_shown(page: Browser, replayed: tuple[Comparison, dict[str, Any]]) -> None:
+    fell = replayed[1]["scenarios"]["storm"][1]["episodes"][0]["fell"]
     page.run(choice("scenario", 1) + ";" + choice("episode", 1))
-    told = page.run("document.getElementById('replay-one').closest('tr').cells[0].textContent")
-    assert f"fell at {fell:.1f} s" in told
-    samples = unpacked(flown[1]["scenarios"]["storm"][1]["flights"][0])
-    last = CONTROL_PERIOD * (sampled(round(fell / CONTROL_PERIOD))[-2:] + 1)
+    heading = page.run("document.getElementById('replay-one').closest('tr').cells[0].textContent")
+    assert f"fell at {fell:.1f} s" in heading
+    samples = decoded(replayed[1]["scenarios"]["storm"][1]["episodes"][0])
+    last = CONTROL_PERIOD * (sampled_steps(round(fell / CONTROL_PERIOD))[-2:] + 1)
     for at, sample in ((last.mean(), samples[-2:].mean(axis=0)), (fell, samples[-1]), (10.0, samples[-1])):
         page.run(f"replay.seek({at})")
         assert_shown(page, sample)
@@ -286,14 +302,14 @@ def test_one_who_fell_is_told(page: Browser, flown: tuple[Comparison, dict[str, 
 
 def test_policies_have_the_colours_of_the_legend(page: Browser) -> None:
     page.run("replay.seek(2)")
-    lines = "document.querySelectorAll('[data-toggles] line, #replay th line')"
+    lines = "document.querySelectorAll('[data-toggle-policy] line, #replay th line')"
     strokes = page.run(f"[...{lines}].map(line => getComputedStyle(line).stroke)")
     assert strokes[:2] == strokes[2:] == ["rgb(0, 114, 178)", "rgb(213, 94, 0)"]
     for colour in ("#0072B2", "#D55E00"):
         assert min(len(pixels(page, colour, canvas)) for canvas in ("view", "errors")) > 30
 
 
-def test_the_view_turns_and_zooms_but_lets_the_page_scroll(page: Browser) -> None:
+def test_the_view_rotates_and_zooms_and_the_page_still_scrolls(page: Browser) -> None:
     page.run("replay.seek(2)")
     pictures = [page.run(PICTURE)]
     view = "document.getElementById('replay-view')"
@@ -316,7 +332,7 @@ def test_the_view_turns_and_zooms_but_lets_the_page_scroll(page: Browser) -> Non
     assert page.run(PICTURE) == pictures[0]
 
 
-def test_it_is_sharp_follows_the_theme_and_prints_its_beginning(page: Browser) -> None:
+def test_the_view_has_the_screens_resolution_follows_the_theme_and_prints_the_start(page: Browser) -> None:
     page.run("replay.seek(2)")
     light = page.run(PICTURE)
     page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
@@ -331,26 +347,26 @@ def test_it_is_sharp_follows_the_theme_and_prints_its_beginning(page: Browser) -
     assert page.complaints() == []
 
 
-def test_black_far_targets_and_strong_wind_can_be_seen(
-    page: Browser, flown: tuple[Comparison, dict[str, Any]], tmp_path: Path
+def test_a_black_policy_a_distant_reference_and_strong_wind_are_visible(
+    page: Browser, replayed: tuple[Comparison, dict[str, Any]], tmp_path: Path
 ) -> None:
-    """A page on which A is black and flies 30 m off, in a hundred times the storm."""
-    data = json.loads(json.dumps(flown[1]))
+    """On this page, policy A is black, 30 m away from the reference, and in wind 100 times as strong as a storm."""
+    data = json.loads(json.dumps(replayed[1]))
     data["policies"][0] |= {"colour": "currentColor", "dashes": "5 3"}
-    flights = data["scenarios"]["storm"][0]["flights"]
-    values = unpacked(flights[1])
+    runs = data["scenarios"]["storm"][0]["episodes"]
+    values = decoded(runs[1])
     values[:, 0] += 30.0
     values[:, 9:15] *= 100.0
-    flights[0] = {"fell": None, **packed(values)}
-    write(flown[0], None, tmp_path / "page.html", [section(data)])
+    runs[0] = {"fell": None, **encode(values)}
+    write(replayed[0], leaderboard(replayed[0]), None, tmp_path / "page.html", [section(data)])
     page.open(tmp_path / "page.html")
     page.run(choice("two", 2) + ";" + choice("scenario", 1))
     for scheme, black, slate in (("light", "#1b1f24", "#52677e"), ("dark", "#e4e8ec", "#a3b8cd")):
         page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         page.run("replay.seek(5)")
         ink, wind = pixels(page, black), pixels(page, slate)
-        assert min(ink) < 0.03, "an arrow points to where the bob belongs"
-        assert np.sum(np.abs(ink - 0.5) < 0.1) > 50, "the bob, in the middle"
+        assert min(ink) < 0.03, "an arrow points to the reference of the bob"
+        assert np.sum(np.abs(ink - 0.5) < 0.1) > 50, "the bob is in the middle"
         assert len(wind) > 50
         assert 0.1 < min(wind) < max(wind) < 0.9
     assert float(shown(page, "one")[2]) > 50.0

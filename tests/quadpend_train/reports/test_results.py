@@ -1,4 +1,4 @@
-"""One command writes everything of a comparison, twice the same, and fills in its part of a document."""
+"""`quadpend evaluate` writes reproducible files and updates the generated parts of a document."""
 
 import re
 from pathlib import Path
@@ -22,12 +22,12 @@ def brief_axes(monkeypatch: pytest.MonkeyPatch) -> None:
     )  # type: ignore[index]
 
 
-def test_evaluate_writes_everything_and_the_same_again(tmp_path: Path, brief_axes: None) -> None:
+def test_evaluate_writes_the_same_files_every_time(tmp_path: Path, brief_axes: None) -> None:
     document = tmp_path / "results.md"
     empty = "".join(f"<!-- begin {part} -->\n<!-- end {part} -->\n" for part in PARTS)
     document.write_text(f"# Title\n{empty}The end\n", encoding="utf-8")
     command = ["evaluate", "--policies", "adrc-paper", "lqr", "--scenarios", "calm", "steady", "--episodes", "4"]
-    command += ["--robustness", "4", "--replay", "1", "--document", str(document), "--store", str(tmp_path / "store")]
+    command += ["--robustness", "4", "--replay", "1", "--document", str(document), "--cache", str(tmp_path / "cache")]
     folder = tmp_path / "out"
     written = []
     for _ in range(2):
@@ -55,17 +55,17 @@ def test_evaluate_writes_everything_and_the_same_again(tmp_path: Path, brief_axe
     assert "steady force" in text.lower() or "wind" in text.lower()
 
 
-def test_a_document_without_a_place_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_document_without_a_place_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = tmp_path / "results.md"
     document.write_text("nothing\n", encoding="utf-8")
     command = ["evaluate", "--policies", "adrc-paper", "lqr", "--scenarios", "calm", "--episodes", "2"]
-    command += ["--store", str(tmp_path / "store"), "--out", str(tmp_path / "out"), "--document", str(document)]
+    command += ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out"), "--document", str(document)]
     with pytest.raises(SystemExit):
         main(command)
     assert "must have one place for 'provenance'" in capsys.readouterr().err
 
 
-def test_the_published_results_have_all_parts_and_their_files() -> None:
+def test_the_published_results_have_all_parts_and_linked_files() -> None:
     text = RESULTS.read_text(encoding="utf-8")
     for part in PARTS:
         (filled,) = re.findall(rf"<!-- begin {part} -->\n(.*?)<!-- end {part} -->", text, re.DOTALL)

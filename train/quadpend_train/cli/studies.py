@@ -71,7 +71,7 @@ def wind(
     seconds: float = 10.0,
     seed: int = 1,
 ) -> None:
-    """Plot models: time series, histogram and spectrum of winds beside theory, and the effects of sensors and actuators.
+    """Plot winds (time series, histogram and spectrum, beside theory) and the effects of sensors and actuators.
 
     Args:
         models: Presets or kinds of wind, kinds of sensors or actuators, JSON with a kind and its settings, or a

@@ -63,7 +63,7 @@ def watch(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-gain-scheduling-0"),
     scenario: str = "windy",
     seed: int = VALIDATION_SEED,
-    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = VideoOptions(),  # noqa: B008
+    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = VideoOptions(),
 ) -> None:
     """Show policies side by side in the same episode, above their tracking errors and their estimates of the wind.
 

@@ -69,7 +69,7 @@ def curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any, name: str
 
 
 def logarithmic(axis: Any, low: float, high: float) -> None:
-    """Give axes a logarithmic vertical scale with ticks at 1, 2, 5, 10 …
+    """Give axes a logarithmic vertical scale with ticks at 1, 2, 5, 10 and so on.
 
     Args:
         axis: Matplotlib axes.

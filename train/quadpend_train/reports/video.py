@@ -78,7 +78,9 @@ def _palette(pictures: list[Any]) -> Any:
 
     Half of the sample are the colours that have a meaning, since they fill few pixels of the pictures.
     """
-    shades = [blend(colour, other, share) for colour in MEANINGFUL for other in (WHITE, INK) for share in (0.0, 0.25, 0.5)]
+    shades = [
+        blend(colour, other, share) for colour in MEANINGFUL for other in (WHITE, INK) for share in (0.0, 0.25, 0.5)
+    ]
     stacked = np.concatenate(pictures)
     height = len(stacked) // (2 * len(shades)) + 1
     swatches = np.repeat(np.array(shades, np.uint8), height, axis=0)[:, np.newaxis]
