@@ -145,7 +145,7 @@ def test_the_files_of_results_are_the_same_byte_for_byte(tmp_path: Path, monkeyp
     monkeypatch.setattr("sys.argv", ["quadpend", "evaluate"])
     written = []
     for _ in range(3):
-        options = ["--store", str(tmp_path / "store"), *(["--fresh"] if len(written) == 1 else [])]
+        options = ["--cache", str(tmp_path / "store"), *(["--recompute"] if len(written) == 1 else [])]
         main(["evaluate", "--scenarios", "calm", "gusts", "--episodes", "3", "--out", str(tmp_path / "out"), *options])
         files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
         files["report.html"] = re.sub(rb"\d{4}-\d\d-\d\d", b"", files["report.html"])  # without the date

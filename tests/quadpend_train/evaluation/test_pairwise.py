@@ -177,7 +177,7 @@ def test_a_win_of_a_learner_needs_good_training_seeds() -> None:
 
 
 def test_the_compare_command_prints_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options: Any = ["--scenarios", "calm", "steady", "--episodes", "10", "--store", str(tmp_path)]
+    options: Any = ["--scenarios", "calm", "steady", "--episodes", "10", "--cache", str(tmp_path)]
     main(["compare", "adrc-paper", "mine=adrc-matched", *options])
     printed = " ".join(capsys.readouterr().out.split())
     assert printed.startswith(

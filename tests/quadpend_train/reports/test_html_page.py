@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from markupsafe import Markup
-from quadpend_train.studies.perturbations import PERTURBATION_AXES
-from quadpend_train.studies.recovery import START_GRIDS
 
 from quadpend_baselines import ADRC
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.reports import replay
 from quadpend_train.reports.html_page import Section, write
+from quadpend_train.studies.perturbations import PERTURBATION_AXES
+from quadpend_train.studies.recovery import START_GRIDS
 from quadpend_train.studies.robustness import Robustness, measure_robustness
 
 NASTY = "</script><b>\"x\" & 'y'"

@@ -85,7 +85,7 @@ def test_the_classical_pilot_flies_rotors_and_knows_the_nominal_simulation() -> 
 
 def test_scenarios_have_names_of_their_own(tmp_path: Path) -> None:
     (tmp_path / "gale.toml").write_text('wind = "storm"\n', encoding="utf-8")
-    options = ["--episodes", "2", "--policies", "adrc-paper", "--out", str(tmp_path), "--store", str(tmp_path)]
+    options = ["--episodes", "2", "--policies", "adrc-paper", "--out", str(tmp_path), "--cache", str(tmp_path)]
     main(["evaluate", *options, "--scenarios", 'light={"wind": "dryden"}', str(tmp_path / "gale.toml")])
     results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     assert list(results["scenarios"]) == ["light", "gale"]
