@@ -1,4 +1,4 @@
-"""Scenarios: everything around an environment as data, from a name, a file or JSON."""
+"""Scenarios are data from a name, a file or JSON, and describe everything about an environment."""
 
 import json
 from dataclasses import asdict
@@ -14,7 +14,7 @@ from quadpend_gym.wind import as_wind
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.scenarios import SCENARIOS, SETS, Scenario, expand, find_scenario, resolve, scenario_hash
+from quadpend_train.scenarios import SCENARIOS, SETS, Scenario, expand_sets, find_scenario, name_or_json, scenario_hash
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings, read_settings
 
@@ -34,7 +34,7 @@ EVERYTHING = {
 REAL = {"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004, "inertia_yaw": 0.008}}
 
 
-def test_everything_is_reachable_from_a_file_and_from_json(tmp_path: Path) -> None:
+def test_all_fields_can_be_set_in_a_file_and_in_json(tmp_path: Path) -> None:
     (tmp_path / "mine.json").write_text(json.dumps(EVERYTHING), encoding="utf-8")
     scenario = find_scenario(str(tmp_path / "mine.json"))
     assert scenario == find_scenario(json.dumps(EVERYTHING)) == Scenario(**EVERYTHING)  # type: ignore[arg-type]
@@ -46,16 +46,16 @@ def test_everything_is_reachable_from_a_file_and_from_json(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("scenario", [*SCENARIOS.values(), Scenario(**EVERYTHING)], ids=lambda item: item.description)  # type: ignore[arg-type]
-def test_a_scenario_survives_json(scenario: Scenario) -> None:
+def test_a_scenario_is_the_same_after_conversion_to_json_and_back(scenario: Scenario) -> None:
     assert find_scenario(json.dumps(asdict(scenario))) == scenario
 
 
-def test_the_presets_of_the_wind_are_scenarios_too() -> None:
+def test_scenarios_with_the_name_of_a_wind_preset_have_that_wind() -> None:
     for name in ("calm", "breeze", "windy", "storm"):
         assert SCENARIOS[name].wind.models == as_wind(name)
 
 
-def test_a_settings_file_holds_a_scenario_and_a_run_remembers_it(tmp_path: Path) -> None:
+def test_a_settings_file_can_contain_a_scenario(tmp_path: Path) -> None:
     text = 'num_envs = 16\n[scenario]\nwind = "storm"\noutput_feedback = true\n'
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     settings = read_settings(str(tmp_path / "mine.toml"))
@@ -64,26 +64,25 @@ def test_a_settings_file_holds_a_scenario_and_a_run_remembers_it(tmp_path: Path)
     assert make_env(settings).observation_space.shape == (27,)
 
 
-def test_settings_keep_the_scenario_itself_and_not_its_file(tmp_path: Path) -> None:
+def test_settings_store_the_scenario_and_not_the_path_of_its_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('wind = "windy"\n', encoding="utf-8")
     (scenario,) = TrainSettings(scenario=(str(path),)).scenario
     path.unlink()
     assert find_scenario(scenario) == Scenario(wind="windy")
-    assert resolve("windy") == "windy"
+    assert name_or_json("windy") == "windy"
 
 
-def test_the_classical_pilot_flies_rotors_and_knows_the_nominal_simulation() -> None:
+def test_a_controller_gets_rotor_allocation_and_the_nominal_simulation() -> None:
     rotors = Scenario(actuators="rotors", simulation=REAL)
     assert run_episodes([ADRC("paper")], rotors, 20).survived.mean() > 0.5
-    assert not run_episodes(
-        [ADRC("paper")], Scenario(actuators="rotors"), 5
-    ).survived.any()  # Table 1's inertia is too much
+    # With the inertia of Table 1 the rotors' torque is too small.
+    assert not run_episodes([ADRC("paper")], Scenario(actuators="rotors"), 5).survived.any()
     heavy = Simulation(Parameters(bob_mass=0.4))
     assert run_episodes([ADRC("paper")], Scenario(simulation=heavy), 20).survived.mean() > 0.9
 
 
-def test_scenarios_have_names_of_their_own(tmp_path: Path) -> None:
+def test_evaluate_takes_names_for_scenarios(tmp_path: Path) -> None:
     (tmp_path / "gale.toml").write_text('wind = "storm"\n', encoding="utf-8")
     options = ["--episodes", "2", "--policies", "adrc-paper", "--out", str(tmp_path), "--cache", str(tmp_path)]
     main(["evaluate", *options, "--scenarios", 'light={"wind": "dryden"}', str(tmp_path / "gale.toml")])
@@ -92,7 +91,7 @@ def test_scenarios_have_names_of_their_own(tmp_path: Path) -> None:
     assert results["scenarios"]["light"]["wind"]["models"][0]["kind"] == "dryden"
 
 
-def test_a_policy_that_cannot_fly_a_scenario_is_named_before_anything_is_flown() -> None:
+def test_a_policy_that_does_not_fit_a_scenario_is_named_before_the_evaluation() -> None:
     with pytest.raises(
         ValueError, match="slow does not fit the scenario past: an observation has 36 or 27 numbers, not 144"
     ):
@@ -113,53 +112,53 @@ def test_a_policy_that_cannot_fly_a_scenario_is_named_before_anything_is_flown()
         ('{"history": 0}', "history must be a whole number of at least 1, not 0"),
         ('{"history_actions": true}', "history_actions must be a whole number"),
         ('{"output_feedback": 1}', "output_feedback must be true or false"),
-        ('{"description": 5}', "description must be a text"),
+        ('{"description": 5}', "description must be a string"),
         ('{"sensors": "camera"}', "there is no sensor 'camera'; there are noise, delay, dropout"),
         ('{"actuators": "rotor_fault"}', "a RotorFault needs rotors"),
         ('{"parameters": {"mass": [1, 2]}}', "parameters has no field 'mass'|ranges has no field 'mass'"),
         ('{"simulation": {"period": 0}}', "period must be above zero"),
     ],
 )
-def test_a_mistake_gets_one_sentence(scenario: str, sentence: str) -> None:
+def test_wrong_input_is_refused_with_one_sentence(scenario: str, sentence: str) -> None:
     with pytest.raises((ValueError, TypeError), match=sentence):
         find_scenario(scenario)
 
 
-def test_a_broken_file_is_named(tmp_path: Path) -> None:
+def test_an_invalid_file_is_named(tmp_path: Path) -> None:
     for name, text in (("a.toml", "wind = "), ("b.json", "[1]")):
         (tmp_path / name).write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=name):
             find_scenario(str(tmp_path / name))
 
 
-def test_a_scenario_may_have_a_task_of_its_own() -> None:
+def test_a_scenario_can_change_the_task() -> None:
     assert Scenario(task="track") == Scenario(task={})
     env = SCENARIOS["upset"].make_vec(400, AutoresetMode.SAME_STEP)
     assert env.reset(seed=0)[1]["tilt"].max() > 0.3
     assert SCENARIOS["calm"].make_vec(400, AutoresetMode.SAME_STEP).reset(seed=0)[1]["tilt"].max() < 0.2
 
 
-def test_sets_expand_to_scenarios_and_share_only_the_calm() -> None:
+def test_the_sets_have_only_the_calm_scenario_in_common() -> None:
     assert set(SETS["training"]) & set(SETS["test"]) == {"calm"}
     for members in SETS.values():
         assert len(set(members)) == len(members) >= 8
         assert set(members) <= SCENARIOS.keys()
     assert not SETS.keys() & SCENARIOS.keys()
-    assert expand(["windy", "test"]) == ["windy", *SETS["test"]]
+    assert expand_sets(["windy", "test"]) == ["windy", *SETS["test"]]
     held_out = {scenario_hash(SCENARIOS[name]) for name in SETS["test"]} - {scenario_hash(SCENARIOS["calm"])}
     assert not held_out & {scenario_hash(SCENARIOS[name]) for name in SETS["training"]}
 
 
-def test_the_hash_is_of_what_is_flown() -> None:
+def test_the_hash_of_a_scenario_depends_on_everything_but_its_description() -> None:
     hashes = [scenario_hash(scenario) for scenario in SCENARIOS.values()]
     assert len(set(hashes)) == len(hashes)
     calm = scenario_hash(Scenario())
-    assert calm == scenario_hash(Scenario(description="nothing blows")) == scenario_hash(find_scenario("{}"))
+    assert calm == scenario_hash(Scenario(description="still air")) == scenario_hash(find_scenario("{}"))
     for change in ({"wind": "breeze"}, {"task": "hover"}, {"history": 2}, {"simulation": {"substeps": 3}}):
         assert scenario_hash(Scenario(**change)) != calm  # type: ignore[arg-type]
 
 
-def test_a_steady_wind_blows_from_any_side() -> None:
+def test_the_steady_force_has_a_random_heading() -> None:
     env = SCENARIOS["steady"].make_vec(50, AutoresetMode.SAME_STEP)
     env.reset(seed=0)
     force = env.step(np.zeros((50, 4), np.float32))[4]["disturbance"][:, :3]

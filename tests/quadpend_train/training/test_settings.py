@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from quadpend_gym import RewardWeights
-from quadpend_train.scenarios import SETS, expand
+from quadpend_train.scenarios import SETS, expand_sets
 from quadpend_train.training.settings import (
     FOLDER,
     PpoSettings,
@@ -54,7 +54,7 @@ def test_the_files_of_the_package_are_settings(path: Path) -> None:
     """And train in nothing that is held out."""
     assert read_settings(path.stem) == read_settings(str(path))
     held_out = set(SETS["test"]) - set(SETS["training"])
-    assert not held_out & set(expand([*read_settings(path.stem).scenario, *read_settings(path.stem).curriculum]))
+    assert not held_out & set(expand_sets([*read_settings(path.stem).scenario, *read_settings(path.stem).curriculum]))
 
 
 def test_settings_files_are_deltas_and_mistakes_in_them_are_named(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from quadpend_train.scenarios import expand
+from quadpend_train.scenarios import expand_sets
 
 
 def named_policies(policies: Sequence[str]) -> dict[str, str]:
@@ -32,7 +32,7 @@ def named_scenarios(scenarios: Sequence[str]) -> dict[str, str]:
     Raises:
         ValueError: If two different scenarios have the same name.
     """
-    pairs = [named_model(scenario) for scenario in expand(scenarios)]
+    pairs = [named_model(scenario) for scenario in expand_sets(scenarios)]
     if len(dict(pairs)) < len(set(pairs)):
         raise ValueError("two scenarios have the same name: give each its own, as NAME=SCENARIO")
     return dict(pairs)

@@ -1,4 +1,4 @@
-"""Reading settings and scenarios from files, and making JSON of results."""
+"""Read TOML and JSON files, and convert results to data for JSON."""
 
 import json
 import math
@@ -13,10 +13,10 @@ else:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The mapping in a TOML or, by its ending, JSON file.
+    """Return the mapping in a file: JSON if its name ends with ``.json``, else TOML.
 
     Raises:
-        ValueError: the file is not valid, or holds something else.
+        ValueError: If the file is not valid or does not contain a mapping.
     """
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".json":
@@ -28,22 +28,26 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 
 def parse_mapping(text: str, name: str) -> dict[str, Any]:
-    """The mapping in a JSON text, which is called `name` in error messages.
+    """Return the mapping in a JSON text.
+
+    Args:
+        text: JSON text.
+        name: Name of the text for error messages.
 
     Raises:
-        ValueError: the text is not valid, or holds something else.
+        ValueError: If the text is not valid or does not contain a mapping.
     """
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"{name} is not valid JSON: {error}") from error
     if not isinstance(value, dict):
-        raise ValueError(f"{name} must hold a mapping, not {value!r}")
+        raise ValueError(f"{name} must contain a mapping, not {value!r}")
     return value
 
 
 def to_json_data(value: Any) -> Any:
-    """Numbers, named tuples, mappings and lists of them as JSON has them, which knows no nan and no infinity."""
+    """Convert numbers, named tuples, mappings and lists of them to data for JSON; nan and infinity become None."""
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, dict):

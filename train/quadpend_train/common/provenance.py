@@ -1,4 +1,4 @@
-"""What a result was made with."""
+"""Provenance of results: command, commit, versions and machine."""
 
 import os
 import platform
@@ -12,17 +12,17 @@ _PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "scipy", "numba", "stable-bas
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages that decide a result."""
+    """Return the versions of the packages that determine a result."""
     return {name: version(name) for name in _PACKAGES}
 
 
 def provenance() -> dict[str, Any]:
-    """What a run or a comparison was made with: package versions, commit, Python and machine."""
+    """Return the command line, the commit, the versions of Python and of the packages, and the machine, for JSON."""
     root = Path(__file__).parents[3]
     command = ["git", "-C", str(root), "describe", "--always", "--dirty"]
     try:
         commit = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() or None
-    except OSError:  # no git here
+    except OSError:  # git is not installed
         commit = None
     return {
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],

@@ -21,7 +21,7 @@ from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
-from quadpend_train.scenarios import Scenario, file_hash, find_scenario, scenario_hash
+from quadpend_train.scenarios import Scenario, find_scenario, scenario_file_hash, scenario_hash
 
 Cell = tuple[str, str]  # names of a scenario and of a policy
 
@@ -152,7 +152,7 @@ class Comparison:
             "provenance": provenance(),
             "code": cache.code_stamp()[:12],
             "policies": self.fingerprints,
-            "scenario_file": file_hash(),
+            "scenario_file": scenario_file_hash(),
             "scenario_hashes": {name: scenario_hash(scenario) for name, scenario in self.scenarios.items()},
             "episodes": self.episodes,
             "seed": self.seed,

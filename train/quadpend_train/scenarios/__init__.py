@@ -1,29 +1,29 @@
-"""Scenarios: which environment, with which wind, sensors, actuators and parameters."""
+"""Scenarios: environments with wind, sensors, actuators and parameters, as data."""
 
 from quadpend_train.scenarios.scenario import (
     ENVIRONMENTS,
-    FILE,
     HOVER,
+    SCENARIO_FILE,
     SCENARIOS,
     SETS,
     Scenario,
-    expand,
-    file_hash,
+    expand_sets,
     find_scenario,
-    resolve,
+    name_or_json,
+    scenario_file_hash,
     scenario_hash,
 )
 
 __all__ = [
     "ENVIRONMENTS",
-    "FILE",
     "HOVER",
     "SCENARIOS",
+    "SCENARIO_FILE",
     "SETS",
     "Scenario",
-    "expand",
-    "file_hash",
+    "expand_sets",
     "find_scenario",
-    "resolve",
+    "name_or_json",
+    "scenario_file_hash",
     "scenario_hash",
 ]

@@ -1,8 +1,8 @@
-"""Scenarios: which environment, in which wind, seen through which sensors, moved by which actuators.
+"""Scenarios: an environment with its wind, sensors, actuators and parameters, as data.
 
-Frozen data, in `scenarios.toml`, so that a name means the same flight everywhere. Two sets of them have names too:
-`training`, which learners and tuners may see, and `test`, which is held out. A scenario of one's own is a TOML or JSON
-file with the fields of `Scenario`, or such JSON on the command line:
+The file `scenarios.toml` defines the scenarios of this package, so that a name always means the same episodes. It also
+names two sets of scenarios: `training`, for training and tuning, and `test`, which is held out. Users write their own
+scenarios as TOML or JSON files with the fields of `Scenario`, or as JSON on the command line:
 
     quadpend train --scenario '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'
 """
@@ -22,7 +22,7 @@ from quadpend_gym.actuators import as_actuators, check_chain
 from quadpend_gym.core.validation import check_int, from_plain
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors
-from quadpend_gym.tasks import TASKS, RewardWeights, as_task
+from quadpend_gym.tasks import EPISODE_STEPS, TASKS, RewardWeights, as_task
 from quadpend_gym.wind import Sum, as_wind
 from quadpend_gym.wrappers import (
     VectorActuatorWrapper,
@@ -33,37 +33,50 @@ from quadpend_gym.wrappers import (
 )
 from quadpend_train.common.files import parse_mapping, read_mapping
 
-FILE = Path(__file__).with_name("scenarios.toml")
+SCENARIO_FILE = Path(__file__).with_name("scenarios.toml")
 HOVER = "QuadPendulumHover-v0"
-ENVIRONMENTS = {"QuadPendulum-v0": "track", HOVER: "hover"}  # and their tasks
+ENVIRONMENTS = {"QuadPendulum-v0": "track", HOVER: "hover"}  # ids of environments, and their tasks
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """An environment and the world around it.
+    """An environment with its wind, sensors, actuators and parameters.
+
+    Attributes:
+        description: Description for tables; not part of the hash.
+        wind: Wind, as the keyword of `gymnasium.make`.
+        env_id: Id of the environment, a key of `ENVIRONMENTS`.
+        sensors: Sensor models, as `SensorWrapper` takes them.
+        actuators: Actuator models, as `ActuatorWrapper` takes them.
+        parameters: Ranges of the parameters of the plant, as `ParameterWrapper` takes them; None: nominal parameters.
+        simulation: Nominal simulation, as the keyword of `gymnasium.make`.
+        output_feedback: Whether the observation has no velocities, see `OutputFeedbackWrapper`.
+        history: Number of observations in one observation, see `HistoryWrapper`.
+        history_actions: Number of actions in one observation.
+        task: Task, as the keyword of `gymnasium.make`; None: the task of `env_id`.
 
     Raises:
-        TypeError: a value is of the wrong type.
-        ValueError: a value is unknown or out of range.
+        TypeError: If a value has the wrong type.
+        ValueError: If a value is unknown or out of range.
     """
 
     description: str = ""
-    wind: Any = None  # as the keyword of `gymnasium.make`
+    wind: Any = None
     env_id: str = "QuadPendulum-v0"
-    sensors: Any = ()  # as `SensorWrapper` takes them
-    actuators: Any = ()  # as `ActuatorWrapper` takes them
-    parameters: Any = None  # as `ParameterWrapper` takes them
-    simulation: Any = field(default_factory=Simulation)  # the nominal one, as the keyword of `gymnasium.make`
-    output_feedback: bool = False  # no velocities, see `OutputFeedbackWrapper`
-    history: int = 1  # observations side by side, see `HistoryWrapper`
-    history_actions: int = 0  # actions beside them
-    task: Any = None  # as the keyword of `gymnasium.make`; None: that of env_id
+    sensors: Any = ()
+    actuators: Any = ()
+    parameters: Any = None
+    simulation: Any = field(default_factory=Simulation)
+    output_feedback: bool = False
+    history: int = 1
+    history_actions: int = 0
+    task: Any = None
 
     def __post_init__(self) -> None:
         if self.env_id not in ENVIRONMENTS:
             raise ValueError(f"env_id must be one of {', '.join(ENVIRONMENTS)}, not {self.env_id!r}")
         if not isinstance(self.description, str):
-            raise TypeError(f"description must be a text, not {self.description!r}")
+            raise TypeError(f"description must be a string, not {self.description!r}")
         check_int(self.history, "history", 1)
         check_int(self.history_actions, "history_actions", 0)
         if not isinstance(self.output_feedback, bool):
@@ -79,14 +92,20 @@ class Scenario:
         check_chain(self.actuators, self.simulation)
 
     def with_reward(self, reward: RewardWeights) -> "Scenario":
-        """The same scenario with other weights of the reward."""
+        """Return the scenario with other weights of the reward."""
         task = TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
         return replace(self, task=replace(task, reward=reward))
 
     def make_vec(
-        self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int = 1000
+        self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int = EPISODE_STEPS
     ) -> VectorEnv[Any, Any, Any]:
-        """The scenario as a vector environment."""
+        """Return a vector environment of the scenario.
+
+        Args:
+            num_envs: Number of sub-environments.
+            autoreset_mode: Autoreset mode of the vector environment.
+            max_episode_steps: Control steps after which an episode is truncated.
+        """
         env: VectorEnv[Any, Any, Any] = gym.make_vec(
             f"quadpend_gym:{self.env_id}",
             num_envs=num_envs,
@@ -109,20 +128,20 @@ class Scenario:
         return env
 
 
-_DATA = read_mapping(FILE)
+_DATA = read_mapping(SCENARIO_FILE)
 SCENARIOS = {name: from_plain(Scenario, fields, name) for name, fields in _DATA["scenarios"].items()}
 SETS = {name: tuple(members) for name, members in _DATA["sets"].items()}
 
 
 def find_scenario(name: str) -> Scenario:
-    """The scenario that `name` stands for.
+    """Return the scenario that `name` stands for.
 
     Args:
-        name: of one of `SCENARIOS`, the path of a TOML or JSON file, or JSON that begins with a brace.
+        name: Key of `SCENARIOS`, path of a TOML or JSON file, or JSON that begins with a brace.
 
     Raises:
-        TypeError: a field is of the wrong type.
-        ValueError: it is none of these, or a field is unknown or out of range.
+        TypeError: If a field has the wrong type.
+        ValueError: If `name` is none of these, or a field is unknown or out of range.
     """
     if name in SCENARIOS:
         return SCENARIOS[name]
@@ -133,28 +152,28 @@ def find_scenario(name: str) -> Scenario:
     path = Path(name)
     if path.suffix not in (".toml", ".json") or not path.is_file():
         raise ValueError(
-            f"there is no scenario {name!r}; the scenarios are {', '.join(SCENARIOS)}; or give the path of a TOML or"
-            " JSON file with one, or JSON"
+            f"there is no scenario {name!r}; the scenarios are {', '.join(SCENARIOS)}; the path of a TOML or JSON file"
+            " with a scenario and a scenario as JSON are possible too"
         )
     return from_plain(Scenario, read_mapping(path), str(path))
 
 
-def expand(names: Sequence[str]) -> list[str]:
-    """`names` with the scenarios of a set in the place of its name."""
+def expand_sets(names: Sequence[str]) -> list[str]:
+    """Return `names` with each name of a set replaced by the names of its scenarios."""
     return [member for name in names for member in SETS.get(name, (name,))]
 
 
-def resolve(name: str) -> str:
-    """`name` if it is one of `SCENARIOS`, else the scenario itself as JSON, which needs no file."""
+def name_or_json(name: str) -> str:
+    """Return `name` if it is a key of `SCENARIOS`, else the scenario as JSON, which does not depend on a file."""
     return name if name in SCENARIOS else json.dumps(asdict(find_scenario(name)))
 
 
 def scenario_hash(scenario: Scenario) -> str:
-    """Twelve hexadecimal digits that change with anything that is flown; the description is not."""
+    """Return twelve hexadecimal digits of the hash of a scenario without its description."""
     data = {name: value for name, value in asdict(scenario).items() if name != "description"}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def file_hash() -> str:
-    """The same of the file that defines all names, whole."""
-    return hashlib.sha256(FILE.read_bytes()).hexdigest()[:12]
+def scenario_file_hash() -> str:
+    """Return twelve hexadecimal digits of the hash of `scenarios.toml`, including comments."""
+    return hashlib.sha256(SCENARIO_FILE.read_bytes()).hexdigest()[:12]

@@ -24,7 +24,7 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import format_interval
 from quadpend_train.evaluation.statistics import Interval, mean
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import expand, find_scenario
+from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping
 from quadpend_train.training.train import POLICY, train
@@ -225,7 +225,7 @@ def _compare_with_constant(seeds: int) -> AblationResult:
 
 def _with_constant_output(policy: MlpPolicy) -> MlpPolicy:
     """Return the policy with a constant output: its mean output in the training scenarios."""
-    env = concatenate_scenarios([find_scenario(name) for name in expand(("training",))], 8 * 32)
+    env = concatenate_scenarios([find_scenario(name) for name in expand_sets(("training",))], 8 * 32)
     outputs = [step.memory.output[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
     weights, _ = policy.layers[-1]
     constant = np.concatenate(outputs).mean(axis=0).astype(np.float32)

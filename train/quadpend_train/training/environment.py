@@ -14,7 +14,7 @@ from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.scenarios import Scenario, expand, find_scenario
+from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_train.training.settings import TrainSettings
 
 
@@ -44,7 +44,7 @@ def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) 
         ValueError: If a scenario commands rotors, which base controllers cannot, or `env` has another observation.
     """
     if data := settings.hybrid.as_data():
-        models = [model for name in expand(settings.scenario) for model in find_scenario(name).actuators]
+        models = [model for name in expand_sets(settings.scenario) for model in find_scenario(name).actuators]
         if any(isinstance(model, Rotors) for model in models):
             raise ValueError(
                 f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
@@ -69,13 +69,13 @@ def check_curriculum(settings: TrainSettings) -> None:
     Raises:
         ValueError: If the stages have different observations or different nominal simulations.
     """
-    names = expand((*settings.curriculum, *settings.scenario))
+    names = expand_sets((*settings.curriculum, *settings.scenario))
     concatenate_scenarios([find_scenario(name) for name in names], len(names))
 
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3 after so many timesteps."""
-    scenarios = [find_scenario(name).with_reward(settings.reward) for name in expand(scenarios_at(settings, timesteps))]
+    scenarios = [find_scenario(name).with_reward(settings.reward) for name in expand_sets(scenarios_at(settings, timesteps))]
     env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps), settings)
     hybrid = settings.hybrid
     if hybrid.baseline_relative_reward:

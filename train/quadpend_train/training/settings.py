@@ -14,7 +14,7 @@ from quadpend_gym.core.validation import check_int, check_number, check_positive
 from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
-from quadpend_train.scenarios import SETS, expand, resolve
+from quadpend_train.scenarios import SETS, expand_sets, name_or_json
 
 PRESETS = Path(__file__).with_name("presets")
 ALGORITHMS = ("ppo", "sac", "tqc")
@@ -228,9 +228,9 @@ class TrainSettings:
         if not self.scenario:
             raise ValueError("scenario must name at least one scenario")
         for scenarios in (self.scenario, *((item,) for item in self.curriculum)):
-            if self.num_envs % len(expand(scenarios)):
+            if self.num_envs % len(expand_sets(scenarios)):
                 raise ValueError(
-                    f"num_envs must be a multiple of the {len(expand(scenarios))} scenarios that share the"
+                    f"num_envs must be a multiple of the {len(expand_sets(scenarios))} scenarios that share the"
                     f" sub-environments, not {self.num_envs}"
                 )
         if bool(self.curriculum) != bool(self.curriculum_steps):
@@ -279,7 +279,7 @@ def _scenarios(value: Any, name: str) -> tuple[str, ...]:
         if "test" in items:
             raise ValueError(f"{name} cannot be 'test', which is held out: use 'training' or single scenarios")
         items = [json.dumps(item, default=str) if isinstance(item, dict) else item for item in items]
-        return tuple(item for given in items for item in ([given] if given in SETS else [resolve(given)]))
+        return tuple(item for given in items for item in ([given] if given in SETS else [name_or_json(given)]))
     except (TypeError, AttributeError) as error:
         raise TypeError(f"{name} must be one scenario or a list of scenarios, not {value!r}: {error}") from error
 

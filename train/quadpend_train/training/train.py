@@ -29,7 +29,7 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.sb3_models import algorithm_class
-from quadpend_train.scenarios import expand, find_scenario, scenario_hash
+from quadpend_train.scenarios import expand_sets, find_scenario, scenario_hash
 from quadpend_train.training.algorithms import make_model
 from quadpend_train.training.callbacks import (
     BEST,
@@ -177,7 +177,7 @@ def _final_policy(model: Any, settings: TrainSettings, folder: Path, seconds: fl
         "score": {"survival": survival, "penalised_rmse": rmse},
         "curve": [list(score) for score in curve],
         "scenarios": {
-            name: scenario_hash(find_scenario(name)) for name in expand((*settings.scenario, *settings.curriculum))
+            name: scenario_hash(find_scenario(name)) for name in expand_sets((*settings.scenario, *settings.curriculum))
         },
         "provenance": json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8")),
     }

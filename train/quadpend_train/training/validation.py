@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, collect_results
-from quadpend_train.scenarios import expand, find_scenario
+from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
 from quadpend_train.training.settings import TrainSettings
 
@@ -37,7 +37,7 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     Returns:
         Survival and penalised RMSE (m), see `Score`; means over `n_eval_episodes` episodes of each scenario.
     """
-    scenarios = [find_scenario(name) for name in expand(settings.scenario)]
+    scenarios = [find_scenario(name) for name in expand_sets(settings.scenario)]
     env = concatenate_scenarios(scenarios, settings.n_eval_episodes * len(scenarios))
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
