@@ -1,4 +1,4 @@
-"""A learned policy in a file: it comes back as it was, executes nothing, and flies what it was trained to see."""
+"""Policy files: saving and loading, refused files, and the policy in the plain environment."""
 
 import json
 import pickle
@@ -11,81 +11,81 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from quadpend_baselines.hybrid.companion import Companion
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from quadpend_baselines import controller
-from quadpend_baselines.hybrid.wrappers import VectorWithCompanion
+from quadpend_baselines.hybrid import EstimateOnly, ResidualAction, VectorHybridWrapper
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.wrappers import VectorHistoryWrapper, VectorOutputFeedbackWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.mlp_policy import MlpPolicy, difference
+from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, make_vec
-from tests.helpers.hybrid import Steered, flown
-from tests.helpers.mlp_policies import card, layers, learned
+from tests.helpers.hybrid import HybridPolicy, run_policy
+from tests.helpers.mlp_policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, RESIDUAL_ACTION, card, layers, mlp_policy
 from tests.helpers.sources import HEAVY, ROOT
 from tests.helpers.wrappers import SHORT
 
-SEEN = np.random.default_rng(3).normal(size=(7, 36)).astype(np.float32)
+OBSERVATIONS = np.random.default_rng(3).normal(size=(7, 36)).astype(np.float32)
 BRIEF = {"wind": "windy", "autoreset_mode": "SameStep", **SHORT}
 
 
 @pytest.mark.parametrize("squashed", [False, True])
 @pytest.mark.parametrize("activation", ["relu", "tanh", "elu"])
-def test_a_policy_is_its_network(activation: str, squashed: bool) -> None:
-    """Computed here in double precision, layer by layer; clipped where it is not squashed."""
+def test_action_is_the_output_of_the_network(activation: str, squashed: bool) -> None:
+    """Compared with the layers in double precision; the output is clipped if it is not squashed."""
     policy = MlpPolicy(layers(36, 16, 8, 4, scale=0.5), card(activation=activation, squashed=squashed))
-    bend: Any = {
+    function: Any = {
         "relu": lambda x: x * (x > 0.0),
         "tanh": np.tanh,
         "elu": lambda x: np.where(x > 0.0, x, np.exp(x) - 1.0),
     }[activation]
-    signal = SEEN.astype(np.float64)
+    signal = OBSERVATIONS.astype(np.float64)
     for weights, biases in policy.layers[:-1]:
-        signal = bend(signal @ weights.astype(np.float64) + biases)
+        signal = function(signal @ weights.astype(np.float64) + biases)
     signal = signal @ policy.layers[-1][0].astype(np.float64) + policy.layers[-1][1]
-    action, memory = policy.predict(SEEN)
+    action, memory = policy.predict(OBSERVATIONS)
     assert_allclose(action, np.tanh(signal) if squashed else np.clip(signal, -1.0, 1.0), atol=1e-5)
     assert action.dtype == np.float32
     assert memory is None
     assert np.abs(signal).max() > 1.0
 
 
-def test_one_observation_is_a_row_of_many() -> None:
-    for policy in (learned(36), learned(36 * 3 + 8, {"history": 3, "history_actions": 2})):
-        many, memory = policy.predict(SEEN)
-        memories = [policy.predict(row)[1] for row in SEEN]
-        again, _ = policy.predict(SEEN[::-1].copy(), memory)
-        for row in range(len(SEEN)):
-            one, _ = policy.predict(SEEN[row])
+def test_single_observation_is_a_batch_of_one() -> None:
+    for policy in (mlp_policy(36), mlp_policy(36 * 3 + 8, history=3, history_actions=2)):
+        many, memory = policy.predict(OBSERVATIONS)
+        memories = [policy.predict(row)[1] for row in OBSERVATIONS]
+        again, _ = policy.predict(OBSERVATIONS[::-1].copy(), memory)
+        for row in range(len(OBSERVATIONS)):
+            one, _ = policy.predict(OBSERVATIONS[row])
             assert one.shape == (4,)
             assert_allclose(one, many[row], atol=1e-6)
-            later, _ = policy.predict(SEEN[-1 - row], memories[row])
+            later, _ = policy.predict(OBSERVATIONS[-1 - row], memories[row])
             assert_allclose(later, again[row], atol=1e-6)
 
 
-@pytest.mark.parametrize("view", [{}, {"history": 2}, {"companion": "flatness", "steers": "pace"}], ids=str)
-def test_what_is_saved_is_loaded(view: dict[str, Any], tmp_path: Path) -> None:
-    """The same actions to the bit, and the card with all that it says."""
-    inputs = 45 if "companion" in view else 36 * view.get("history", 1)
-    policy = learned(inputs, view, curve=[[0, 0.5, "ä"]], settings={"a": {"b": None}})
+@pytest.mark.parametrize(
+    ("inputs", "fields"), [(36, {}), (72, {"history": 2}), (45, {"hybrid": BANDWIDTH_SCHEDULING})], ids=str
+)
+def test_saved_policy_is_loaded_unchanged(inputs: int, fields: dict[str, Any], tmp_path: Path) -> None:
+    """The actions are exactly the same, and so is the card."""
+    policy = mlp_policy(inputs, **fields, curve=[[0, 0.5, "ä"]], settings={"a": {"b": None}})
     policy.save(tmp_path / "policy.npz")
     loaded = MlpPolicy.load(tmp_path / "policy.npz")
     assert loaded.card == policy.card
     assert_same(loaded.layers, policy.layers)
-    assert_array_equal(loaded.predict(SEEN)[0], policy.predict(SEEN)[0])
-    assert difference(loaded, policy) == 0.0
+    assert_array_equal(loaded.predict(OBSERVATIONS)[0], policy.predict(OBSERVATIONS)[0])
+    assert weight_difference(loaded, policy) == 0.0
     assert [path.name for path in tmp_path.iterdir()] == ["policy.npz"]
     loaded.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "policy.npz").read_bytes()
 
 
-def test_an_interruption_while_saving_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_save_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "policy.npz"
-    learned(36).save(path)
+    mlp_policy(36).save(path)
 
     def interrupted(file: Any, **_: Any) -> None:
         file.write(b"half of it")
@@ -94,27 +94,27 @@ def test_an_interruption_while_saving_leaves_what_was_there(tmp_path: Path, monk
     with monkeypatch.context() as patch:
         patch.setattr(np, "savez_compressed", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            learned(36, seed=1).save(path)
-    assert difference(MlpPolicy.load(path), learned(36)) == 0.0
+            mlp_policy(36, seed=1).save(path)
+    assert weight_difference(MlpPolicy.load(path), mlp_policy(36)) == 0.0
 
 
-def test_differences_are_the_largest_of_any_weight_and_infinite_between_other_networks() -> None:
-    policy, other = learned(36), learned(36)
+def test_weight_difference_is_the_largest_of_any_weight_and_infinite_between_other_shapes() -> None:
+    policy, other = mlp_policy(36), mlp_policy(36)
     other.layers[1][1][3] += 0.25
-    assert difference(policy, other) == pytest.approx(0.25)
-    assert difference(policy, learned(27)) == np.inf
-    assert difference(policy, MlpPolicy(layers(36, 8, 4), card())) == np.inf
+    assert weight_difference(policy, other) == pytest.approx(0.25)
+    assert weight_difference(policy, mlp_policy(27)) == np.inf
+    assert weight_difference(policy, MlpPolicy(layers(36, 8, 4), card())) == np.inf
 
 
 class Bomb:
-    """Executed where it is unpickled."""
+    """An object that creates a file when it is unpickled."""
 
     def __reduce__(self) -> Any:
         return Path.touch, (Path("exploded"),)
 
 
 @pytest.mark.parametrize("name", ["card", "weights_0", "another"])
-def test_no_file_is_executed(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loading_executes_nothing(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     arrays = parts()
     arrays[name] = np.array([Bomb()], object)
@@ -122,14 +122,14 @@ def test_no_file_is_executed(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     (tmp_path / "pickle.npz").write_bytes(pickle.dumps(Bomb()))
     for path in ("bomb.npz", "pickle.npz"):
         assert_refused(
-            lambda path=path: MlpPolicy.load(path), "is no learned policy: .*(allow_pickle|zip file)", ValueError
+            lambda path=path: MlpPolicy.load(path), "is no policy file: .*(allow_pickle|zip file)", ValueError
         )
     assert not Path("exploded").exists()
 
 
-def parts(view: dict[str, Any] | None = None, inputs: int = 36, **changes: Any) -> dict[str, Any]:
-    """What is in the file of a policy."""
-    arrays: dict[str, Any] = {"card": np.array(json.dumps(card(view, **changes)))}
+def parts(inputs: int = 36, **fields: Any) -> dict[str, Any]:
+    """Arrays in a policy file."""
+    arrays: dict[str, Any] = {"card": np.array(json.dumps(card(**fields)))}
     for i, (weights, biases) in enumerate(layers(inputs, 8, 6, 4)):
         arrays |= {f"weights_{i}": weights, f"biases_{i}": biases}
     return arrays
@@ -145,8 +145,13 @@ def with_number(name: str, number: float) -> dict[str, Any]:
     return arrays
 
 
-def with_companion(**view: Any) -> dict[str, Any]:
-    return parts({"companion": "flatness", **view}, 45)
+def without_field(name: str) -> dict[str, Any]:
+    fields = {key: value for key, value in card().items() if key != name}
+    return {**parts(), "card": np.array(json.dumps(fields))}
+
+
+def with_hybrid(kind: str, **fields: Any) -> dict[str, Any]:
+    return parts(45, hybrid={"kind": kind, "base_controller": "flatness", **fields})
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
@@ -155,8 +160,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no biases": (without("biases_2"), "biases_2|weights_2"),
     "no layer": (without("weights_1", "biases_1"), "weights_1"),
     "no layers": ({"card": parts()["card"]}, "no layers"),
-    "something else": ({**parts(), "more": np.zeros(3), "other": np.zeros(3)}, "also holds more, other|weights_3"),
-    "one thing more": ({**parts(), "more": np.zeros(3)}, "also holds more"),
+    "something else": ({**parts(), "more": np.zeros(3), "other": np.zeros(3)}, "also contains more, other|weights_3"),
+    "one thing more": ({**parts(), "more": np.zeros(3)}, "also contains more"),
     "double precision": ({**parts(), "weights_1": parts()["weights_1"].astype(np.float64)}, "must be of float32"),
     "whole numbers": ({**parts(), "biases_0": np.zeros(8, np.int32)}, "layer 0 must be of float32, not .*int32"),
     "nan": (with_number("weights_2", np.nan), "layer 2 has numbers that are not finite"),
@@ -170,27 +175,28 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a number": ({**parts(), "weights_0": np.float32(1.0)}, "layer 0 .* do not fit"),
     "five actions": (
         {**parts(), "weights_2": np.zeros((6, 5), np.float32), "biases_2": np.zeros(5, np.float32)},
-        "puts out 5 numbers, not an action's 4",
+        "last layer has 5 outputs, and an action has 4 numbers",
     ),
     "another observation": (parts(inputs=30), "takes 30 numbers, not the 36 or 27"),
-    "a view of more": (parts({"history": 2}), "takes 36 numbers, not the 72 or 54"),
-    "another format": (parts(format="quadpend policy 9"), "not of the format 'quadpend policy 1'"),
+    "a card for more inputs": (parts(history=2), "takes 36 numbers, not the 72 or 54"),
+    "another format": (parts(format="quadpend policy 9"), "not of the format 'quadpend policy 2'"),
     "another activation": (parts(activation="gelu"), "activation must be one of relu, tanh, elu, not 'gelu'"),
     "activations": (parts(activation=["relu"]), "activation must be one of relu, tanh, elu|unhashable"),
     "squashed a little": (parts(squashed=0.5), "squashed must be true or false, not 0.5"),
-    "no view": (
-        {**parts(), "card": np.array(json.dumps({**card(), "view": None}))},
-        "its view must have companion, steers",
-    ),
-    "an unknown view": (parts({"mirror": True}), "its view must have companion, steers"),
-    "half a history": (parts({"history": 1.5}), "its view must have"),
-    "no observation": (parts({"history": 0}), "history of at least 1"),
-    "less than no action": (parts({"history_actions": -1}), "history of at least 1"),
-    "an unknown companion": (with_companion(companion="nix"), "no controller 'nix'"),
-    "steering something else": (with_companion(steers="all"), "steers must be one of"),
-    "too much authority": (with_companion(authority=30.0), "authority .* not 30.0"),
-    "caution about one that acts alone": (with_companion(caution=1.0), "no controller to fall back on"),
-    "a companion without pace": (with_companion(companion="lqr", steers="pace"), "has a pace"),
+    "no hybrid": (without_field("hybrid"), "has no 'hybrid'"),
+    "no history": (without_field("history"), "has no 'history'"),
+    "half a history": (parts(history=1.5), "history must be a whole number of at least 1, not 1.5"),
+    "no observation": (parts(history=0), "history must be a whole number of at least 1, not 0"),
+    "less than no action": (parts(history_actions=-1), "history_actions must be a whole number of at least 0, not -1"),
+    "no repetition": (parts(action_repeat=0), "action_repeat must be a whole number of at least 1, not 0"),
+    "a name for a hybrid": (parts(hybrid="flatness"), "hybrid must be a mapping with a kind, not 'flatness'"),
+    "an unknown base controller": (with_hybrid("estimate_only", base_controller="nix"), "no controller 'nix'"),
+    "no base controller": (with_hybrid("estimate_only", base_controller=None), "name of a controller, not None"),
+    "an unknown kind": (with_hybrid("all"), "kind of a hybrid must be one of"),
+    "an unknown field": (with_hybrid("residual_action", mirror=True), "has no field 'mirror'"),
+    "too large a scale": (with_hybrid("residual_action", action_scale=30.0), "action_scale .* not 30.0"),
+    "a fallback without base action": (with_hybrid("estimate_only", fallback_gain=1.0), "no field 'fallback_gain'"),
+    "no bandwidths": (with_hybrid("bandwidth_scheduling", base_controller="lqr"), "has bandwidths to scale"),
     "no JSON": ({**parts(), "card": np.array("{")}, "Expecting"),
     "a list": ({**parts(), "card": np.array("[]")}, "its card is not of the format"),
     "numbers for a card": ({**parts(), "card": np.zeros(3)}, "Extra data|Expecting"),
@@ -199,23 +205,23 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize(("arrays", "reason"), WRONG.values(), ids=WRONG.keys())
-def test_what_makes_no_policy_is_refused(arrays: dict[str, Any], reason: str, tmp_path: Path) -> None:
+def test_invalid_file_is_refused(arrays: dict[str, Any], reason: str, tmp_path: Path) -> None:
     path = tmp_path / "wrong.npz"
     np.savez(path, **arrays)
-    assert_refused(lambda: MlpPolicy.load(path), rf"wrong.npz is no learned policy: .*({reason})", ValueError)
+    assert_refused(lambda: MlpPolicy.load(path), rf"wrong.npz is no policy file: .*({reason})", ValueError)
 
 
 def damages(whole: bytes) -> dict[str, bytes]:
-    """A file with a flipped byte in many places, cut off in some, or that never was one."""
+    """A file with a flipped byte in many places, truncated files, and files of another kind."""
     every = range(0, len(whole), 29)
     flipped = {f"byte {i}": whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :] for i in every}
     cut = {f"cut at {i}": whole[:i] for i in range(0, len(whole), 200)}
     return {**flipped, **cut, "text": b"weights and biases\n", "zeros": bytes(1000)}
 
 
-def test_a_damaged_file_is_refused_or_as_good_as_whole(tmp_path: Path) -> None:
-    """Some bytes, such as those of a date, do not count."""
-    policy, path = learned(36), tmp_path / "policy.npz"
+def test_damaged_file_is_refused_or_loads_the_same_policy(tmp_path: Path) -> None:
+    """Some bytes, such as those of a date, do not matter."""
+    policy, path = mlp_policy(36), tmp_path / "policy.npz"
     policy.save(path)
     whole = path.read_bytes()
     unharmed = 0
@@ -224,134 +230,138 @@ def test_a_damaged_file_is_refused_or_as_good_as_whole(tmp_path: Path) -> None:
         try:
             loaded = MlpPolicy.load(path)
         except Exception as error:
-            told = isinstance(error, ValueError) and "is no learned policy: " in str(error)
-            if not told:
+            clear = isinstance(error, ValueError) and "is no policy file: " in str(error)
+            if not clear:
                 pytest.fail(f"{name}: {error!r}")
         else:
             unharmed += 1
-            assert difference(loaded, policy) == 0.0, name
+            assert weight_difference(loaded, policy) == 0.0, name
             assert loaded.card == policy.card, name
     assert unharmed < 0.3 * len(damages(whole))
 
 
-def test_an_array_alone_or_one_that_is_too_large_is_refused(tmp_path: Path) -> None:
+def test_array_alone_and_too_large_array_are_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "array.npy", np.zeros(3))
     header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (10000000000000, 8)}"
     with zipfile.ZipFile(tmp_path / "huge.npz", "w") as archive:
         padded = header.ljust(117) + b"\n"
         archive.writestr("weights_0.npy", b"\x93NUMPY\x01\x00" + len(padded).to_bytes(2, "little") + padded)
     for name in ("array.npy", "huge.npz"):
-        assert_refused(lambda name=name: MlpPolicy.load(tmp_path / name), "is no learned policy: ", ValueError)
+        assert_refused(lambda name=name: MlpPolicy.load(tmp_path / name), "is no policy file: ", ValueError)
 
 
-def test_a_name_that_is_none_is_refused(tmp_path: Path) -> None:
-    assert_refused(lambda: MlpPolicy.load("nix"), "there is no learned policy 'nix'", ValueError)
-    assert_refused(lambda: MlpPolicy.load(tmp_path), "there is no learned policy", ValueError)
+def test_unknown_name_is_refused(tmp_path: Path) -> None:
+    assert_refused(
+        lambda: MlpPolicy.load("nix"), "'nix' must be the path of a policy file or the name of a policy", ValueError
+    )
+    assert_refused(lambda: MlpPolicy.load(tmp_path), "must be the path of a policy file", ValueError)
 
 
-def test_what_a_policy_cannot_do_it_says() -> None:
-    policy = learned(36)
+def test_wrong_observations_and_sampling_are_refused() -> None:
+    policy = mlp_policy(36)
     assert_refused(
         lambda: policy.predict(np.zeros(27)), r"takes observations of 36 numbers, not of shape \(27,\)", ValueError
     )
     assert_refused(lambda: policy.predict(np.zeros((3, 4))), r"36 numbers, not of shape \(3, 4\)", ValueError)
-    assert_refused(lambda: policy.predict(SEEN, deterministic=False), "acts deterministically", ValueError)
-    steered = learned(45, {"companion": "flatness"})
-    assert steered.sizes == (36, 27)
-    assert_refused(lambda: steered.predict(np.zeros(45)), "36 or 27 numbers", ValueError)
+    assert_refused(lambda: policy.predict(OBSERVATIONS, deterministic=False), "acts deterministically", ValueError)
+    estimating = mlp_policy(45, hybrid=ESTIMATE_ONLY)
+    assert estimating.observation_sizes == (36, 27)
+    assert_refused(lambda: estimating.predict(np.zeros(45)), "36 or 27 numbers", ValueError)
 
 
-VIEWS: dict[str, tuple[int, dict[str, Any]]] = {
+ADRC = {"base_controller": "adrc-matched"}
+INTERFACES: dict[str, tuple[int, dict[str, Any]]] = {
     "observations": (36 * 3, {"history": 3}),
     "observations and actions": (36 * 3 + 4 * 2, {"history": 3, "history_actions": 2}),
     "actions": (36 + 4, {"history_actions": 1}),
-    "alone": (45, {"companion": "adrc-matched"}),
-    "action": (49, {"companion": "flatness", "steers": "action", "authority": 0.3}),
-    "action, adrc": (49, {"companion": "adrc-matched", "steers": "action", "authority": 0.3}),
-    "pace": (45, {"companion": "flatness", "steers": "pace", "authority": 0.7}),
-    "cautious pace": (45, {"companion": "flatness", "steers": "pace", "authority": 0.7, "caution": 2.0}),
-    "action and history": (49 * 2 + 4, {"companion": "lqi", "steers": "action", "history": 2, "history_actions": 1}),
+    "estimate": (45, {"hybrid": {**ESTIMATE_ONLY, **ADRC}}),
+    "residual": (49, {"hybrid": {**RESIDUAL_ACTION, "action_scale": 0.3}}),
+    "residual, adrc": (49, {"hybrid": {**RESIDUAL_ACTION, **ADRC, "action_scale": 0.3}}),
+    "scheduling": (45, {"hybrid": {**BANDWIDTH_SCHEDULING, "action_scale": 0.7}}),
+    "scheduling, fallback": (45, {"hybrid": {**BANDWIDTH_SCHEDULING, "action_scale": 0.7, "fallback_gain": 2.0}}),
+    "residual and history": (
+        49 * 2 + 4,
+        {"hybrid": {**RESIDUAL_ACTION, "base_controller": "lqi"}, "history": 2, "history_actions": 1},
+    ),
 }
 
 
-@pytest.mark.parametrize(("inputs", "view"), VIEWS.values(), ids=VIEWS.keys())
-def test_a_policy_flies_the_plain_environment_as_its_network_flies_the_wrapped_one(
-    inputs: int, view: dict[str, Any]
+@pytest.mark.parametrize(("inputs", "fields"), INTERFACES.values(), ids=INTERFACES.keys())
+def test_policy_in_the_plain_environment_equals_its_network_in_the_wrapped_one(
+    inputs: int, fields: dict[str, Any]
 ) -> None:
-    """Through the ends of episodes, which come at another time in each row."""
-    policy = learned(inputs, view)
-    actions, returns = flown(policy, make_vec(5, **BRIEF), 60)
+    """Across the ends of episodes, which come at another time in each sub-environment."""
+    policy = mlp_policy(inputs, **fields)
+    actions, results = run_policy(policy, make_vec(5, **BRIEF), 60)
     env: Any = make_vec(5, **BRIEF)
-    if "companion" in view:
-        env = VectorWithCompanion(
-            env, view["companion"], view.get("steers", "alone"), view.get("authority", 1.0), view.get("caution", 0.0)
-        )
-    if "history" in view or "history_actions" in view:
-        env = VectorHistoryWrapper(env, view.get("history", 1), view.get("history_actions", 0))
+    if "hybrid" in fields:
+        env = VectorHybridWrapper(env, fields["hybrid"])
+    if "history" in fields or "history_actions" in fields:
+        env = VectorHistoryWrapper(env, fields.get("history", 1), fields.get("history_actions", 0))
     seen, _ = env.reset(seed=5)
-    for action, expected in zip(actions, returns, strict=True):
-        network = policy.act(seen)
-        if view.get("steers", "alone") == "alone":
-            assert_array_equal(network, action)
-        seen, *rest, info = env.step(network)
+    for action, expected in zip(actions, results, strict=True):
+        output = policy.forward(seen)
+        if fields.get("hybrid", ESTIMATE_ONLY)["kind"] == "estimate_only":
+            assert_array_equal(output, action)
+        seen, *rest, info = env.step(output)
         assert_same(rest, list(expected[1:4]))
         assert_array_equal(info["tracking_error"], expected[4]["tracking_error"])
-    over = np.array([step[2] | step[3] for step in returns])
+    over = np.array([step[2] | step[3] for step in results])
     assert over.sum(axis=0).min() >= 2
     assert (over.any(axis=1) & ~over.all(axis=1)).any()
 
 
-def test_an_action_is_held() -> None:
-    """What steers the companion is decided anew at every third step of an episode, and the companion acts at each."""
-    policy = learned(49, {"companion": "flatness", "steers": "action", "hold": 3})
-    decided: list[Any] = []
+def test_action_repeat_uses_each_output_for_several_steps() -> None:
+    """The network decides at every third step of an episode, and the base controller acts at every step."""
+    policy = mlp_policy(49, hybrid=RESIDUAL_ACTION, action_repeat=3)
+    outputs: list[Any] = []
 
-    def learner(seen: Floats32) -> Floats32:
-        decided.append(policy.act(seen) if len(decided) % 3 == 0 else decided[-1])
-        return decided[-1]
+    def agent(seen: Floats32) -> Floats32:
+        outputs.append(policy.forward(seen) if len(outputs) % 3 == 0 else outputs[-1])
+        return outputs[-1]
 
     calm: dict[str, Any] = {"max_episode_steps": None, "autoreset_mode": "SameStep"}
-    expected, _ = flown(Steered(Companion(controller("flatness"), "action"), learner), make_vec(3, **calm), 20)
-    assert_array_equal(flown(policy, make_vec(3, **calm), 20)[0], expected)
+    expected, _ = run_policy(HybridPolicy(ResidualAction("flatness", 1.0), agent), make_vec(3, **calm), 20)
+    assert_array_equal(run_policy(policy, make_vec(3, **calm), 20)[0], expected)
     memory, started = None, np.zeros(7, np.bool_)
     for step in range(5):
         started[2] = step == 4
-        before, (_, memory) = memory, policy.predict(SEEN * (1.0 + step), memory, started)
-    assert_array_equal(memory.held[:2], before.held[:2])  # type: ignore[attr-defined]
-    assert (memory.held[2] != before.held[2]).any()  # type: ignore[attr-defined]
+        before, (_, memory) = memory, policy.predict(OBSERVATIONS * (1.0 + step), memory, started)
+    assert_array_equal(memory.output[:2], before.output[:2])  # type: ignore[attr-defined]
+    assert (memory.output[2] != before.output[2]).any()  # type: ignore[attr-defined]
 
 
-def test_a_policy_that_sees_no_velocities_flies_without() -> None:
+def test_policy_runs_without_velocities_if_it_needs_none() -> None:
     env = VectorOutputFeedbackWrapper(make_vec(3, **BRIEF))
-    for policy in (learned(27), learned(49, {"companion": "flatness", "steers": "action"})):
-        actions, _ = flown(policy, env, 20)
+    for policy in (mlp_policy(27), mlp_policy(49, hybrid=RESIDUAL_ACTION)):
+        actions, _ = run_policy(policy, env, 20)
         assert np.shape(actions) == (20, 3, 4)
 
 
-def test_rows_that_begin_anew_remember_nothing() -> None:
-    policy = learned(36 * 3 + 8, {"history": 3, "history_actions": 2}, activation="tanh")
+def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
+    policy = mlp_policy(36 * 3 + 8, history=3, history_actions=2, activation="tanh")
     memory = None
     for _ in range(4):
-        before, memory = policy.predict(SEEN, memory)
+        before, memory = policy.predict(OBSERVATIONS, memory)
     started = np.arange(7) % 2 == 0
-    action, _ = policy.predict(SEEN, memory, started)
-    assert_array_equal(action[started], policy.predict(SEEN)[0][started])
-    assert_array_equal(action[~started], policy.predict(SEEN, memory)[0][~started])
-    assert (policy.predict(SEEN)[0] != before).any(axis=1).all()
+    action, _ = policy.predict(OBSERVATIONS, memory, started)
+    assert_array_equal(action[started], policy.predict(OBSERVATIONS)[0][started])
+    assert_array_equal(action[~started], policy.predict(OBSERVATIONS, memory)[0][~started])
+    assert (policy.predict(OBSERVATIONS)[0] != before).any(axis=1).all()
 
 
-def test_a_memory_once_given_does_not_change() -> None:
-    policy = learned(49 * 2 + 4, {"companion": "flatness", "steers": "action", "history": 2, "history_actions": 1})
-    _, memory = policy.predict(SEEN)
-    first = policy.predict(SEEN, memory)[0]
+def test_returned_memory_does_not_change_later() -> None:
+    policy = mlp_policy(49 * 2 + 4, hybrid=RESIDUAL_ACTION, history=2, history_actions=1)
+    _, memory = policy.predict(OBSERVATIONS)
+    first = policy.predict(OBSERVATIONS, memory)[0]
     for _ in range(3):
-        policy.predict(SEEN[::-1].copy(), policy.predict(SEEN, memory)[1])
-    assert_array_equal(policy.predict(SEEN, memory)[0], first)
+        policy.predict(OBSERVATIONS[::-1].copy(), policy.predict(OBSERVATIONS, memory)[1])
+    assert_array_equal(policy.predict(OBSERVATIONS, memory)[0], first)
 
 
-def test_a_correction_of_nothing_is_the_companion() -> None:
+def test_zero_residual_is_the_base_controller() -> None:
     zero = [(0.0 * weights, 0.0 * biases) for weights, biases in layers(49, 8, 4)]
-    policy = MlpPolicy(zero, card({"companion": "flatness", "steers": "action"}))
+    policy = MlpPolicy(zero, card(hybrid=RESIDUAL_ACTION))
     for one, other in zip(
         rollout(policy, make_vec(3, **BRIEF), 0),
         rollout(controller("flatness"), make_vec(3, **BRIEF), 0),
@@ -361,21 +371,22 @@ def test_a_correction_of_nothing_is_the_companion() -> None:
         assert_array_equal(one.tracking_error, other.tracking_error)
 
 
-def test_a_policy_is_told_what_its_companion_should_believe() -> None:
+def test_with_simulation_changes_the_base_controller_only() -> None:
     heavy = Simulation(Parameters(bob_mass=0.3))
-    plain, policy = learned(36), learned(45, {"companion": "flatness"})
+    plain, policy = mlp_policy(36), mlp_policy(45, hybrid=ESTIMATE_ONLY)
     assert plain.with_simulation(heavy) is plain
-    told = policy.with_simulation(heavy)
-    assert told._companion.controller.simulation == heavy
-    assert policy._companion.controller.simulation == Simulation()
-    env: Any = VectorWithCompanion(make_vec(4, simulation=heavy), "flatness", "alone", 1.0)
+    other: Any = policy.with_simulation(heavy)
+    assert other.hybrid.base_controller.simulation == heavy
+    assert policy.hybrid is not None
+    assert policy.hybrid.base_controller.simulation == Simulation()
+    env: Any = VectorHybridWrapper(make_vec(4, simulation=heavy), EstimateOnly("flatness"))
     seen, observation = env.reset(seed=0)[0], make_vec(4, simulation=heavy).reset(seed=0)[0]
-    assert_array_equal(told.predict(observation)[0], policy.act(seen))
+    assert_array_equal(other.predict(observation)[0], policy.forward(seen))
 
 
-def test_stable_baselines_evaluates_it() -> None:
+def test_stable_baselines3_evaluates_a_policy() -> None:
     returns, lengths = evaluate_policy(
-        learned(36 * 2, {"history": 2}),  # type: ignore[arg-type]
+        mlp_policy(36 * 2, history=2),  # type: ignore[arg-type]
         SB3VecEnv(make_vec(2, **BRIEF)),
         n_eval_episodes=4,
         return_episode_rewards=True,
@@ -384,11 +395,11 @@ def test_stable_baselines_evaluates_it() -> None:
     assert len(returns) == len(lengths) == 4  # type: ignore[arg-type]
 
 
-def test_flying_needs_nothing_heavy(tmp_path: Path) -> None:
-    learned(49, {"companion": "flatness", "steers": "action"}).save(tmp_path / "policy.npz")
+def test_running_a_policy_imports_nothing_heavy(tmp_path: Path) -> None:
+    mlp_policy(49, hybrid=RESIDUAL_ACTION).save(tmp_path / "policy.npz")
     code = (
-        "import sys; import numpy; from quadpend_train.policies.mlp_policy import LearnedPolicy;"
-        f"print(LearnedPolicy.load({str(tmp_path / 'policy.npz')!r}).predict(numpy.zeros((2, 36)))[0].shape);"
+        "import sys; import numpy; from quadpend_train.policies.mlp_policy import MlpPolicy;"
+        f"print(MlpPolicy.load({str(tmp_path / 'policy.npz')!r}).predict(numpy.zeros((2, 36)))[0].shape);"
         "print(*sys.modules)"
     )
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

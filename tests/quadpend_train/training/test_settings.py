@@ -1,4 +1,4 @@
-"""Settings of training: files are deltas, names of scenarios become the scenarios, and mistakes are named."""
+"""Training settings: files change the defaults, scenarios are resolved, and errors name the setting."""
 
 import json
 from dataclasses import fields, replace
@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
+from quadpend_baselines.hybrid import hybrid_from_data
 from quadpend_gym import RewardWeights
 from quadpend_train.scenarios import SETS, expand_sets
 from quadpend_train.training.settings import (
-    FOLDER,
+    PRESETS,
+    HybridSettings,
     PpoSettings,
     SacSettings,
     TrainSettings,
@@ -19,7 +21,7 @@ from quadpend_train.training.settings import (
     to_mapping,
 )
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.mlp_policies import learned
+from tests.helpers.mlp_policies import RESIDUAL_ACTION, mlp_policy
 
 EVERYTHING = TrainSettings(
     algo="tqc",
@@ -27,9 +29,7 @@ EVERYTHING = TrainSettings(
     curriculum=("calm", '{"wind": "breeze"}'),
     curriculum_steps=5000,
     num_envs=9,
-    companion="flatness",
-    steers="pace",
-    authority=0.5,
+    hybrid=HybridSettings("flatness", "bandwidth_scheduling", action_scale=0.5),
     history=2,
     net_arch=(32,),
     reward=RewardWeights(tip=0.1),
@@ -49,61 +49,80 @@ def test_settings_survive_json(settings: TrainSettings) -> None:
     assert set(data) == {field.name for field in fields(TrainSettings)}
 
 
-@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
-def test_the_files_of_the_package_are_settings(path: Path) -> None:
-    """And train in nothing that is held out."""
+@pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)
+def test_presets_are_valid_and_use_no_held_out_scenario(path: Path) -> None:
     assert read_settings(path.stem) == read_settings(str(path))
     held_out = set(SETS["test"]) - set(SETS["training"])
     assert not held_out & set(expand_sets([*read_settings(path.stem).scenario, *read_settings(path.stem).curriculum]))
 
 
-def test_settings_files_are_deltas_and_mistakes_in_them_are_named(tmp_path: Path) -> None:
+def test_files_change_the_defaults_and_errors_name_the_setting(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text("seed = 7\nhidden = [32]\n[ppo]\nepochs = 5\n[reward]\ntip = 0.2\n")
-    expected = TrainSettings(seed=7, net_arch=(32,), ppo=PpoSettings(n_epochs=5), reward=RewardWeights(tip=0.2))
+    path.write_text(
+        "seed = 7\nnet_arch = [32]\n[ppo]\nn_epochs = 5\n[hybrid]\nbase_controller = 'lqr'\n[reward]\ntip = 0.2\n"
+    )
+    expected = TrainSettings(
+        seed=7,
+        net_arch=(32,),
+        ppo=PpoSettings(n_epochs=5),
+        hybrid=HybridSettings("lqr"),
+        reward=RewardWeights(tip=0.2),
+    )
     assert read_settings(str(path)) == expected
     for text, message in (
         ("sead = 7\n", "mine.toml sets 'sead', which is no setting; the settings are algo, scenario"),
         ("[ppo]\nepoch = 7\n", "mine.toml sets 'epoch', which is no setting; the settings are n_steps"),
-        ("[sac]\nrollout_steps = 7\n", "mine.toml sets 'n_steps', which is no setting"),
+        ("[sac]\nn_steps = 7\n", "mine.toml sets 'n_steps', which is no setting"),
+        ("[hybrid]\nmodus = 7\n", "mine.toml sets 'modus', which is no setting; the settings are base_controller"),
         ("[reward]\nfun = 7\n", "mine.toml sets 'fun', which is no setting; the settings are tracking"),
         ("ppo = 7\n", "ppo"),
+        ("hybrid = 7\n", "hybrid"),
         ("reward = [1, 2]\n", "reward"),
     ):
         path.write_text(text)
         assert_refused(lambda: read_settings(str(path)), message, (ValueError, TypeError))
-    assert_refused(lambda: read_settings("nix"), "no settings 'nix'; there are demo", ValueError)
+    assert_refused(lambda: read_settings("nix"), "path of a file or one of demo, .*, not 'nix'", ValueError)
 
 
-def test_the_settings_of_a_policy_are_in_its_card(tmp_path: Path) -> None:
-    learned(36, settings=to_mapping(EVERYTHING)).save(tmp_path / "policy.npz")
+def test_settings_are_read_from_the_card_of_a_policy(tmp_path: Path) -> None:
+    mlp_policy(36, settings=to_mapping(EVERYTHING)).save(tmp_path / "policy.npz")
     assert read_settings(str(tmp_path / "policy.npz")) == EVERYTHING
-    learned(36).save(tmp_path / "exported.npz")
+    mlp_policy(36).save(tmp_path / "exported.npz")
     assert_refused(lambda: read_settings(str(tmp_path / "exported.npz")), "exported.npz.* settings", ValueError)
     assert_refused(lambda: read_settings(str(tmp_path / "nix.npz")), "nix.npz", ValueError)
 
 
-def test_scenarios_are_given_one_by_one_or_together(tmp_path: Path) -> None:
+def test_scenario_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('wind = "storm"\n')
     assert TrainSettings(scenario="calm") == TrainSettings(scenario=("calm",)) == TrainSettings(scenario=["calm"])  # type: ignore[arg-type]
     assert TrainSettings(scenario="training").scenario == ("training",)  # type: ignore[arg-type]
     given: Any
     (whole,) = TrainSettings(scenario=(str(path),)).scenario
-    path.unlink()  # the settings need it no longer
+    path.unlink()  # the settings have the contents of the file
     for given in ('{"wind": "storm"}', {"wind": "storm"}, [{"wind": "storm"}], whole):
         assert TrainSettings(scenario=given).scenario == (whole,)
     assert json.loads(whole)["wind"]
 
 
-def test_whole_numbers_are_numbers() -> None:
-    """As TOML and people write them: the policy that comes of it is one."""
-    settings = TrainSettings(companion="flatness", steers="action", authority=1)
-    assert learned(49, settings.view()).card["view"]["authority"] == 1.0
-    assert learned(49, settings.view())
+def test_whole_numbers_are_accepted_as_numbers() -> None:
+    settings = TrainSettings(hybrid=HybridSettings("flatness", "residual_action", action_scale=1))
+    assert settings.policy_interface()["hybrid"] == {**RESIDUAL_ACTION, "action_scale": 1.0, "fallback_gain": 0.0}
+    assert isinstance(settings.hybrid.action_scale, float)
+    assert mlp_policy(49, **settings.policy_interface())
 
 
-TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
+@pytest.mark.parametrize("mode", ["estimate_only", "residual_action", "bandwidth_scheduling"])
+def test_hybrid_settings_describe_a_hybrid(mode: Any) -> None:
+    """The data on the card are those of the hybrid itself."""
+    data = HybridSettings("flatness", mode, action_scale=0.5).as_data()
+    hybrid = hybrid_from_data(data)
+    assert hybrid.kind == mode
+    assert hybrid.as_data() == data
+    assert HybridSettings().as_data() is None
+
+
+RESIDUAL = {"base_controller": "flatness", "mode": "residual_action"}
 
 
 @pytest.mark.parametrize(
@@ -115,16 +134,16 @@ TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
         ({"max_episode_steps": 0}, "max_episode_steps must be"),
         ({"history": 0}, "history must be a whole number of at least 1, not 0"),
         ({"history_actions": -1}, "history_actions must be a whole number of at least 0, not -1"),
-        ({"imitation_steps": -1}, "imitation_steps must be"),
+        ({"hybrid": {"imitation_timesteps": -1}}, "imitation_timesteps must be"),
         ({"sde_sample_freq": 0.5}, "sde_sample_freq must be"),
         ({"save_freq": 0}, "save_freq must be"),
         ({"eval_freq": -1}, "eval_freq must be"),
         ({"n_eval_episodes": 0}, "n_eval_episodes must be"),
         ({"patience": -1}, "patience must be"),
-        ({"torch_threads": 0}, "torch_threads must be"),
+        ({"num_threads": 0}, "num_threads must be"),
         ({"curriculum_steps": -1}, "curriculum_steps must be"),
         ({"batch_size": 0}, "batch_size must be"),
-        ({"hold": 0}, "hold must be a whole number of at least 1, not 0"),
+        ({"hybrid": {"action_repeat": 0}}, "action_repeat must be a whole number of at least 1, not 0"),
         ({"net_arch": (0,)}, r"net_arch\[0\] must be a whole number"),
         ({"net_arch": 64}, "net_arch"),
         ({"gamma": 5.0}, r"gamma must be a finite number in \[0, 1\], not 5.0"),
@@ -133,16 +152,23 @@ TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
         ({"learning_rate": 0.0}, "learning_rate must be above zero"),
         ({"learning_rate": "fast"}, "learning_rate must be a number, not 'fast'"),
         ({"reward_scale": 0.0}, "reward_scale must be above zero"),
-        ({"authority": 0.0}, "authority must be above zero"),
-        ({"caution": -1.0}, "caution .* not -1"),
-        ({"caution": 1.0}, "only a learner that steers its companion can be met with caution"),
+        ({"hybrid": {"action_scale": 0.0}}, "action_scale must be above zero"),
+        ({"hybrid": {"action_scale": 4.0}}, r"action_scale .* \[0, 3\], not 4.0"),
+        ({"hybrid": {"fallback_gain": -1.0}}, "fallback_gain .* not -1"),
+        ({"hybrid": {"fallback_gain": 1.0}}, "fallback_gain must be 0 with mode 'estimate_only', not 1"),
         ({"algo": "dqn"}, "algo must be one of ppo, sac, tqc, not 'dqn'"),
-        ({"activation": "foo"}, "activation must be one of relu, tanh, elu, not 'foo'"),
-        ({"companion": "pid"}, "companion must be one of adrc-paper, .*, not 'pid'"),
-        ({"companion": "lqr", "steers": "wheel"}, "steers must be one of alone, action, pace, not 'wheel'"),
-        ({"steers": "action"}, "a learner that steers or imitates needs a companion"),
-        ({"imitation_steps": 100}, "a learner that steers or imitates needs a companion"),
-        ({"imitation_steps": 100, **TOGETHER}, "a learner that steers its companion cannot imitate it"),
+        ({"activation_fn": "foo"}, "activation_fn must be one of relu, tanh, elu, not 'foo'"),
+        ({"hybrid": {"base_controller": "pid"}}, "base_controller must be one of adrc-paper, .*, not 'pid'"),
+        (
+            {"hybrid": {"base_controller": "lqr", "mode": "wheel"}},
+            "mode must be one of estimate_only, residual_action, bandwidth_scheduling, not 'wheel'",
+        ),
+        (
+            {"hybrid": {"mode": "residual_action"}},
+            "mode 'residual_action' and imitation_timesteps need a base_controller",
+        ),
+        ({"hybrid": {"imitation_timesteps": 100}}, "imitation_timesteps need a base_controller"),
+        ({"hybrid": {"imitation_timesteps": 100, **RESIDUAL}}, "imitation_timesteps must be 0 with mode 'residual_act"),
         ({"patience": 3}, "patience needs eval_freq"),
         ({"curriculum": ("calm",)}, "curriculum and curriculum_steps belong together"),
         ({"curriculum_steps": 100}, "curriculum and curriculum_steps belong together"),
@@ -150,7 +176,7 @@ TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
         ({"scenario": ()}, "scenario must name at least one"),
         ({"scenario": "nix"}, "no scenario 'nix'"),
         ({"scenario": "test"}, "scenario cannot be .test., which is held out"),
-        ({"scenario": 5}, "scenario must be a scenario or several, not 5"),
+        ({"scenario": 5}, "scenario must be one scenario or a list of scenarios, not 5"),
         ({"scenario": (5,)}, "scenario"),
         ({"curriculum": ("nix",), "curriculum_steps": 10}, "no scenario 'nix'"),
         ({"scenario": ("calm", "windy", "breeze")}, "num_envs must be a multiple of the 3 scenarios .* not 256"),
@@ -173,18 +199,24 @@ TOGETHER: dict[str, Any] = {"companion": "flatness", "steers": "action"}
         ({"sac": {"target_entropy": "low"}}, "target_entropy must be a number, not 'low'"),
         ({"reward": {"tip": 2.0}}, "tip must be a finite number"),
         ({"reward": {"fun": 2.0}}, "reward has no field 'fun'"),
-        ({"hold": 2}, "only a learner that steers its companion can hold its action"),
-        ({"paired": True}, "a paired reward needs a companion"),
-        ({"failure_penalty": 3.0, **TOGETHER}, "only a paired reward has a failure_penalty"),
-        ({"paired": True, "gamma": 1.0, **TOGETHER}, "a paired reward needs a gamma below 1"),
+        ({"hybrid": {"action_repeat": 2}}, "action_repeat must be 1 with mode 'estimate_only', not 2"),
+        ({"hybrid": {"action_repeat": 7, **RESIDUAL}}, "action_repeat must divide max_episode_steps = 1000, not be 7"),
+        ({"hybrid": {"baseline_relative_reward": True}}, "baseline_relative_reward needs a base_controller"),
+        ({"hybrid": {"failure_penalty": 3.0, **RESIDUAL}}, "failure_penalty needs baseline_relative_reward"),
+        (
+            {"hybrid": {"baseline_relative_reward": True, **RESIDUAL}, "gamma": 1.0},
+            "baseline_relative_reward needs a gamma below 1",
+        ),
+        ({"hybrid": {"scale": 1.0}}, "hybrid has no field 'scale'; its fields are base_controller"),
+        ({"hybrid": "flatness"}, "hybrid must be a HybridSettings or a mapping"),
     ],
     ids=str,
 )
-def test_settings_out_of_range_are_refused(setting: dict[str, Any], message: str) -> None:
+def test_invalid_settings_are_refused(setting: dict[str, Any], message: str) -> None:
     assert_refused(lambda: TrainSettings(**setting), message, (ValueError, TypeError))
 
 
-def test_a_batch_must_divide_the_rollout_of_ppo_only() -> None:
+def test_batch_size_must_divide_the_rollout_of_ppo_only() -> None:
     with pytest.raises(ValueError, match="batch_size must divide"):
         TrainSettings(batch_size=1000)
     assert replace(TrainSettings(algo="sac"), batch_size=1000).batch_size == 1000
