@@ -85,7 +85,7 @@ policies = {
     "mine": str(FOLDER / "mine.zip"),
     "hybrid": "ppo-gain-scheduling-0",
 }
-comparison = compare(policies, {"calm": "calm", "windy": "windy"}, episodes=10, folder=FOLDER / "cache")
+comparison = compare(policies, {"calm": "calm", "windy": "windy"}, episodes=10, cache_folder=FOLDER / "cache")
 print(markdown(comparison))
 
 # %% 10. A video of three policies side by side

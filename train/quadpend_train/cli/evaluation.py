@@ -66,7 +66,7 @@ def evaluate(
     if robustness:
         first_seeds = {name: policy_names(policy)[0] for name, policy in named.items()}
         measured = measure_robustness(
-            first_seeds, episodes=robustness, seed=seed, folder=cache, fresh=recompute, jobs=jobs
+            first_seeds, episodes=robustness, seed=seed, cache_folder=cache, recompute=recompute, jobs=jobs
         )
     standings = leaderboard(comparison)
     curves = learning_curves.collect({name: load_policies(policy) for name, policy in named.items()})

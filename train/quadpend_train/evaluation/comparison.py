@@ -177,8 +177,8 @@ def compare(
     scenarios: Sequence[str] | Mapping[str, str],
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
-    folder: Path | None = None,
-    fresh: bool = False,
+    cache_folder: Path | None = None,
+    recompute: bool = False,
     jobs: int = 1,
 ) -> Comparison:
     """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
@@ -191,8 +191,8 @@ def compare(
             in the comparison.
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
-        folder: Folder of the cached results; only missing results are computed. None: no cache.
-        fresh: Whether to ignore cached results.
+        cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
+        recompute: Whether to ignore cached results.
         jobs: Number of processes.
 
     Raises:
@@ -210,14 +210,14 @@ def compare(
     named = scenarios if isinstance(scenarios, Mapping) else {name: name for name in scenarios}
     found = {name: find_scenario(scenario) for name, scenario in named.items()}
     cells = {(s, p): Job(compared[p], found[s], episodes, seed) for s in found for p in policies}
-    _check_policies({cell: job for cell, job in cells.items() if fresh or not _is_cached(job, folder)})
+    _check_policies({cell: job for cell, job in cells.items() if recompute or not _is_cached(job, cache_folder)})
     known = {name: policy_fingerprints(policy) for name, policy in compared.items() if isinstance(policy, str)}
-    return Comparison(tuple(policies), found, episodes, seed, run_jobs(cells, folder, fresh, jobs), known)
+    return Comparison(tuple(policies), found, episodes, seed, run_jobs(cells, cache_folder, recompute, jobs), known)
 
 
-def _is_cached(job: Job, folder: Path | None) -> bool:
-    key = job.cache_key() if folder else None
-    return folder is not None and key is not None and cache.has(folder, key)
+def _is_cached(job: Job, cache_folder: Path | None) -> bool:
+    key = job.cache_key() if cache_folder else None
+    return cache_folder is not None and key is not None and cache.has(cache_folder, key)
 
 
 def _check_training_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> None:

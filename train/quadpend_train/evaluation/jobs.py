@@ -56,21 +56,23 @@ class Job(NamedTuple):
 
 
 def run_jobs(
-    jobs: Mapping[Name, Job], folder: Path | None = None, fresh: bool = False, processes: int = 1
+    jobs: Mapping[Name, Job], cache_folder: Path | None = None, recompute: bool = False, processes: int = 1
 ) -> dict[Name, EpisodeResults]:
     """Run all jobs and return their results, which do not depend on `processes`.
 
     Args:
         jobs: Jobs by any hashable name.
-        folder: Folder of the cached results; only missing results are computed. None: no cache.
-        fresh: Whether to ignore cached results and to run all jobs again.
+        cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
+        recompute: Whether to ignore cached results and to run all jobs again.
         processes: Number of processes.
 
     Raises:
         ValueError: If a policy is unknown, does not fit a scenario, or its file changes while the job runs.
     """
-    keys = {name: key for name, job in jobs.items() if folder and (key := job.cache_key())}
-    cached = {} if fresh or not folder else {name: cache.load(folder, key) for name, key in keys.items()}
+    keys = {name: key for name, job in jobs.items() if cache_folder and (key := job.cache_key())}
+    cached = (
+        {} if recompute or not cache_folder else {name: cache.load(cache_folder, key) for name, key in keys.items()}
+    )
     results = {name: found for name, found in cached.items() if found is not None}
     missing = {name: job for name, job in jobs.items() if name not in results}
     with (
@@ -78,12 +80,12 @@ def run_jobs(
         closing(_run_as_completed(missing, processes)) as completed,
     ):
         for name, result in completed:
-            if folder and name in keys:
+            if cache_folder and name in keys:
                 if jobs[name].cache_key() != keys[name]:
                     raise ValueError(
                         f"{jobs[name].policies} has changed during its evaluation: wait until its training is finished"
                     )
-                cache.save(folder, keys[name], result)
+                cache.save(cache_folder, keys[name], result)
             results[name] = result
             bar.update()
     return {name: results[name] for name in jobs}

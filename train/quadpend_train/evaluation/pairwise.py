@@ -1,7 +1,7 @@
 """Pairwise comparison of two policies: which one is better in which scenario, by how much, and how certain that is.
 
 The first policy wins a scenario if it survives significantly more of its episodes. If the survival does not differ
-significantly, the policy with the significantly smaller RMSE in the episodes that both survived wins. Otherwise nobody
+significantly, the policy with the significantly smaller RMSE in the episodes that both survived wins. Otherwise neither
 wins. Both quantities are tested in every scenario on the same episodes (`p_proportion` and `p_value`), and all tests of
 one family are corrected together by Holm's method: the probability that at least one win or loss of the family is false
 is at most 5 %, as far as each test keeps its own level. The family of `compare_pair` is one pair, that of

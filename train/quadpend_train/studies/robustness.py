@@ -197,8 +197,8 @@ def measure_robustness(
     start_grids: Mapping[str, StartGrid] = START_GRIDS,
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
-    folder: Path | None = None,
-    fresh: bool = False,
+    cache_folder: Path | None = None,
+    recompute: bool = False,
     jobs: int = 1,
 ) -> Robustness:
     """Evaluate every policy at all values of every perturbation axis and from all starts of every grid.
@@ -210,8 +210,8 @@ def measure_robustness(
         start_grids: Grids of starts by name.
         episodes: Number of episodes at each value of an axis.
         seed: Seed of the first episode.
-        folder: Folder of the cached results; only missing results are computed. None: no cache.
-        fresh: Whether to ignore cached results.
+        cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
+        recompute: Whether to ignore cached results.
         jobs: Number of processes.
 
     Raises:
@@ -233,7 +233,7 @@ def measure_robustness(
         for policy, members in policies.items()
     }
     all_jobs: dict[tuple[Any, ...], Job] = {**on_axes, **on_grids}
-    results = run_jobs(all_jobs, folder, fresh, jobs)
+    results = run_jobs(all_jobs, cache_folder, recompute, jobs)
     return Robustness(
         tuple(policies),
         axes,

@@ -75,7 +75,8 @@ def check_curriculum(settings: TrainSettings) -> None:
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3 after so many timesteps."""
-    scenarios = [find_scenario(name).with_reward(settings.reward) for name in expand_sets(scenarios_at(settings, timesteps))]
+    names = expand_sets(scenarios_at(settings, timesteps))
+    scenarios = [find_scenario(name).with_reward(settings.reward) for name in names]
     env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps), settings)
     hybrid = settings.hybrid
     if hybrid.baseline_relative_reward:
