@@ -1,1 +1,1 @@
-"""Training with Stable-Baselines3, and the comparison of learned and classical policies."""
+"""Training with Stable-Baselines3, and the comparison of learned policies with classical controllers."""

@@ -81,4 +81,4 @@ def test_command_in_the_comment_uses_the_file(algo: str) -> None:
     assert given["--algo"] == algo
     assert given["--env"] in IDS
     assert given["--gym-packages"] == "quadpend_gym"
-    assert FOLDER.parents[1] / given["--conf-file"] == FOLDER / f"{algo}.yml"
+    assert ROOT / given["--conf-file"] == FOLDER / f"{algo}.yml"
