@@ -58,10 +58,35 @@ BRIEF: dict[str, Any] = {
     "ppo": {"n_steps": 16, "n_epochs": 2},
     "sac": {"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64},
 }
-# What each training changes in `BRIEF`.
+# Settings in which each training differs from `BRIEF`.
 TRAININGS: dict[str, dict[str, Any]] = {
     "ppo": {},
     "ppo with evaluations": {"eval_freq": 256, "patience": 3, "scenario": ["breeze", "storm"]},
+    "ppo with gSDE": {"activation_fn": "tanh", "sde_sample_freq": 4, "reward": {"tip": 0.2}},
+    "ppo with a curriculum": {"curriculum": ["calm", "breeze"], "curriculum_steps": 512, "save_freq": 256},
+    "ppo on estimates": {"hybrid": {"base_controller": "adrc-matched"}, "history": 2, "history_actions": 1},
+    "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
+    "ppo with residual actions": {
+        "hybrid": {
+            "base_controller": "flatness",
+            "mode": "residual_action",
+            "action_scale": 0.3,
+            "fallback_gain": 1.0,
+            "baseline_relative_reward": True,
+            "failure_penalty": 3.0,
+        }
+    },
+    "ppo with bandwidth scheduling": {
+        "hybrid": {
+            "base_controller": "flatness",
+            "mode": "bandwidth_scheduling",
+            "fallback_gain": 3.0,
+            "action_repeat": 5,
+            "baseline_relative_reward": True,
+        },
+        "max_episode_steps": 20,
+        "ppo": {"n_steps": 16, "n_epochs": 2, "critic_warmup_steps": 256},
+    },
     "sac": {"algo": "sac", "total_timesteps": 512, "batch_size": 32},
     "tqc": {"algo": "tqc", "total_timesteps": 512, "batch_size": 32},
 }
@@ -165,7 +190,7 @@ def trainings(names: Sequence[str] = tuple(TRAININGS)) -> Hashes:
         settings = from_mapping({**BRIEF, **TRAININGS[name]}, f"the training {name!r}")
         with tempfile.TemporaryDirectory() as folder:
             policy = MlpPolicy.load(train(settings, Path(folder) / "run", progress=False))
-        yield f"{name}", digest([list(layer) for layer in policy.layers])
+        yield name, digest([list(layer) for layer in policy.layers])
 
 
 PARTS: dict[str, Callable[[], Hashes]] = {

@@ -1,4 +1,4 @@
-"""A headless Chromium that a test drives over the DevTools protocol, by the standard library alone."""
+"""Headless Chromium under the control of a test, through the DevTools protocol and the standard library alone."""
 
 import fcntl
 import json
@@ -11,7 +11,7 @@ from typing import Any
 
 
 class Browser:
-    """Headless Chromium, spoken to through pipes in the DevTools protocol."""
+    """A headless Chromium process that is controlled through pipes with the DevTools protocol."""
 
     def __init__(self, program: str, folder: Path) -> None:
         command, self._commands = os.pipe()
@@ -45,9 +45,9 @@ class Browser:
 
     def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._received:
-            assert select.select([self._answers], [], [], 20.0)[0], "the browser does not answer"
+            assert select.select([self._answers], [], [], 20.0)[0], "the browser does not respond"
             got = os.read(self._answers, 1 << 16)
-            assert got, "the browser has ended"
+            assert got, "the browser has exited"
             self._received += got
         message, _, self._received = self._received.partition(b"\0")
         return dict(json.loads(message))
@@ -59,7 +59,7 @@ class Browser:
             self.events.append(self._receive())
 
     def run(self, script: str) -> Any:
-        """The value of an expression in the page."""
+        """Return the value of a JavaScript expression in the page."""
         answer = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
@@ -67,12 +67,12 @@ class Browser:
     def wait(self, condition: str) -> None:
         end = time.monotonic() + 10.0
         while not self.run(condition):
-            assert time.monotonic() < end, f"never: {condition}"
+            assert time.monotonic() < end, f"the condition never became true: {condition}"
             time.sleep(0.02)
 
-    def complaints(self) -> list[Any]:
-        wrong = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
-        return [event["params"] for event in self.events if event.get("method") in wrong]
+    def messages(self) -> list[Any]:
+        kinds = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
+        return [event["params"] for event in self.events if event.get("method") in kinds]
 
     def close(self) -> None:
         os.killpg(self.process, signal.SIGKILL)

@@ -125,7 +125,7 @@ def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tm
 
 
 def test_a_gif_keeps_the_colours_that_have_a_meaning(tmp_path: Path) -> None:
-    out = tmp_path / "film.gif"
+    out = tmp_path / "video.gif"
     watch(("adrc-paper", "flatness"), "windy", SEED, VideoOptions(out, (640, 360), fps=10.0, seconds=(2.0, 2.5)))
     with Image.open(out) as video:
         video.seek(2)
@@ -145,7 +145,7 @@ def test_a_picture_shows_the_end_of_the_requested_part(tmp_path: Path) -> None:
 
 
 def test_an_interruption_leaves_the_older_file_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    out = tmp_path / "film.gif"
+    out = tmp_path / "video.gif"
     out.write_bytes(b"before")
 
     def interrupt(*_: Any, **__: Any) -> None:

@@ -237,7 +237,7 @@ def test_the_page_opens_without_messages_and_does_not_play(page: Browser) -> Non
     assert page.run("replay.playing") is False
     drawn = "(() => { const c = document.getElementById('replay-view'); return new Set(c.getContext('2d')"
     assert page.run(f"{drawn}.getImageData(0, 0, c.width, c.height).data).size; }})()") > 50
-    assert page.complaints() == []
+    assert page.messages() == []
 
 
 def test_play_advances_time_and_pause_stops_it(page: Browser) -> None:
@@ -344,7 +344,7 @@ def test_the_view_has_the_screens_resolution_follows_the_theme_and_prints_the_st
     page.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
     page.wait("(view => view.width === 2 * view.clientWidth)(document.getElementById('replay-view'))")
     assert page.run("document.documentElement.scrollWidth") <= 400
-    assert page.complaints() == []
+    assert page.messages() == []
 
 
 def test_a_black_policy_a_distant_reference_and_strong_wind_are_visible(
@@ -370,4 +370,4 @@ def test_a_black_policy_a_distant_reference_and_strong_wind_are_visible(
         assert len(wind) > 50
         assert 0.1 < min(wind) < max(wind) < 0.9
     assert float(shown(page, "one")[2]) > 50.0
-    assert page.complaints() == []
+    assert page.messages() == []
