@@ -37,8 +37,7 @@ def evaluate(
         scenarios: Scenarios: names, TOML or JSON files, or JSON, see train/quadpend_train/scenarios. NAME=SCENARIO
             gives a scenario a name; "test" and "training" stand for all scenarios of these sets.
         episodes: Episodes in each scenario.
-        seed: Seed of the first episode. The gains of the controllers were tuned on seeds from 2000000 on, and the
-            published results use seeds from 1000000 on: do not use these while you develop a policy.
+        seed: Seed of the first episode. Published results use seeds from 1000000, and tuned gains seeds from 2000000.
         out: Folder for report.html, comparison.json, .csv, .md and .png, and the figures of the robustness.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
@@ -104,8 +103,7 @@ def compare(
         policies: Two policies, as in evaluate.
         scenarios: Scenarios, as in evaluate.
         episodes: Episodes in each scenario.
-        seed: Seed of the first episode. The gains of the controllers were tuned on seeds from 2000000 on, and the
-            published results use seeds from 1000000 on: do not use these while you develop a policy.
+        seed: Seed of the first episode. Published results use seeds from 1000000, and tuned gains seeds from 2000000.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.
