@@ -1,7 +1,8 @@
 """ADRC with extended state observers for yaw, height and both horizontal channels: the paper's controller, corrected.
 
-The measurements are positions and angles alone: the tracking error e of the flat outputs, the pendulum's direction r,
-and the attitude. With K = (M + m_c) g/(M l), the yaw turned out of the tilt, n = (θ_w, −φ_w), and t = (τθ_w, −τφ_w):
+The controller measures positions and angles only: the tracking error e of the flat outputs, the direction r of the
+pendulum, and the attitude. With K = (M + m_c) g/(M l), the tilt n = (θ_w, −φ_w) in the axes of the world, and the
+torques t = (τθ_w, −τφ_w):
 
     (1)  F⁽⁴⁾ ≈ F₅ = g K (r_xy − n)                                       (36), (43) corrected
     (2)  F⁽⁶⁾ = u_F + ϑ,     u_F = K F₅ − g K t / I                        (38), (45) corrected
@@ -9,12 +10,15 @@ and the attitude. With K = (M + m_c) g/(M l), the yaw turned out of the tilt, n 
     (4)  u = (z̈_d − k₁ ė̂_z − k₀ ê_z − ϑ̂_z) / g_z,   g_z = (b_z − m_c/(M+m_c) (r·b) r_z) / M    (23), (18) corrected
     (5)  τψ = I_ψ (ψ̈_d − k₁ ė̂_ψ − k₀ ê_ψ − ϑ̂_ψ)                            (16)
 
-with b the thrust axis. Everything runs on errors against the reference, so that single-precision observations of small
-numbers lose nothing. A force d on the quadrotor enters at F⁽⁴⁾ = F₅ − g d/(M l) = F₅ + ϑ/K, which the paper's law
-overlooks; `AdrcGains.mismatch` = 1 uses F₅ + ϑ̂/K for F⁽⁴⁾ in (3) and in the Luenberger stage,
-and its derivative for F⁽⁵⁾.
+where b is the thrust axis. The observers estimate errors relative to the reference, because single-precision
+observations of small numbers lose no accuracy.
 
-The paper assumes ψ → 0. Here roll and pitch are turned by ψ into the world's axes (n and t above), the same at ψ = 0.
+A force d on the quadrotor enters at F⁽⁴⁾ = F₅ − g d/(M l) = F₅ + ϑ/K, which the paper's control law neglects. With
+`AdrcGains.mismatch` = 1, the controller uses F₅ + ϑ̂/K for F⁽⁴⁾ in (3) and in the Luenberger stage, and the derivative of
+F₅ + ϑ̂/K for F⁽⁵⁾.
+
+The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ into the axes of the world (n and t above), which
+makes no difference at ψ = 0.
 """
 
 from typing import Any, NamedTuple
@@ -27,61 +31,81 @@ from quadpend_baselines.modelling.planar import rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
 from quadpend_gym import Simulation, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, Disturbance
 
-# The observers in the bank: Luenberger stages of x and y, DESOs of x and y, height, yaw.
+# Observers in the bank: Luenberger stages of x and y, DESOs of x and y, height, yaw.
 _LUENBERGER, _HORIZONTAL, _HEIGHT, _YAW = slice(0, 2), slice(2, 4), 4, 5
 _OBSERVERS = 6
+# States of a DESO: output, rate, disturbance ϑ, its rate.
+_VALUE, _RATE, _DISTURBANCE = 0, 1, 2
+_MIN_THRUST_GAIN = 0.1  # bound of g_z, as a share of 1/(M + m_c)
+
+
+class AdrcMeasurement(NamedTuple):
+    """Inputs of the controller from observations of n rows: positions, angles and the reference.
+
+    Attributes:
+        error: e, m, shape (n, 3).
+        direction: r, shape (n, 3).
+        tilt: n, rad, shape (n, 2).
+        thrust_axis: b, shape (n, 3).
+        yaw: ψ, rad, shape (n,).
+        yaw_error: ψ − ψ_d, rad, shape (n,).
+        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
+        yaw_acceleration: ψ̈_d, rad/s², shape (n,).
+    """
+
+    error: Floats
+    direction: Floats
+    tilt: Floats
+    thrust_axis: Floats
+    yaw: Floats
+    yaw_error: Floats
+    reference: Floats
+    yaw_acceleration: Floats
+
+    def reference_derivative(self, order: int) -> Floats:
+        """Return F_d⁽ⁱ⁾ of one order i from 2 to 6, shape (n, 3)."""
+        return self.reference[:, order - 2]
 
 
 class AdrcMemory(NamedTuple):
-    """What ADRC remembers from one call to the next, for n rows.
+    """Memory of ADRC for n rows.
 
     Attributes:
-        estimate: the observers' states, shape (n, 6, 4).
-        command: thrust (N) and torques (N·m) really given, after saturation, shape (n, 4).
-        measurement: at that sample.
+        estimate: States of the observers, shape (n, 6, 4).
+        command: Thrust (N) and torques (N·m) applied after saturation, shape (n, 4).
+        measurement: The latest measurement; None in the memory of the continuous-time simulation.
     """
 
     estimate: Floats
     command: Floats
-    measurement: Any  # a AdrcMeasurement
-
-
-class AdrcMeasurement(NamedTuple):
-    """What the controller takes from an observation, n rows: positions, angles and the reference."""
-
-    error: Floats  # e, m, (n, 3)
-    direction: Floats  # r, (n, 3)
-    tilt: Floats  # n, rad, (n, 2)
-    thrust_axis: Floats  # b, (n, 3)
-    yaw: Floats  # ψ, rad, (n,)
-    yaw_error: Floats  # rad, (n,)
-    reference: Floats  # F_d⁽ⁱ⁾ for i = 2 … 6, (n, 5, 3)
-    yaw_acceleration: Floats  # ψ̈_d, (n,)
+    measurement: AdrcMeasurement | None
 
 
 def make_measurement(
     error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: Floats
 ) -> AdrcMeasurement:
-    """What the controller works with, from what is measurement in n rows.
+    """Return the measurement of n rows.
 
     Args:
         error: e, m, shape (n, 3).
         direction: r, shape (n, 3).
         euler: φ, θ and the yaw error ψ − ψ_d, rad, shape (n, 3).
-        yaw_reference: ψ_d, ψ̇_d, ψ̈_d, shape (n, 3).
+        yaw_reference: ψ_d, ψ̇_d, ψ̈_d, in rad, rad/s and rad/s², shape (n, 3).
         reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
     """
     roll, pitch, yaw_error = euler.T
     yaw = yaw_error + yaw_reference[:, 0]
-    # In the heading's axes the thrust leans by (cos φ sin θ, −sin φ).
-    lean = np.stack([np.cos(roll) * np.sin(pitch), -np.sin(roll)], axis=-1)
+    # In the axes of the heading, the horizontal thrust direction is (cos φ sin θ, −sin φ).
+    horizontal = np.stack([np.cos(roll) * np.sin(pitch), -np.sin(roll)], axis=-1)
     tilt = rotate(np.stack([pitch, -roll], axis=-1), yaw, 0)
-    axis = np.column_stack([rotate(lean, yaw, 0), np.cos(roll) * np.cos(pitch)])
+    axis = np.column_stack([rotate(horizontal, yaw, 0), np.cos(roll) * np.cos(pitch)])
     return AdrcMeasurement(error, direction, tilt, axis, yaw, yaw_error, reference, yaw_reference[:, 2])
 
 
 def measurement_from_observation(observation: Floats32) -> AdrcMeasurement:
+    """Return the measurement of observations, shape (n, 36) or (n, 27)."""
     return make_measurement(
         read_observation(observation, "tracking_error"),
         read_observation(observation, "direction"),
@@ -95,11 +119,11 @@ class ADRC:
     """The paper's controller as a policy with the `predict` protocol.
 
     Args:
-        gains: a name in `ADRC_GAINS` (``"paper"`` or ``"matched"``) or gains of your own.
-        simulation: what the controller believes of the plant and its actuators, and its period.
+        gains: A name in `ADRC_GAINS` (``"paper"``, ``"matched"``, …) or an `AdrcGains`.
+        simulation: Nominal plant, actuators and control period; None: the default simulation.
 
     Raises:
-        ValueError: there are no gains of that name.
+        ValueError: If no gains have this name.
     """
 
     def __init__(self, gains: str | AdrcGains = "paper", simulation: Simulation | None = None) -> None:
@@ -122,117 +146,125 @@ class ADRC:
             self.simulation.period,
         )
         # k₀ … k₅ and k₀, k₁: the coefficients of (s² + 2ζωs + ω²)³ and of s² + 2ζωs + ω², lowest power first
-        slow = [1.0, 2.0 * gains.damping * gains.horizontal_bandwidth, gains.horizontal_bandwidth**2]
-        fast = [1.0, 2.0 * gains.damping * gains.vertical_bandwidth, gains.vertical_bandwidth**2]
-        self.horizontal_gains = np.polymul(np.polymul(slow, slow), slow)[:0:-1]
-        self._vertical_gains = np.array(fast)[:0:-1]
+        horizontal = [1.0, 2.0 * gains.damping * gains.horizontal_bandwidth, gains.horizontal_bandwidth**2]
+        vertical = [1.0, 2.0 * gains.damping * gains.vertical_bandwidth, gains.vertical_bandwidth**2]
+        self.horizontal_gains = np.polymul(np.polymul(horizontal, horizontal), horizontal)[:0:-1]
+        self.vertical_gains = np.array(vertical)[:0:-1]
 
     def with_simulation(self, simulation: Simulation) -> "ADRC":
-        """The same controller, for another nominal simulation."""
+        """Return the same controller with the same gains, designed for another nominal simulation."""
         return type(self)(self.gains, simulation)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, AdrcMemory]:
-        """Action and memory; see `Policy.predict`."""
+        """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
         measurement = measurement_from_observation(np.atleast_2d(np.asarray(observation, np.float32)))
         outputs = self.observer_outputs(measurement)
         estimate = self.initial_estimate(measurement, outputs)
         started = episode_start_mask(episode_start, state is None, measurement.yaw.size)
         if not started.all():
-            inputs = [
-                self.observer_inputs(at, state.estimate, state.command) for at in (state.measurement, measurement)
-            ]
-            updated = self._bank.update(state.estimate, 0.5 * (inputs[0] + inputs[1]), outputs)
+            # The trapezoidal rule gives the mean of the known inputs over the period.
+            before = self.observer_inputs(state.measurement, state.estimate, state.command)
+            after = self.observer_inputs(measurement, state.estimate, state.command)
+            updated = self._bank.update(state.estimate, 0.5 * (before + after), outputs)
             estimate = np.where(started[:, np.newaxis, np.newaxis], estimate, updated)
         command = self.command(measurement, estimate)
         action, command = to_action(command, self.simulation)
         return (action[0] if single else action), AdrcMemory(estimate, command, measurement)
 
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
-        """The disturbance that the observers see, as `info["disturbance"]` has the true one, shape (n, 9).
+        """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
 
-        A force on the quadrotor (N, world) and a yaw torque (N·m) that would explain ϑ̂ near hover; the other columns,
-        which the observers cannot tell apart from these, are zero.
+        Near hover, a force on the quadrotor (world frame) and a yaw torque explain the estimates ϑ̂. The other numbers
+        are zero, because the observers cannot distinguish bob force, roll torque and pitch torque from that force.
         """
-        p = self.simulation.parameters
-        out = np.zeros((memory.estimate.shape[0], 9))
-        out[:, 0:2] = -memory.estimate[:, _HORIZONTAL, 2] * p.quadrotor_mass * p.rod_length / self._stiffness
-        out[:, 2] = (memory.estimate[:, _HEIGHT, 2] + p.gravity) * p.total_mass
-        out[:, 8] = memory.estimate[:, _YAW, 2] * p.inertia_yaw
-        return out
+        p, estimate = self.simulation.parameters, memory.estimate
+        out = Disturbance(np.zeros((estimate.shape[0], DISTURBANCE_SIZE)))
+        out.force[:, :2] = -estimate[:, _HORIZONTAL, _DISTURBANCE] * p.quadrotor_mass * p.rod_length / self._stiffness
+        out.force[:, 2] = (estimate[:, _HEIGHT, _DISTURBANCE] + p.gravity) * p.total_mass
+        out.torque[:, 2] = estimate[:, _YAW, _DISTURBANCE] * p.inertia_yaw
+        return out.array
 
     def with_applied_action(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
-        """What is remembered if `action`, shape (n, 4), acts and not the controller's own."""
+        """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
         return memory._replace(command=to_command(action, self.simulation))
 
     @property
     def _stiffness(self) -> float:
-        """g K, m/s⁴."""
+        """The product g K, m/s⁴."""
         return self.simulation.parameters.gravity * self.simulation.parameters.chain_stiffness
 
     def fourth_derivative(self, measurement: AdrcMeasurement) -> Floats:
-        """F₅ of equation (1), shape (n, 2)."""
+        """Return F₅ of equation (1), m/s⁴, shape (n, 2)."""
         return self._stiffness * (measurement.direction[:, :2] - measurement.tilt)
 
     def _thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
-        """g_z of equation (4), 1/kg, shape (n,)."""
+        """Return g_z of equation (4), 1/kg, shape (n,)."""
         p, axis, r = self.simulation.parameters, measurement.thrust_axis, measurement.direction
-        along = np.sum(r * axis, axis=-1) * r[:, 2]
-        return np.asarray((axis[:, 2] - p.bob_mass / p.total_mass * along) / p.quadrotor_mass)
+        projection = np.sum(r * axis, axis=-1) * r[:, 2]
+        return np.asarray((axis[:, 2] - p.bob_mass / p.total_mass * projection) / p.quadrotor_mass)
 
     def observer_outputs(self, measurement: AdrcMeasurement) -> Floats:
-        """What each observer measures, shape (n, 6)."""
-        fourth = self.fourth_derivative(measurement) - measurement.reference[:, 4 - 2, :2]
-        return np.column_stack([measurement.error[:, :2], fourth, measurement.error[:, 2], measurement.yaw_error])
+        """Return the measured output of every observer, shape (n, 6)."""
+        fourth = self.fourth_derivative(measurement) - measurement.reference_derivative(4)[:, :2]
+        error = measurement.error
+        return np.column_stack([error[:, :2], fourth, error[:, 2], measurement.yaw_error])
 
     def initial_estimate(self, measurement: AdrcMeasurement, outputs: Floats) -> Floats:
-        """Where the observers start: rates unknown, F̈ = g r, and gravity known, shape (n, 6, 4)."""
+        """Return the states of the observers at the start of an episode, shape (n, 6, 4).
+
+        Rates and disturbances are zero, except that F̈ = g r and that ϑ_z is the gravity.
+        """
         gravity = self.simulation.parameters.gravity
         estimate = np.zeros((outputs.shape[0], _OBSERVERS, 4))
-        estimate[:, :, 0] = outputs
-        estimate[:, _LUENBERGER, 2] = gravity * measurement.direction[:, :2] - measurement.reference[:, 2 - 2, :2]
-        estimate[:, _HEIGHT, 2] = -gravity
+        estimate[:, :, _VALUE] = outputs
+        acceleration = gravity * measurement.direction[:, :2] - measurement.reference_derivative(2)[:, :2]
+        estimate[:, _LUENBERGER, 2] = acceleration
+        estimate[:, _HEIGHT, _DISTURBANCE] = -gravity
         return estimate
 
     def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
-        """Equations (3)–(5): thrust and torques, shape (n, 4)."""
-        p = self.simulation.parameters
-        disturbance = estimate[:, _HORIZONTAL, 2]
+        """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""
+        p, horizontal = self.simulation.parameters, estimate[:, _HORIZONTAL]
+        disturbance = horizontal[..., _DISTURBANCE]
         errors = [estimate[:, _LUENBERGER, order] for order in range(4)]
         share = self.gains.mismatch / p.chain_stiffness
-        errors += [estimate[:, _HORIZONTAL, i] + share * estimate[:, _HORIZONTAL, i + 2] for i in range(2)]
+        errors += [horizontal[..., i] + share * horizontal[..., i + _DISTURBANCE] for i in (_VALUE, _RATE)]
         feedback = sum(k * error for k, error in zip(self.horizontal_gains, errors, strict=True))
-        v = measurement.reference[:, 6 - 2, :2] - feedback - disturbance
+        v = measurement.reference_derivative(6)[:, :2] - feedback - disturbance
         torque = (p.chain_stiffness * self.fourth_derivative(measurement) - v) / self._stiffness
         pitch, roll = (rotate(torque, -measurement.yaw, 0) * [1.0, -1.0]).T
-        k0, k1 = self._vertical_gains
-        height, yaw = estimate[:, _HEIGHT], estimate[:, _YAW]
-        lift = measurement.reference[:, 2 - 2, 2] - k0 * height[:, 0] - k1 * height[:, 1] - height[:, 2]
-        turn = measurement.yaw_acceleration - k0 * yaw[:, 0] - k1 * yaw[:, 1] - yaw[:, 2]
+        lift = self._vertical_feedback(measurement.reference_derivative(2)[:, 2], estimate[:, _HEIGHT])
+        yaw = self._vertical_feedback(measurement.yaw_acceleration, estimate[:, _YAW])
         return np.column_stack(
             [
-                lift / np.maximum(self._thrust_gain(measurement), 0.1 / p.total_mass),
+                lift / np.maximum(self._thrust_gain(measurement), _MIN_THRUST_GAIN / p.total_mass),
                 p.inertia_roll * roll,
                 p.inertia_pitch * pitch,
-                p.inertia_yaw * turn,
+                p.inertia_yaw * yaw,
             ]
         )
 
+    def _vertical_feedback(self, acceleration: Floats, estimate: Floats) -> Floats:
+        """Return the demanded acceleration of height or yaw in equations (4) and (5), shape (n,)."""
+        k0, k1 = self.vertical_gains
+        return np.asarray(acceleration - k0 * estimate[:, _VALUE] - k1 * estimate[:, _RATE] - estimate[:, _DISTURBANCE])
+
     def observer_inputs(self, measurement: AdrcMeasurement, estimate: Floats, command: Floats) -> Floats:
-        """What drives each chain at this instant, given the command that acts, shape (n, 6)."""
+        """Return the known input of every observer while `command` is applied, shape (n, 6)."""
         p = self.simulation.parameters
+        thrust, roll, pitch, yaw = command.T
         fourth = self.fourth_derivative(measurement)
-        mismatch = self.gains.mismatch / p.chain_stiffness * estimate[:, _HORIZONTAL, 2]
-        body = np.stack([command[:, 2] / p.inertia_pitch, -command[:, 1] / p.inertia_roll], axis=-1)
-        horizontal = p.chain_stiffness * fourth - self._stiffness * rotate(body, measurement.yaw, 0)
-        lift = self._thrust_gain(measurement) * command[:, 0]
+        mismatch = self.gains.mismatch / p.chain_stiffness * estimate[:, _HORIZONTAL, _DISTURBANCE]
+        angular_acceleration = np.stack([pitch / p.inertia_pitch, -roll / p.inertia_roll], axis=-1)
+        horizontal = p.chain_stiffness * fourth - self._stiffness * rotate(angular_acceleration, measurement.yaw, 0)
         return np.column_stack(
             [
-                fourth + mismatch - measurement.reference[:, 4 - 2, :2],
-                horizontal - measurement.reference[:, 6 - 2, :2],
-                lift - measurement.reference[:, 2 - 2, 2],
-                command[:, 3] / p.inertia_yaw - measurement.yaw_acceleration,
+                fourth + mismatch - measurement.reference_derivative(4)[:, :2],
+                horizontal - measurement.reference_derivative(6)[:, :2],
+                self._thrust_gain(measurement) * thrust - measurement.reference_derivative(2)[:, 2],
+                yaw / p.inertia_yaw - measurement.yaw_acceleration,
             ]
         )

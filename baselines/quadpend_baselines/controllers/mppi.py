@@ -1,16 +1,16 @@
 """Sampling-based model-predictive control: MPPI (Williams, Aldrich & Theodorou, JGCD 2017) around a linear feedback.
 
-At every control step the project's own kernel flies `samples` futures of each row in a batch, over `horizon` periods
-of `steps_per_period` control steps each, with the wind that is estimated:
+At every control step, the compiled rollout of `mppi_kernel` simulates `samples` trajectories of each row with the
+kernel of the environment and the estimated disturbance, over `horizon` periods of `steps_per_period` control steps:
 
     (1)  u_j = sat(u_d − K (x_j − x_d) + δ_j),         δ piecewise linear between `knots`, δᵏ = δ + εᵏ
     (2)  Jᵏ  = ½ Σ ((x_j − x_d)ᵀ Q (x_j − x_d) + (u_j − u_d)ᵀ R (u_j − u_d)) + barrier + ½ (x_H − x_d)ᵀ P (x_H − x_d)
     (3)  δ  ← Σ wᵏ δᵏ,                                wᵏ ∝ exp(−(Jᵏ − min J) / (λ (mean J − min J)))
 
-and (1) with the first of the new δ is what acts. x_d and u_d are the flight of `flat_outputs` in that wind; K, Q, R, P
-those of `lqr`, sampled with the period of the horizon. One future has no δ: what the linear feedback does well, it goes
-on doing. The barrier stands where episodes end. ε is drawn from a fixed table, so the controller is a function of what
-it observes.
+The command is (1) at j = 0 with the updated δ. x_d and u_d are the trajectory of `flat_outputs` under that disturbance.
+K, Q, R and P are those of `lqr`, sampled with the period of the horizon. One sample has δ = 0, so that MPPI keeps the
+linear feedback where no sample costs less. The barrier penalises states close to an early termination. ε comes from a
+fixed table, which makes the controller deterministic.
 """
 
 from dataclasses import dataclass, replace
@@ -29,131 +29,151 @@ from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_stat
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.validation import check_int
-from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE
+from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, State
 
-_TABLES = 64  # of perturbations, one after the other
+_TABLES = 64  # number of tables of perturbations, used one after the other
 
 
 class Horizon(NamedTuple):
-    """Where n rows should be at the periods 0 … H of the horizon."""
+    """The reference of n rows at the periods 0 … H of the horizon.
 
-    state: Floats  # x_d, in the reference's frame, (H + 1, n, 18)
-    command: Floats  # u_d, (H + 1, n, 4)
-    frame_displacement: (
-        Floats  # how far the frame moves in each period: what to take off position and velocity, (H, 2, n, 3)
-    )
+    Attributes:
+        state: x_d, position and velocity relative to the reference, shape (H + 1, n, 18).
+        command: u_d, N and N·m, shape (H + 1, n, 4).
+        frame_displacement: Motion of the reference frame in each period, to be subtracted from position (m) and
+            velocity (m/s), shape (H, 2, n, 3).
+    """
+
+    state: Floats
+    command: Floats
+    frame_displacement: Floats
 
 
 class MppiMemory(NamedTuple):
-    """δ at the knots, in N and N·m, shape (n, knots, 4), and the number of plans made, shape (n,)."""
+    """Memory of MPPI for n rows.
 
-    plan: Floats
-    number: Integers
+    Attributes:
+        perturbation: δ at the knots, N and N·m, shape (n, knots, 4).
+        count: Number of updates of δ since the episode began, shape (n,).
+    """
+
+    perturbation: Floats
+    count: Integers
 
 
 @dataclass(frozen=True)
 class Mppi:
-    """The law (1)–(3)."""
+    """The control law (1)–(3).
+
+    Raises:
+        ValueError: If the gains are out of range.
+    """
 
     gains: MppiGains
     simulation: Simulation
 
     def __post_init__(self) -> None:
         g = self.gains
-        if not (3 <= g.samples <= mppi_kernel.LARGEST and g.samples % 2):
-            raise ValueError(f"samples must be odd and from 3 to {mppi_kernel.LARGEST - 1}, not {g.samples!r}")
+        if not (3 <= g.samples <= mppi_kernel.MAX_SAMPLES and g.samples % 2):
+            raise ValueError(f"samples must be odd and from 3 to {mppi_kernel.MAX_SAMPLES - 1}, not {g.samples!r}")
         for name, least in (("horizon", 1), ("steps_per_period", 1), ("knots", 2)):
             check_int(getattr(g, name), name, least)
         if g.feedback.integral > 0.0:
-            raise ValueError("the feedback of MPPI has no integrators: its integral must be 0")
+            raise ValueError(f"feedback.integral must be 0, not {g.feedback.integral!r}: MPPI has no integrators")
 
     @cached_property
-    def _coarse(self) -> Simulation:
-        sim = self.simulation
-        return replace(
-            sim,
-            period=sim.period * self.gains.steps_per_period,
-            substeps=max(1, sim.substeps * self.gains.steps_per_period // 2),
-        )
+    def horizon_simulation(self) -> Simulation:
+        """The simulation with the period of the horizon."""
+        sim, steps = self.simulation, self.gains.steps_per_period
+        return replace(sim, period=sim.period * steps, substeps=max(1, sim.substeps * steps // 2))
 
     @cached_property
-    def _noise(self) -> Floats:
-        """ε of equation (1), shape (64, samples − 1, knots, 4); every perturbation has its opposite."""
+    def perturbations(self) -> Floats:
+        """ε of equation (1), N and N·m, shape (64, samples − 1, knots, 4); the sum over the samples is zero."""
         g = self.gains
-        half = np.random.default_rng(0).standard_normal((_TABLES, (g.samples - 1) // 2, g.knots, 4))
+        half = np.random.default_rng(0).standard_normal((_TABLES, (g.samples - 1) // 2, g.knots, COMMAND_SIZE))
         return np.concatenate([half, -half], axis=1) * (g.spread * self.simulation.command_scale)
 
     def initial_memory(self, rows: int) -> MppiMemory:
-        """δ = 0."""
+        """Return δ = 0."""
         return MppiMemory(np.zeros((rows, self.gains.knots, COMMAND_SIZE)), np.zeros(rows, np.int64))
 
     def command(self, estimate: Estimate, measurement: Measurement, memory: MppiMemory) -> tuple[Floats, MppiMemory]:
-        """Equations (1)–(3); see `observed.ControlLaw`."""
-        horizon = self._look_ahead(estimate, measurement)
-        plans = memory.plan[:, np.newaxis] + self._noise[memory.number % _TABLES]
-        plans = np.concatenate([np.zeros_like(plans[:, :1]), plans], axis=1)
-        cost = self._cost(estimate, horizon, plans)
-        above = cost - cost.min(axis=1, keepdims=True)
-        scale = self.gains.temperature * above.mean(axis=1, keepdims=True)
-        weight = np.exp(-above / np.maximum(scale, 1e-12))
+        """Return the command and the memory of equations (1)–(3); see `output_feedback.ControlLaw`."""
+        horizon = self.reference_horizon(estimate, measurement)
+        samples = memory.perturbation[:, np.newaxis] + self.perturbations[memory.count % _TABLES]
+        samples = np.concatenate([np.zeros_like(samples[:, :1]), samples], axis=1)
+        cost = self.costs(estimate, horizon, samples)
+        excess = cost - cost.min(axis=1, keepdims=True)
+        scale = self.gains.temperature * excess.mean(axis=1, keepdims=True)
+        weight = np.exp(-excess / np.maximum(scale, 1e-12))
         weight /= weight.sum(axis=1, keepdims=True)
-        plan = np.einsum("nk,nkmc->nmc", weight, plans)
-        gain, _ = riccati(self.gains.feedback, self._coarse)
-        error = rotate_state((estimate.state - horizon.state[0])[:, STATE_COLUMNS], -estimate.state[:, 8])
-        command = horizon.command[0] - error @ gain.T + plan[:, 0]
-        share = self.simulation.period / (self._coarse.period * self.gains.horizon / (self.gains.knots - 1))
-        later = np.concatenate([plan[:, 1:], np.zeros_like(plan[:, :1])], axis=1)
-        return command, MppiMemory(plan + share * (later - plan), memory.number + 1)
+        perturbation = np.einsum("nk,nkmc->nmc", weight, samples)
+        gain, _ = riccati(self.gains.feedback, self.horizon_simulation)
+        yaw = State(estimate.state).euler[:, 2]
+        error = rotate_state((estimate.state - horizon.state[0])[:, STATE_COLUMNS], -yaw)
+        command = horizon.command[0] - error @ gain.T + perturbation[:, 0]
+        # The knots move forward by one control step.
+        knot_spacing = self.horizon_simulation.period * self.gains.horizon / (self.gains.knots - 1)
+        share = self.simulation.period / knot_spacing
+        next_knot = np.concatenate([perturbation[:, 1:], np.zeros_like(perturbation[:, :1])], axis=1)
+        return command, MppiMemory(perturbation + share * (next_knot - perturbation), memory.count + 1)
 
-    def _look_ahead(self, estimate: Estimate, measurement: Measurement) -> Horizon:
-        p, steps, period = self.simulation.parameters, self.gains.horizon + 1, self._coarse.period
+    def reference_horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
+        """Return the reference over the horizon, extrapolated by its Taylor polynomial of order 6."""
+        p, steps, period = self.simulation.parameters, self.gains.horizon + 1, self.horizon_simulation.period
         rows = len(measurement.state)
         time = period * np.arange(steps)
         derivatives = np.moveaxis(measurement.reference, 1, 0)
-        later = np.zeros((steps, *derivatives.shape))
+        future = np.zeros((steps, *derivatives.shape))
         for order in range(len(derivatives)):
-            for more in range(len(derivatives) - order):
-                factor = time**more / factorial(more)
-                later[:, order] += factor[:, np.newaxis, np.newaxis] * derivatives[order + more]
+            for power in range(len(derivatives) - order):
+                factor = time**power / factorial(power)
+                future[:, order] += factor[:, np.newaxis, np.newaxis] * derivatives[order + power]
         yaw, rate, acceleration = (measurement.yaw_reference[:, i] for i in range(3))
         t = time[:, np.newaxis]
         yaws = np.stack(
             np.broadcast_arrays(yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration), -1
         )
-        wind = np.tile(estimate.disturbance, (steps, 1))
-        flight = flat_outputs.flat_trajectory(
-            np.moveaxis(later, 2, 1).reshape(-1, *measurement.reference.shape[1:]), wind, p
-        )
-        state, command = flat_outputs.state_and_command(flight, yaws.reshape(-1, 3), wind, p)
-        frame_displacement = [
-            sum(period ** (i + 2 - less) / factorial(i + 2 - less) * later[:-1, i] for i in range(len(derivatives)))
-            for less in (0, 1)
+        disturbance = np.tile(estimate.disturbance, (steps, 1))
+        reference = np.moveaxis(future, 2, 1).reshape(-1, *measurement.reference.shape[1:])
+        trajectory = flat_outputs.flat_trajectory(reference, disturbance, p)
+        state, command = flat_outputs.state_and_command(trajectory, yaws.reshape(-1, 3), disturbance, p)
+        displacement = [
+            sum(period ** (i + order) / factorial(i + order) * future[:-1, i] for i in range(len(derivatives)))
+            for order in (2, 1)  # of position, of velocity
         ]
         return Horizon(
             state.reshape(steps, rows, STATE_SIZE),
-            command.reshape(steps, rows, -1),
-            np.stack(frame_displacement, axis=1),
+            command.reshape(steps, rows, COMMAND_SIZE),
+            np.stack(displacement, axis=1),
         )
 
-    def _cost(self, estimate: Estimate, horizon: Horizon, plans: Floats) -> Floats:
-        """J of equation (2) for each plan, shape (n, samples)."""
-        coarse, feedback = self._coarse, self.gains.feedback
-        gain, terminal = riccati(feedback, coarse)
-        weigh, effort = weights(feedback, coarse)
-        limits = coarse.command_scale * [[0.0, -1.0, -1.0, -1.0], [2.0, 1.0, 1.0, 1.0]]
+    def costs(self, estimate: Estimate, horizon: Horizon, samples: Floats) -> Floats:
+        """Return J of equation (2), shape (n, samples).
+
+        Args:
+            estimate: Estimates of state and disturbance.
+            horizon: Reference over the horizon.
+            samples: δᵏ at the knots, N and N·m, shape (n, samples, knots, 4).
+        """
+        simulation, feedback = self.horizon_simulation, self.gains.feedback
+        gain, terminal_weight = riccati(feedback, simulation)
+        state_weight, command_weight = weights(feedback, simulation)
+        limits = simulation.command_scale * [[0.0, -1.0, -1.0, -1.0], [2.0, 1.0, 1.0, 1.0]]
         return mppi_kernel.costs(
             estimate.state,
             estimate.disturbance,
-            coarse.parameters.as_array(),
+            simulation.parameters.as_array(),
             np.ascontiguousarray(horizon.state[..., STATE_COLUMNS]),
             horizon.command,
             horizon.frame_displacement,
-            np.ascontiguousarray(np.moveaxis(plans, 1, -1)),
+            np.ascontiguousarray(np.moveaxis(samples, 1, -1)),
             gain,
-            weigh,
-            effort,
-            terminal,
+            state_weight,
+            command_weight,
+            terminal_weight,
             limits,
-            coarse.period,
-            coarse.substeps,
+            simulation.period,
+            simulation.substeps,
         )

@@ -1,6 +1,7 @@
-"""The futures of `mppi`, compiled: the environment's own integration, with feedback and cost around it.
+"""The compiled rollout of `mppi`: the integration of the environment's kernel, with feedback and cost.
 
-The futures of one row lie side by side in the lanes of (field, lane) buffers, as in `quadpend_gym.envs.step_kernel`.
+The sampled trajectories of one row lie side by side in the lanes of (field, lane) buffers, as in
+`quadpend_gym.envs.step_kernel`.
 """
 
 from itertools import accumulate
@@ -8,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from quadpend_baselines.modelling import linear_model
 from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.kernel import LANE_STATE_SIZE, integrate
+from quadpend_gym.physics.kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
@@ -25,41 +27,45 @@ from quadpend_gym.physics.state import (
     VELOCITY,
 )
 
-LARGEST = 64  # number of futures of a row
-# Edges of the parts of one buffer of lanes, which the compiler can tell apart.
-_DEVIATION, _COMMAND, _USED, _FORCES, _PHYSICS, _COST, _END = accumulate(
+MAX_SAMPLES = 64  # sampled trajectories of a row
+# First fields in x of `linear_model`; roll, pitch, yaw and their rates are consecutive in x and in the state.
+_X_POSITION, _X_VELOCITY = linear_model.POSITION.start, linear_model.VELOCITY.start
+_X_EULER, _X_ANGLES_SIZE = linear_model.EULER.start, linear_model.EULER_RATE.stop - linear_model.EULER.start
+_X_PENDULUM, _X_PENDULUM_RATE = linear_model.PENDULUM.start, linear_model.PENDULUM_RATE.start
+# Ends of the parts of one buffer of lanes. The compiler can tell that parts of one buffer do not overlap.
+_STATE_END, _DEVIATION_END, _COMMAND_END, _CHANGE_END, _DISTURBANCE_END, _PARAMETERS_END, _END = accumulate(
     (LANE_STATE_SIZE, MODEL_STATE_SIZE, COMMAND_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE, 1)
 )
-BARRIER = 1e4  # cost per squared excess of a cosine
-LEAST_UPRIGHT, LEAST_LEVEL = 0.6, 0.3  # cosines of the pendulum's and the body's angle where the barrier begins
+BARRIER = 1e4  # cost per squared violation of the bounds below
+MIN_PENDULUM_COSINE, MIN_BODY_COSINE = 0.6, 0.3  # bounds of the cosines of the tilt of pendulum and body
 
 
 @inlined
-def _turn_back(state: Any, lane: int, field: int, wanted: Any, column: int, out: Any) -> None:
-    """Horizontal deviation of a vector of the state, in the heading's axes, into rows `column` and + 1 of `out`."""
+def _rotated_deviation(state: Any, lane: int, field: int, reference: Any, column: int, out: Any) -> None:
+    """Write the horizontal deviation of one vector, in the axes of the heading, into two fields of `out`."""
     sine, cosine = sincos(state[EULER + 2, lane])
-    a, b = state[field, lane] - wanted[column], state[field + 1, lane] - wanted[column + 1]
-    out[column, lane] = cosine * a + sine * b
-    out[column + 1, lane] = cosine * b - sine * a
+    x, y = state[field, lane] - reference[column], state[field + 1, lane] - reference[column + 1]
+    out[column, lane] = cosine * x + sine * y
+    out[column + 1, lane] = cosine * y - sine * x
 
 
 @inlined
-def _deviate(state: Any, lanes: int, wanted: Any, out: Any) -> None:
-    """x − x_d in the heading's axes, laid out as in `linear_model`, shape (16, lanes)."""
+def _deviation(state: Any, lanes: int, reference: Any, out: Any) -> None:
+    """Write x − x_d in the axes of the heading, laid out as in `linear_model`, shape (16, lanes)."""
     for lane in range(lanes):
-        _turn_back(state, lane, POSITION, wanted, 0, out)
-        _turn_back(state, lane, VELOCITY, wanted, 3, out)
-        _turn_back(state, lane, DIRECTION, wanted, 12, out)
-        _turn_back(state, lane, DIRECTION_RATE, wanted, 14, out)
-        out[2, lane] = state[POSITION + 2, lane] - wanted[2]
-        out[5, lane] = state[VELOCITY + 2, lane] - wanted[5]
-        for i in range(6):
-            out[6 + i, lane] = state[EULER + i, lane] - wanted[6 + i]
+        _rotated_deviation(state, lane, POSITION, reference, _X_POSITION, out)
+        _rotated_deviation(state, lane, VELOCITY, reference, _X_VELOCITY, out)
+        _rotated_deviation(state, lane, DIRECTION, reference, _X_PENDULUM, out)
+        _rotated_deviation(state, lane, DIRECTION_RATE, reference, _X_PENDULUM_RATE, out)
+        out[_X_POSITION + 2, lane] = state[POSITION + 2, lane] - reference[_X_POSITION + 2]
+        out[_X_VELOCITY + 2, lane] = state[VELOCITY + 2, lane] - reference[_X_VELOCITY + 2]
+        for i in range(_X_ANGLES_SIZE):
+            out[_X_EULER + i, lane] = state[EULER + i, lane] - reference[_X_EULER + i]
 
 
 @inlined
-def _add_form(matrix: Any, x: Any, lanes: int, cost: Any) -> None:
-    """Add ½ xᵀ matrix x, for a symmetric matrix."""
+def _add_quadratic(matrix: Any, x: Any, lanes: int, cost: Any) -> None:
+    """Add ½ xᵀ matrix x to the costs, for a symmetric matrix."""
     for a in range(matrix.shape[0]):
         for b in range(a + 1):
             weight = matrix[a, b] if a > b else 0.5 * matrix[a, b]
@@ -69,95 +75,103 @@ def _add_form(matrix: Any, x: Any, lanes: int, cost: Any) -> None:
 
 
 @inlined
-def _ask(deviation: Any, gain: Any, wanted: Any, plans: Any, place: float, lanes: int, command: Any, used: Any) -> None:
-    """Equation (1) of `mppi`, without the actuators' limits."""
-    knot = int(place)
-    part = place - knot
+def _unlimited_command(
+    deviation: Any, gain: Any, reference: Any, samples: Any, position: float, lanes: int, command: Any, change: Any
+) -> None:
+    """Write the command of equation (1) of `mppi` before saturation, and its difference from u_d.
+
+    `position` is the time as a multiple of the knot spacing.
+    """
+    knot = int(position)
+    fraction = position - knot
     for c in range(COMMAND_SIZE):
         for lane in range(lanes):
-            used[c, lane] = (1.0 - part) * plans[knot, c, lane] + part * plans[knot + 1, c, lane]
+            change[c, lane] = (1.0 - fraction) * samples[knot, c, lane] + fraction * samples[knot + 1, c, lane]
         for a in range(MODEL_STATE_SIZE):
             for lane in range(lanes):
-                used[c, lane] -= gain[c, a] * deviation[a, lane]
+                change[c, lane] -= gain[c, a] * deviation[a, lane]
         for lane in range(lanes):
-            command[c, lane] = wanted[c] + used[c, lane]
+            command[c, lane] = reference[c] + change[c, lane]
 
 
 @compiled
 def costs(
     state: Floats,
-    wind: Floats,
+    disturbance: Floats,
     parameters: Floats,
-    wanted: Floats,
-    wanted_command: Floats,
+    reference_state: Floats,
+    reference_command: Floats,
     frame_displacement: Floats,
-    plans: Floats,
+    samples: Floats,
     gain: Floats,
-    weights: Floats,
-    effort: Floats,
-    terminal: Floats,
+    state_weight: Floats,
+    command_weight: Floats,
+    terminal_weight: Floats,
     limits: Floats,
     period: float,
     substeps: int,
 ) -> Floats:
-    """J of equation (2) of `mppi` for every plan.
+    """Return J of equation (2) of `mppi` for every sample.
 
     Args:
-        state: where each row is, in the reference's frame, shape (n, 18).
-        wind: as `kernel.advance` takes it, shape (n, 9).
-        parameters: of the plant that is believed in, shape (9,).
-        wanted: x_d, shape (H + 1, n, 16).
-        wanted_command: u_d, shape (H + 1, n, 4).
-        frame_displacement: what to take off position and velocity after each period, shape (H, 2, n, 3).
-        plans: δ at the knots, shape (n, knots, 4, samples).
+        state: Initial states, position and velocity relative to the reference, shape (n, 18).
+        disturbance: Constant disturbance, N and N·m, shape (n, 9).
+        parameters: Physical parameters of the nominal plant, shape (9,).
+        reference_state: x_d, shape (H + 1, n, 16).
+        reference_command: u_d, N and N·m, shape (H + 1, n, 4).
+        frame_displacement: Motion of the reference frame in each period, subtracted from position (m) and velocity
+            (m/s), shape (H, 2, n, 3).
+        samples: δᵏ at the knots, N and N·m, shape (n, knots, 4, samples).
         gain: K, shape (4, 16).
-        weights: Q, shape (16, 16).
-        effort: R, shape (4, 4).
-        terminal: P, shape (16, 16).
-        limits: lowest and highest command, shape (2, 4).
-        period: of the horizon, s.
-        substeps: in a period.
+        state_weight: Q, shape (16, 16).
+        command_weight: R, shape (4, 4).
+        terminal_weight: P, shape (16, 16).
+        limits: Lowest and highest command, N and N·m, shape (2, 4).
+        period: Period of the horizon, s.
+        substeps: Integration steps of a period.
 
     Returns:
         Shape (n, samples).
     """
-    rows, knots, _, lanes = plans.shape
+    rows, knots, _, lanes = samples.shape
     steps = frame_displacement.shape[0]
     out = np.empty((rows, lanes))
-    buffer = np.empty((_END, LARGEST))
-    moving, deviation, command = buffer[:_DEVIATION], buffer[_DEVIATION:_COMMAND], buffer[_COMMAND:_USED]
-    used, forces, physics = buffer[_USED:_FORCES], buffer[_FORCES:_PHYSICS], buffer[_PHYSICS:_COST]
-    cost = buffer[_COST]
+    buffer = np.empty((_END, MAX_SAMPLES))
+    lane_state, deviation = buffer[:_STATE_END], buffer[_STATE_END:_DEVIATION_END]
+    command, change = buffer[_DEVIATION_END:_COMMAND_END], buffer[_COMMAND_END:_CHANGE_END]
+    lane_disturbance, physics = buffer[_CHANGE_END:_DISTURBANCE_END], buffer[_DISTURBANCE_END:_PARAMETERS_END]
+    cost = buffer[_PARAMETERS_END]
     for field in range(parameters.size):
         physics[field] = parameters[field]
     for row in range(rows):
         cost[:] = 0.0
         for field in range(STATE_SIZE):
-            moving[field] = state[row, field]
-        for field in range(wind.shape[1]):
-            forces[field] = wind[row, field]
+            lane_state[field] = state[row, field]
+        for field in range(disturbance.shape[1]):
+            lane_disturbance[field] = disturbance[row, field]
         for step in range(steps):
-            _deviate(moving, lanes, wanted[step, row], deviation)
-            _ask(
-                deviation, gain, wanted_command[step, row], plans[row], step * (knots - 1) / steps, lanes, command, used
+            _deviation(lane_state, lanes, reference_state[step, row], deviation)
+            position = step * (knots - 1) / steps
+            _unlimited_command(
+                deviation, gain, reference_command[step, row], samples[row], position, lanes, command, change
             )
             for c in range(COMMAND_SIZE):
                 for lane in range(lanes):
                     command[c, lane] = min(max(command[c, lane], limits[0, c]), limits[1, c])
-                    used[c, lane] = command[c, lane] - wanted_command[step, row, c]
-            _add_form(weights, deviation, lanes, cost)
-            _add_form(effort, used, lanes, cost)
-            integrate(moving, command, forces, physics, lanes, period, substeps)
+                    change[c, lane] = command[c, lane] - reference_command[step, row, c]
+            _add_quadratic(state_weight, deviation, lanes, cost)
+            _add_quadratic(command_weight, change, lanes, cost)
+            integrate(lane_state, command, lane_disturbance, physics, lanes, period, substeps)
             for i in range(3):
                 for lane in range(lanes):
-                    moving[POSITION + i, lane] -= frame_displacement[step, 0, row, i]
-                    moving[VELOCITY + i, lane] -= frame_displacement[step, 1, row, i]
+                    lane_state[POSITION + i, lane] -= frame_displacement[step, 0, row, i]
+                    lane_state[VELOCITY + i, lane] -= frame_displacement[step, 1, row, i]
             for lane in range(lanes):
-                fallen = max(LEAST_UPRIGHT - moving[DIRECTION + 2, lane], 0.0)
-                tipped = max(LEAST_LEVEL - moving[STATE_SIZE + 2, lane], 0.0)
-                cost[lane] += BARRIER * (fallen * fallen + tipped * tipped)
-        _deviate(moving, lanes, wanted[steps, row], deviation)
-        _add_form(terminal, deviation, lanes, cost)
+                pendulum = max(MIN_PENDULUM_COSINE - lane_state[DIRECTION + 2, lane], 0.0)
+                body = max(MIN_BODY_COSINE - lane_state[THRUST_AXIS + 2, lane], 0.0)
+                cost[lane] += BARRIER * (pendulum * pendulum + body * body)
+        _deviation(lane_state, lanes, reference_state[steps, row], deviation)
+        _add_quadratic(terminal_weight, deviation, lanes, cost)
         for lane in range(lanes):
             out[row, lane] = cost[lane]
     return out

@@ -1,4 +1,4 @@
-"""A control law that needs the whole state, flown from observations: `estimator` in front of it."""
+"""Output feedback: a control law for state and disturbance, combined with `estimator`."""
 
 from collections.abc import Callable
 from inspect import signature
@@ -19,93 +19,123 @@ from quadpend_gym.core.arrays import Floats, Floats32
 
 
 class ControlLaw(Protocol):
-    """Thrust and torques from what is estimated."""
+    """Thrust and torques as a function of the estimates."""
 
     def initial_memory(self, rows: int) -> Any:
-        """What the law remembers at the start of an episode: arrays of `rows` rows, or tuples of such."""
+        """Return the memory at the start of an episode: an array of `rows` rows or a tuple of such arrays."""
 
     def command(self, estimate: Estimate, measurement: Measurement, memory: Any) -> tuple[Floats, Any]:
-        """Thrust (N) and torques (N·m), shape (n, 4), as yet without limits, and what the law remembers."""
+        """Return thrust (N) and torques (N·m), shape (n, 4), before saturation, and the memory of the law."""
 
 
 class Estimation(NamedTuple):
-    """What there is to decide on, for n rows."""
+    """The inputs of the control law for n rows.
+
+    Attributes:
+        measurement: The current measurement.
+        estimate: The estimate after the current measurement.
+        law_memory: The memory of the control law.
+    """
 
     measurement: Measurement
     estimate: Estimate
-    law: Any  # what the law remembers
+    law_memory: Any
 
 
 class OutputFeedbackMemory(NamedTuple):
-    """What an observed law remembers from one call to the next, for n rows."""
+    """Memory of an `OutputFeedback` policy for n rows.
+
+    Attributes:
+        estimate: The latest estimate.
+        command: Thrust (N) and torques (N·m) applied after saturation, shape (n, 4).
+        law_memory: The memory of the control law.
+    """
 
     estimate: Estimate
-    command: Floats  # thrust and torques really given, (n, 4)
-    law: Any
+    command: Floats
+    law_memory: Any
 
 
 class OutputFeedback:
-    """A law as a policy with the `predict` protocol.
+    """A control law and an estimator as a policy with the `predict` protocol.
 
     Args:
-        law: makes the law of its gains and of what is believed of the plant.
-        gains: of the law; their field `estimator` has the estimator's.
-        simulation: what is believed of the plant and its actuators, and the period.
+        make_law: Returns the control law from its gains and the nominal simulation.
+        gains: Gains of the control law; their field `estimator` holds those of the estimator.
+        simulation: Nominal plant, actuators and control period; None: the default simulation.
     """
 
     def __init__(
-        self, law: Callable[[Any, Simulation], ControlLaw], gains: Any, simulation: Simulation | None = None
+        self, make_law: Callable[[Any, Simulation], ControlLaw], gains: Any, simulation: Simulation | None = None
     ) -> None:
-        """Design estimator and law."""
-        self.law, self.gains, self.simulation = law, gains, simulation or Simulation()
-        self._law = law(gains, self.simulation)
+        """Design the estimator and the control law."""
+        self.make_law, self.gains, self.simulation = make_law, gains, simulation or Simulation()
+        self._law = make_law(gains, self.simulation)
         self._estimator = Estimator(gains.estimator, self.simulation)
 
     @property
     def has_bandwidth_scale(self) -> bool:
-        """Whether the law's bandwidths can be steered: its `command` takes a `pace`."""
+        """Whether the `command` method of the control law takes a `bandwidth_scale`."""
         return "bandwidth_scale" in signature(self._law.command).parameters
 
     def with_simulation(self, simulation: Simulation) -> "OutputFeedback":
-        """The same controller with another belief of the plant."""
-        return OutputFeedback(self.law, self.gains, simulation)
+        """Return the same controller with the same gains, designed for another nominal simulation."""
+        return OutputFeedback(self.make_law, self.gains, simulation)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, OutputFeedbackMemory]:
-        """Action and memory; see `Policy.predict`."""
+        """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
-        known = self.update(np.atleast_2d(np.asarray(observation, np.float32)), state, episode_start)
-        action, memory = self.control(known)
+        estimation = self.update(np.atleast_2d(np.asarray(observation, np.float32)), state, episode_start)
+        action, memory = self.control(estimation)
         return (action[0] if single else action), memory
 
     def update(self, observation: Floats32, state: OutputFeedbackMemory | None, episode_start: Any) -> Estimation:
-        """What is known with n observations, shape (n, 36) or (n, 27); the rest as in `predict`."""
+        """Update the estimates with new observations.
+
+        Args:
+            observation: Shape (n, 36), or (n, 27) without velocities.
+            state: As in `predict`.
+            episode_start: As in `predict`.
+        """
         measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
         rows = len(measurement.state)
         started = episode_start_mask(episode_start, state is None, rows)
-        known: Any = None
+        updated: Any = None
         if state is not None and not started.all():
-            known = self._estimator.update(state.estimate, state.command, measurement), state.law
+            updated = self._estimator.update(state.estimate, state.command, measurement), state.law_memory
         if started.any():
-            fresh = self._estimator.initial_estimate(measurement), self._law.initial_memory(rows)
-            known = fresh if known is None else select_rows(started, fresh, known)
-        return Estimation(measurement, *known)
+            initial = self._estimator.initial_estimate(measurement), self._law.initial_memory(rows)
+            updated = initial if updated is None else select_rows(started, initial, updated)
+        return Estimation(measurement, *updated)
 
-    def control(self, known: Estimation, **more: Any) -> tuple[Floats32, OutputFeedbackMemory]:
-        """Actions of n rows, shape (n, 4), and memory; `more` goes to the law's `command`."""
-        command, memory = self._law.command(known.estimate, known.measurement, known.law, **more)
-        action, command = to_action(command, self.simulation)
-        return action, OutputFeedbackMemory(known.estimate, command, memory)
+    def control(self, estimation: Estimation, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
+        """Return the actions of n rows, shape (n, 4), and the memory.
+
+        Args:
+            estimation: What `update` returned.
+            options: Passed on to the `command` method of the control law.
+        """
+        command, law_memory = self._law.command(
+            estimation.estimate, estimation.measurement, estimation.law_memory, **options
+        )
+        action, applied = to_action(command, self.simulation)
+        return action, OutputFeedbackMemory(estimation.estimate, applied, law_memory)
 
     def estimated_disturbance(self, memory: OutputFeedbackMemory | Estimation) -> Floats:
-        """The disturbance as the estimator sees it, laid out as `info["disturbance"]`, shape (n, 9)."""
+        """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9)."""
         return memory.estimate.disturbance
 
     def estimated_observation(self, observation: Floats32, memory: OutputFeedbackMemory | Estimation) -> Floats32:
-        """The observation that the estimator's state would give, shape (n, 36), also of one without velocities (27)."""
+        """Return the observation of the estimated state, shape (n, 36).
+
+        Args:
+            observation: The current observation, shape (n, 36), or (n, 27) without velocities.
+            memory: The memory or estimation after that observation.
+        """
         return observation_from_state(memory.estimate.state, observation, self.simulation.parameters.rod_length)
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
-        """What is remembered if `action`, shape (n, 4), acts and not the law's own."""
+        """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
         return memory._replace(command=to_command(action, self.simulation))

@@ -1,4 +1,4 @@
-"""Classical controllers by name, with the gains that stand in `gains`."""
+"""Classical controllers by name, with the gains of `gains.GAINS`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,7 +13,7 @@ from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym import Simulation
 
-# name: makes the controller of its gains and of what it believes of the plant and its actuators
+# Each factory makes a controller from its gains and the nominal simulation (None: the default).
 CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "adrc-paper": ADRC,
     "adrc-matched": ADRC,
@@ -28,14 +28,15 @@ CONTROLLERS = tuple(CONTROLLER_FACTORIES)
 
 
 def controller(name: str, simulation: Simulation | None = None) -> Policy:
-    """The controller called `name`.
+    """Return the controller with a name.
 
     Args:
-        name: one of `CONTROLLERS`.
-        simulation: what it believes of the plant and its actuators; None: the paper's.
+        name: One of `CONTROLLERS`.
+        simulation: Nominal plant, actuators and control period; None: the default simulation, which has the paper's
+            parameters.
 
     Raises:
-        ValueError: there is no such controller.
+        ValueError: If no controller has this name.
     """
     if name not in CONTROLLER_FACTORIES:
         raise ValueError(f"there is no controller {name!r}; there are {', '.join(CONTROLLERS)}")

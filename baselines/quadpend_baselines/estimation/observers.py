@@ -1,10 +1,10 @@
 """Extended state observers of integrator chains, discretised as current estimators.
 
-The paper's observers estimate a chain of four integrators, x₁⁽⁴⁾ = 0, from y = x₁, with a known input u into one of the
-states. In continuous time, with the error e = y − x̂₁:
+Each observer of the paper estimates a chain of four integrators, x₁⁽⁴⁾ = 0, from the output y = x₁ and a known input u
+that drives one of the states. In continuous time, with the output error e = y − x̂₁:
 
-    Luenberger stage (46)   x̂ = (F, Ḟ, F̈, F⁽³⁾),        u = F⁽⁴⁾ into the fourth,  gains λ₃, λ₂, λ₁, λ₀
-    DESO (13), (20), (47)   x̂ = (y, ẏ, ϑ̂₁, ϑ̂₂),         u into the second,         gains λ₃, λ₂, λ₁ and ρ sign(e)
+    Luenberger stage (46)   x̂ = (F, Ḟ, F̈, F⁽³⁾),        u = F⁽⁴⁾ drives the fourth,  gains λ₃, λ₂, λ₁, λ₀
+    DESO (13), (20), (47)   x̂ = (y, ẏ, ϑ̂₁, ϑ̂₂),         u drives the second,         gains λ₃, λ₂, λ₁ and ρ sign(e)
 
 and s⁴ + λ₃s³ + λ₂s² + λ₁s + λ₀ = (s² + 2ζω s + ω²)². Sampled with period T (Miklosovic, Radke & Gao, ACC 2006):
 
@@ -12,8 +12,8 @@ and s⁴ + λ₃s³ + λ₂s² + λ₁s + λ₀ = (s² + 2ζω s + ω²)². Samp
     (2)  correct   x̂  = x̂⁻ + L e,               e = y − x̂₁⁻, the error's poles at exp(p T) for the continuous poles p
     (3)  DESO      last correction = ρ T sat(e / δ)
 
-With δ = ρT / L₄ (the default) equation (3) is linear inside the layer and saturates outside; δ = 0 is the paper's sign
-term; ρ = ∞ the linear ESO.
+With δ = ρT / L₄ (the default), equation (3) is linear inside the layer |e| < δ and saturates outside. δ = 0 gives the
+paper's sign term, ρ = ∞ the linear ESO.
 """
 
 from dataclasses import dataclass
@@ -26,22 +26,22 @@ from quadpend_baselines.gains import ObserverGains
 from quadpend_gym.core.arrays import Floats
 
 ORDER = 4
-LUENBERGER_INPUT, ESO_INPUT = 3, 1  # the state that the known input drives
+LUENBERGER_INPUT, ESO_INPUT = 3, 1  # index of the state that the known input drives
 
 
 def characteristic_polynomial(gains: ObserverGains) -> Floats:
-    """Coefficients of (s² + 2ζω s + ω²)², highest power first, shape (5,): 1, λ₃, λ₂, λ₁, λ₀."""
+    """Return the coefficients of (s² + 2ζω s + ω²)², highest power first, shape (5,): 1, λ₃, λ₂, λ₁, λ₀."""
     quadratic = [1.0, 2.0 * gains.damping * gains.bandwidth, gains.bandwidth**2]
     return np.asarray(np.polymul(quadratic, quadratic), np.float64)
 
 
 def chain(period: float) -> Floats:
-    """Φ of a chain of four integrators, shape (4, 4)."""
+    """Return Φ of a chain of four integrators, shape (4, 4)."""
     return np.asarray(expm(np.eye(ORDER, k=1) * period))
 
 
 def current_gain(gains: ObserverGains, period: float) -> Floats:
-    """L of equation (2), shape (4,), by Ackermann's formula: L = Φ⁻¹ p(Φ) O⁻¹ e₄."""
+    """Return L of equation (2), shape (4,), by Ackermann's formula: L = Φ⁻¹ p(Φ) O⁻¹ e₄."""
     transition = chain(period)
     poles = np.exp(np.roots(characteristic_polynomial(gains)) * period)
     polynomial = np.real(np.poly(poles))
@@ -50,22 +50,22 @@ def current_gain(gains: ObserverGains, period: float) -> Floats:
     return np.linalg.solve(transition, placed @ np.linalg.solve(observability, np.eye(ORDER)[-1]))
 
 
-def input_gain(driven: int, period: float) -> Floats:
-    """Γ of equation (1) for an input into state `driven`, shape (4,)."""
-    lags = driven - np.arange(ORDER)
+def input_gain(driven_state: int, period: float) -> Floats:
+    """Return Γ of equation (1) for an input that drives state number `driven_state`, shape (4,)."""
+    lags = driven_state - np.arange(ORDER)
     return np.array([period ** (lag + 1) / factorial(lag + 1) if lag >= 0 else 0.0 for lag in lags])
 
 
 @dataclass(frozen=True)
 class ObserverBank:
-    """m observers of integrator chains side by side.
+    """m observers of integrator chains, computed together.
 
-    Args:
+    Attributes:
         transition: Φ, shape (4, 4).
-        input_gains: Γ of each, shape (m, 4).
-        gains: L of each, shape (m, 4).
-        slopes: ρT/δ of equation (3) for each, shape (m,).
-        limits: ρT of equation (3) for each, shape (m,).
+        input_gains: Γ of each observer, shape (m, 4).
+        gains: L of each observer, shape (m, 4).
+        slopes: ρT/δ of equation (3) of each observer, shape (m,).
+        limits: ρT of equation (3) of each observer, shape (m,).
     """
 
     transition: Floats
@@ -76,26 +76,31 @@ class ObserverBank:
 
     @classmethod
     def design(cls, observers: list[tuple[int, ObserverGains]], period: float) -> "ObserverBank":
-        """Observers with the driven state and the gains of each, sampled with `period` (s)."""
+        """Design observers.
+
+        Args:
+            observers: The index of the driven state and the gains of each observer.
+            period: Sampling period, s.
+        """
         gains = np.array([current_gain(item, period) for _, item in observers])
         limits = np.array([item.switching * period for _, item in observers])
         slopes = [
             gain[-1] if item.layer is None else item.switching * period / max(item.layer, 1e-300)
             for gain, (_, item) in zip(gains, observers, strict=True)
         ]
-        inputs = np.array([input_gain(driven, period) for driven, _ in observers])
+        inputs = np.array([input_gain(driven_state, period) for driven_state, _ in observers])
         return cls(chain(period), inputs, gains, np.array(slopes), limits)
 
     def update(self, estimate: Floats, known_input: Floats, measured: Floats) -> Floats:
-        """One period of equations (1)–(3).
+        """Return the estimates one period later, by equations (1)–(3).
 
         Args:
             estimate: x̂ one period ago, shape (n, m, 4).
             known_input: u over the period, shape (n, m).
-            measured: y now, shape (n, m).
+            measured: y at the end of the period, shape (n, m).
 
         Returns:
-            x̂ now, shape (n, m, 4).
+            x̂ at the end of the period, shape (n, m, 4).
         """
         predicted = estimate @ self.transition.T + known_input[..., np.newaxis] * self.input_gains
         error = measured - predicted[..., 0]

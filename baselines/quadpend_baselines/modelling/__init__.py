@@ -1,1 +1,1 @@
-"""Models that controllers are designed with: linearisation, flat outputs, Taylor series."""
+"""Models for controller design: linear model, flat outputs, Taylor series, planar vectors."""

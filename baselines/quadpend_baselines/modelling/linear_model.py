@@ -1,8 +1,8 @@
-"""The environment's own kernel, linearised where quadrotor and pendulum hover upright.
+"""Linear model: the kernel of the environment, linearised at hover with the pendulum upright.
 
     (1)  x_{k+1} = A x_k + B u_k + E d_k
 
-in deviations from hover at ψ = 0. r_z and ṙ_z do not appear: to first order they are 1 and 0.
+All vectors are deviations from hover at ψ = 0. The model leaves out r_z and ṙ_z, which are constant to first order.
 
 | vector | components                                                       | unit                      |
 |--------|------------------------------------------------------------------|---------------------------|
@@ -10,7 +10,8 @@ in deviations from hover at ψ = 0. r_z and ṙ_z do not appear: to first order 
 | u      | thrust, τφ, τθ, τψ                                               | N, N·m                    |
 | d      | force on the quadrotor (3), on the bob (x, y), torque (3)        | N, N·m                    |
 
-The bob's vertical force is left out: it cannot be told from the quadrotor's.
+The model leaves out the vertical force on the bob because measurements cannot distinguish it from a vertical force on
+the quadrotor.
 """
 
 from typing import NamedTuple
@@ -21,14 +22,31 @@ from quadpend_baselines.modelling.planar import rotate
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.state import COMMAND_SIZE, DIRECTION, DIRECTION_RATE, DISTURBANCE_SIZE, STATE_SIZE
+from quadpend_gym.physics.state import (
+    BOB_FORCE,
+    COMMAND_SIZE,
+    DIRECTION,
+    DIRECTION_RATE,
+    DISTURBANCE_SIZE,
+    FORCE,
+    STATE_SIZE,
+    THRUST,
+    TORQUE,
+    State,
+)
 
-STATE_COLUMNS = np.r_[0:14, DIRECTION_RATE, DIRECTION_RATE + 1]  # of the state that x has
-DISTURBANCE_COLUMNS = np.r_[0:5, 6:9]  # of the nine disturbances that d has
-POSITION, VELOCITY, EULER, EULER_RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-PENDULUM, PENDULUM_RATE = slice(12, 14), slice(14, 16)
+# x: r_z and ṙ_z are left out of the state.
+STATE_COLUMNS = np.r_[0 : DIRECTION + 2, DIRECTION_RATE : DIRECTION_RATE + 2]
 MODEL_STATE_SIZE = STATE_COLUMNS.size
-_STEP = 1e-4  # of the central differences: their error is of order 1e-8
+POSITION, VELOCITY, EULER, EULER_RATE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+PENDULUM, PENDULUM_RATE = slice(12, 14), slice(14, 16)  # r_x r_y, ṙ_x ṙ_y
+HORIZONTAL_POSITION = slice(0, 2)
+YAW = 8
+# d: the vertical force on the bob is left out of the disturbance.
+DISTURBANCE_COLUMNS = np.r_[FORCE : FORCE + 3, BOB_FORCE : BOB_FORCE + 2, TORQUE : TORQUE + 3]
+MODEL_DISTURBANCE_SIZE = DISTURBANCE_COLUMNS.size
+MODEL_FORCE, MODEL_BOB_FORCE, MODEL_TORQUE = slice(0, 3), slice(3, 5), slice(5, 8)
+_STEP = 1e-4  # of the central differences, whose error is of order 1e-8
 
 
 class LinearModel(NamedTuple):
@@ -40,16 +58,16 @@ class LinearModel(NamedTuple):
 
 
 def linearise(simulation: Simulation) -> LinearModel:
-    """Equation (1) over one control period, by central differences of `kernel.advance`."""
-    sizes = (MODEL_STATE_SIZE, COMMAND_SIZE, DISTURBANCE_COLUMNS.size)
+    """Return the model (1) over one control period, from central differences of `kernel.advance`."""
+    sizes = (MODEL_STATE_SIZE, COMMAND_SIZE, MODEL_DISTURBANCE_SIZE)
     steps = _STEP * np.concatenate([np.eye(sum(sizes)), -np.eye(sum(sizes))])
-    x, command, forces = np.split(steps, np.cumsum(sizes)[:-1], axis=1)
+    x, command, model_disturbance = np.split(steps, np.cumsum(sizes)[:-1], axis=1)
     state = np.zeros((len(steps), STATE_SIZE))
-    state[:, DIRECTION + 2] = 1.0
+    State(state).direction[:, 2] = 1.0
     state[:, STATE_COLUMNS] += x
-    command[:, 0] += simulation.parameters.hover_thrust
+    command[:, THRUST] += simulation.parameters.hover_thrust
     disturbance = np.zeros((len(steps), DISTURBANCE_SIZE))
-    disturbance[:, DISTURBANCE_COLUMNS] = forces
+    disturbance[:, DISTURBANCE_COLUMNS] = model_disturbance
     parameters = np.tile(simulation.parameters.as_array(), (len(steps), 1))
     advance(state, command, disturbance, parameters, simulation.period, simulation.substeps)
     plus, minus = np.split(state[:, STATE_COLUMNS], 2)
@@ -58,5 +76,16 @@ def linearise(simulation: Simulation) -> LinearModel:
 
 
 def rotate_state(x: Floats, yaw: Floats) -> Floats:
-    """Turn the world's vectors in rows of x, shape (n, 16), about the vertical by angles (n,): attitudes stay."""
+    """Rotate the horizontal world-frame vectors of x, shape (n, 16), about the vertical by `yaw`, rad, shape (n,).
+
+    Attitude angles and their rates stay the same.
+    """
     return rotate(x, yaw, POSITION.start, VELOCITY.start, PENDULUM.start, PENDULUM_RATE.start)
+
+
+def rotate_disturbance(d: Floats, yaw: Floats) -> Floats:
+    """Rotate the horizontal forces of d, shape (n, 8), about the vertical by `yaw`, rad, shape (n,).
+
+    The torque stays the same.
+    """
+    return rotate(d, yaw, MODEL_FORCE.start, MODEL_BOB_FORCE.start)

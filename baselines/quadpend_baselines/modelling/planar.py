@@ -1,4 +1,4 @@
-"""Horizontal vectors in the rows of arrays."""
+"""Functions of the horizontal vectors in the rows of an array."""
 
 import numpy as np
 
@@ -6,22 +6,23 @@ from quadpend_gym.core.arrays import Floats
 
 
 def rotate(rows: Floats, yaw: Floats, *columns: int) -> Floats:
-    """Rows with some of their vectors turned about the vertical.
+    """Return a copy of rows in which some horizontal vectors are rotated about the vertical.
 
     Args:
-        rows: shape (n, k).
-        yaw: angles, rad, shape (n,).
-        columns: where an x stands whose y is in the next column; the other columns stay.
+        rows: Shape (n, k).
+        yaw: Angles of rotation, rad, shape (n,).
+        columns: Columns of the x components to rotate; the y component of each vector is in the next column. The other
+            columns stay the same.
     """
     cosine, sine = np.cos(yaw), np.sin(yaw)
     out = rows.copy()
-    for x in columns:
-        a, b = rows[:, x], rows[:, x + 1]
-        out[:, x], out[:, x + 1] = cosine * a - sine * b, sine * a + cosine * b
+    for column in columns:
+        x, y = rows[:, column], rows[:, column + 1]
+        out[:, column], out[:, column + 1] = cosine * x - sine * y, sine * x + cosine * y
     return out
 
 
-def limit_norm(vector: Floats, most: float) -> Floats:
-    """Vectors, shape (n, k), made no longer than `most`."""
-    size = np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.asarray(vector * (most / np.maximum(size, most)))
+def limit_norm(vector: Floats, limit: float) -> Floats:
+    """Return vectors, shape (n, k), scaled down so that no norm exceeds `limit`."""
+    norm = np.linalg.norm(vector, axis=1, keepdims=True)
+    return np.asarray(vector * (limit / np.maximum(norm, limit)))

@@ -1,6 +1,7 @@
-"""Arithmetic of truncated Taylor series, with which derivatives of any order need no formulas of their own.
+"""Arithmetic of truncated Taylor series, which propagates derivatives of any order.
 
-A jet is an array of shape (k + 1, …) with the coefficients c_i = f⁽ⁱ⁾/i! of f(t + τ) = Σ c_i τⁱ, i = 0 … k.
+A series is an array of shape (k + 1, …) with the Taylor coefficients c_i = f⁽ⁱ⁾(t)/i! of f(t + τ) = Σ c_i τⁱ for
+i = 0 … k, where k is the order of the series. No function changes its arguments.
 """
 
 from math import factorial
@@ -11,29 +12,29 @@ from quadpend_gym.core.arrays import Floats
 
 
 def from_derivatives(*derivatives: Floats) -> Floats:
-    """The jet of a function with these derivatives of order 0, 1, …, each of shape (…)."""
+    """Return the series of a function from its derivatives of order 0, 1, …, each of shape (…)."""
     return np.stack([d / factorial(i) for i, d in enumerate(derivatives)])
 
 
 def to_derivatives(a: Floats) -> Floats:
-    """The derivatives of order 0 … k of a jet, shape (k + 1, …)."""
+    """Return the derivatives of order 0 … k of a series, shape (k + 1, …)."""
     return np.stack([c * factorial(i) for i, c in enumerate(a)])
 
 
 def derivative(a: Floats, order: int = 1) -> Floats:
-    """The jet of the derivative, as many orders shorter."""
+    """Return the series of a derivative; its order is lower by `order`."""
     return np.stack([c * (factorial(i) // factorial(i - order)) for i, c in enumerate(a) if i >= order])
 
 
 def constant(value: Floats, order: int) -> Floats:
-    """The jet of a constant, to an order."""
+    """Return the series of a constant, truncated after `order`."""
     out = np.zeros((order + 1, *value.shape))
     out[0] = value
     return out
 
 
 def product(a: Floats, b: Floats) -> Floats:
-    """a b, to the lower of both orders."""
+    """Return the series of a b, truncated after the lower order of the two."""
     out = a[0] * b[: len(a)]
     for i in range(1, len(out)):
         out[i:] += a[i] * b[: len(out) - i]
@@ -41,7 +42,7 @@ def product(a: Floats, b: Floats) -> Floats:
 
 
 def quotient(a: Floats, b: Floats) -> Floats:
-    """a / b, to the lower of both orders."""
+    """Return the series of a / b, truncated after the lower order of the two."""
     out = a[: len(b)] / b[0]
     ratio = b[: len(out)] / b[0]
     for i in range(len(out) - 1):
@@ -50,7 +51,7 @@ def quotient(a: Floats, b: Floats) -> Floats:
 
 
 def power(a: Floats, exponent: float) -> Floats:
-    """a to a constant power, a > 0."""
+    """Return the series of a to a constant power; a must be positive."""
     out = np.empty_like(a)
     out[0] = a[0] ** exponent
     for k in range(1, len(a)):
@@ -62,14 +63,14 @@ def power(a: Floats, exponent: float) -> Floats:
 
 
 def arctangent(a: Floats) -> Floats:
-    """Arctan a."""
+    """Return the series of arctan a."""
     if len(a) == 1:
         return np.arctan(a)
     return _integral(np.arctan(a[0]), quotient(derivative(a), _plus_one(product(a, a))))
 
 
 def sine_and_cosine(a: Floats) -> tuple[Floats, Floats]:
-    """Sin a and cos a."""
+    """Return the series of sin a and of cos a."""
     sine, cosine = np.empty_like(a), np.empty_like(a)
     sine[0], cosine[0] = np.sin(a[0]), np.cos(a[0])
     for k in range(1, len(a)):
@@ -86,5 +87,5 @@ def _plus_one(a: Floats) -> Floats:
     return out
 
 
-def _integral(first: Floats, rate: Floats) -> Floats:
-    return np.stack([first, *(c / (i + 1) for i, c in enumerate(rate))])
+def _integral(initial_value: Floats, rate: Floats) -> Floats:
+    return np.stack([initial_value, *(c / (i + 1) for i, c in enumerate(rate))])

@@ -1,1 +1,1 @@
-"""The protocol of every policy, and the rollout."""
+"""The `predict` protocol that all policies share, the rollout, and rotor allocation."""

@@ -1,4 +1,4 @@
-"""What every policy, learned or classical, has in common: the `predict` protocol and the scaling of actions."""
+"""The `predict` protocol of learned and classical policies, and the conversion between actions and commands."""
 
 from typing import Any, Protocol
 
@@ -9,7 +9,10 @@ from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 
 
 class Policy(Protocol):
-    """The protocol of Stable-Baselines3's models, so that its `evaluate_policy` takes a controller as it is."""
+    """The `predict` protocol of Stable-Baselines3.
+
+    A controller with this method can be passed to SB3's `evaluate_policy`.
+    """
 
     def predict(
         self,
@@ -18,28 +21,42 @@ class Policy(Protocol):
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Floats32, Any]:
-        """Action for an observation or for a batch of them.
+        """Return the action for one observation or for a batch of observations.
 
         Args:
-            observation: shape (36,) or (n, 36), laid out as in `quadpend_gym.tasks.observation`, or without velocities (27,).
-            state: what the previous call returned; None at first.
-            episode_start: rows whose episode has just begun, shape (n,); None: none but at first.
-            deterministic: learned policies may draw their action when False.
+            observation: Shape (36,) or (n, 36), laid out as in `quadpend_gym.tasks.observation`; without velocities,
+                shape (27,) or (n, 27).
+            state: The memory that the previous call returned; None in the first call.
+            episode_start: Mask of the rows whose episode has just begun, shape (n,). None means that no episode has
+                just begun, except in the first call.
+            deterministic: False allows a learned policy to sample its action.
 
         Returns:
-            The action, shape (4,) or (n, 4), and the policy's memory.
+            The action, shape (4,) or (n, 4), in [-1, 1], and the memory of the policy.
         """
 
 
 def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:
-    """Mask of the rows that begin an episode, shape (rows,), from the arguments of `predict`."""
+    """Return the mask of the rows whose episode has just begun, shape (rows,).
+
+    Args:
+        episode_start: The argument of `predict`.
+        first: Whether `predict` is called for the first time, without a memory.
+        rows: The number of observations in the batch.
+    """
     if first or episode_start is None:
         return np.full(rows, first)
     return np.broadcast_to(np.asarray(episode_start, np.bool_), (rows,))
 
 
 def select_rows(rows: Booleans, then: Any, otherwise: Any) -> Any:
-    """`then` in some rows and `otherwise` in the others, through tuples of arrays."""
+    """Return `then` in the rows of a mask and `otherwise` in the other rows.
+
+    Args:
+        rows: Mask, shape (n,).
+        then: Array of n rows, or a (named) tuple of such arrays, nested to any depth.
+        otherwise: The same structure as `then`.
+    """
     if isinstance(then, np.ndarray):
         return np.where(rows.reshape(-1, *[1] * (then.ndim - 1)), then, otherwise)
     parts = [select_rows(rows, a, b) for a, b in zip(then, otherwise, strict=True)]
@@ -47,7 +64,13 @@ def select_rows(rows: Booleans, then: Any, otherwise: Any) -> Any:
 
 
 def replace_rows(rows: Integers, part: Any, whole: Any) -> Any:
-    """`whole` but that some of its rows are those of `part`, through tuples of arrays."""
+    """Return a copy of `whole` in which some rows are replaced by those of `part`.
+
+    Args:
+        rows: Indices of the rows to replace, shape (k,).
+        part: Array of k rows, or a (named) tuple of such arrays, nested to any depth.
+        whole: The same structure with n rows.
+    """
     if isinstance(whole, np.ndarray):
         out = whole.copy()
         out[rows] = part
@@ -57,11 +80,14 @@ def replace_rows(rows: Integers, part: Any, whole: Any) -> Any:
 
 
 def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
-    """The action that comes closest to a command, and the command that it really gives.
+    """Return the action that comes closest to a command, and the command that this action produces.
 
     Args:
-        command: thrust (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).
-        simulation: what an action means, see `Simulation.command_scale`.
+        command: Thrust (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).
+        simulation: Defines the scale of the actions, see `Simulation.command_scale`.
+
+    Returns:
+        The action, shape (n, 4), float32, clipped to [-1, 1], and its command, shape (n, 4), in N and N·m.
     """
     size = simulation.command_scale
     zero = size * [1.0, 0.0, 0.0, 0.0]
@@ -70,6 +96,6 @@ def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats
 
 
 def to_command(action: Floats32, simulation: Simulation) -> Floats:
-    """Thrust (N) and torques (N·m) that actions of shape (n, 4) stand for."""
+    """Return the thrust (N) and torques (N·m) of actions, shape (n, 4)."""
     size = simulation.command_scale
     return np.asarray(size * [1.0, 0.0, 0.0, 0.0] + size * action)

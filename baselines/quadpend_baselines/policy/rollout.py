@@ -1,4 +1,4 @@
-"""The one loop in which a policy flies: one episode in every row of a vector environment."""
+"""The rollout of a policy: one episode in every sub-environment of a vector environment."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -11,17 +11,17 @@ from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 
 
 class RolloutStep(NamedTuple):
-    """One control step of n rows; what stands in rows that do not fly any more means nothing.
+    """One control step of n sub-environments; values of inactive sub-environments have no meaning.
 
     Attributes:
-        active: rows whose first episode has this step, shape (n,).
-        action: shape (n, 4).
-        memory: of the policy, after it has chosen the action.
-        reward: shape (n,).
-        tracking_error: after the step, m, shape (n, 3).
-        tilt: of the pendulum from upright, after the step, rad, shape (n,).
-        terminated: shape (n,).
-        truncated: shape (n,).
+        active: Sub-environments whose first episode includes this step, shape (n,).
+        action: Shape (n, 4).
+        memory: Memory of the policy after it has chosen the action.
+        reward: Shape (n,).
+        tracking_error: Tracking error after the step, m, shape (n, 3).
+        tilt: Angle of the pendulum from upright after the step, rad, shape (n,).
+        terminated: Shape (n,).
+        truncated: Shape (n,).
     """
 
     active: Booleans
@@ -35,25 +35,28 @@ class RolloutStep(NamedTuple):
 
     @property
     def survived(self) -> Booleans:
-        """Rows whose episode has lasted its time with this step, shape (n,)."""
+        """Sub-environments whose first episode reaches its time limit with this step, shape (n,)."""
         return self.active & self.truncated & ~self.terminated
 
     @property
     def continuing(self) -> Booleans:
-        """Rows whose first episode has another step, shape (n,)."""
+        """Sub-environments whose first episode continues after this step, shape (n,)."""
         return self.active & ~(self.truncated | self.terminated)
 
 
 def rollout(
     policy: Policy, env: VectorEnv[Any, Any, Any], seed: int | list[int], options: dict[str, Any] | None = None
 ) -> Iterator[RolloutStep]:
-    """Fly the first episode of every row, until none flies any more.
+    """Run the first episode of every sub-environment and yield its steps.
 
     Args:
-        policy: anything that obeys the `predict` protocol; it flies deterministically.
-        env: with same-step autoreset.
+        policy: Any object with the `predict` method of `Policy`; it is called with ``deterministic=True``.
+        env: Vector environment with same-step autoreset.
         seed: Seed of the first sub-environment, whose successors get consecutive seeds; or the seed of each one.
-        options: of the reset.
+        options: Options of the reset.
+
+    Yields:
+        The steps, until the first episode of every sub-environment has ended.
     """
     observation, _ = env.reset(seed=seed, options=options)
     active, started, memory = np.ones(env.num_envs, np.bool_), np.ones(env.num_envs, np.bool_), None
@@ -62,7 +65,7 @@ def rollout(
         observation, reward, terminated, truncated, info = env.step(action)
         started = terminated | truncated
         error, tilt = info["tracking_error"].copy(), info["tilt"].copy()
-        if started.any():  # these rows' info is of their next episode
+        if started.any():  # after a same-step autoreset, `info` describes the next episode
             final = info["final_info"]
             error[started], tilt[started] = final["tracking_error"][started], final["tilt"][started]
         step = RolloutStep(active, action, memory, reward, error, tilt, terminated, truncated)

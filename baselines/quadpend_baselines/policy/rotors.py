@@ -1,4 +1,4 @@
-"""Flying four rotors with a policy made for thrust and torques."""
+"""Rotor allocation: a policy for thrust and torques controls four rotors."""
 
 from typing import Any
 
@@ -11,28 +11,29 @@ from quadpend_gym.core.arrays import Floats32
 
 
 class RotorAllocation:
-    """`policy` for an environment whose action are the thrusts of `rotors`.
+    """Wrap a policy for an environment whose actions are the thrusts of four rotors.
 
-    Its actions are unmixed, and each rotor does what it can: where one would have to pull or to push too hard, thrust
-    and torques come out differently, and the policy does not know.
+    The inverse of the rotors' mixing matrix converts thrust and torques into rotor thrusts. Each rotor thrust is
+    clipped to its range. Where a rotor saturates, thrust and torques differ from those that the policy has commanded,
+    and the policy does not receive the difference.
 
     Args:
-        policy: anything whose actions are thrust and torques.
-        rotors: as the environment has them.
-        simulation: as the environment has it.
+        policy: A policy whose actions are thrust and torques.
+        rotors: The rotors of the environment; None: the default rotors.
+        simulation: The simulation of the environment; None: the default simulation.
 
     Raises:
-        ValueError: the rotors can turn harder than the simulation's actuators.
+        ValueError: If the rotors can produce a larger torque than the simulation's actuators.
     """
 
     def __init__(self, policy: Policy, rotors: Rotors | None = None, simulation: Simulation | None = None) -> None:
-        """Invert the mixing."""
+        """Invert the mixing matrix."""
         self.policy = policy
         self._unmixing = np.linalg.inv((rotors or Rotors()).mixing(simulation or Simulation()))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
-        """Action and memory; see `Policy.predict`."""
+        """Return action and memory; see `Policy.predict`."""
         action, memory = self.policy.predict(observation, state, episode_start, deterministic)
         return np.clip(action @ self._unmixing.T, -1.0, 1.0).astype(np.float32), memory

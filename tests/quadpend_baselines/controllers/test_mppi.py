@@ -94,7 +94,7 @@ def test_a_plans_cost_is_that_of_flying_it(reference: Reference, steps_per_perio
     state, plans = upset(3, reference, UNEQUAL), plans_for(law.gains, 3, 0.1)
     measurement = measurement_of(state, reference)
     estimate = true_estimate(measurement, WIND)
-    costs = law._cost(estimate, law._look_ahead(estimate, measurement), plans)
+    costs = law.costs(estimate, law.reference_horizon(estimate, measurement), plans)
     for row in range(3):
         for sample in range(5):
             true = paid(law, state[row : row + 1], plans[row, sample], reference, WIND)
@@ -118,7 +118,7 @@ def test_without_perturbations_it_is_the_linear_feedback_around_the_flight_in_th
     should, wanted = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
     off = rotate_state((state - should)[:, STATE_COLUMNS], -state[:, 8])
     assert_allclose(command, wanted - off @ gain.T, atol=1e-6)
-    assert_array_equal(memory.plan, 0.0)
+    assert_array_equal(memory.perturbation, 0.0)
 
 
 def test_at_a_low_temperature_the_best_future_is_flown() -> None:
@@ -127,11 +127,11 @@ def test_at_a_low_temperature_the_best_future_is_flown() -> None:
     state = tilted_pendulum(np.repeat([0.05, 0.35], 4), np.arange(8.0), 8)
     measurement = measurement_of(state)
     estimate, first = true_estimate(measurement), cold.initial_memory(8)
-    horizon = cold._look_ahead(estimate, measurement)
+    horizon = cold.reference_horizon(estimate, measurement)
     feedback, _ = commanded(Mppi(replace(GAINS_HERE, spread=0.0), Simulation()), state)
     command, _ = commanded(cold, state)
-    samples = np.concatenate([np.zeros((8, 1, 5, 4)), cold._noise[first.number]], axis=1)
-    costs = cold._cost(estimate, horizon, samples)
+    samples = np.concatenate([np.zeros((8, 1, 5, 4)), cold.perturbations[first.count]], axis=1)
+    costs = cold.costs(estimate, horizon, samples)
     for row in range(8):
         best = samples[row, costs[row].argmin()]
         assert_allclose(command[row], feedback[row] + best[0], atol=1e-9)
@@ -150,7 +150,7 @@ def test_a_plan_moves_on_with_time() -> None:
     assert_allclose(command - feedback, mean[:, 0], atol=1e-6)
     spacing, ends = 0.1, np.append(mean[0], np.zeros((1, 4)), axis=0)
     later = [np.interp(spacing * np.arange(5) + 0.01, spacing * np.arange(6), ends[:, c]) for c in range(4)]
-    assert_allclose(memory.plan[0], np.transpose(later), atol=1e-6)
+    assert_allclose(memory.perturbation[0], np.transpose(later), atol=1e-6)
 
 
 def test_it_is_a_function_of_what_it_knows() -> None:
@@ -161,8 +161,8 @@ def test_it_is_a_function_of_what_it_knows() -> None:
     again, _ = commanded(Mppi(GAINS_HERE, Simulation()), state)
     again, other = commanded(law, state, commanded(Mppi(GAINS_HERE, Simulation()), state)[1])
     assert_array_equal(again, batch)
-    assert_array_equal(other.plan, memory.plan)
-    assert_array_equal(memory.number, 2)
+    assert_array_equal(other.perturbation, memory.perturbation)
+    assert_array_equal(memory.count, 2)
     for row in range(5):
         alone = commanded(law, state[row : row + 1])
         alone = commanded(law, state[row : row + 1], alone[1])
@@ -252,5 +252,5 @@ def test_the_gains_that_stand_are_those_of_such_a_controller() -> None:
     """An odd number of futures: one without perturbation and pairs of opposites."""
     gains = GAINS["mppi"]
     law = Mppi(gains, Simulation())
-    assert law._noise.shape == (64, gains.samples - 1, gains.knots, 4)
-    assert_allclose(law._noise.sum(axis=1), 0.0, atol=1e-12)
+    assert law.perturbations.shape == (64, gains.samples - 1, gains.knots, 4)
+    assert_allclose(law.perturbations.sum(axis=1), 0.0, atol=1e-12)

@@ -186,7 +186,7 @@ def test_the_gain_becomes_that_of_the_steady_kalman_filter_and_is_stable(gains: 
     transition, measure, process, noise = plant(gains, rates)
     covariance = solve_discrete_are(transition.T, measure.T, process, noise)
     steady = covariance @ measure.T @ np.linalg.inv(measure @ covariance @ measure.T + noise)
-    gain = estimator._gain_table(gains, Simulation(), rates)[-1]
+    gain = estimator.gain_table(gains, Simulation(), rates)[-1]
     assert np.linalg.norm(gain - steady) < 0.1 * np.linalg.norm(steady)
     error = (np.eye(len(transition)) - gain @ measure) @ transition
     assert np.abs(np.linalg.eigvals(error)).max() < 0.99
@@ -194,7 +194,7 @@ def test_the_gain_becomes_that_of_the_steady_kalman_filter_and_is_stable(gains: 
 
 def test_its_first_gains_are_those_of_one_who_knows_no_wind_and_no_rates() -> None:
     """At first a rate is corrected by what its position has moved in a period, and later by less."""
-    gains = estimator._gain_table(QUICK, Simulation(), False)
+    gains = estimator.gain_table(QUICK, Simulation(), False)
     period, velocity_of_position = Simulation().period, gains[:, 3, 0]
     # Known to 1 mm, it goes on by 0.1 m/s · 0.01 s, and is measured to 1 mm: a third of the surprise is the rate's.
     assert velocity_of_position[0] == pytest.approx(1.0 / (3.0 * period), rel=0.05)
