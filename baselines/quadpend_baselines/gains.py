@@ -1,12 +1,13 @@
 """Gains of the controllers, as data.
 
-`AdrcGains` are by default those of the paper's Section 5, untuned. This project's own choices, where the paper says
-nothing: the sign terms are saturations (`ObserverGains`), with ρ above the largest |ϑ̈| that the winds here cause, so
-that in flight the observers are linear nearly always; the sampling at 100 Hz (`observers`), with the known inputs' mean
-over a period; the torque limits (`quadpend_gym.physics.parameters.Actuators`).
+The defaults of `AdrcGains` are those of the paper's Section 5, not tuned. Where the paper gives no values, the choices
+are this project's own: the sign terms are saturations (`ObserverGains`) with ρ above the largest |ϑ̈| of the winds here,
+so that the observers rarely leave their linear range; the sampling period is 10 ms (`observers`), with the mean of the
+known inputs over a period; and the torques are limited (`quadpend_gym.physics.parameters.Actuators`).
 
-The other gains were found by `quadpend tune` on the training scenarios; `TUNED` has the commands and the scores. Of
-each controller's gains it varies those that `quadpend_train.studies.tuning.SPACES` lists.
+All other gains were found by the command ``quadpend tune`` on the training scenarios. `TUNED` holds the full command
+and the score of each controller. ``quadpend_train.studies.tuning.SPACES`` lists the gains that it varies, by the names
+of the fields below.
 """
 
 from dataclasses import dataclass, field, replace
@@ -17,66 +18,72 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ObserverGains:
-    """An observer with the characteristic polynomial (s² + 2ζω s + ω²)²."""
+    """Gains of an observer with the characteristic polynomial (s² + 2ζω s + ω²)²; see `estimation.observers`."""
 
     bandwidth: float = 500.0  # ω_n, rad/s
     damping: float = 0.9  # ζ
-    switching: float = np.inf  # ρ, the bound of the last correction per second; inf: linear
-    layer: float | None = None  # δ, where it saturates; None: ρ / ω_n⁴, sampled; 0: the sign function
+    switching: float = np.inf  # ρ, limit of the last correction per second; inf: linear observer
+    layer: float | None = None  # δ, half width of the linear range; None: ρ / ω_n⁴, sampled; 0: the sign function
 
 
 @dataclass(frozen=True)
 class AdrcGains:
-    """ADRC of all four channels."""
+    """Gains of ADRC; ``quadpend tune adrc-tuned --trials 600`` found those of `adrc-tuned`."""
 
     horizontal_bandwidth: float = 7.0  # ω_nc of F_x and F_y, rad/s, Section 5
     vertical_bandwidth: float = 10.0  # ω_nc of height z and yaw ψ, rad/s, Section 5
-    damping: float = 0.9  # ζ_c of all, Section 5
+    damping: float = 0.9  # ζ_c of all channels, Section 5
     luenberger: ObserverGains = field(default_factory=ObserverGains)  # of F … F⁽³⁾, (46)
     horizontal: ObserverGains = field(default_factory=lambda: ObserverGains(switching=5e6))  # of F⁽⁴⁾ …, ϑ, (47)
     vertical: ObserverGains = field(default_factory=lambda: ObserverGains(switching=1e4))  # of z and ψ, (13), (20)
-    mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾ (and of its rate to F⁽⁵⁾): 0 as in the paper
+    mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾, and of its rate added to F⁽⁵⁾; 0 as in the paper
 
 
 @dataclass(frozen=True)
 class EstimatorGains:
-    """What the Kalman filter of `estimator` believes. In the long run only ratios matter."""
+    """Noise levels of the Kalman filter of `estimation.estimator`; in steady state only their ratios matter.
+
+    They are tuned together with the gains of the controller.
+    """
 
     noise: float = 1e-3  # standard deviation of measured positions (m), angles (rad) and r
-    rate_noise: float = 1e-2  # of their rates
-    force_walk: float = 3.0  # of the force on the quadrotor, N/√s
-    bob_force_walk: float = 0.1  # of the force on the bob, N/√s
-    torque_walk: float = 0.1  # N·m/√s
+    rate_noise: float = 1e-2  # standard deviation of measured rates, per second
+    force_walk: float = 3.0  # random walk of the force on the quadrotor, N/√s
+    bob_force_walk: float = 0.1  # random walk of the force on the bob, N/√s
+    torque_walk: float = 0.1  # random walk of the torque, N·m/√s
 
 
 @dataclass(frozen=True)
 class FlatnessGains:
-    """The flatness-based controller, see `flatness`."""
+    """Gains of `controllers.flatness`; ``quadpend tune flatness --trials 250`` found those of `flatness`."""
 
-    position_bandwidth: float = 2.5  # rad/s, of each pair of poles, all of them damped by `damping`
-    pendulum_bandwidth: float = 7.0
-    attitude_bandwidth: float = 20.0
-    damping: float = 0.9
-    vertical_bandwidth: float = 6.0  # rad/s, height and yaw
-    acceleration: float = 3.0  # m/s², the most that a position error may ask of the bob
-    velocity: float = 1.5  # m/s, the most that it may ask
-    lean: float = 1.1  # rad, of the thrust
-    far_pendulum_bandwidth: float = 4.5  # rad/s, where the pendulum is far from where it should be
-    far_attitude_bandwidth: float = 8.0
-    near: float = 0.1  # η₀, where the bandwidths are halfway between near and far
+    position_bandwidth: float = 2.5  # rad/s, of a pair of poles
+    pendulum_bandwidth: float = 7.0  # rad/s, near the desired pendulum direction
+    attitude_bandwidth: float = 20.0  # rad/s, near the desired pendulum direction
+    damping: float = 0.9  # ζ of all pairs of poles
+    vertical_bandwidth: float = 6.0  # rad/s, of height and yaw
+    acceleration: float = 3.0  # m/s², limit of the bob acceleration that the position error demands
+    velocity: float = 1.5  # m/s, limit of the velocity that the position error demands
+    lean: float = 1.1  # rad, limit of the thrust's tilt
+    far_pendulum_bandwidth: float = 4.5  # rad/s, far from the desired pendulum direction
+    far_attitude_bandwidth: float = 8.0  # rad/s, far from the desired pendulum direction
+    near: float = 0.1  # η₀, where the bandwidths are the means of near and far
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
 @dataclass(frozen=True)
 class LqrGains:
-    """Tolerances of the weights of `lqr`: what counts as much as a full action."""
+    """Gains of `controllers.lqr`: the weights are inverse squares of tolerances.
+
+    ``quadpend tune lqr --trials 120`` and ``quadpend tune lqi --trials 120`` found those of `lqr` and `lqi`.
+    """
 
     position: float = 0.3  # m
     velocity: float = 0.6  # m/s
     angle: float = 0.5  # rad
     angle_rate: float = 3.0  # rad/s
-    effort: float = 1.0  # of the action's range
-    reach: float = 0.5  # m, the largest horizontal error that is answered as such
+    effort: float = 1.0  # share of the range of the action
+    reach: float = 0.5  # m, limit of the horizontal position error in the feedback
     integral: float = 0.0  # m·s; 0: no integrators
     integral_limit: float = 0.5  # m·s
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
@@ -84,25 +91,25 @@ class LqrGains:
 
 @dataclass(frozen=True)
 class MppiGains:
-    """Model-predictive path-integral control, see `mppi`."""
+    """Gains of `controllers.mppi`; ``quadpend tune mppi --trials 60 --episodes 16`` found those of `mppi`."""
 
-    feedback: LqrGains = field(default_factory=LqrGains)  # its weights, and the feedback around which is sampled
-    samples: int = 33  # futures of each row, odd
+    feedback: LqrGains = field(default_factory=LqrGains)  # weights of the cost, and of the linear feedback
+    samples: int = 33  # sampled trajectories of each row, odd
     horizon: int = 20  # periods
-    steps_per_period: int = 2  # control steps in a period
-    knots: int = 5  # of the perturbation
-    spread: float = 0.3  # its standard deviation, of the action's range
+    steps_per_period: int = 2  # control steps of a period
+    knots: int = 5  # of the piecewise linear perturbation
+    spread: float = 0.3  # standard deviation of the perturbation, share of the range of the action
     temperature: float = 0.1  # λ
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
 class Tuning(NamedTuple):
-    """How gains were found.
+    """The search that found the gains of a controller.
 
     Attributes:
-        command: that finds them.
-        score: mean penalised RMSE over the training scenarios in episodes that the search has not seen, mm; a fall
-            counts as 1 m. See `quadpend_train.studies.tuning`.
+        command: The command that repeats the search.
+        score: Mean penalised RMSE over the training scenarios, in mm, in episodes that the search has not used. A fall,
+            that is an early termination, counts as 1 m. See `quadpend_train.studies.tuning`.
     """
 
     command: str
@@ -120,7 +127,7 @@ _TUNED_ADRC = AdrcGains(
     vertical=ObserverGains(28.6),
 )
 
-# By the names of the controllers.
+# Gains of every controller, by its name.
 GAINS: dict[str, Any] = {
     "adrc-paper": _PAPER,
     "adrc-matched": replace(_PAPER, mismatch=1.0),
@@ -166,7 +173,7 @@ GAINS: dict[str, Any] = {
     ),
 }
 
-# Of the gains above that were searched; the others follow from them or are the paper's.
+# The searches. The gains without an entry are the paper's or derived from those of another controller.
 TUNED: dict[str, Tuning] = {
     "adrc-tuned": Tuning("quadpend tune adrc-tuned --trials 600", 272.92),
     "lqr": Tuning("quadpend tune lqr --trials 120", 119.31),
@@ -175,7 +182,7 @@ TUNED: dict[str, Tuning] = {
     "mppi": Tuning("quadpend tune mppi --trials 60 --episodes 16", 33.88),
 }
 
-# By the short names that `ADRC` takes.
+# Gains of ADRC by the names that its constructor accepts.
 ADRC_GAINS: dict[str, AdrcGains] = {
     name.removeprefix("adrc-"): gains for name, gains in GAINS.items() if name.startswith("adrc-")
 }

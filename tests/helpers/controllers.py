@@ -1,4 +1,4 @@
-"""What the tests of the controllers share: flat flights, laws that know everything, and worlds turned about z."""
+"""Helpers of the controllers' tests: exact trajectories, simulation with true states, and rotated worlds."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,38 +12,48 @@ from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.state import STATE_SIZE, State
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, Disturbance, State
 
-CALM = np.zeros(9)
+CALM = np.zeros(DISTURBANCE_SIZE)
 HOVER = Reference.hover()
+Callback = Callable[[Measurement, Floats, Any], None]
+
+
+def disturbance_of(
+    force: Any = (0.0, 0.0, 0.0), bob_force: Any = (0.0, 0.0, 0.0), torque: Any = (0.0, 0.0, 0.0)
+) -> Floats:
+    """Return a disturbance, shape (9,), from its forces (N) and torques (N·m)."""
+    out = Disturbance(np.zeros(DISTURBANCE_SIZE))
+    out.force[:], out.bob_force[:], out.torque[:] = force, bob_force, torque
+    return out.array
 
 
 def flat_state_and_command(
     reference: Reference, time: float, disturbance: Floats, p: Parameters
 ) -> tuple[Floats, Floats]:
-    """State in the world, shape (1, 18), and command, shape (1, 4), of following `reference` exactly."""
-    d, forces = reference.derivatives(np.array([time])), np.atleast_2d(disturbance)
-    flight = flat_outputs.flat_trajectory(d[:, 2:, :3], forces, p)
-    state, command = flat_outputs.state_and_command(flight, d[:, :3, 3], forces, p)
+    """Return the state in the world frame, shape (1, 18), and the command, shape (1, 4), that follow a reference."""
+    d, disturbance = reference.derivatives(np.array([time])), np.atleast_2d(disturbance)
+    trajectory = flat_outputs.flat_trajectory(d[:, 2:, :3], disturbance, p)
+    state, command = flat_outputs.state_and_command(trajectory, d[:, :3, 3], disturbance, p)
     State(state).position[:] += d[:, 0, :3]
     State(state).velocity[:] += d[:, 1, :3]
     return state, command
 
 
 def measurement_of(state: Floats, reference: Reference = HOVER, time: float = 0.0) -> Measurement:
-    """What there is to know of states in the world, shape (n, 18), beside a reference."""
+    """Return the exact measurement of states in the world frame, shape (n, 18)."""
     rows, d = len(state), reference.derivatives(time)
-    beside = State(state.copy())
-    beside.position[:] -= d[0, :3]
-    beside.velocity[:] -= d[1, :3]
-    return Measurement(beside.array, np.tile(d[2:, :3], (rows, 1, 1)), np.tile(d[:3, 3], (rows, 1)))
+    relative = State(state.copy())
+    relative.position[:] -= d[0, :3]
+    relative.velocity[:] -= d[1, :3]
+    return Measurement(relative.array, np.tile(d[2:, :3], (rows, 1, 1)), np.tile(d[:3, 3], (rows, 1)))
 
 
 def true_estimate(measurement: Measurement, disturbance: Floats = CALM) -> Estimate:
-    """An estimate that is the truth."""
+    """Return the estimate without error."""
     rows = len(measurement.state)
-    forces = np.array(np.broadcast_to(disturbance, (rows, CALM.size)))
-    return Estimate(measurement.state, forces, measurement.reference, np.zeros(rows, np.int64))
+    disturbances = np.array(np.broadcast_to(disturbance, (rows, CALM.size)))
+    return Estimate(measurement.state, disturbances, measurement.reference, np.zeros(rows, np.int64))
 
 
 def simulate_with_true_state(
@@ -53,55 +63,73 @@ def simulate_with_true_state(
     steps: int,
     reference: Reference = HOVER,
     disturbance: Floats = CALM,
-    watch: Callable[[Measurement, Floats, Any], None] = lambda measurement, command, memory: None,
+    callback: Callback = lambda measurement, command, memory: None,
 ) -> Floats:
-    """The states, shape (n, 18), after `steps` periods under a law that is told state and wind.
+    """Simulate a control law that receives the true state and disturbance.
 
-    Commands keep to the actuators' limits. `watch` is shown each measurement with the command and memory it led to.
+    Args:
+        law: The control law; its commands saturate at the limits of the actuators.
+        simulation: The plant.
+        state: Initial states in the world frame, shape (18,) or (n, 18).
+        steps: Number of control periods.
+        reference: The reference to track.
+        disturbance: Constant disturbance, N and N·m, shape (9,).
+        callback: Called in every period with the measurement, the saturated command and the memory of the law.
+
+    Returns:
+        The final states, shape (n, 18).
     """
-    state, memory = np.array(np.atleast_2d(state), order="C"), law.initial_memory(len(np.atleast_2d(state)))
-    physics = np.tile(simulation.parameters.as_array(), (len(state), 1))
-    forces = np.array(np.broadcast_to(disturbance, (len(state), CALM.size)))
+    state = np.array(np.atleast_2d(state), order="C")
+    memory = law.initial_memory(len(state))
+    parameters = np.tile(simulation.parameters.as_array(), (len(state), 1))
+    disturbances = np.array(np.broadcast_to(disturbance, (len(state), CALM.size)))
     for step in range(steps):
         measurement = measurement_of(state, reference, step * simulation.period)
         command, memory = law.command(true_estimate(measurement, disturbance), measurement, memory)
         _, command = to_action(command, simulation)
-        watch(measurement, command, memory)
-        advance(state, command, forces, physics, simulation.period, simulation.substeps)
+        callback(measurement, command, memory)
+        advance(state, command, disturbances, parameters, simulation.period, simulation.substeps)
     return state
 
 
 def hover_states(rows: int = 1, height: float = 2.0) -> Floats:
-    """Hover upright, shape (rows, 18)."""
+    """Return states at rest with the pendulum upright, shape (rows, 18)."""
     state = State(np.zeros((rows, STATE_SIZE)))
     state.direction[:, 2], state.position[:, 2] = 1.0, height
     return state.array
 
 
 def tilted_pendulum(tilt: Any, azimuth: Any, rows: int = 1) -> Floats:
-    """Hover at rest but for the pendulum's angles from upright (rad) and their azimuths (rad), shape (rows, 18)."""
+    """Return states at rest with a tilted pendulum, shape (rows, 18); `tilt` and `azimuth` in rad."""
     state = hover_states(rows)
     parts = np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)
     State(state).direction[:] = np.stack(np.broadcast_arrays(*parts), axis=-1)
     return state
 
 
-def tracking_errors(measurement: Measurement, rod_length: float) -> Floats:
-    """Distance of the flat outputs from the reference, m, shape (n,)."""
+def tracking_distance(measurement: Measurement, rod_length: float) -> Floats:
+    """Return the distance of the flat outputs from the reference, m, shape (n,)."""
     state = State(measurement.state)
     return np.asarray(np.linalg.norm(state.position + rod_length * state.direction * [1.0, 1.0, 0.0], axis=1))
 
 
 def rotate_vectors(vectors: Floats, angle: float) -> Floats:
-    """World vectors, shape (..., 3), turned about z."""
+    """Rotate world vectors, shape (..., 3), about z by `angle` (rad)."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.asarray(vectors @ np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def rotate_states(state: Floats, angle: float) -> Floats:
-    """States, shape (..., 18), of a world turned about z."""
+    """Rotate states, shape (..., 18), about z by `angle` (rad), the heading included."""
     out, s = State(state.copy()), State(state)
     for name in ("position", "velocity", "direction", "direction_rate"):
         getattr(out, name)[:] = rotate_vectors(getattr(s, name), angle)
     out.euler[..., 2] += angle
+    return out.array
+
+
+def rotate_disturbances(disturbance: Floats, angle: float) -> Floats:
+    """Rotate the forces of disturbances, shape (..., 9), about z by `angle` (rad); the torques stay the same."""
+    out, d = Disturbance(disturbance.copy()), Disturbance(disturbance)
+    out.force[:], out.bob_force[:] = rotate_vectors(d.force, angle), rotate_vectors(d.bob_force, angle)
     return out.array

@@ -14,11 +14,11 @@ where b is the thrust axis. The observers estimate errors relative to the refere
 observations of small numbers lose no accuracy.
 
 A force d on the quadrotor enters at F⁽⁴⁾ = F₅ − g d/(M l) = F₅ + ϑ/K, which the paper's control law neglects. With
-`AdrcGains.mismatch` = 1, the controller uses F₅ + ϑ̂/K for F⁽⁴⁾ in (3) and in the Luenberger stage, and the derivative of
-F₅ + ϑ̂/K for F⁽⁵⁾.
+`AdrcGains.mismatch` = 1, the controller uses F₅ + ϑ̂/K for F⁽⁴⁾ in (3) and in the Luenberger stage, and the derivative
+of F₅ + ϑ̂/K for F⁽⁵⁾.
 
-The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ into the axes of the world (n and t above), which
-makes no difference at ψ = 0.
+The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ into the axes of the world (n and t above),
+which makes no difference at ψ = 0.
 """
 
 from typing import Any, NamedTuple

@@ -1,1 +1,1 @@
-"""The paper's experiment (its Section 5): simulation, figures and figures of merit."""
+"""The paper's experiment (its Section 5): simulation, figures, figures of merit, and ablations of the controller."""

@@ -1,11 +1,13 @@
 """The paper's controller in continuous time: observers as differential equations, integrated with the plant.
 
-The observers (13), (20), (46), (47), corrected, with e = y − x̂₁ and s⁴ + λ₃s³ + … + λ₀ as in `quadpend_baselines.estimation.observers`:
+The observers (13), (20), (46), (47), corrected, with e = y − x̂₁ and the polynomial s⁴ + λ₃s³ + … + λ₀ of
+`quadpend_baselines.estimation.observers`:
 
     x̂̇₁ = x̂₂ + λ₃ e,   x̂̇₂ = x̂₃ + λ₂ e [+ u],   x̂̇₃ = x̂₄ + λ₁ e,   x̂̇₄ = λ₀ e [+ u]   or   ρ sat(λ₀ e / ρ)
 
-with the known input u into the state that it drives. The control law is that of `quadpend_baselines.controllers.adrc`, evaluated at every
-stage of a classical Runge–Kutta step; commands saturate as the sampled controller's do.
+The known input u enters the equation of the state that it drives. The control law is that of
+`quadpend_baselines.controllers.adrc`, evaluated at every stage of a classical Runge–Kutta step. Commands saturate as
+those of the sampled controller do.
 """
 
 from typing import NamedTuple
@@ -25,21 +27,21 @@ _DRIVEN = np.array([LUENBERGER_INPUT, LUENBERGER_INPUT, ESO_INPUT, ESO_INPUT, ES
 _OBSERVERS = np.arange(_DRIVEN.size)
 
 
-class _Instant(NamedTuple):
-    """What does not depend on the loop: derivatives of the reference, shape (7, 4), and the disturbance, shape (9,)."""
+class _Inputs(NamedTuple):
+    """Inputs of the loop at one time: derivatives of the reference, shape (7, 4), and the disturbance, shape (9,)."""
 
     reference: Floats
     disturbance: Floats
 
 
 class _Loop(NamedTuple):
-    """Plant and observers: shapes (18,) and (6, 4)."""
+    """States of the plant and of the observers, shapes (18,) and (6, 4), or their rates of change."""
 
     state: Floats
     estimate: Floats
 
     def after(self, rate: "_Loop", time: float) -> "_Loop":
-        """Where a constant rate of change leads."""
+        """Return the loop after a time (s) with a constant rate of change."""
         return _Loop(self.state + time * rate.state, self.estimate + time * rate.estimate)
 
 
@@ -47,7 +49,7 @@ class ContinuousLoop:
     """Plant, observers and control law as one differential equation.
 
     Args:
-        policy: the controller whose gains and law are used; its period does not matter.
+        policy: The controller whose gains and control law are used; its sampling period has no effect.
     """
 
     def __init__(self, policy: ADRC) -> None:
@@ -61,77 +63,89 @@ class ContinuousLoop:
                 gain[3] = item.switching / max(item.layer, 1e-300)
 
     def simulate(self, start: Floats, reference: Reference, disturbance: Floats, step: float, every: int) -> Trajectory:
-        """Integrate and record.
+        """Integrate the loop and record its trajectory.
 
         Args:
-            start: shape (18,).
-            reference: what to track.
-            disturbance: the true one at every half step, shape (2 m + 1, 9), for m steps.
-            step: of the integration, s.
-            every: record one step in so many.
+            start: State of the plant, shape (18,).
+            reference: The reference to track.
+            disturbance: The true disturbance at every half step, N and N·m, shape (2 m + 1, 9), for m steps.
+            step: Integration step, s.
+            every: Number of steps between two records.
         """
         steps = disturbance.shape[0] // 2
-        wanted = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))
-        instants = [_Instant(*pair) for pair in zip(wanted, disturbance, strict=True)]
-        measurement, outputs = self._measure(start, instants[0])
+        derivatives = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))
+        inputs = [_Inputs(*pair) for pair in zip(derivatives, disturbance, strict=True)]
+        measurement, outputs = self._measure(start, inputs[0])
         loop = _Loop(start, self.policy.initial_estimate(measurement, outputs)[0])
         records = []
         for i in tqdm(range(steps + 1), unit="step", unit_scale=True, leave=False, desc="continuous time"):
             if i % every == 0:
-                records.append((loop.state, loop.estimate, self._act(loop, instants[2 * i])[2][0]))
+                records.append((loop.state, loop.estimate, self._control(loop, inputs[2 * i])[2][0]))
             if i < steps:
-                loop = self._advance(loop, instants[2 * i : 2 * i + 3], step)
+                loop = self._advance(loop, inputs[2 * i : 2 * i + 3], step)
         states, estimates, commands = (np.array(part) for part in zip(*records, strict=True))
         memory = AdrcMemory(estimates, commands, None)
         return Trajectory(
             step * every * np.arange(len(records), dtype=np.float64),
             states,
-            wanted[:: 2 * every],
+            derivatives[:: 2 * every],
             commands,
             disturbance[:: 2 * every],
             self.policy.estimated_disturbance(memory),
         )
 
-    def _advance(self, loop: _Loop, instants: list[_Instant], h: float) -> _Loop:
-        """One Runge–Kutta step from the first instant over the middle one to the last; r back onto the sphere."""
-        k1 = self._rate(loop, instants[0])
-        k2 = self._rate(loop.after(k1, 0.5 * h), instants[1])
-        k3 = self._rate(loop.after(k2, 0.5 * h), instants[1])
-        k4 = self._rate(loop.after(k3, h), instants[2])
+    def _advance(self, loop: _Loop, inputs: list[_Inputs], h: float) -> _Loop:
+        """Return the loop one Runge–Kutta step of h (s) later, with r and ṙ projected onto the unit sphere.
+
+        `inputs` are those at the start, the middle and the end of the step.
+        """
+        k1 = self._rate(loop, inputs[0])
+        k2 = self._rate(loop.after(k1, 0.5 * h), inputs[1])
+        k3 = self._rate(loop.after(k2, 0.5 * h), inputs[1])
+        k4 = self._rate(loop.after(k3, h), inputs[2])
         for rate, share in ((k1, 1 / 6), (k2, 1 / 3), (k3, 1 / 3), (k4, 1 / 6)):
             loop = loop.after(rate, share * h)
-        view = State(loop.state)
-        view.direction[:] /= np.linalg.norm(view.direction)
-        view.direction_rate[:] -= (view.direction @ view.direction_rate) * view.direction
+        s = State(loop.state)
+        s.direction[:] /= np.linalg.norm(s.direction)
+        s.direction_rate[:] -= (s.direction @ s.direction_rate) * s.direction
         return loop
 
-    def _measure(self, state: Floats, instant: _Instant) -> tuple[AdrcMeasurement, Floats]:
-        wanted, view = instant.reference, State(state)
-        bob = view.position + self.policy.simulation.parameters.rod_length * view.direction
+    def _measure(self, state: Floats, inputs: _Inputs) -> tuple[AdrcMeasurement, Floats]:
+        """Return the measurement and the measured outputs of the observers."""
+        derivatives, s = inputs.reference, State(state)
+        bob = s.position + self.policy.simulation.parameters.rod_length * s.direction
         measurement = make_measurement(
-            np.array([[bob[0], bob[1], view.position[2]]]) - wanted[0, :3],
-            view.direction[np.newaxis],
-            (view.euler - [0.0, 0.0, wanted[0, 3]])[np.newaxis],
-            wanted[np.newaxis, :3, 3],
-            wanted[np.newaxis, 2:, :3],
+            np.array([[bob[0], bob[1], s.position[2]]]) - derivatives[0, :3],
+            s.direction[np.newaxis],
+            (s.euler - [0.0, 0.0, derivatives[0, 3]])[np.newaxis],
+            derivatives[np.newaxis, :3, 3],
+            derivatives[np.newaxis, 2:, :3],
         )
         return measurement, self.policy.observer_outputs(measurement)
 
-    def _act(self, loop: _Loop, instant: _Instant) -> tuple[AdrcMeasurement, Floats, Floats]:
-        """What is measurement, what the observers compare it with, and the saturated command, shape (1, 4)."""
-        measurement, outputs = self._measure(loop.state, instant)
-        wish = self.policy.command(measurement, loop.estimate[np.newaxis])
-        return measurement, outputs, to_action(wish, self.policy.simulation)[1]
+    def _control(self, loop: _Loop, inputs: _Inputs) -> tuple[AdrcMeasurement, Floats, Floats]:
+        """Return the measurement, the measured outputs of the observers and the saturated command, shape (1, 4)."""
+        measurement, outputs = self._measure(loop.state, inputs)
+        command = self.policy.command(measurement, loop.estimate[np.newaxis])
+        return measurement, outputs, to_action(command, self.policy.simulation)[1]
 
-    def _rate(self, loop: _Loop, instant: _Instant) -> _Loop:
-        measurement, outputs, command = self._act(loop, instant)
+    def _rate(self, loop: _Loop, inputs: _Inputs) -> _Loop:
+        """Return the rates of change of the loop."""
+        measurement, outputs, command = self._control(loop, inputs)
         estimate = loop.estimate
         error = outputs[0] - estimate[:, 0]
         rate = self._gains * error[:, np.newaxis]
         rate[:, 3] = np.clip(rate[:, 3], -self._limits, self._limits)
         rate[:, :3] += estimate[:, 1:]
         rate[_OBSERVERS, _DRIVEN] += self.policy.observer_inputs(measurement, estimate[np.newaxis], command)[0]
-        view = State(loop.state)
-        second = accelerations(loop.state, command[0], instant.disturbance, self.policy.simulation.parameters)
-        parts = [view.velocity, second.position, view.euler_rate, second.euler, view.direction_rate, second.direction]
+        s = State(loop.state)
+        acceleration = accelerations(loop.state, command[0], inputs.disturbance, self.policy.simulation.parameters)
+        parts = [
+            s.velocity,
+            acceleration.position,
+            s.euler_rate,
+            acceleration.euler,
+            s.direction_rate,
+            acceleration.direction,
+        ]
         return _Loop(np.concatenate(parts), rate)

@@ -1,8 +1,9 @@
-"""The paper's numerical experiment (Section 5), as far as the paper gives it.
+"""The numerical experiment of the paper (Section 5), as far as the paper describes it.
 
-It gives the parameters (Table 1) and the gains. It gives no reference, start, gusts, switching gain or integration
-step: the choices below are this project's own, made to show what the paper's figures show. A helix with a slow sway in
-yaw is tracked from a start that differs from it; random gusts set in after 10 s.
+The paper gives the parameters (Table 1) and the gains. It does not give the reference, the start, the gusts, the
+switching gain or the integration step; the choices below are this project's own and reproduce what the paper's figures
+show. The reference is a helix with a slow oscillation in yaw, the start differs from it, and random gusts begin after
+10 s.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.physics.state import DISTURBANCE_SIZE
 
 DURATION = 20.0  # s
 REFERENCE = Reference(
@@ -26,8 +29,8 @@ REFERENCE = Reference(
     phase=(np.pi / 2, 0.0, 0.0, 0.0),
 )
 START = {
-    "position": (1.05, -0.05, 0.9),  # m; the reference begins at (1, 0, 1)
-    "velocity": (0.0, 0.5, 0.05),  # m/s, the reference's
+    "position": (1.05, -0.05, 0.9),  # m; the reference starts at (1, 0, 1)
+    "velocity": (0.0, 0.5, 0.05),  # m/s, that of the reference
     "euler": (0.0, 0.0, 0.2),  # rad
     "euler_rate": (0.0, 0.0, 0.0),
     "direction": (0.0, 0.0, 1.0),
@@ -35,13 +38,13 @@ START = {
 }
 GUSTS = PaperGusts(force=0.2, yaw_torque=0.05, onset=10.0, hold=1.0)
 SEED = 0
-CONTINUOUS_STEP = 4e-4  # s; ω_n = 500 rad/s asks for it
-RECORDED = 0.01  # s between two records
+CONTINUOUS_STEP = 4e-4  # s, small enough for ω_n = 500 rad/s
+RECORDING_PERIOD = 0.01  # s
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """The same experiment in continuous time and with the controller sampled."""
+    """The experiment in continuous time and with a sampled controller."""
 
     continuous: Trajectory
     at_1_khz: Trajectory
@@ -49,42 +52,62 @@ class Experiment:
 
     @property
     def trajectories(self) -> dict[str, Trajectory]:
-        """The three flights by name."""
+        """The three trajectories by name."""
         return {"continuous": self.continuous, "1 kHz": self.at_1_khz, "100 Hz": self.at_100_hz}
 
 
 def run(gains: str = "paper", duration: float = DURATION) -> Experiment:
-    """Fly the experiment three times; `gains` is a name in `ADRC_GAINS`."""
+    """Simulate the experiment in continuous time, at 1 kHz and at 100 Hz.
+
+    Args:
+        gains: A name in `ADRC_GAINS`.
+        duration: s.
+    """
     steps = round(duration / CONTINUOUS_STEP)
     times: Floats = 0.5 * CONTINUOUS_STEP * np.arange(2 * steps + 1, dtype=np.float64)
     loop = ContinuousLoop(ADRC(gains))
-    every = round(RECORDED / CONTINUOUS_STEP)
+    every = round(RECORDING_PERIOD / CONTINUOUS_STEP)
     continuous = loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every)
-    return Experiment(continuous, simulate_sampled(gains, 1e-3, duration), simulate_sampled(gains, 1e-2, duration))
+    return Experiment(
+        continuous, simulate_sampled(gains, 1e-3, duration), simulate_sampled(gains, CONTROL_PERIOD, duration)
+    )
 
 
 def start_state() -> Floats:
-    """The start as a state array, shape (18,)."""
+    """Return the start as a state array, shape (18,)."""
     return np.concatenate([np.asarray(value, np.float64) for value in START.values()])
 
 
 def gusts(times: Floats) -> Floats:
-    """The gusts at any times (s), shape (n,), as the environment draws them for `SEED`, shape (n, 9)."""
+    """Return the gusts at given times as the environment samples them for the seed `SEED`.
+
+    Args:
+        times: s, shape (n,).
+
+    Returns:
+        The disturbance, N and N·m, shape (n, 9).
+    """
     key = Streams.from_seeds([SEED]).derive(0).derive(WIND_STREAM).derive(0).keys
-    out = np.zeros((times.size, 9))
-    # The model holds the middle of step k, (k + ½) period: a period of 1 s asks for k = t − ½.
+    out = np.zeros((times.size, DISTURBANCE_SIZE))
+    # The wind of step k is that at its midpoint, (k + ½) period. With a period of 1 s, time t belongs to step t − ½.
     steps: Any = times - 0.5
     GUSTS.sample(out, np.empty((times.size, 0)), steps, 1.0, Streams(np.full(times.size, key[0])))
     return out
 
 
 def simulate_sampled(gains: str, period: float, duration: float = DURATION) -> Trajectory:
-    """The controller at a sampling `period` (s), in the environment with its single-precision observations."""
-    simulation = Simulation(period=period, substeps=max(1, round(2 * period / 0.01)))
+    """Simulate the sampled controller in the environment, with single-precision observations.
+
+    Args:
+        gains: A name in `ADRC_GAINS`.
+        period: Sampling period, s.
+        duration: s.
+    """
+    simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
     policy = ADRC(gains, simulation)
     env = QuadPendulumEnv(simulation=simulation, wind=GUSTS)
     observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
-    every = round(RECORDED / period)
+    every = round(RECORDING_PERIOD / period)
     memory, records = None, []
     for i in range(round(duration / period) + 1):
         state = env.state.array.copy()

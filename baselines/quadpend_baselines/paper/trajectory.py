@@ -1,4 +1,4 @@
-"""A recorded trajectory, from whichever simulation it came."""
+"""Recorded trajectories of the experiment, sampled in time."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from quadpend_gym.core.arrays import Floats
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A trajectory, sampled in time.
+    """A trajectory at m times.
 
     Attributes:
         time: s, shape (m,).
-        state: shape (m, 18), see `quadpend_gym.physics.state`.
-        reference: derivatives of order 0 to 6 of F_x, F_y, z and ψ, shape (m, 7, 4).
-        command: thrust (N) and torques τφ, τθ, τψ (N·m), shape (m, 4).
-        disturbance: the true one, shape (m, 9), see `quadpend_gym.wind`.
-        estimate: the same as the observers see it, shape (m, 9), see `ADRC.estimated_disturbance`.
+        state: See `quadpend_gym.physics.state`, shape (m, 18).
+        reference: Derivatives of order 0 to 6 of F_x, F_y, z and ψ, shape (m, 7, 4).
+        command: Thrust (N) and torques τφ, τθ, τψ (N·m), shape (m, 4).
+        disturbance: The true disturbance, N and N·m, in the layout of `Disturbance`, shape (m, 9).
+        estimate: The disturbance that the observers estimate, see `ADRC.estimated_disturbance`, shape (m, 9).
     """
 
     time: Floats

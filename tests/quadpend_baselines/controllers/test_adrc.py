@@ -1,4 +1,4 @@
-"""The corrected ADRC-DESO flies, tracks, sees the disturbance, and obeys the `predict` protocol."""
+"""ADRC: tracking, steady offsets, disturbance estimates, and the `predict` protocol."""
 
 import gymnasium as gym
 import numpy as np
@@ -25,7 +25,7 @@ EPISODES = 30
 
 
 def settled_rmse(policy: ADRC, wind: object, reference: Reference | None = None) -> tuple[float, float]:
-    """RMSE (m) of the bob's horizontal position, and of height, over the last 5 of 10 s; all episodes must survive."""
+    """Return the RMSE (m) of horizontal bob position and of height over the last 5 of 10 s; no episode terminates."""
     env = QuadPendulumVectorEnv(EPISODES, wind=wind, autoreset_mode=AutoresetMode.DISABLED, max_episode_steps=None)
     observation, _ = env.reset(seed=7, options={} if reference is None else {"reference": reference})
     memory, errors = None, []
@@ -41,32 +41,32 @@ def settled_rmse(policy: ADRC, wind: object, reference: Reference | None = None)
 
 @pytest.mark.parametrize("gains", ADRC_GAINS)
 @pytest.mark.parametrize("radius", [0.5, 1.0, 1.5])
-def test_circles_are_tracked_in_calm_air(gains: str, radius: float) -> None:
+def test_adrc_tracks_circles_in_calm_air(gains: str, radius: float) -> None:
     horizontal, vertical = settled_rmse(ADRC(gains), None, Reference.circle(radius, 0.6))
     assert horizontal < 1e-4
     assert vertical < 1e-6
 
 
-def test_papers_law_keeps_the_predicted_offset_in_wind_and_the_fix_removes_it() -> None:
+def test_paper_gains_have_the_predicted_offset_in_wind_and_matched_gains_have_none() -> None:
     force = 0.1
     wind = Constant((force, 0.0, 0.0))
     paper, _ = settled_rmse(ADRC("paper"), wind, Reference.hover())
-    fixed, _ = settled_rmse(ADRC("matched"), wind, Reference.hover())
+    matched, _ = settled_rmse(ADRC("matched"), wind, Reference.hover())
     assert paper == pytest.approx(force * predicted_offset(ADRC_GAINS["paper"], Simulation()), rel=0.01)
     assert 0.35 < paper / force < 0.4
-    assert fixed < 1e-5
+    assert matched < 1e-5
 
 
-def test_fluctuating_wind_is_tracked_as_well_as_promised() -> None:
-    """±0.3 N, two standard deviations."""
+def test_rmse_in_fluctuating_wind_is_as_documented() -> None:
+    """The force has a standard deviation of 0.15 N."""
     paper, _ = settled_rmse(ADRC("paper"), OrnsteinUhlenbeck(0.15))
-    fixed, _ = settled_rmse(ADRC("matched"), OrnsteinUhlenbeck(0.15))
+    matched, _ = settled_rmse(ADRC("matched"), OrnsteinUhlenbeck(0.15))
     assert paper < 0.08
-    assert fixed < 0.003
+    assert matched < 0.003
 
 
 @pytest.mark.parametrize("force", [(0.1, -0.2, 0.0), (0.0, 0.0, 0.15)])
-def test_estimated_disturbance_is_the_true_one_in_steady_wind(force: tuple[float, float, float]) -> None:
+def test_estimated_disturbance_converges_to_the_true_one_in_steady_wind(force: tuple[float, float, float]) -> None:
     env, policy = QuadPendulumEnv(wind=Constant(force, torque=(0.0, 0.0, 0.03))), ADRC("matched")
     observation, _ = env.reset(seed=3, options={"reference": Reference.hover()})
     memory = None
@@ -77,7 +77,7 @@ def test_estimated_disturbance_is_the_true_one_in_steady_wind(force: tuple[float
     np.testing.assert_allclose(policy.estimated_disturbance(memory)[0], info["disturbance"], atol=5e-4)
 
 
-def test_single_and_batched_predictions_are_the_same() -> None:
+def test_single_and_batched_predictions_are_equal() -> None:
     env, policy = QuadPendulumVectorEnv(3), ADRC()
     observation, _ = env.reset(seed=0)
     batch_memory, single_memory = None, [None] * 3
@@ -90,21 +90,21 @@ def test_single_and_batched_predictions_are_the_same() -> None:
         observation, *_ = env.step(batch)
 
 
-def test_memory_is_the_returned_state_and_episode_start_resets_its_row() -> None:
+def test_predict_depends_on_the_given_memory_only_and_episode_start_resets_a_row() -> None:
     env, policy = QuadPendulumVectorEnv(2), ADRC()
     first, _ = env.reset(seed=0)
     action, memory = policy.predict(first)
     second, *_ = env.step(action)
-    again, _ = policy.predict(second, memory)
+    continued, _ = policy.predict(second, memory)
     repeated, _ = policy.predict(second, memory)
-    np.testing.assert_array_equal(again, repeated)
+    np.testing.assert_array_equal(continued, repeated)
     fresh, _ = policy.predict(second)
     mixed, _ = policy.predict(second, memory, np.array([True, False]))
     np.testing.assert_array_equal(mixed[0], fresh[0])
-    np.testing.assert_array_equal(mixed[1], again[1])
+    np.testing.assert_array_equal(mixed[1], continued[1])
 
 
-def test_evaluate_policy_of_sb3_takes_the_controller() -> None:
+def test_evaluate_policy_of_sb3_accepts_the_controller() -> None:
     single = Monitor(gym.make("quadpend_gym:QuadPendulumHover-v0"))
     mean, _ = evaluate_policy(ADRC(), single, n_eval_episodes=1)  # type: ignore[arg-type]
     vector = SB3VecEnv(
@@ -116,29 +116,29 @@ def test_evaluate_policy_of_sb3_takes_the_controller() -> None:
     assert min(returns) > 700.0  # type: ignore[type-var, operator]
 
 
-def test_observers_are_told_the_saturated_command() -> None:
-    action, given = to_action(np.array([[100.0, 7.0, -2.5, -3.0]]), Simulation())
+def test_to_action_returns_the_saturated_command() -> None:
+    action, applied = to_action(np.array([[100.0, 7.0, -2.5, -3.0]]), Simulation())
     np.testing.assert_allclose(action, [[1.0, 1.0, -0.5, -1.0]])
-    np.testing.assert_allclose(given, [[2 * PAPER.hover_thrust, 5.0, -2.5, -1.0]])
+    np.testing.assert_allclose(applied, [[2 * PAPER.hover_thrust, 5.0, -2.5, -1.0]])
 
 
-def test_unknown_gains_are_refused_by_name() -> None:
+def test_unknown_gains_raise_an_error_that_lists_the_names() -> None:
     with pytest.raises(ValueError, match="no ADRC gains 'nix'; there are paper, matched"):
         ADRC("nix")
 
 
-def test_heading_does_not_matter() -> None:
-    """Roll and pitch are turned into the world's axes: a quarter turn of yaw changes nothing but the axes."""
-    ahead, _ = settled_rmse(
+def test_rmse_does_not_depend_on_the_heading() -> None:
+    """ADRC rotates roll and pitch into the world frame; a yaw of 90° must not change the tracking error."""
+    north, _ = settled_rmse(
         ADRC("matched"), None, Reference(offset=(0, 0, 2, 0), amplitude=(1, 0, 0, 0), frequency=0.6)
     )
-    turned = Reference(offset=(0, 0, 2, np.pi / 2), amplitude=(1, 0, 0, 0), frequency=0.6)
-    assert settled_rmse(ADRC("matched"), None, turned)[0] == pytest.approx(ahead, rel=0.05)
+    rotated = Reference(offset=(0, 0, 2, np.pi / 2), amplitude=(1, 0, 0, 0), frequency=0.6)
+    assert settled_rmse(ADRC("matched"), None, rotated)[0] == pytest.approx(north, rel=0.05)
 
 
 @pytest.mark.parametrize(("bandwidth", "survivors"), [(500.0, 0.0), (15.0, 1.0)])
-def test_noise_ends_the_flight_of_fast_observers_and_not_of_slow_ones(bandwidth: float, survivors: float) -> None:
-    """White noise of 1 mm and 1 mrad on what is measured: ω_n = 500 rad/s falls, ω_n = 15 rad/s does not."""
+def test_noise_makes_fast_observers_fall_and_not_slow_ones(bandwidth: float, survivors: float) -> None:
+    """With white noise of 1 mm and 1 mrad, all episodes terminate early at ω_n = 500 rad/s and none at 15 rad/s."""
     observer = ObserverGains(bandwidth)
     gains = AdrcGains(luenberger=observer, horizontal=observer, vertical=observer)
     assert simulate(AblationCase("noise", "1 mm and 1 mrad", gains, noise=1e-3)).survival == survivors

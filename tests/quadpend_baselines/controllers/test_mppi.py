@@ -1,4 +1,4 @@
-"""MPPI plans what it says it plans, does no worse than its feedback, and catches what its feedback drops."""
+"""MPPI: costs of the sampled trajectories, the update of δ, disturbance rejection, and recovery from large tilts."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,25 +13,26 @@ from quadpend_baselines.gains import GAINS, LqrGains, MppiGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_gym import PAPER, Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import State
+from quadpend_gym.physics.state import COMMAND_SIZE, STATE_FIELDS, State
 from tests.helpers.controllers import (
     CALM,
     HOVER,
+    disturbance_of,
     flat_state_and_command,
     hover_states,
     measurement_of,
+    rotate_disturbances,
     rotate_states,
-    rotate_vectors,
     simulate_with_true_state,
     tilted_pendulum,
-    tracking_errors,
+    tracking_distance,
     true_estimate,
 )
 from tests.helpers.physics import UNEQUAL, simulate_period
 
 FEEDBACK = LqrGains(0.4, 1.3, 1.6, 3.5)
 GAINS_HERE = MppiGains(FEEDBACK, samples=33, horizon=20, steps_per_period=2, knots=5, spread=0.3, temperature=0.1)
-WIND = np.array([0.3, -0.2, 0.15, 0.05, 0.03, 0.0, 0.1, -0.05, 0.03])
+WIND = disturbance_of((0.3, -0.2, 0.15), (0.05, 0.03, 0.0), (0.1, -0.05, 0.03))
 CIRCLE = Reference(
     offset=(0.0, 0.0, 2.0, 0.8),
     rate=(0.2, 0.0, 0.3, 0.4),
@@ -41,11 +42,11 @@ CIRCLE = Reference(
 )
 
 
-def upset(rows: int, reference: Reference = HOVER, p: Parameters = PAPER) -> Floats:
-    """States around a reference, shape (rows, 18), the pendulum leaning up to 0.2 rad."""
+def disturbed_states(rows: int, reference: Reference = HOVER, p: Parameters = PAPER) -> Floats:
+    """Return random states near a reference, shape (rows, 18), with pendulum tilts up to 0.2 rad."""
     rng = np.random.default_rng(16)
     state = np.repeat(flat_state_and_command(reference, 0.0, CALM, p)[0], rows, axis=0)
-    state[:, :12] += 0.1 * rng.normal(size=(rows, 12))
+    state[:, : STATE_FIELDS["direction"].start] += 0.1 * rng.normal(size=(rows, 12))
     State(state).direction[:] = State(
         tilted_pendulum(rng.uniform(0.0, 0.2, rows), rng.uniform(0.0, 6.0, rows), rows)
     ).direction
@@ -53,142 +54,145 @@ def upset(rows: int, reference: Reference = HOVER, p: Parameters = PAPER) -> Flo
     return state
 
 
-def plans_for(gains: MppiGains, rows: int, size: float) -> Floats:
-    """Perturbations at the knots, shape (rows, samples, knots, 4)."""
+def random_samples(gains: MppiGains, rows: int, size: float) -> Floats:
+    """Return random δ at the knots, shape (rows, samples, knots, 4)."""
     rng = np.random.default_rng(17)
     return size * Simulation().command_scale * rng.normal(size=(rows, gains.samples, gains.knots, 4))
 
 
-def paid(law: Mppi, state: Floats, plan: Floats, reference: Reference, wind: Floats, start: float = 0.0) -> float:
-    """Equation (2) of one plan, shape (knots, 4), flown in the world against the reference's own flat flight."""
+def simulated_cost(
+    law: Mppi, state: Floats, sample: Floats, reference: Reference, wind: Floats, start: float = 0.0
+) -> float:
+    """Return the cost (2) of one sample, shape (knots, 4), from a simulation in the world frame."""
     g, p = law.gains, law.simulation.parameters
-    coarse = replace(
+    simulation = replace(
         law.simulation,
         period=g.steps_per_period * law.simulation.period,
         substeps=g.steps_per_period * law.simulation.substeps,
     )
-    (gain, terminal), (Q, R) = riccati(g.feedback, coarse), weights(g.feedback, coarse)
-    scale, total = coarse.command_scale, 0.0
+    (gain, terminal), (Q, R) = riccati(g.feedback, simulation), weights(g.feedback, simulation)
+    scale, cost = simulation.command_scale, 0.0
     low, high = scale * [0.0, -1.0, -1.0, -1.0], scale * [2.0, 1.0, 1.0, 1.0]
     for step in range(g.horizon + 1):
-        should, wanted = flat_state_and_command(reference, start + step * coarse.period, wind, p)
-        off = rotate_state((state - should)[:, STATE_COLUMNS], -state[:, 8])[0]
+        x_d, u_d = flat_state_and_command(reference, start + step * simulation.period, wind, p)
+        x = rotate_state((state - x_d)[:, STATE_COLUMNS], -State(state).euler[:, 2])[0]
         if step == g.horizon:
-            return total + 0.5 * off @ terminal @ off
+            return cost + 0.5 * x @ terminal @ x
         knots = np.linspace(0.0, g.horizon, g.knots)
-        change = [np.interp(step, knots, plan[:, component]) for component in range(4)]
-        used = np.clip(wanted[0] - gain @ off + change, low, high) - wanted[0]
-        total += 0.5 * (off @ Q @ off + used @ R @ used)
-        state = simulate_period(state, (wanted[0] + used), wind, p, coarse.period, coarse.substeps)
+        delta = [np.interp(step, knots, sample[:, component]) for component in range(COMMAND_SIZE)]
+        u = np.clip(u_d[0] - gain @ x + delta, low, high) - u_d[0]
+        cost += 0.5 * (x @ Q @ x + u @ R @ u)
+        state = simulate_period(state, (u_d[0] + u), wind, p, simulation.period, simulation.substeps)
         s = State(state[0])
-        upright, level = s.direction[2], np.cos(s.euler[0]) * np.cos(s.euler[1])
-        total += 1e4 * (max(0.6 - upright, 0.0) ** 2 + max(0.3 - level, 0.0) ** 2)
+        pendulum, body = s.direction[2], np.cos(s.euler[0]) * np.cos(s.euler[1])
+        cost += 1e4 * (max(0.6 - pendulum, 0.0) ** 2 + max(0.3 - body, 0.0) ** 2)
     raise AssertionError
 
 
 @pytest.mark.parametrize("steps_per_period", [1, 2, 3])
 @pytest.mark.parametrize("reference", [HOVER, CIRCLE], ids=["hover", "circle"])
-def test_a_plans_cost_is_that_of_flying_it(reference: Reference, steps_per_period: int) -> None:
-    """In wind, with all of the plant unlike the paper's; the circle is foreseen as a polynomial of order 6."""
+def test_cost_of_a_sample_is_that_of_its_simulation(reference: Reference, steps_per_period: int) -> None:
+    """With wind and a plant unlike the paper's. MPPI extrapolates the circle by a polynomial of order 6."""
     law = Mppi(replace(GAINS_HERE, steps_per_period=steps_per_period, horizon=15, samples=5), Simulation(UNEQUAL))
-    state, plans = upset(3, reference, UNEQUAL), plans_for(law.gains, 3, 0.1)
+    state, samples = disturbed_states(3, reference, UNEQUAL), random_samples(law.gains, 3, 0.1)
     measurement = measurement_of(state, reference)
     estimate = true_estimate(measurement, WIND)
-    costs = law.costs(estimate, law.reference_horizon(estimate, measurement), plans)
+    costs = law.costs(estimate, law.reference_horizon(estimate, measurement), samples)
     for row in range(3):
-        for sample in range(5):
-            true = paid(law, state[row : row + 1], plans[row, sample], reference, WIND)
-            assert costs[row, sample] == pytest.approx(true, rel=1e-5 if reference is HOVER else 1e-4)
+        for i in range(5):
+            expected = simulated_cost(law, state[row : row + 1], samples[row, i], reference, WIND)
+            assert costs[row, i] == pytest.approx(expected, rel=1e-5 if reference is HOVER else 1e-4)
 
 
-def commanded(law: Mppi, state: Floats, memory: MppiMemory | None = None, wind: Floats = CALM) -> tuple[Any, Any]:
-    """Command and memory beside hover."""
+def run_law(law: Mppi, state: Floats, memory: MppiMemory | None = None, wind: Floats = CALM) -> tuple[Any, Any]:
+    """Return command and memory of a law for states near the hover reference."""
     measurement = measurement_of(state)
     return law.command(
         true_estimate(measurement, wind), measurement, law.initial_memory(len(state)) if memory is None else memory
     )
 
 
-def test_without_perturbations_it_is_the_linear_feedback_around_the_flight_in_the_wind() -> None:
-    """Of the weights of `lqr`, for the period of the horizon."""
+def test_without_perturbations_the_command_is_the_linear_feedback_around_the_trajectory_in_wind() -> None:
+    """The gain is that of `lqr` for the period of the horizon."""
     law = Mppi(replace(GAINS_HERE, spread=0.0), Simulation())
-    state = upset(6)
-    command, memory = commanded(law, state, wind=WIND)
+    state = disturbed_states(6)
+    command, memory = run_law(law, state, wind=WIND)
     gain, _ = riccati(FEEDBACK, Simulation(period=0.02))
-    should, wanted = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
-    off = rotate_state((state - should)[:, STATE_COLUMNS], -state[:, 8])
-    assert_allclose(command, wanted - off @ gain.T, atol=1e-6)
+    x_d, u_d = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
+    x = rotate_state((state - x_d)[:, STATE_COLUMNS], -State(state).euler[:, 2])
+    assert_allclose(command, u_d - x @ gain.T, atol=1e-6)
     assert_array_equal(memory.perturbation, 0.0)
 
 
-def test_at_a_low_temperature_the_best_future_is_flown() -> None:
-    """The feedback itself where that does well, a better one where it falls; at a high one the mean of all."""
+def test_a_low_temperature_selects_the_best_sample_and_a_high_one_the_mean() -> None:
+    """The best sample is the linear feedback at a small tilt and a perturbed one at a tilt that it cannot recover."""
     cold = Mppi(replace(GAINS_HERE, temperature=1e-6), Simulation())
     state = tilted_pendulum(np.repeat([0.05, 0.35], 4), np.arange(8.0), 8)
     measurement = measurement_of(state)
     estimate, first = true_estimate(measurement), cold.initial_memory(8)
     horizon = cold.reference_horizon(estimate, measurement)
-    feedback, _ = commanded(Mppi(replace(GAINS_HERE, spread=0.0), Simulation()), state)
-    command, _ = commanded(cold, state)
+    feedback, _ = run_law(Mppi(replace(GAINS_HERE, spread=0.0), Simulation()), state)
+    command, _ = run_law(cold, state)
     samples = np.concatenate([np.zeros((8, 1, 5, 4)), cold.perturbations[first.count]], axis=1)
     costs = cold.costs(estimate, horizon, samples)
     for row in range(8):
         best = samples[row, costs[row].argmin()]
         assert_allclose(command[row], feedback[row] + best[0], atol=1e-9)
     assert_array_equal(costs.argmin(axis=1) == 0, np.repeat([True, False], 4))
-    hot, _ = commanded(Mppi(replace(GAINS_HERE, temperature=1e9), Simulation()), state)
-    assert_allclose(hot, feedback, atol=1e-6)  # for every perturbation there is its opposite
+    hot, _ = run_law(Mppi(replace(GAINS_HERE, temperature=1e9), Simulation()), state)
+    assert_allclose(hot, feedback, atol=1e-6)  # the perturbations sum to zero
 
 
-def test_a_plan_moves_on_with_time() -> None:
-    """δ is piecewise linear in time: a step later it is the same line, seen from there, and it ends in no change."""
+def test_the_knots_move_forward_by_one_control_step() -> None:
+    """δ is piecewise linear in time and zero after its last knot; the next step evaluates the same function later."""
     law = Mppi(replace(GAINS_HERE, spread=0.0, temperature=1e12), Simulation())
-    plan = np.random.default_rng(18).normal(size=(1, 5, 4))
-    feedback, _ = commanded(law, hover_states())
-    command, memory = commanded(law, hover_states(), MppiMemory(plan, np.zeros(1, np.int64)))
-    mean = plan * 32.0 / 33.0  # of the 33 futures, one has no δ
+    delta = np.random.default_rng(18).normal(size=(1, 5, 4))
+    feedback, _ = run_law(law, hover_states())
+    command, memory = run_law(law, hover_states(), MppiMemory(delta, np.zeros(1, np.int64)))
+    mean = delta * 32.0 / 33.0  # one of the 33 samples has δ = 0
     assert_allclose(command - feedback, mean[:, 0], atol=1e-6)
-    spacing, ends = 0.1, np.append(mean[0], np.zeros((1, 4)), axis=0)
-    later = [np.interp(spacing * np.arange(5) + 0.01, spacing * np.arange(6), ends[:, c]) for c in range(4)]
+    spacing, values = 0.1, np.append(mean[0], np.zeros((1, 4)), axis=0)
+    later = [np.interp(spacing * np.arange(5) + 0.01, spacing * np.arange(6), values[:, c]) for c in range(4)]
     assert_allclose(memory.perturbation[0], np.transpose(later), atol=1e-6)
 
 
-def test_it_is_a_function_of_what_it_knows() -> None:
-    """Twice the same, from another instance too; a row alone is the row in a batch but for the last bits of BLAS."""
-    state, law = upset(5), Mppi(GAINS_HERE, Simulation())
-    batch, memory = commanded(law, state)
-    batch, memory = commanded(law, state, memory)
-    again, _ = commanded(Mppi(GAINS_HERE, Simulation()), state)
-    again, other = commanded(law, state, commanded(Mppi(GAINS_HERE, Simulation()), state)[1])
+def test_command_depends_on_estimate_and_memory_only() -> None:
+    """Another instance returns the same bits; a single row equals a row of a batch up to rounding in BLAS."""
+    state, law = disturbed_states(5), Mppi(GAINS_HERE, Simulation())
+    batch, memory = run_law(law, state)
+    batch, memory = run_law(law, state, memory)
+    again, _ = run_law(Mppi(GAINS_HERE, Simulation()), state)
+    again, other = run_law(law, state, run_law(Mppi(GAINS_HERE, Simulation()), state)[1])
     assert_array_equal(again, batch)
     assert_array_equal(other.perturbation, memory.perturbation)
     assert_array_equal(memory.count, 2)
     for row in range(5):
-        alone = commanded(law, state[row : row + 1])
-        alone = commanded(law, state[row : row + 1], alone[1])
+        alone = run_law(law, state[row : row + 1])
+        alone = run_law(law, state[row : row + 1], alone[1])
         assert_allclose(alone[0][0], batch[row], atol=1e-10)
 
 
-def test_what_its_feedback_drops_it_catches() -> None:
-    """From 20 degrees in any direction the sampled futures find a way that the linear feedback does not."""
+def test_mppi_recovers_from_tilts_that_the_linear_feedback_does_not() -> None:
+    """The start is at rest with a tilt of 20° in any direction."""
     simulation, azimuths = Simulation(), np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     start = tilted_pendulum(0.35, azimuths, 8)
-    alone = simulate_with_true_state(Mppi(replace(GAINS_HERE, spread=0.0), simulation), simulation, start, 100)
-    assert (State(alone).direction[:, 2] < 0.5).all()
+    feedback_only = simulate_with_true_state(Mppi(replace(GAINS_HERE, spread=0.0), simulation), simulation, start, 100)
+    assert (State(feedback_only).direction[:, 2] < 0.5).all()
     lowest = []
-    caught = simulate_with_true_state(
+    final = simulate_with_true_state(
         Mppi(GAINS_HERE, simulation),
         simulation,
         start,
         300,
-        watch=lambda measurement, *_: lowest.append(State(measurement.state).direction[:, 2].min()),
+        callback=lambda measurement, *_: lowest.append(State(measurement.state).direction[:, 2].min()),
     )
     assert min(lowest) > 0.5
-    assert_allclose(caught[:, :12], hover_states(8)[:, :12], atol=0.05)
+    pose = slice(0, STATE_FIELDS["direction"].start)
+    assert_allclose(final[:, pose], hover_states(8)[:, pose], atol=0.05)
 
 
 def offset(law: Any, wind: Floats, seconds: float = 5.0) -> float:
-    """How far from the reference the bob hovers after so long in a constant wind, m."""
+    """Return the distance (m) of the bob from the hover reference after some time in a constant wind."""
     error = []
     simulate_with_true_state(
         law,
@@ -196,21 +200,21 @@ def offset(law: Any, wind: Floats, seconds: float = 5.0) -> float:
         hover_states(),
         round(seconds / law.simulation.period),
         disturbance=wind,
-        watch=lambda measurement, *_: error.append(tracking_errors(measurement, PAPER.rod_length)[0]),
+        callback=lambda measurement, *_: error.append(tracking_distance(measurement, PAPER.rod_length)[0]),
     )
     return float(np.mean(error[-50:]))
 
 
-def test_it_sees_the_wind() -> None:
-    """What it hovers beside its reference by is its perturbations' doing; LQR of the same weights is blown aside."""
+def test_mppi_compensates_the_estimated_disturbance() -> None:
+    """Without perturbations MPPI has no offset, with them a small one; LQR with the same weights has a large one."""
     wind = 0.3 * WIND
     assert offset(Lqr(FEEDBACK, Simulation()), wind) > 0.02
     assert offset(Mppi(replace(GAINS_HERE, spread=0.0), Simulation()), wind) < 1e-5
     assert offset(Mppi(replace(GAINS_HERE, spread=0.05), Simulation()), wind) < 1e-3
 
 
-def test_references_are_tracked() -> None:
-    """A turning, climbing circle in wind, to a tenth of a millimetre with little perturbation."""
+def test_a_climbing_circle_in_wind_is_tracked() -> None:
+    """With small perturbations, the error stays below 0.1 mm."""
     law, error = Mppi(replace(GAINS_HERE, spread=0.05), Simulation()), []
     start, _ = flat_state_and_command(CIRCLE, 0.0, WIND, PAPER)
     simulate_with_true_state(
@@ -220,18 +224,18 @@ def test_references_are_tracked() -> None:
         200,
         CIRCLE,
         WIND,
-        lambda measurement, *_: error.append(tracking_errors(measurement, PAPER.rod_length)[0]),
+        lambda measurement, *_: error.append(tracking_distance(measurement, PAPER.rod_length)[0]),
     )
     assert max(error) < 1e-4
 
 
-def test_a_turned_world_is_flown_the_same() -> None:
-    law, state, angle = Mppi(GAINS_HERE, Simulation()), upset(6), 1.3
-    plain, _ = commanded(law, state, wind=WIND)
-    wind = np.concatenate([rotate_vectors(WIND[:6].reshape(2, 3), angle).ravel(), WIND[6:]])
+def test_commands_do_not_change_when_the_world_is_rotated() -> None:
+    law, state, angle = Mppi(GAINS_HERE, Simulation()), disturbed_states(6), 1.3
+    expected, _ = run_law(law, state, wind=WIND)
+    wind = rotate_disturbances(WIND, angle)
     measurement = measurement_of(rotate_states(state, angle), Reference.hover(yaw=angle))
-    turned, _ = law.command(true_estimate(measurement, wind), measurement, law.initial_memory(6))
-    assert_allclose(turned, plain, atol=1e-8)
+    rotated, _ = law.command(true_estimate(measurement, wind), measurement, law.initial_memory(6))
+    assert_allclose(rotated, expected, atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -243,13 +247,12 @@ def test_a_turned_world_is_flown_the_same() -> None:
         (MppiGains(feedback=LqrGains(integral=0.3)), "no integrators"),
     ],
 )
-def test_what_the_compiled_futures_have_no_room_for_is_refused(gains: MppiGains, sentence: str) -> None:
+def test_gains_out_of_range_raise_an_error(gains: MppiGains, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         Mppi(gains, Simulation())
 
 
-def test_the_gains_that_stand_are_those_of_such_a_controller() -> None:
-    """An odd number of futures: one without perturbation and pairs of opposites."""
+def test_the_perturbations_of_the_tuned_gains_sum_to_zero() -> None:
     gains = GAINS["mppi"]
     law = Mppi(gains, Simulation())
     assert law.perturbations.shape == (64, gains.samples - 1, gains.knots, 4)

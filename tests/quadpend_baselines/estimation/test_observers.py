@@ -1,4 +1,4 @@
-"""The observers' error poles lie where they were designed, and their switching term does what its data says."""
+"""Observers of integrator chains: poles of the error, prediction, disturbance estimates, and the switching term."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ GAINS = [ObserverGains(500.0), ObserverGains(50.0), ObserverGains(15.0, damping=
 
 
 @pytest.mark.parametrize("gains", GAINS)
-def test_polynomial_is_the_papers(gains: ObserverGains) -> None:
-    """λ₃ = 4ζω, λ₂ = 4ζ²ω² + 2ω², λ₁ = 4ζω³ as printed in Section 5, and λ₀ = ω⁴ where ω² is printed."""
+def test_characteristic_polynomial_is_that_of_the_paper(gains: ObserverGains) -> None:
+    """λ₃ = 4ζω, λ₂ = 4ζ²ω² + 2ω², λ₁ = 4ζω³ as printed in Section 5, and λ₀ = ω⁴ (printed: ω²)."""
     w, z = gains.bandwidth, gains.damping
     expected = [1.0, 4 * z * w, 4 * z**2 * w**2 + 2 * w**2, 4 * z * w**3, w**4]
     np.testing.assert_allclose(characteristic_polynomial(gains), expected, rtol=1e-14)
@@ -27,7 +27,9 @@ def test_polynomial_is_the_papers(gains: ObserverGains) -> None:
 
 @pytest.mark.parametrize("gains", GAINS)
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2, 2e-2])
-def test_sampled_error_poles_are_the_exponentials_of_the_continuous_ones(gains: ObserverGains, period: float) -> None:
+def test_poles_of_the_sampled_error_are_the_exponentials_of_the_continuous_ones(
+    gains: ObserverGains, period: float
+) -> None:
     gain = current_gain(gains, period)
     error_matrix = (np.eye(4) - np.outer(gain, [1, 0, 0, 0])) @ chain(period)
     designed = np.poly(np.exp(np.roots(characteristic_polynomial(gains)) * period))
@@ -36,8 +38,8 @@ def test_sampled_error_poles_are_the_exponentials_of_the_continuous_ones(gains: 
 
 
 @pytest.mark.parametrize("driven", [ESO_INPUT, LUENBERGER_INPUT])
-def test_prediction_is_exact_for_a_held_input(driven: int) -> None:
-    """A chain driven by a constant is a polynomial in time: an observer that starts right stays right."""
+def test_prediction_is_exact_for_a_constant_input(driven: int) -> None:
+    """A chain with a constant input is a polynomial in time; an observer without initial error keeps no error."""
     period, known_input = 0.01, 3.0
     bank = ObserverBank.design([(driven, ObserverGains())], period)
     start = np.array([1.0, -2.0, 0.5, 4.0])
@@ -54,7 +56,7 @@ def _factorials(count: int) -> np.ndarray:
     return np.cumprod([1.0, *range(1, count)])
 
 
-def test_constant_disturbance_is_estimated() -> None:
+def test_constant_disturbance_is_estimated_without_error() -> None:
     period, disturbance = 0.01, 2.5
     bank = ObserverBank.design([(ESO_INPUT, ObserverGains(100.0))], period)
     estimate = np.zeros((1, 1, 4))

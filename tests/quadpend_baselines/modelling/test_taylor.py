@@ -1,4 +1,4 @@
-"""Truncated Taylor series: every function against derivatives by sympy, and the algebra that binds them."""
+"""Truncated Taylor series: every function against derivatives by sympy, and algebraic identities."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,18 +16,18 @@ from quadpend_gym.core.arrays import Floats
 
 ORDER = 6
 t = sp.Symbol("t")
-# One function of time for each of two rows, all positive at AT.
+# Each has one function of time per row; all are positive at t = AT.
 F, G = (sp.exp(t / 2) + t**3, 2 + sp.sin(3 * t)), (1 + t**2, sp.cosh(t) + t / 3)
 AT = sp.Rational(3, 10)
 
 
-def true_jet(functions: tuple[sp.Expr, ...], order: int = ORDER) -> Floats:
-    """Derivatives by sympy as a jet of shape (order + 1, rows)."""
-    return taylor.from_derivatives(*true_derivatives(functions, order))
+def exact_series(functions: tuple[sp.Expr, ...], order: int = ORDER) -> Floats:
+    """Return the series from derivatives by sympy, shape (order + 1, rows)."""
+    return taylor.from_derivatives(*exact_derivatives(functions, order))
 
 
-def true_derivatives(functions: tuple[sp.Expr, ...], order: int = ORDER) -> Floats:
-    """Derivatives by sympy, shape (order + 1, rows)."""
+def exact_derivatives(functions: tuple[sp.Expr, ...], order: int = ORDER) -> Floats:
+    """Return the derivatives by sympy, shape (order + 1, rows)."""
     return np.array([[float(sp.diff(f, t, i).subs(t, AT).evalf()) for f in functions] for i in range(order + 1)])
 
 
@@ -43,47 +43,49 @@ FUNCTIONS: dict[str, tuple[Callable[[Floats, Floats], Floats], Callable[[Any, An
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_every_function_has_the_derivatives_that_sympy_finds(name: str) -> None:
-    of_jets, of_symbols = FUNCTIONS[name]
-    actual = of_jets(true_jet(F), true_jet(G))
+def test_every_function_agrees_with_sympy(name: str) -> None:
+    of_series, of_symbols = FUNCTIONS[name]
+    actual = of_series(exact_series(F), exact_series(G))
     assert actual.shape == (ORDER + 1, 2)
-    wanted = true_derivatives(tuple(of_symbols(f, g) for f, g in zip(F, G, strict=True)))
-    assert_allclose(taylor.to_derivatives(actual), wanted, rtol=1e-11, atol=1e-10)
+    expected = exact_derivatives(tuple(of_symbols(f, g) for f, g in zip(F, G, strict=True)))
+    assert_allclose(taylor.to_derivatives(actual), expected, rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize("order", [0, 1, 2, 6])
-def test_the_derivative_is_as_many_orders_shorter(order: int) -> None:
-    actual = taylor.to_derivatives(taylor.derivative(true_jet(F), order))
-    assert_allclose(actual, true_derivatives(F)[order:], rtol=1e-13)
+def test_derivative_lowers_the_order(order: int) -> None:
+    actual = taylor.to_derivatives(taylor.derivative(exact_series(F), order))
+    assert_allclose(actual, exact_derivatives(F)[order:], rtol=1e-13)
 
 
 @pytest.mark.parametrize("combine", [taylor.product, taylor.quotient])
-def test_two_jets_meet_at_the_lower_order(combine: Callable[[Floats, Floats], Floats]) -> None:
-    whole = combine(true_jet(F), true_jet(G))
-    assert_allclose(combine(true_jet(F, 3), true_jet(G)), whole[:4], rtol=1e-14)
-    assert_allclose(combine(true_jet(F), true_jet(G, 2)), whole[:3], rtol=1e-14)
-    assert_allclose(combine(true_jet(F, 0), true_jet(G)), whole[:1], rtol=1e-14)
+def test_product_and_quotient_have_the_lower_order_of_their_arguments(
+    combine: Callable[[Floats, Floats], Floats],
+) -> None:
+    whole = combine(exact_series(F), exact_series(G))
+    assert_allclose(combine(exact_series(F, 3), exact_series(G)), whole[:4], rtol=1e-14)
+    assert_allclose(combine(exact_series(F), exact_series(G, 2)), whole[:3], rtol=1e-14)
+    assert_allclose(combine(exact_series(F, 0), exact_series(G)), whole[:1], rtol=1e-14)
 
 
 @pytest.mark.parametrize("combine", [taylor.product, taylor.quotient])
-def test_vectors_take_scalars_on_their_right(combine: Callable[[Floats, Floats], Floats]) -> None:
-    vector, scalar = np.stack([true_jet(F), true_jet(G)], axis=-1), true_jet(G)
+def test_vectors_can_be_multiplied_and_divided_by_scalars(combine: Callable[[Floats, Floats], Floats]) -> None:
+    vector, scalar = np.stack([exact_series(F), exact_series(G)], axis=-1), exact_series(G)
     actual = combine(vector, scalar[..., np.newaxis])
     for component in range(2):
         assert_allclose(actual[..., component], combine(vector[..., component], scalar), rtol=1e-14)
 
 
-def test_a_constant_has_no_rate() -> None:
+def test_derivatives_of_a_constant_are_zero() -> None:
     value = np.array([[1.0, -2.0], [3.0, 0.5]])
     assert_allclose(taylor.to_derivatives(taylor.constant(value, 3)), [value, *np.zeros((3, 2, 2))])
 
 
-def test_nothing_changes_its_arguments() -> None:
-    f, g = true_jet(F), true_jet(G)
-    for of_jets, _ in FUNCTIONS.values():
-        of_jets(f, g)
-    assert_allclose(f, true_jet(F), rtol=0.0)
-    assert_allclose(g, true_jet(G), rtol=0.0)
+def test_functions_do_not_change_their_arguments() -> None:
+    f, g = exact_series(F), exact_series(G)
+    for of_series, _ in FUNCTIONS.values():
+        of_series(f, g)
+    assert_allclose(f, exact_series(F), rtol=0.0)
+    assert_allclose(g, exact_series(G), rtol=0.0)
 
 
 small = arrays(np.float64, (ORDER + 1, 3), elements=st.floats(-1.0, 1.0, allow_subnormal=False))
@@ -92,7 +94,7 @@ settled = settings(deadline=None, max_examples=60)
 
 @settled
 @given(a=small, b=small, c=small)
-def test_products_form_a_ring_and_quotients_undo_them(a: Floats, b: Floats, c: Floats) -> None:
+def test_products_form_a_commutative_ring_and_quotients_are_their_inverse(a: Floats, b: Floats, c: Floats) -> None:
     assert_allclose(taylor.product(a, b), taylor.product(b, a), atol=1e-13)
     assert_allclose(taylor.product(a, b + c), taylor.product(a, b) + taylor.product(a, c), atol=1e-13)
     assert_allclose(taylor.product(taylor.product(a, b), c), taylor.product(a, taylor.product(b, c)), atol=1e-12)
@@ -102,7 +104,7 @@ def test_products_form_a_ring_and_quotients_undo_them(a: Floats, b: Floats, c: F
 
 @settled
 @given(a=small)
-def test_the_rules_of_calculus_hold(a: Floats) -> None:
+def test_identities_of_sine_cosine_arctangent_and_power(a: Floats) -> None:
     sine, cosine = taylor.sine_and_cosine(a)
     assert_allclose(
         taylor.product(sine, sine) + taylor.product(cosine, cosine), taylor.constant(np.ones(3), 6), atol=1e-11
@@ -115,7 +117,7 @@ def test_the_rules_of_calculus_hold(a: Floats) -> None:
     assert_allclose(taylor.power(a, -1.0), taylor.quotient(taylor.constant(np.ones(3), 6), a), atol=1e-9)
 
 
-def test_a_jet_of_order_zero_is_a_number() -> None:
+def test_series_of_order_zero_are_numbers() -> None:
     a = np.array([[0.3, -0.2]])
     np.testing.assert_array_equal(taylor.arctangent(a), np.arctan(a))
     np.testing.assert_array_equal(taylor.sine_and_cosine(a), (np.sin(a), np.cos(a)))

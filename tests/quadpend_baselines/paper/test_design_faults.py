@@ -1,4 +1,4 @@
-"""Faults of the paper's design that are no misprints: where the wind enters, what the torques must do."""
+"""Faults of the paper's design that are not misprints: entry of the wind, offsets, torques, and noise."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ FEEDBACK = np.polynomial.polynomial.polypow(_SLOW, 3)[:-1]  # k₀ … k₅
 
 
 def test_wind_enters_at_the_fourth_derivative_not_at_the_sixth() -> None:
-    """F⁽⁴⁾ = F₅ − g d/(M l) while ϑ = −gK d/(M l): the observer of F₅ sees the wind, and F₅ + ϑ/K is F⁽⁴⁾."""
+    """F⁽⁴⁾ = F₅ − g d/(M l) and ϑ = −gK d/(M l); the observer of F₅ estimates the wind, and F₅ + ϑ/K is F⁽⁴⁾."""
     chain = linearise()
     d = FORCE_ON_QUADROTOR[0]
     fifth = g * K * (r_x - theta)  # what the paper calls F⁽⁴⁾, (36)
@@ -46,7 +46,7 @@ def test_wind_enters_at_the_fourth_derivative_not_at_the_sixth() -> None:
 
 
 def test_wind_on_the_bob_enters_at_the_second_derivative() -> None:
-    """F̈ = g r_x + b/m_c; while b is constant, F₅ + ϑ/K is F⁽⁴⁾ all the same."""
+    """F̈ = g r_x + b/m_c; for a constant b, F₅ + ϑ/K is F⁽⁴⁾ as well."""
     chain = linearise()
     b = FORCE_ON_BOB[0]
     on_bob = dict.fromkeys((*FORCE_ON_QUADROTOR, *FORCE_ON_BOB[1:]), 0)
@@ -58,14 +58,14 @@ def test_wind_on_the_bob_enters_at_the_second_derivative() -> None:
 
 
 def stationary_offset(observer: Floats) -> float:
-    """Steady error of F, m, under 1 N: k₀ e = (k₄ + (k₀ + k₁λ₃ + k₂λ₂ + k₃λ₁)/λ₀) g/(M l), by (46) and (51)."""
+    """Return the steady error of F under 1 N, m: k₀ e = (k₄ + (k₀ + k₁λ₃ + k₂λ₂ + k₃λ₁)/λ₀) g/(M l)."""
     _, l3, l2, l1, l0 = observer
     from_observer = FEEDBACK[:4] @ [1.0, l3, l2, l1] / l0
     return float((FEEDBACK[4] + from_observer) / FEEDBACK[0] * PER_NEWTON)
 
 
 def closed_loop(observer: Floats, mismatch: float) -> tuple[Floats, Floats]:
-    """(A, b) of ẋ = A x + b d for one horizontal channel at rest: F … F⁽³⁾, F₅, F₆, Luenberger stage, linear DESO."""
+    """Return A, b of ẋ = A x + b d for one horizontal channel: F … F⁽³⁾, F₅, F₆, Luenberger stage, linear DESO."""
     size, luenberger, deso = 14, 6, 10
     A, b = np.zeros((size, size)), np.zeros(size)
     row = np.eye(size)
@@ -88,7 +88,7 @@ def closed_loop(observer: Floats, mismatch: float) -> tuple[Floats, Floats]:
     return A, b
 
 
-def test_papers_law_keeps_an_offset_and_the_mended_one_does_not() -> None:
+def test_paper_law_has_an_offset_and_the_matched_law_has_none() -> None:
     """0.346 m per newton by (51) alone, 0.369 m with the Luenberger stage, and none with F₅ + ϑ̂/K for F⁽⁴⁾."""
     observer = characteristic_polynomial(GAINS.luenberger)
     assert FEEDBACK[4] / FEEDBACK[0] * PER_NEWTON == pytest.approx(0.346, abs=5e-4)
@@ -100,7 +100,7 @@ def test_papers_law_keeps_an_offset_and_the_mended_one_does_not() -> None:
 
 
 def test_printed_lambda_0_turns_the_offset_into_a_drift() -> None:
-    """λ₀ = ω²: a steady wind carries the quadrotor away by 3.2 m per second and newton, for half an hour."""
+    """With λ₀ = ω², a steady wind moves the quadrotor by 3.2 m per second and newton, for half an hour."""
     observer = characteristic_polynomial(GAINS.luenberger).copy()
     observer[-1] = GAINS.luenberger.bandwidth**2
     A, b = closed_loop(observer, 0.0)
@@ -115,22 +115,22 @@ def test_printed_lambda_0_turns_the_offset_into_a_drift() -> None:
     assert (error(12.0) - error(10.0)) / 2.0 == pytest.approx(-3.2, rel=0.02)
 
 
-def test_a_metre_of_error_asks_for_26_newton_metres() -> None:
-    """k₀ I/(gK) at ω_nc = 7, with Table 1's inertia."""
+def test_one_metre_of_error_demands_26_newton_metres() -> None:
+    """The torque is k₀ I/(gK) at ω_nc = 7 rad/s, with the inertia of Table 1."""
     torque = FEEDBACK[0] * PAPER.inertia_pitch / STIFFNESS
     assert torque == pytest.approx(26.25, abs=0.05)
 
 
-def test_mending_multiplies_the_noise_of_the_estimate() -> None:
+def test_matched_law_amplifies_the_noise_of_the_estimate() -> None:
     """ϑ̂ enters v with 1 + k₄/K = 14.6 instead of 1."""
     A, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 1.0)
-    plain, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 0.0)
-    assert plain[5, 12] == -1.0
+    paper, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 0.0)
+    assert paper[5, 12] == -1.0
     assert A[5, 12] == pytest.approx(-14.6, abs=0.05)
 
 
-def test_a_slower_law_trades_torque_for_offset() -> None:
-    """ω_nc = 5 asks an eighth of the torque that 7 does (ω_nc⁶), and keeps four times the offset (ω_nc⁻⁴)."""
+def test_lower_bandwidth_reduces_the_torque_and_increases_the_offset() -> None:
+    """ω_nc = 5 rad/s demands an eighth of the torque of 7 rad/s (ω_nc⁶) at four times the offset (ω_nc⁻⁴)."""
     slower = np.polynomial.polynomial.polypow([5.0**2, 2.0 * GAINS.damping * 5.0, 1.0], 3)[:-1]
     assert FEEDBACK[0] / slower[0] == pytest.approx(7.5, abs=0.05)
     assert (slower[4] / slower[0]) / (FEEDBACK[4] / FEEDBACK[0]) == pytest.approx(3.8, abs=0.05)

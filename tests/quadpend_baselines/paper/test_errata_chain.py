@@ -1,10 +1,10 @@
 """The paper's linear chain and its control laws, (12), (16), (23)–(45), (51), (52) and (61)–(64).
 
-Everything is held against the Euler–Lagrange equations linearised at hover by sympy. In each of the paper's two planes
-its angle α is the pendulum's lean in that plane: r_x in x–z, r_y in y–z.
+The oracle is the Euler–Lagrange equations, linearised at hover by sympy. In each of the paper's two planes, its angle α
+is the tilt of the pendulum in that plane: r_x in x–z, r_y in y–z.
 
-A test named `…_as_printed` shows that the paper is right; every other one shows the printed form failing and the
-corrected one holding.
+A test named `…_as_printed` shows that the printed equation is correct. Every other test shows that the printed form is
+wrong and the corrected form holds.
 """
 
 import numpy as np
@@ -56,7 +56,7 @@ def chain() -> LinearModel:
 
 
 def calm(chain: LinearModel, coordinate: sp.Symbol) -> sp.Expr:
-    """A coordinate's acceleration without wind."""
+    """Return the acceleration of a coordinate without wind."""
     return chain.acceleration(coordinate).subs(CALM)
 
 
@@ -77,23 +77,23 @@ def test_24_to_28_as_printed(chain: LinearModel) -> None:
 
 
 def test_29(chain: LinearModel) -> None:
-    """K(α + φ), printed K(φ − α): with φ = 0 that is a hanging pendulum, and no choice of signs makes it stand."""
+    """K(α + φ), printed K(φ − α): with φ = 0 this is a hanging pendulum, and no choice of signs makes it inverted."""
     assert vanishes(calm(chain, r_y) - K * (r_y + phi))
-    for lean, roll in ((r_y, phi), (-r_y, phi), (r_y, -phi), (-r_y, -phi)):
-        printed = sp.diff(lean, r_y) * K * (roll - lean)
+    for tilt, roll in ((r_y, phi), (-r_y, phi), (r_y, -phi), (-r_y, -phi)):
+        printed = sp.diff(tilt, r_y) * K * (roll - tilt)
         assert not vanishes(calm(chain, r_y) - printed)
-        assert sp.diff(printed, r_y) == -K  # α̈ = −Kα: swings
-    assert sp.diff(calm(chain, r_y), r_y).equals(K)  # α̈ = Kα: falls
+        assert sp.diff(printed, r_y) == -K  # α̈ = −Kα: an oscillation
+    assert sp.diff(calm(chain, r_y), r_y).equals(K)  # α̈ = Kα: unstable
 
 
 def test_29_as_printed_contradicts_41(chain: LinearModel) -> None:
-    """F̈_y = ÿ + l α̈ = g α, by (27) as printed, needs the corrected (29)."""
+    """F̈_y = ÿ + l α̈ = g α, with (27) as printed, requires the corrected (29)."""
     for swing, holds in ((K * (r_y + phi), True), (K * (phi - r_y), False)):
         assert vanishes(calm(chain, y) + length * swing - g * r_y) is holds
 
 
 def test_30_and_31_need_an_angle_each(chain: LinearModel) -> None:
-    """F = x + l r_x, y + l r_y obey F̈ = g r; with one α for both, a pendulum leaning along y would move F_x."""
+    """F = x + l r_x, y + l r_y obey F̈ = g r; with one α for both, a pendulum tilted along y would accelerate F_x."""
     assert vanishes(chain.derivative(F_x, 2).subs(CALM) - g * r_x)
     assert vanishes(chain.derivative(F_y, 2).subs(CALM) - g * r_y)
     shared = r_y  # β = π/2: the whole of α lies in the y–z plane, r_x = 0
@@ -139,7 +139,7 @@ def test_43_and_44(chain: LinearModel) -> None:
 
 
 def test_45(chain: LinearModel) -> None:
-    """I_φ and F_y⁽⁴⁾, printed I_θ and 𝓕⁽⁴⁾; its signs are right, but do not follow from the printed (43)."""
+    """I_φ and F_y⁽⁴⁾, printed I_θ and 𝓕⁽⁴⁾; the printed signs are correct but do not follow from the printed (43)."""
     fourth, sixth = (chain.derivative(F_y, order).subs(CALM) for order in (4, 6))
     assert vanishes(sixth - (g * K / I_phi * tau_phi + K * fourth))
     assert not vanishes(sixth - (g * K / I_theta * tau_phi + K * fourth))
@@ -147,32 +147,32 @@ def test_45(chain: LinearModel) -> None:
 
 
 def sixth_derivative(torque: sp.Expr, axis: str) -> sp.Expr:
-    """F⁽⁶⁾ under a torque, by (38) and (45) corrected."""
+    """Return F⁽⁶⁾ as a function of a torque, by (38) and (45) corrected."""
     gain = {"x": -g * K / I_theta, "y": g * K / I_phi}[axis]
     return sp.expand(gain * torque + K * FOURTH)
 
 
 def test_51() -> None:
-    """τθ = −A v + (I/g) F⁽⁴⁾, printed +A v: that makes F⁽⁶⁾ = −v instead of v, every gain of the wrong sign."""
+    """τθ = −A v + (I/g) F⁽⁴⁾, printed +A v: this gives F⁽⁶⁾ = −v instead of v, with the wrong sign of every gain."""
     assert vanishes(sixth_derivative(-A_theta * V + I_theta / g * FOURTH, "x") - V)
     assert vanishes(sixth_derivative(A_theta * V + I_theta / g * FOURTH, "x") + V)
 
 
 def test_52() -> None:
-    """τφ = +A v − (I/g) F⁽⁴⁾, printed −A v + (I/g) F⁽⁴⁾: that makes F⁽⁶⁾ = −v + 2K F⁽⁴⁾."""
+    """τφ = +A v − (I/g) F⁽⁴⁾, printed −A v + (I/g) F⁽⁴⁾: this gives F⁽⁶⁾ = −v + 2K F⁽⁴⁾."""
     assert vanishes(sixth_derivative(A_phi * V - I_phi / g * FOURTH, "y") - V)
     assert vanishes(sixth_derivative(-A_phi * V + I_phi / g * FOURTH, "y") - (-V + 2 * K * FOURTH))
 
 
 def test_51_and_52_mi_is_m_times_l() -> None:
-    """What reads MI in front of both laws is M·l: with M·I_θ, or M alone, the gain is not one."""
+    """The factor printed as MI in both laws is M·l; with M·I_θ or with M the gain from v to F⁽⁶⁾ is not one."""
     for first in (M * I_theta, M):
         misread = first * I_theta / ((M + m_c) * g**2)
         assert not vanishes(sixth_derivative(-misread * V + I_theta / g * FOURTH, "x") - V)
 
 
 def feedback_gains(bandwidth: float, damping: float) -> list[float]:
-    """k₀ … k₅ as Section 5 prints them."""
+    """Return k₀ … k₅ as printed in Section 5."""
     w, zeta = bandwidth, damping
     return [
         w**6,
@@ -185,13 +185,13 @@ def feedback_gains(bandwidth: float, damping: float) -> list[float]:
 
 
 def test_laws_as_printed_are_unstable_and_the_corrected_ones_are_not() -> None:
-    """The closed loop's poles with Section 5's gains: F⁽⁶⁾ = v, F⁽⁶⁾ = −v by (51), F⁽⁶⁾ = −v + 2K F⁽⁴⁾ by (52)."""
+    """Poles of the closed loop with the gains of Section 5: F⁽⁶⁾ = v, −v by (51), and −v + 2K F⁽⁴⁾ by (52)."""
     k = np.array(feedback_gains(7.0, 0.9))[::-1]
     second_term = np.array([0.0, 2.0 * PAPER.chain_stiffness, 0.0, 0.0, 0.0, 0.0])
     right, x_printed, y_printed = (np.roots([1.0, *rest]) for rest in (k, -k, -k - second_term))
     assert np.max(right.real) == pytest.approx(-6.3, abs=1e-3)
     for printed in (x_printed, y_printed):
-        assert np.max(printed.real) > 40.0  # 1/s: a fall in a fraction of a second
+        assert np.max(printed.real) > 40.0  # 1/s: the pendulum falls in a fraction of a second
 
 
 def test_feedback_gains_as_printed() -> None:
@@ -204,7 +204,7 @@ def test_feedback_gains_as_printed() -> None:
 
 
 def test_16_and_23_as_printed_and_61_to_63() -> None:
-    """The laws give e⁽ⁿ⁾ + Σ kᵢ e⁽ⁱ⁾ = ϑ − ϑ̂; (61)–(63) print ϑ̂ − ϑ on that side, against (64), which is right."""
+    """The laws give e⁽ⁿ⁾ + Σ kᵢ e⁽ⁱ⁾ = ϑ − ϑ̂; (61)–(63) print ϑ̂ − ϑ on this side, unlike (64), which is correct."""
     k0, k1, desired, error, error_rate, disturbance, estimate = sp.symbols("k0 k1 a_d e e' vartheta vartheta_hat")
     wanted = desired - k1 * error_rate - k0 * error - estimate
     thrust_gain = sp.Symbol("g_z", positive=True)
@@ -233,8 +233,8 @@ def test_64_has_n_states_not_n_plus_1() -> None:
         assert len(printed) != n
 
 
-def test_thrust_moves_the_height_alone(chain: LinearModel) -> None:
-    """What lets Section 3 treat height, yaw and the two planes one by one."""
+def test_thrust_accelerates_the_height_only(chain: LinearModel) -> None:
+    """Section 3 can therefore treat height, yaw and the two planes separately."""
     assert vanishes(calm(chain, z) - u / (M + m_c))
     for coordinate in (x, y, phi, theta, psi, r_x, r_y):
         assert u not in calm(chain, coordinate).free_symbols

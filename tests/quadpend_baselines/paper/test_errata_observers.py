@@ -1,7 +1,7 @@
 """The paper's observers and the algebra of its Theorem 1: (13)–(15), (20)–(22), (46)–(50), (53), (54), (60), λ₀.
 
-A test named `…_as_printed` shows that the paper is right; every other one shows the printed form failing and the
-corrected one holding. What can be proven in place of Theorem 1 is in test_convergence.py.
+A test named `…_as_printed` shows that the printed equation is correct. Every other test shows that the printed form is
+wrong and the corrected form holds. test_convergence.py proves the results that replace Theorem 1.
 """
 
 from collections.abc import Sequence
@@ -40,17 +40,17 @@ VARTHETA_DDOT = sp.Symbol("vartheta''")
 E1, E2, E3, E4 = ERROR
 h1, h2, h3, h4 = ESTIMATE
 
-# What is observed: (12), (17), (38), (45) with x₃ = ϑ, x₄ = ϑ̇; and F, Ḟ, F̈, F⁽³⁾ driven by F⁽⁴⁾.
+# The observed plants: (12), (17), (38), (45) with x₃ = ϑ, x₄ = ϑ̇; and F, Ḟ, F̈, F⁽³⁾ with the input F⁽⁴⁾.
 DISTURBED_PLANT = (TRUE[1], INPUT + TRUE[2], TRUE[3], VARTHETA_DDOT)
 FLAT_PLANT = (TRUE[1], TRUE[2], TRUE[3], INPUT)
-# Right-hand sides as printed in (13), (20) and (47), and in (46) but for its last line.
+# Right-hand sides as printed in (13), (20) and (47), and in (46) except for its last line.
 DESO = (h2 + L3 * E1, INPUT + h3 + L2 * E1, h4 + L1 * E1, RHO * SIGN)
 LUENBERGER = (h2 + L3 * E1, h3 + L2 * E1, h4 + L1 * E1, INPUT + L0 * E1)
 LUENBERGER_PRINTED = (*LUENBERGER[:3], INPUT + L0 * E4)  # λ₀(F₄ − F̂₄)
 
 
 def error_derivatives(plant: Sequence[sp.Expr], observer: Sequence[sp.Expr]) -> list[sp.Expr]:
-    """ẽ₁ and its derivatives up to the fourth, where each line of the observer is a time derivative."""
+    """Return ẽ₁ and its derivatives up to order 4; each line of the observer is a time derivative."""
     known = {true: estimate + error for true, estimate, error in zip(TRUE, ESTIMATE, ERROR, strict=True)}
     rates = [sp.expand(line.subs(known) - guess) for line, guess in zip(plant, observer, strict=True)]
     derivatives = [E1]
@@ -75,7 +75,7 @@ def test_21_indices() -> None:
 
 @pytest.mark.parametrize("lines", [DESO, LUENBERGER], ids=["13 and 47", "46"])
 def test_13_46_and_47_need_their_dots(lines: Sequence[sp.Expr]) -> None:
-    """An output at rest, estimated without error, is a rest of the dotted observer; the undotted equations deny it."""
+    """A constant output without estimation error is an equilibrium with the dots and a contradiction without them."""
     output = sp.Symbol("y", positive=True)
     estimate = dict(zip(ESTIMATE, (output, 0, 0, 0), strict=True))
     right_sides = [line.subs({INPUT: 0, SIGN: 0, E1: 0} | estimate) for line in lines]
@@ -84,7 +84,7 @@ def test_13_46_and_47_need_their_dots(lines: Sequence[sp.Expr]) -> None:
 
 
 def test_46_last_line_and_48() -> None:
-    """λ₀(F₁ − F̂₁) gives (48). The printed λ₀(F₄ − F̂₄) needs F⁽³⁾ measured and gives other dynamics."""
+    """λ₀(F₁ − F̂₁) gives (48). The printed λ₀(F₄ − F̂₄) requires a measurement of F⁽³⁾ and gives other dynamics."""
     d = error_derivatives(FLAT_PLANT, LUENBERGER)
     assert vanishes(d[4] + L3 * d[3] + L2 * d[2] + L1 * d[1] + L0 * d[0])
     d = error_derivatives(FLAT_PLANT, LUENBERGER_PRINTED)
@@ -94,7 +94,7 @@ def test_46_last_line_and_48() -> None:
 
 
 def test_47_u_f() -> None:
-    """u_F is nowhere defined: what drives F̈₅ in (38) and (45) is −gKτθ/Iθ + K F_x⁽⁴⁾ and gKτφ/Iφ + K F_y⁽⁴⁾."""
+    """The paper does not define u_F; F̈₅ in (38) and (45) is −gKτθ/Iθ + K F_x⁽⁴⁾ and gKτφ/Iφ + K F_y⁽⁴⁾."""
     chain = linearise()
     calm = dict.fromkeys([*FORCE_ON_QUADROTOR, *FORCE_ON_BOB], 0)
     for fourth, known in (
@@ -105,7 +105,7 @@ def test_47_u_f() -> None:
 
 
 def test_47_u_f_must_contain_what_51_cancels() -> None:
-    """Without its K F⁽⁴⁾ the estimate would hold that term too, and (51) would take it off twice."""
+    """Without K F⁽⁴⁾ in u_F, the estimate would contain that term as well, and (51) would subtract it twice."""
     fourth, wanted, disturbance = sp.symbols("F4 v0 vartheta")
     A = M * length * I_theta / ((M + m_c) * g**2)
 
@@ -129,7 +129,7 @@ def test_observer_gains_as_printed() -> None:
 
 
 def test_lambda_0_printed_leaves_a_pole_at_the_origin_almost() -> None:
-    """With λ₀ = ω² the Luenberger stage has a pole at −1/(4ζω) = −5.6e-4 rad/s: half an hour to settle."""
+    """With λ₀ = ω² the Luenberger stage has a pole at −1/(4ζω) = −5.6e-4 rad/s and settles in half an hour."""
     right = characteristic_polynomial(ObserverGains(500.0, 0.9))
     printed = [*right[:4], 500.0**2]
     assert np.max(np.roots(right).real) == pytest.approx(-450.0, rel=1e-4)
@@ -143,7 +143,7 @@ B_E = sp.Matrix([0, 0, 0, 1])
 
 
 def test_53_second_derivative_of_the_disturbance() -> None:
-    """(14), (21) and (49) are driven by ϑ̈; (53) prints ϑ̇, and the sign of a vector for that of its first entry."""
+    """The input of (14), (21) and (49) is ϑ̈. (53) prints ϑ̇, and the sign of a vector instead of its first entry."""
     d = error_derivatives(DISTURBED_PLANT, DESO)
     phase = sp.Matrix(d[:4])
     assert vanishes(sp.Matrix(d[1:]) - (A_E * phase + B_E * (VARTHETA_DDOT - RHO * SIGN)))
@@ -171,7 +171,7 @@ def test_57_drops_a_term_of_either_sign() -> None:
 
 
 def test_60_misses_a_row() -> None:
-    """[0 0 0 1] is missing: printed 3 × 4, the matrix cannot drive four errors; with it, it has the polynomial (50)."""
+    """The printed 3 × 4 matrix lacks the row [0 0 0 1]; with this row it has the polynomial (50)."""
     last = [-L0, -L1, -L2, -L3]
     printed = sp.Matrix([[0, 1, 0, 0], [0, 0, 1, 0], last])
     right = sp.Matrix([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], last])
@@ -181,7 +181,7 @@ def test_60_misses_a_row() -> None:
 
 
 def test_15_22_and_50_are_not_those_of_the_sign_term() -> None:
-    """They hold a λ₀ that (13), (20) and (47) lack; it appears when sign(ẽ) is saturated over δ = ρ/λ₀."""
+    """They contain a λ₀ that (13), (20) and (47) do not; it appears when sat(ẽ/δ) with δ = ρ/λ₀ replaces sign(ẽ)."""
     d = error_derivatives(DISTURBED_PLANT, tuple(line.subs(SIGN, E1 * L0 / RHO) for line in DESO))
     assert vanishes(d[4] + L3 * d[3] + L2 * d[2] + L1 * d[1] + L0 * d[0] - VARTHETA_DDOT)
     assert vanishes(A_E.charpoly(S).as_expr() - S * (S**3 + L3 * S**2 + L2 * S + L1))

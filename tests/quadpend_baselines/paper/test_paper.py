@@ -1,4 +1,4 @@
-"""The paper's experiment shows what the paper's text says: every error converges, and the gusts are seen."""
+"""The experiment reproduces the paper's statements: all errors converge, and the observers estimate the gusts."""
 
 from pathlib import Path
 
@@ -21,10 +21,10 @@ def at_100_hz() -> Trajectory:
     return simulate_sampled("paper", 0.01)
 
 
-def test_all_errors_converge_in_calm_air_and_the_pendulum_stands(at_100_hz: Trajectory) -> None:
+def test_all_errors_converge_in_calm_air_and_the_pendulum_is_upright(at_100_hz: Trajectory) -> None:
     calm = (at_100_hz.time > 6.0) & (at_100_hz.time < GUSTS.onset)
     assert np.all(np.abs(at_100_hz.error[calm]).max(axis=0) < [1e-4, 1e-4, 1e-6, 1e-6])
-    assert State(at_100_hz.state).alpha[calm].max() < 0.03  # what the circle's centripetal acceleration asks for
+    assert State(at_100_hz.state).alpha[calm].max() < 0.03  # due to the centripetal acceleration of the circle
 
 
 def test_beta_does_not_converge(at_100_hz: Trajectory) -> None:
@@ -39,16 +39,16 @@ def test_estimates_follow_the_injected_gusts_in_all_four_channels(at_100_hz: Tra
     assert merit["convergence_time"]["0.0001"]["z"] < 2.0
 
 
-def test_gusts_are_those_that_the_environment_draws() -> None:
-    """The environment holds over each period what blows in its middle."""
+def test_gusts_are_those_of_the_environment() -> None:
+    """The environment applies over each period the gust at the middle of the period."""
     env = QuadPendulumEnv(wind=GUSTS)
     env.reset(seed=experiment.SEED)
     for step in (900, 1100, 1500):
         env.world.clock[:] = step
-        env.step(np.zeros(4))  # after which the wind is that of the clock
-        held = env.step(np.zeros(4))[4]["disturbance"]
-        np.testing.assert_allclose(held, gusts(np.array([0.01 * (step + 1.5)]))[0], atol=1e-12)
-        assert held.any() == (step >= 1000)
+        env.step(np.zeros(4))  # the next step uses the wind of the changed clock
+        applied = env.step(np.zeros(4))[4]["disturbance"]
+        np.testing.assert_allclose(applied, gusts(np.array([0.01 * (step + 1.5)]))[0], atol=1e-12)
+        assert applied.any() == (step >= 1000)
 
 
 def test_sampled_control_approaches_continuous_time() -> None:
@@ -63,38 +63,38 @@ def test_sampled_control_approaches_continuous_time() -> None:
     assert differences[1] < differences[0] / 4
 
 
-def test_the_paper_command_writes_every_figure_and_the_numbers(
+def test_paper_command_writes_all_figures_and_the_figures_of_merit(
     at_100_hz: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flown = Experiment(at_100_hz, at_100_hz, at_100_hz)
-    monkeypatch.setattr(experiment, "run", lambda gains: flown)
+    result = Experiment(at_100_hz, at_100_hz, at_100_hz)
+    monkeypatch.setattr(experiment, "run", lambda gains: result)
     main(["paper", "--out", str(tmp_path)])
     names = {path.name for path in tmp_path.iterdir()}
     figures = [*FIGURES, "figure_10"]
     assert names == {"merit.json", *(f"{name}.png" for name in figures), *(f"{name}.svg" for name in figures)}
 
 
-def test_the_ablations_say_when_the_law_fails_and_what_cures_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As printed it falls, corrected it keeps the predicted offset, matched none; noise needs slow observers."""
-    chosen = [case for case in ablations.cases() if case.group in {"law", "cure"} or "noise 1 mm" in case.name]
+def test_ablations_show_failures_and_remedies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The printed law falls, the corrected one has the predicted offset, the matched one has none; noise requires slow
+    observers.
+    """
+    chosen = [case for case in ablations.cases() if case.group in {"law", "remedy"} or "noise 1 mm" in case.name]
     chosen += [case for case in ablations.cases() if "ρ = 5e6" in case.name]
-    chosen += [case for case in ablations.cases() if case.group in {"authority", "wind", "frequency"}][::7]
-    flown = {case.name: ablations.simulate(case) for case in chosen}
-    assert flown["as printed"].seconds < 1.0
-    corrected = flown["corrected"]
+    chosen += [case for case in ablations.cases() if case.group in {"torque limit", "wind", "frequency"}][::7]
+    results = {case.name: ablations.simulate(case) for case in chosen}
+    assert results["as printed"].duration < 1.0
+    corrected = results["corrected"]
     assert corrected.survival == 1.0
     assert corrected.offset_per_newton == pytest.approx(corrected.predicted_offset, rel=0.01)
-    assert flown["matched"].offset_per_newton < 1e-4
-    assert flown["ω_n = 500 rad/s, noise 1 mm and mrad"].survival == 0.0
-    assert flown["ω_n = 15 rad/s, noise 1 mm and mrad"].survival == 1.0
-    saturated, sign = (flown[f"matched, DESO, {term}, ρ = 5e6"] for term in ("saturation", "sign"))
+    assert results["matched"].offset_per_newton < 1e-4
+    assert results["ω_n = 500 rad/s, noise 1 mm and mrad"].survival == 0.0
+    assert results["ω_n = 15 rad/s, noise 1 mm and mrad"].survival == 1.0
+    saturated, sign = (results[f"matched, DESO, {term}, ρ = 5e6"] for term in ("saturation", "sign"))
     assert saturated.survival == 1.0
     assert sign.survival < 0.8
     assert sign.rmse > 3.0 * saturated.rmse
-    assert all(result.survival == 1.0 for name, result in flown.items() if "σ = 0.6 N, " in name)
-    monkeypatch.setattr(ablations, "run", lambda: [(case, flown[case.name]) for case in chosen])
+    assert all(result.survival == 1.0 for name, result in results.items() if "σ = 0.6 N, " in name)
+    monkeypatch.setattr(ablations, "run", lambda: [(case, results[case.name]) for case in chosen])
     main(["paper", "--ablations", "--out", str(tmp_path)])
     assert "| law | as printed | 0 |" in (tmp_path / "ablations.md").read_text()
     assert (tmp_path / "ablations.png").stat().st_size > 10_000
