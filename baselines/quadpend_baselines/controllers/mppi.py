@@ -54,11 +54,11 @@ class MppiMemory(NamedTuple):
 
     Attributes:
         perturbation: δ at the knots, N and N·m, shape (n, knots, 4).
-        count: Number of updates of δ since the episode began, shape (n,).
+        updates: Number of updates of δ since the episode began, shape (n,).
     """
 
     perturbation: Floats
-    count: Integers
+    updates: Integers
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Mppi:
     def command(self, estimate: Estimate, measurement: Measurement, memory: MppiMemory) -> tuple[Floats, MppiMemory]:
         """Return the command and the memory of equations (1)–(3); see `output_feedback.ControlLaw`."""
         horizon = self.reference_horizon(estimate, measurement)
-        samples = memory.perturbation[:, np.newaxis] + self.perturbations[memory.count % _TABLES]
+        samples = memory.perturbation[:, np.newaxis] + self.perturbations[memory.updates % _TABLES]
         samples = np.concatenate([np.zeros_like(samples[:, :1]), samples], axis=1)
         cost = self.costs(estimate, horizon, samples)
         excess = cost - cost.min(axis=1, keepdims=True)
@@ -117,7 +117,7 @@ class Mppi:
         knot_spacing = self.horizon_simulation.period * self.gains.horizon / (self.gains.knots - 1)
         share = self.simulation.period / knot_spacing
         next_knot = np.concatenate([perturbation[:, 1:], np.zeros_like(perturbation[:, :1])], axis=1)
-        return command, MppiMemory(perturbation + share * (next_knot - perturbation), memory.count + 1)
+        return command, MppiMemory(perturbation + share * (next_knot - perturbation), memory.updates + 1)
 
     def reference_horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
         """Return the reference over the horizon, extrapolated by its Taylor polynomial of order 6."""

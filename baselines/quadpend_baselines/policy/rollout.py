@@ -58,7 +58,7 @@ def rollout(
     Yields:
         The steps, until the first episode of every sub-environment has ended.
     """
-    observation, _ = env.reset(seed=seed, options=options)
+    observation, _ = env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # Gymnasium also accepts a list
     active, started, memory = np.ones(env.num_envs, np.bool_), np.ones(env.num_envs, np.bool_), None
     while active.any():
         action, memory = policy.predict(observation, memory, started, deterministic=True)

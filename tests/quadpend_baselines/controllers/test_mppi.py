@@ -133,7 +133,7 @@ def test_a_low_temperature_selects_the_best_sample_and_a_high_one_the_mean() -> 
     horizon = cold.reference_horizon(estimate, measurement)
     feedback, _ = run_law(Mppi(replace(GAINS_HERE, spread=0.0), Simulation()), state)
     command, _ = run_law(cold, state)
-    samples = np.concatenate([np.zeros((8, 1, 5, 4)), cold.perturbations[first.count]], axis=1)
+    samples = np.concatenate([np.zeros((8, 1, 5, 4)), cold.perturbations[first.updates]], axis=1)
     costs = cold.costs(estimate, horizon, samples)
     for row in range(8):
         best = samples[row, costs[row].argmin()]
@@ -165,7 +165,7 @@ def test_command_depends_on_estimate_and_memory_only() -> None:
     again, other = run_law(law, state, run_law(Mppi(GAINS_HERE, Simulation()), state)[1])
     assert_array_equal(again, batch)
     assert_array_equal(other.perturbation, memory.perturbation)
-    assert_array_equal(memory.count, 2)
+    assert_array_equal(memory.updates, 2)
     for row in range(5):
         alone = run_law(law, state[row : row + 1])
         alone = run_law(law, state[row : row + 1], alone[1])
