@@ -1,4 +1,4 @@
-"""No setting without effect: each of them, alone, changes what happens."""
+"""Every setting of the environments has an effect: a change of one setting alone changes the results."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -46,13 +46,13 @@ LIMITS = {"pendulum_angle": 0.1, "body_angle": 0.1, "tracking_error": 0.1, "grou
 WEIGHTS = {field.name: 1.0 for field in fields(RewardWeights)}
 PARAMETERS = {field.name: 1.5 * getattr(Parameters(), field.name) for field in fields(Parameters)}
 ACTUATORS = {field.name: 0.5 * getattr(Actuators(), field.name) for field in fields(Actuators)}
-MOVING_AIR = Constant(velocity=(3.0, 2.0, 1.0))  # the drag areas count in no other
+MOVING_AIR = Constant(velocity=(3.0, 2.0, 1.0))  # drag areas have no effect in still air
 LOADS = {"force": 0.5, "bob_force": 0.5, "torque": 0.5, "velocity": 5.0}
 GUST = Gusts(velocity=(5.0, 0.0, 0.0), pause=(0.0, 0.1), length=(0.1, 0.2))
 GUSTS = {"pause": (0.1, 0.1), "length": (0.2, 0.3), "heading": (0.0, 1.0)}
 DRAWN = {"wind": "windy", "strength": (0.5, 2.0), "heading": (0.0, 1.0)}
 TURBULENCE = {"intensity": "severe", "altitude": 100.0, "mean_wind": 9.0, "heading": 1.0}
-# But for the torque, which gusts have not, and the standard, which is another name for the same turbulence.
+# All settings but the torque of gusts, which is always zero, and the standard, which names the same turbulence twice.
 WINDS = [
     (Constant(), LOADS),
     (Sinusoid(force=0.1), {**LOADS, "frequency": 5.0}),
@@ -63,21 +63,21 @@ WINDS = [
     (Dryden(), TURBULENCE),
     (VonKarman(), TURBULENCE),
 ]
-COUNTLESS = {Gusts: {"torque"}, Dryden: {"standard"}, VonKarman: {"standard"}}
+WITHOUT_EFFECT = {Gusts: {"torque"}, Dryden: {"standard"}, VonKarman: {"standard"}}
 
 
-def happenings(**kwargs: Any) -> bytes:
-    """All that 40 rows return in 30 steps."""
+def run(**kwargs: Any) -> bytes:
+    """Everything that 40 sub-environments return in 30 steps."""
     env = make_vec(40, **kwargs)
     first, _ = env.reset(seed=0)
-    returned = run_actions(env, draw_actions(0, 30, 40))
-    return first.tobytes() + b"".join(part.tobytes() for step in returned for part in step[:4])
+    results = run_actions(env, draw_actions(0, 30, 40))
+    return first.tobytes() + b"".join(part.tobytes() for result in results for part in result[:4])
 
 
 @pytest.fixture(scope="module")
-def usual() -> bytes:
-    """What happens with the default settings."""
-    return happenings()
+def default() -> bytes:
+    """Everything that the default settings return."""
+    return run()
 
 
 @pytest.mark.parametrize(
@@ -87,28 +87,28 @@ def usual() -> bytes:
     + [("limits", Limits, name, value) for name, value in LIMITS.items()]
     + [("reward", RewardWeights, name, value) for name, value in WEIGHTS.items()],
 )
-def test_every_setting_of_a_task_counts(usual: bytes, part: str, kind: Any, name: str, value: Any) -> None:
-    assert happenings(task=Task(**{part: kind(**{name: value})})) != usual
+def test_every_setting_of_a_task_has_an_effect(default: bytes, part: str, kind: Any, name: str, value: Any) -> None:
+    assert run(task=Task(**{part: kind(**{name: value})})) != default
 
 
 @pytest.mark.parametrize(("name", "value"), PARAMETERS.items())
-def test_every_physical_parameter_counts(usual: bytes, name: str, value: float) -> None:
+def test_every_physical_parameter_has_an_effect(default: bytes, name: str, value: float) -> None:
     simulation = Simulation(Parameters(**{name: value}))
-    counts_in_the_calm = happenings(simulation=simulation) != usual
-    assert counts_in_the_calm != name.endswith("drag_area")
-    assert happenings(simulation=simulation, wind=MOVING_AIR) != happenings(wind=MOVING_AIR)
+    effect_in_still_air = run(simulation=simulation) != default
+    assert effect_in_still_air != name.endswith("drag_area")
+    assert run(simulation=simulation, wind=MOVING_AIR) != run(wind=MOVING_AIR)
 
 
 @pytest.mark.parametrize(("name", "value"), ACTUATORS.items())
-def test_every_actuator_limit_counts(usual: bytes, name: str, value: float) -> None:
-    assert happenings(simulation=Simulation(actuators=Actuators(**{name: value}))) != usual
+def test_every_actuator_limit_has_an_effect(default: bytes, name: str, value: float) -> None:
+    assert run(simulation=Simulation(actuators=Actuators(**{name: value}))) != default
 
 
 @pytest.mark.parametrize(
     ("model", "name", "value"), [(model, name, value) for model, changes in WINDS for name, value in changes.items()]
 )
-def test_every_setting_of_a_wind_counts(model: Any, name: str, value: Any) -> None:
-    assert happenings(wind=replace(model, **{name: value})) != happenings(wind=model)
+def test_every_setting_of_a_wind_has_an_effect(model: Any, name: str, value: Any) -> None:
+    assert run(wind=replace(model, **{name: value})) != run(wind=model)
 
 
 @pytest.mark.parametrize(
@@ -123,11 +123,11 @@ def test_every_setting_of_a_wind_counts(model: Any, name: str, value: Any) -> No
         *((changes, type(model)) for model, changes in WINDS),
     ],
 )
-def test_the_tables_above_are_complete(table: dict[str, Any], kind: Any) -> None:
-    assert table.keys() == {field.name for field in fields(kind) if field.init} - COUNTLESS.get(kind, set())
+def test_tables_of_settings_are_complete(table: dict[str, Any], kind: Any) -> None:
+    assert table.keys() == {field.name for field in fields(kind) if field.init} - WITHOUT_EFFECT.get(kind, set())
 
 
-def test_the_period_is_how_long_an_action_is_held() -> None:
+def test_period_is_the_duration_of_a_step() -> None:
     for period in (0.005, 0.01, 0.02):
         env = make_unwrapped(simulation={"period": period})
         env.reset(seed=0, options={"state": AT_REST})
@@ -135,7 +135,7 @@ def test_the_period_is_how_long_an_action_is_held() -> None:
         assert_allclose(env.state.velocity[2], 9.8 * period, rtol=1e-12)
 
 
-def test_references_run_in_seconds_whatever_the_period() -> None:
+def test_references_are_in_seconds_for_every_period() -> None:
     circle = Reference.circle(1.0, 2.0)
     for period, steps in ((0.005, 40), (0.02, 10)):
         env = make_unwrapped(simulation={"period": period})
@@ -145,8 +145,8 @@ def test_references_run_in_seconds_whatever_the_period() -> None:
         assert_allclose(info["tracking_error"][:2], (bob - circle.derivatives(0.2)[0, :3])[:2], atol=1e-12)
 
 
-def test_more_substeps_converge() -> None:
-    """The error falls by 2⁴ = 16 each time, as that of RK4 should."""
+def test_error_converges_with_the_number_of_substeps() -> None:
+    """Each doubling divides the error by 2⁴ = 16, as RK4 predicts."""
     ends = {}
     for substeps in (1, 2, 4, 32):
         env = make_unwrapped(simulation={"substeps": substeps})
