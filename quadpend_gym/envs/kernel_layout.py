@@ -17,14 +17,14 @@ from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.observation import TARGET_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE
 
-# The memory of each sub-environment, a row of shape (MEMORY_SIZE,).
+# Memory of each sub-environment, an array row of MEMORY_SIZE numbers.
 MEMORY_STATE = slice(0, STATE_SIZE)
 MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
 MEMORY_SIZE = MEMORY_REFERENCE.stop
 
-# The sensed values of each sub-environment, a column of shape (SENSED_SIZE,): the target, the rod length (m), from
-# which the tracking error follows, and the state as the sensors report it.
+# Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: target and rod length (m), which the
+# tracking error depends on, and the state as the sensors report it.
 SENSED_ROD_LENGTH = TARGET_SIZE
 SENSED_STATE = slice(SENSED_ROD_LENGTH + 1, SENSED_ROD_LENGTH + 1 + STATE_SIZE)
 SENSED_SIZE = SENSED_STATE.stop
@@ -81,13 +81,14 @@ class KernelSettings(NamedTuple):
 def make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> KernelSettings:
     """Return the kernel settings of a task and a simulation."""
     limits, reward = task.limits, task.reward
-    cosines = np.cos([limits.pendulum_angle, limits.body_angle])
+    cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
     weights = np.array([reward.tracking, reward.upright, reward.yaw, reward.effort])
+    tracking, upright, yaw, effort = (weights / weights.sum()).tolist()
     return KernelSettings(
         simulation.period,
-        CommandScale(*simulation.command_scale),
-        KernelLimits(*cosines, limits.tracking_error, limits.ground),
-        KernelWeights(*(weights / weights.sum()), reward.tip),
+        CommandScale(*simulation.command_scale.tolist()),
+        KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground),
+        KernelWeights(tracking, upright, yaw, effort, reward.tip),
         moves_air,
         substeps,
     )

@@ -24,7 +24,7 @@ def wind_error(row: int) -> int:
 
 
 def decode_error(code: int) -> tuple[str, int]:
-    """Return what an error code other than `NO_ERROR` is about, ``"action"`` or ``"wind"``, and the row."""
+    """Return what is wrong, ``"action"`` or ``"wind"``, and the row, for an error code other than `NO_ERROR`."""
     return ("action", code) if code > NO_ERROR else ("wind", -2 - code)
 
 
