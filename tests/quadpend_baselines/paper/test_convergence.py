@@ -176,9 +176,9 @@ def worst_response(matrix: Floats, step: float, seconds: float, size: float) -> 
     """Simulate the worst disturbance |w| ≤ size for each eᵢ and return the final values of |eᵢ|, shape (n,)."""
     order = len(matrix)
     response = impulse_response(matrix, step, seconds)
-    held = np.zeros((order + 1, order + 1))
-    held[:order, :order], held[order - 1, order] = matrix, 1.0
-    transition = expm(held * step)
+    augmented = np.zeros((order + 1, order + 1))
+    augmented[:order, :order], augmented[order - 1, order] = matrix, 1.0
+    transition = expm(augmented * step)
     errors = np.zeros((order, order))  # column i: the error under the worst disturbance for eᵢ
     for now in response[::-1]:
         errors = transition[:order, :order] @ errors + np.outer(transition[:order, order], size * np.sign(now))
@@ -212,11 +212,11 @@ def simulate(slope: float, start: Floats, seconds: float, disturbance: float = 0
     """
     step = 2e-3
     _, l3, l2, l1, _ = polynomial(4)
-    held = np.zeros((5, 5))
-    held[:4, :4] = np.eye(4, k=1)
-    held[:4, 0] = -l3, -l2, -l1, 0.0
-    held[3, 4] = 1.0
-    transition = expm(held * step)
+    augmented = np.zeros((5, 5))
+    augmented[:4, :4] = np.eye(4, k=1)
+    augmented[:4, 0] = -l3, -l2, -l1, 0.0
+    augmented[3, 4] = 1.0
+    transition = expm(augmented * step)
     state = np.array(start, np.float64)
     inputs = disturbance * np.sin(frequency * step * (np.arange(round(seconds / step)) + 0.5))
     out = np.empty((inputs.size, 4))
