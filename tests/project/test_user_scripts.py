@@ -9,7 +9,11 @@ from tests.helpers.sources import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLES = [block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "PPO(" in block]
-BRIEF = {r"total_timesteps=[\d_]+": "total_timesteps=64", r"n_eval_episodes=\d+": "n_eval_episodes=1"}
+BRIEF = {
+    r"total_timesteps=[\d_]+": "total_timesteps=64",
+    r"n_eval_episodes=\d+": "n_eval_episodes=1",
+    r'"MlpPolicy", env,': '"MlpPolicy", env, n_steps=64,',
+}
 
 
 def run_as_train_py(code: str, folder: Path) -> None:

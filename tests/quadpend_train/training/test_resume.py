@@ -174,7 +174,7 @@ def test_run_without_a_checkpoint_starts_again(tmp_path: Path) -> None:
     policy = train_policy(BRIEF, tmp_path / "whole")
     dead = tmp_path / "dead"
     dead.mkdir()
-    for name in ("settings.json", "origin.json"):
+    for name in ("settings.json", "provenance.json"):
         (dead / name).write_text((tmp_path / "whole" / name).read_text())
     assert weight_difference(MlpPolicy.load(training.resume(dead, progress=False)), policy) == 0.0
 
