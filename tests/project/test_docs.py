@@ -99,7 +99,7 @@ def test_models_are_drawn_by_the_command(tmp_path: Path, monkeypatch: pytest.Mon
         (["--models", "constant"], "the wind is always zero"),
         (["--models", '{"kind": "dryden"'], "the model is not valid JSON"),
         (["--seconds", "0"], "seconds must be from 1"),
-        (["--seed", "-1"], "seed must be at least 0"),
+        (["--seed", "-1"], "seed must be a whole number of at least 0"),
     ],
 )
 def test_a_senseless_picture_is_refused(

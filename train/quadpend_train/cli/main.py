@@ -16,6 +16,8 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         from quadpend_train.cli.commands import run
     except ModuleNotFoundError as error:
+        if (error.name or "").startswith("quadpend"):
+            raise
         _exit(f"{error}: pip install 'quadpend-gym[train,view]' installs what the commands need")
     try:
         run(sys.argv[1:] if arguments is None else arguments)
