@@ -5,8 +5,12 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines import ADRC
+from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.tasks import EPISODE_STEPS
+from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
+
+_ERROR_X = OBSERVATION_FIELDS["tracking_error"].start
 
 
 class BiasedADRC:
@@ -19,7 +23,7 @@ class BiasedADRC:
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
         shifted = observation.copy()
-        shifted[:, 0] -= self.distance / 0.5
+        shifted[:, _ERROR_X] -= self.distance / float(OBSERVATION_SCALE[_ERROR_X])
         return self.adrc.predict(shifted, state, episode_start)
 
 
@@ -43,8 +47,8 @@ class ZeroThrust:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
-        action = np.zeros((len(observation), 4), np.float32)
-        action[:, 0] = -1.0
+        action = np.zeros((len(observation), ACTION_SIZE), np.float32)
+        action[:, THRUST] = -1.0
         return action, None
 
 

@@ -105,8 +105,8 @@ def test_measurement_from_observation_is_relative_to_the_reference(size: int) ->
     true = measurement_of(env.world.state, CIRCLE, 0.1)
     if size == 27:
         observation, true = observation[:, OUTPUT_FEEDBACK_COLUMNS], without_rates(true)
-    for actual, wanted in zip(measurement_from_observation(observation, UNEQUAL.rod_length), true, strict=True):
-        assert_allclose(actual, wanted, rtol=1e-6, atol=1e-6)
+    for actual, expected in zip(measurement_from_observation(observation, UNEQUAL.rod_length), true, strict=True):
+        assert_allclose(actual, expected, rtol=1e-6, atol=1e-6)
 
 
 @every_gain

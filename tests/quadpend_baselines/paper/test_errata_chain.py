@@ -206,9 +206,9 @@ def test_feedback_gains_as_printed() -> None:
 def test_16_and_23_as_printed_and_61_to_63() -> None:
     """The laws give e⁽ⁿ⁾ + Σ kᵢ e⁽ⁱ⁾ = ϑ − ϑ̂; (61)–(63) print ϑ̂ − ϑ on this side, unlike (64), which is correct."""
     k0, k1, desired, error, error_rate, disturbance, estimate = sp.symbols("k0 k1 a_d e e' vartheta vartheta_hat")
-    wanted = desired - k1 * error_rate - k0 * error - estimate
+    demanded = desired - k1 * error_rate - k0 * error - estimate
     thrust_gain = sp.Symbol("g_z", positive=True)
-    torque, thrust = I_psi * wanted, wanted / thrust_gain  # (16), (23)
+    torque, thrust = I_psi * demanded, demanded / thrust_gain  # (16), (23)
     plants = {"(12)": torque / I_psi + disturbance, "(17)": thrust_gain * thrust + disturbance}
     k = sp.symbols("k:6")
     errors = sp.symbols("e:6")

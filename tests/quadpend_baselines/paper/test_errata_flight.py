@@ -90,8 +90,8 @@ def thrust(s: State, target: Floats) -> float:
     share = PAPER.bob_mass / PAPER.total_mass
     gain = (axis[2] - share * (axis @ s.direction) * s.direction[2]) / PAPER.quadrotor_mass
     drift = share * PAPER.rod_length * (s.direction_rate @ s.direction_rate) * s.direction[2] - PAPER.gravity
-    wanted = -VERTICAL[0] * (s.position[2] - target[2]) - VERTICAL[1] * s.velocity[2]
-    return float((wanted - drift) / gain)
+    demanded = -VERTICAL[0] * (s.position[2] - target[2]) - VERTICAL[1] * s.velocity[2]
+    return float((demanded - drift) / gain)
 
 
 def simulate(law: TorqueLaws) -> tuple[float, float]:

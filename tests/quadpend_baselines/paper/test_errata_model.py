@@ -204,9 +204,9 @@ def test_17_as_printed_and_18_g_z(height_acceleration: sp.Expr) -> None:
     """g_z ends in SθCφ, printed SθCψ; the printed coupling of pitch and pendulum is wrong by cos ψ/cos φ."""
 
     def thrust_gain(misprinted: sp.Expr) -> sp.Expr:
-        lean = (C_psi * S_beta - S_psi * C_beta) * S_phi - (C_psi * C_beta + S_psi * S_beta) * S_theta * misprinted
+        tilt = (C_psi * S_beta - S_psi * C_beta) * S_phi - (C_psi * C_beta + S_psi * S_beta) * S_theta * misprinted
         upright = (M + m_c) * C_theta * C_phi - m_c * C_alpha**2 * C_phi * C_theta
-        return (m_c * lean * S_alpha * C_alpha + upright) / (M * (M + m_c))
+        return (m_c * tilt * S_alpha * C_alpha + upright) / (M * (M + m_c))
 
     derived = sp.diff(height_acceleration, u)
     assert vanishes(thrust_gain(C_phi) - derived)

@@ -106,15 +106,15 @@ def test_47_u_f() -> None:
 
 def test_47_u_f_must_contain_what_51_cancels() -> None:
     """Without K F⁽⁴⁾ in u_F, the estimate would contain that term as well, and (51) would subtract it twice."""
-    fourth, wanted, disturbance = sp.symbols("F4 v0 vartheta")
+    fourth, demanded, disturbance = sp.symbols("F4 v0 vartheta")
     A = M * length * I_theta / ((M + m_c) * g**2)
 
     def sixth(estimate: sp.Expr) -> sp.Expr:
-        torque = -A * (wanted - estimate) + I_theta / g * fourth  # (51) corrected
+        torque = -A * (demanded - estimate) + I_theta / g * fourth  # (51) corrected
         return sp.expand(-g * K / I_theta * torque + K * fourth + disturbance)
 
-    assert vanishes(sixth(disturbance) - wanted)
-    assert vanishes(sixth(disturbance + K * fourth) - (wanted - K * fourth))
+    assert vanishes(sixth(disturbance) - demanded)
+    assert vanishes(sixth(disturbance + K * fourth) - (demanded - K * fourth))
 
 
 def test_observer_gains_as_printed() -> None:
