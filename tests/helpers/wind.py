@@ -1,4 +1,4 @@
-"""What the tests of the wind share: what models blow, a model of every kind, and how far chance may reach."""
+"""Helpers of the wind tests: time series of models, an example of every kind, and statistical tolerances."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -14,7 +14,7 @@ from quadpend_gym.core.streams import Streams
 from quadpend_gym.wind import WIND_SIZE, Sum, Wind, as_wind
 
 PERIOD = 0.01
-# One model of every kind, all of which blow from the first steps on.
+# One model of every kind, each of them non-zero within the first steps.
 EXAMPLES: dict[str, Any] = {
     "constant": Constant(force=0.5, bob_force=(0.0, 0.1, 0.0), torque=0.02, velocity=(1.0, -2.0, 0.5)),
     "sinusoid": Sinusoid(force=0.3, torque=(0.0, 0.05, 0.01), velocity=2.0, frequency=3.0),
@@ -29,8 +29,8 @@ EXAMPLES: dict[str, Any] = {
 every_kind = pytest.mark.parametrize("wind", EXAMPLES.values(), ids=EXAMPLES.keys())
 
 
-def blowing(wind: Any, rows: int, period: float = PERIOD) -> Iterator[Floats]:
-    """What blows in each row of an episode, step after step without end, shape (rows, 12)."""
+def iterate_wind(wind: Any, rows: int, period: float = PERIOD) -> Iterator[Floats]:
+    """Yield the wind of each step of an endless episode, shape (rows, 12)."""
     batch = ModelBatch(as_wind(wind), rows)
     out, step = np.zeros((WIND_SIZE, rows)).T, np.zeros(rows, np.int64)
 
@@ -44,14 +44,15 @@ def blowing(wind: Any, rows: int, period: float = PERIOD) -> Iterator[Floats]:
         batch.apply(sample)
 
 
-def blown(wind: Any, steps: int, rows: int, period: float = PERIOD, columns: slice = slice(None)) -> Floats:
-    """What blows in the first steps of an episode, shape (steps, rows, 12) or some of these columns."""
-    return np.array([out[:, columns] for out in islice(blowing(wind, rows, period), steps)])
+def sample_wind(wind: Any, steps: int, rows: int, period: float = PERIOD, columns: slice = slice(None)) -> Floats:
+    """Return the wind of the first steps of an episode, shape (steps, rows, 12), or some of its columns."""
+    return np.array([out[:, columns] for out in islice(iterate_wind(wind, rows, period), steps)])
 
 
-def chance(rows: int) -> float:
-    """Five standard errors of the mean of `rows` independent standard normal numbers: one in two million is larger.
+def five_sigma(rows: int) -> float:
+    """Return five standard errors of the mean of `rows` independent standard normal numbers.
 
-    That of their standard deviation is smaller by √2, that of a product of two correlated ones larger by up to √2.
+    By chance one mean in two million deviates more. The standard error of the standard deviation is smaller by √2. That
+    of the product of two correlated numbers is larger by up to √2.
     """
     return float(5.0 / np.sqrt(rows))

@@ -1,4 +1,4 @@
-"""Uncertain parameters: drawn for each episode as asked, told truthfully, and really those of the physics."""
+"""Randomized parameters: their distribution, that `info` reports them, and that the physics uses them."""
 
 import json
 from dataclasses import asdict, replace
@@ -44,25 +44,25 @@ MASS = {"quadrotor_mass": (0.4, 0.8)}
 ROWS = 2000
 
 
-def told(ranges: Any, rows: int = ROWS, seed: int | None = 0, **kwargs: Any) -> Floats:
-    """The parameters in the `info` of a first reset, shape (rows, 9)."""
+def drawn_parameters(ranges: Any, rows: int = ROWS, seed: int | None = 0, **kwargs: Any) -> Floats:
+    """Return the parameters in the `info` of a first reset, shape (rows, 9)."""
     env = VectorParameterWrapper(make_vec(rows, **kwargs), ranges)
     return np.array(env.reset(seed=seed)[1]["parameters"])
 
 
 def true_parameters(info: dict[str, Any]) -> Parameters:
-    """What a single environment's `info` tells."""
+    """Return the parameters in the `info` of a single environment."""
     return Parameters(*info["parameters"].tolist())
 
 
-def test_each_parameter_is_uniform_in_its_range() -> None:
-    """In the order of the fields of `Parameters`."""
-    for name, values in zip(PARAMETER_NAMES, told(RANGES).T, strict=True):
+def test_each_parameter_is_uniform_in_its_interval() -> None:
+    """The parameters are in the order of the fields of `Parameters`."""
+    for name, values in zip(PARAMETER_NAMES, drawn_parameters(RANGES).T, strict=True):
         low, high = getattr(RANGES, name)
         assert stats.kstest((values - low) / (high - low), "uniform").pvalue > 0.001
 
 
-def test_parameters_are_independent_of_each_other_in_all_rows_and_episodes() -> None:
+def test_parameters_are_independent_across_parameters_sub_environments_and_episodes() -> None:
     env = VectorParameterWrapper(make_vec(ROWS), RANGES)
     episodes = [env.reset(seed=seed)[1]["parameters"].copy() for seed in (0, None, None)]
     correlations = np.corrcoef(np.concatenate(episodes, axis=1), rowvar=False)
@@ -72,21 +72,21 @@ def test_parameters_are_independent_of_each_other_in_all_rows_and_episodes() -> 
     assert np.abs(beside).max() < 5.0 / np.sqrt(ROWS)
 
 
-def test_what_has_no_range_has_its_nominal_value() -> None:
-    parameters = told(MASS, 5, simulation={"parameters": UNEQUAL})
+def test_a_parameter_without_an_interval_has_its_nominal_value() -> None:
+    parameters = drawn_parameters(MASS, 5, simulation={"parameters": UNEQUAL})
     assert_array_equal(parameters[:, 1:], np.tile(UNEQUAL.as_array()[1:], (5, 1)))
     assert len(np.unique(parameters[:, 0])) == 5
 
 
 @pytest.mark.parametrize("name", PARAMETER_NAMES)
-def test_a_range_leaves_the_values_of_other_parameters_alone(name: str) -> None:
+def test_an_interval_does_not_change_the_values_of_other_parameters(name: str) -> None:
     column = PARAMETER_NAMES.index(name)
-    alone = told({name: getattr(RANGES, name)}, 5)
-    assert_array_equal(alone[:, column], told(RANGES, 5)[:, column])
+    alone = drawn_parameters({name: getattr(RANGES, name)}, 5)
+    assert_array_equal(alone[:, column], drawn_parameters(RANGES, 5)[:, column])
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_every_episode_of_every_row_has_parameters_of_its_own_and_keeps_them(mode: str) -> None:
+def test_every_episode_has_its_own_constant_parameters(mode: str) -> None:
     env: Any = VectorParameterWrapper(make_vec(3, autoreset_mode=mode, max_episode_steps=5), RANGES)
     single = ParameterWrapper(make_unwrapped(), RANGES)
     seeds = ([7, *[None] * 9], [8, *[None] * 9], [9, *[None] * 9])
@@ -99,7 +99,7 @@ def test_every_episode_of_every_row_has_parameters_of_its_own_and_keeps_them(mod
     assert env.unwrapped.world.episode.min() >= 4
 
 
-def test_final_info_tells_the_parameters_of_the_episode_that_ended() -> None:
+def test_final_info_reports_the_parameters_of_the_ended_episode() -> None:
     env: Any = VectorParameterWrapper(make_vec(3, autoreset_mode="SameStep", max_episode_steps=4), RANGES)
     before = env.reset(seed=0)[1]["parameters"].copy()
     *_, info = run_actions(env, np.zeros((4, 3, 4)))[-1]
@@ -108,8 +108,8 @@ def test_final_info_tells_the_parameters_of_the_episode_that_ended() -> None:
     assert (info["parameters"] != before).all()
 
 
-def test_what_info_tells_is_the_callers_own() -> None:
-    """Neither the next episode writes into it, nor writing into it changes the physics."""
+def test_the_parameters_in_info_are_a_copy() -> None:
+    """The next episode does not change it, and changing it does not change the physics."""
     for env in (ParameterWrapper(make_unwrapped(), RANGES), VectorParameterWrapper(make_vec(2), RANGES)):
         world: Any = env.unwrapped.world  # type: ignore[attr-defined]
         _, info = env.reset(seed=0)
@@ -121,8 +121,8 @@ def test_what_info_tells_is_the_callers_own() -> None:
         assert_array_equal(world.parameters, parameters)
 
 
-def test_the_start_is_that_of_an_environment_with_these_parameters() -> None:
-    """The same deviations from the same reference."""
+def test_the_initial_state_equals_that_of_an_environment_with_these_parameters() -> None:
+    """It has the same deviations from the same reference."""
     for seed in range(5):
         uncertain = ParameterWrapper(make_unwrapped(), RANGES)
         _, info = uncertain.reset(seed=seed)
@@ -132,19 +132,19 @@ def test_the_start_is_that_of_an_environment_with_these_parameters() -> None:
         assert_array_equal(uncertain.unwrapped.world.reference, certain.world.reference)  # type: ignore[attr-defined]
 
 
-def test_starts_references_and_wind_are_drawn_as_without() -> None:
+def test_initial_states_references_and_wind_are_drawn_as_without_randomization() -> None:
     plain = make_vec(5, wind=WINDY)
     uncertain: Any = VectorParameterWrapper(make_vec(5, wind=WINDY), {"inertia_yaw": (0.05, 0.2), "bob_mass": (0.1, 1)})
     for seed in (0, None):
         plain.reset(seed=seed), uncertain.reset(seed=seed)
         assert_array_equal(uncertain.unwrapped.world.reference, plain.world.reference)
         assert_array_equal(uncertain.unwrapped.world.state[:, :6], plain.world.state[:, :6])
-        pushed, expected = (run_actions(env, np.zeros((9, 5, 4))) for env in (uncertain, plain))
-        assert_same([step[4]["disturbance"] for step in pushed], [step[4]["disturbance"] for step in expected])
+        results, expected = (run_actions(env, np.zeros((9, 5, 4))) for env in (uncertain, plain))
+        assert_same([step[4]["disturbance"] for step in results], [step[4]["disturbance"] for step in expected])
 
 
-def test_a_flight_is_that_of_an_environment_with_these_parameters() -> None:
-    """To the last bit, but for the weight, whose nominal value says what an action means."""
+def test_an_episode_equals_one_of_an_environment_with_these_parameters() -> None:
+    """They are equal to the last bit. The weight is not drawn, because actions are scaled with its nominal value."""
     ranges = replace(RANGES, quadrotor_mass=None, bob_mass=None, gravity=None)
     wind = OrnsteinUhlenbeck(force=0.2, velocity=3.0)
     uncertain = ParameterWrapper(make_unwrapped(wind=wind), ranges)
@@ -157,16 +157,16 @@ def test_a_flight_is_that_of_an_environment_with_these_parameters() -> None:
     assert_same(flight, expected)
 
 
-def test_parameters_that_are_not_drawn_are_not_told() -> None:
+def test_info_has_no_parameters_without_randomization() -> None:
     env = make_unwrapped()
     assert "parameters" not in env.reset(seed=0)[1]
     assert "parameters" not in env.step(np.zeros(4))[4]
 
 
-def test_the_physics_obeys_the_drawn_parameters_and_an_action_means_what_it_did() -> None:
+def test_the_physics_uses_the_drawn_parameters_and_actions_the_nominal_ones() -> None:
     simulation = Simulation(UNEQUAL, period=1e-6)
     action = np.array([0.3, 0.2, -0.4, 0.5], np.float32)
-    command = (np.array([1.0, 0.0, 0.0, 0.0]) + action) * simulation.command_scale  # the nominal weight's
+    command = (np.array([1.0, 0.0, 0.0, 0.0]) + action) * simulation.command_scale  # with the nominal weight
     env = ParameterWrapper(make_unwrapped(simulation=simulation, task=ENDLESS), RANGES)
     for seed in range(5):
         _, info = env.reset(seed=seed, options={"state": {"velocity": (0.0, 0.0, 0.0), "direction": (0.3, -0.2, 0.9)}})
@@ -212,18 +212,18 @@ def test_ranges_around_the_nominal_values() -> None:
     assert {name for name, value in asdict(some).items() if value} == {"gravity", "rod_length"}
 
 
-def test_no_range_around_draws_the_nominal_values() -> None:
-    assert_array_equal(told(Around(0.0), 3), np.tile(PAPER.as_array(), (3, 1)))
+def test_a_share_of_zero_gives_the_nominal_values() -> None:
+    assert_array_equal(drawn_parameters(Around(0.0), 3), np.tile(PAPER.as_array(), (3, 1)))
 
 
 def test_ranges_are_plain_data() -> None:
     for ranges in (RANGES, ParameterRanges(**MASS), Around(0.1)):
         data = json.loads(json.dumps(asdict(ranges)))
-        assert_array_equal(told(data, 3), told(ranges, 3))
+        assert_array_equal(drawn_parameters(data, 3), drawn_parameters(ranges, 3))
         assert as_ranges(data) == ranges
 
 
-def test_a_share_is_of_the_environments_own_parameters() -> None:
+def test_a_share_refers_to_the_parameters_of_the_environment() -> None:
     simulation = Simulation(Parameters(inertia_roll=0.004))
     env = ParameterWrapper(make_unwrapped(simulation=simulation), Around(0.2))
     drawn = [env.reset(seed=seed)[1]["parameters"][PARAMETER_NAMES.index("inertia_roll")] for seed in range(20)]
@@ -234,20 +234,20 @@ BAD = {
     "nothing": (ParameterRanges, "at least one parameter must have a range"),
     "a number": (lambda: ParameterRanges(bob_mass=0.2), "bob_mass must be a pair .* not 0.2"),  # type: ignore[arg-type]
     "three": (lambda: ParameterRanges(bob_mass=(1, 2, 3)), "bob_mass must be a pair"),  # type: ignore[arg-type]
-    "words": (lambda: ParameterRanges(bob_mass=("a", "b")), "bob_mass must be a number, not 'a'"),  # type: ignore[arg-type]
+    "text": (lambda: ParameterRanges(bob_mass=("a", "b")), "bob_mass must be a number, not 'a'"),  # type: ignore[arg-type]
     "out of order": (lambda: ParameterRanges(bob_mass=(0.3, 0.2)), "bob_mass must be in the order"),
-    "no mass": (lambda: ParameterRanges(bob_mass=(0.0, 0.2)), "bob_mass must be above zero, not 0.0"),
+    "mass of zero": (lambda: ParameterRanges(bob_mass=(0.0, 0.2)), "bob_mass must be above zero, not 0.0"),
     "negative area": (lambda: ParameterRanges(bob_drag_area=(-0.1, 0.2)), "bob_drag_area .* not -0.1"),
     "infinite": (lambda: ParameterRanges(rod_length=(0.1, np.inf)), "rod_length .* finite .* not inf"),
-    "everything around": (lambda: Around(1.0), "share .* not 1.0"),
-    "less than nothing around": (lambda: Around(-0.1), "share .* not -0.1"),
-    "words around": (lambda: Around("much"), "share must be a number, not 'much'"),  # type: ignore[arg-type]
-    "around nothing": (lambda: Around(0.1, ("mass",)), "no parameter 'mass'; there are quadrotor_mass"),
+    "share of 1": (lambda: Around(1.0), "share .* not 1.0"),
+    "negative share": (lambda: Around(-0.1), "share .* not -0.1"),
+    "text as share": (lambda: Around("much"), "share must be a number, not 'much'"),  # type: ignore[arg-type]
+    "unknown name": (lambda: Around(0.1, ("mass",)), "no parameter 'mass'; there are quadrotor_mass"),
 }
 
 
 @pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
-def test_impossible_ranges_are_refused(call: Any, names: str) -> None:
+def test_bad_ranges_are_refused(call: Any, names: str) -> None:
     assert_refused(call, names, (TypeError, ValueError))
 
 
@@ -259,14 +259,14 @@ BAD_WRAPPINGS: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize(("ranges", "names"), BAD_WRAPPINGS.values(), ids=BAD_WRAPPINGS.keys())
-def test_what_are_no_ranges_is_refused(ranges: Any, names: str) -> None:
+def test_a_value_that_is_not_a_range_is_refused(ranges: Any, names: str) -> None:
     single, rows = make_unwrapped(), make_vec(2)
     single.reset(seed=0), rows.reset(seed=0)
     assert_refused_unchanged(single, lambda: ParameterWrapper(single, ranges), names, (TypeError, ValueError))
     assert_refused_unchanged(rows, lambda: VectorParameterWrapper(rows, ranges), names, (TypeError, ValueError))
 
 
-def test_parameters_are_drawn_once() -> None:
+def test_a_second_parameter_wrapper_is_refused() -> None:
     env = ParameterWrapper(make_unwrapped(), MASS)
     env.reset(seed=0)
     again = {"rod_length": (0.2, 0.3)}

@@ -1,4 +1,4 @@
-"""Actuators: late, lagging and limited actions, rotors that mix and fail, and an order in which all of it happens."""
+"""Actuator models: delay, lag, rate limit, rotors and rotor faults, and the order in which they act."""
 
 import copy
 import json
@@ -33,8 +33,8 @@ CHAINS: dict[str, Any] = {
 chains = pytest.mark.parametrize("actuators", CHAINS.values(), ids=CHAINS.keys())
 
 
-def passed(actuators: Any, actions: Any, simulation: Simulation | None = None) -> Floats:
-    """What comes out of actuators for actions of an episode, both of shape (steps, rows, 4)."""
+def apply_actuators(actuators: Any, actions: Any, simulation: Simulation | None = None) -> Floats:
+    """Return the result of actuators for the actions of an episode, both of shape (steps, rows, 4)."""
     steps, rows = actions.shape[:2]
     batch, simulation = ModelBatch(as_actuators(actuators), rows), simulation or Simulation()
     batch.start_episodes(np.arange(rows), Streams.from_seeds(list(range(rows))), lambda *_: None)
@@ -45,13 +45,13 @@ def passed(actuators: Any, actions: Any, simulation: Simulation | None = None) -
     return out
 
 
-def held(value: float, steps: int) -> Floats:
-    """The same action for some steps, shape (steps, 1, 4)."""
+def constant_actions(value: float, steps: int) -> Floats:
+    """Return `steps` equal actions with equal components, shape (steps, 1, 4)."""
     return np.full((steps, 1, 4), value)
 
 
-def uncommanded(returned: list[Any]) -> list[Any]:
-    """What an environment has returned, without the commands that only actuators put into its info."""
+def without_commands(returned: list[Any]) -> list[Any]:
+    """Remove from results of an environment the commands, which only actuators add to info."""
     for *_, info in returned:
         del info["command"]
         info.pop("_command", None)
@@ -59,17 +59,18 @@ def uncommanded(returned: list[Any]) -> list[Any]:
 
 
 @chains
-def test_a_flight_is_that_of_the_actions_that_come_out(actuators: Any) -> None:
-    """Physics, observation and reward, the effort too, to the last bit."""
+def test_an_episode_equals_one_with_the_actions_that_the_actuators_return(actuators: Any) -> None:
+    """Physics, observation and reward, including the effort, are equal to the last bit."""
     env, plain = VectorActuatorWrapper(make_vec(3, task=ENDLESS), actuators), make_vec(3, task=ENDLESS)
-    assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
+    assert_same(without_commands([env.reset(seed=0)]), [plain.reset(seed=0)])
     actions = draw_actions(0, 40, 3)
     assert_same(
-        uncommanded(run_actions(env, actions)), run_actions(plain, passed(actuators, actions).astype(np.float32))
+        without_commands(run_actions(env, actions)),
+        run_actions(plain, apply_actuators(actuators, actions).astype(np.float32)),
     )
 
 
-def test_the_info_tells_thrust_and_torques() -> None:
+def test_info_reports_thrust_and_torques() -> None:
     env = ActuatorWrapper(make_unwrapped(), ActionDelay(1))
     _, info = env.reset(seed=0)
     hover = [PAPER.hover_thrust, 0.0, 0.0, 0.0]
@@ -81,20 +82,21 @@ def test_the_info_tells_thrust_and_torques() -> None:
 
 
 @pytest.mark.parametrize("steps", [1, 2, 7])
-def test_a_delayed_flight_is_the_flight_of_shifted_actions_with_hover_before(steps: int) -> None:
+def test_a_delay_shifts_the_actions_and_begins_with_hover(steps: int) -> None:
     env, plain = ActuatorWrapper(make_unwrapped(wind=WINDY), ActionDelay(steps)), make_unwrapped(wind=WINDY)
     actions = draw_actions(0, 30)
-    for seed in (0, None):  # nothing is left of the first episode in the second
-        assert_same(uncommanded([env.reset(seed=seed)]), [plain.reset(seed=seed)])
+    for seed in (0, None):  # the second episode does not depend on the first
+        assert_same(without_commands([env.reset(seed=seed)]), [plain.reset(seed=seed)])
         assert_same(
-            uncommanded(run_actions(env, actions)), run_actions(plain, [np.zeros(4)] * steps + list(actions[:-steps]))
+            without_commands(run_actions(env, actions)),
+            run_actions(plain, [np.zeros(4)] * steps + list(actions[:-steps])),
         )
 
 
 @pytest.mark.parametrize("period", [0.005, 0.02])
 @pytest.mark.parametrize("time_constant", [0.003, 0.05, 1.0])
-def test_lagging_motors_follow_their_differential_equation(time_constant: float, period: float) -> None:
-    """What acts is the mean of y over each period, with T ẏ = a − y, solved numerically."""
+def test_a_motor_lag_solves_its_differential_equation(time_constant: float, period: float) -> None:
+    """The result is the mean over each period of a numerical solution of T ẏ = a − y."""
     actions, y, means = draw_actions(0, 12, 1), np.zeros(4), []
     for action in actions[:, 0].astype(np.float64):
 
@@ -104,53 +106,57 @@ def test_lagging_motors_follow_their_differential_equation(time_constant: float,
         solution = solve_ivp(rates, (0.0, period), np.concatenate([y, np.zeros(4)]), rtol=1e-10, atol=1e-12)
         y, integral = np.split(solution.y[:, -1], 2)
         means.append(integral / period)
-    assert_allclose(passed(MotorLag(time_constant), actions, Simulation(period=period))[:, 0], means, atol=1e-8)
+    assert_allclose(
+        apply_actuators(MotorLag(time_constant), actions, Simulation(period=period))[:, 0], means, atol=1e-8
+    )
 
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 def test_the_time_constant_and_the_impulse_of_a_lag_do_not_depend_on_the_control_period(period: float) -> None:
     time_constant, simulation = 0.04, Simulation(period=period)
-    step = passed(MotorLag(time_constant), held(1.0, round(2.0 / period)), simulation)
+    step = apply_actuators(MotorLag(time_constant), constant_actions(1.0, round(2.0 / period)), simulation)
     # ∫ (1 − y) dt = T for the response to a step.
     assert_allclose(period * np.sum(1.0 - step, axis=0), time_constant, rtol=1e-9)
-    pulse = np.concatenate([held(0.7, 5), held(0.0, round(2.0 / period))])
-    assert_allclose(passed(MotorLag(time_constant), pulse, simulation).sum(axis=0), pulse.sum(axis=0), rtol=1e-9)
+    pulse = np.concatenate([constant_actions(0.7, 5), constant_actions(0.0, round(2.0 / period))])
+    assert_allclose(
+        apply_actuators(MotorLag(time_constant), pulse, simulation).sum(axis=0), pulse.sum(axis=0), rtol=1e-9
+    )
 
 
-def test_a_limited_action_keeps_to_its_slope_and_arrives() -> None:
-    most = 12.0 * PERIOD
-    actions = np.concatenate([draw_actions(0, 40, 5), held(0.9, 20) + np.zeros((20, 5, 4))])
-    out = passed(RateLimit(12.0), actions)
+def test_a_rate_limit_bounds_the_slope_and_reaches_the_action() -> None:
+    max_change = 12.0 * PERIOD
+    actions = np.concatenate([draw_actions(0, 40, 5), constant_actions(0.9, 20) + np.zeros((20, 5, 4))])
+    out = apply_actuators(RateLimit(12.0), actions)
     slopes = np.diff(out, axis=0, prepend=np.zeros((1, 5, 4)))  # from hover
-    assert np.abs(slopes).max() <= most + 1e-15
+    assert np.abs(slopes).max() <= max_change + 1e-15
     assert_allclose(out[-1], 0.9, rtol=1e-15)
-    # Where it has not arrived, it goes as fast as it may.
-    missed = np.abs(out - actions) > 1e-12
-    assert_allclose(np.abs(slopes[missed]), most, rtol=1e-12)
-    assert 0.2 < missed.mean() < 0.9
+    # Where the action is not reached, the slope is at the limit.
+    limited = np.abs(out - actions) > 1e-12
+    assert_allclose(np.abs(slopes[limited]), max_change, rtol=1e-12)
+    assert 0.2 < limited.mean() < 0.9
 
 
-def test_an_action_that_is_slow_enough_passes_a_rate_limit() -> None:
+def test_a_rate_limit_does_not_change_slow_actions() -> None:
     slow = np.linspace(0.0, 0.8, 50)[:, np.newaxis, np.newaxis] * np.ones((1, 2, 4))
-    assert_allclose(passed(RateLimit(2.0), slow), slow, atol=1e-15)
+    assert_allclose(apply_actuators(RateLimit(2.0), slow), slow, atol=1e-15)
 
 
-# A rotor's place (m) and the sense in which its drag turns the body: front, left, back, right.
+# Positions of the rotors (m) and signs of their drag torques: front, left, back, right.
 ARM, DRAG_RATIO = 0.15, 0.03
-PLACES = ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-SENSES = np.array([1.0, -1.0, 1.0, -1.0])
+POSITIONS = ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+DRAG_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 
 
 def thrust_and_torques(forces: Floats) -> Floats:
-    """Of four upward forces at the rotors' places (N): sum, and moments about the centre, shape (4,)."""
+    """Return the sum of four upward forces (N) at the rotors, and their moments about the centre (N·m), shape (4,)."""
     upward = np.multiply.outer(forces, [0.0, 0.0, 1.0])
-    moments = np.cross(PLACES, upward) + (SENSES * DRAG_RATIO)[:, np.newaxis] * upward
+    moments = np.cross(POSITIONS, upward) + (DRAG_SIGNS * DRAG_RATIO)[:, np.newaxis] * upward
     return np.array([forces.sum(), *moments.sum(axis=0)])
 
 
 @pytest.mark.parametrize("action", [*np.eye(4), *-np.eye(4), *draw_actions(1, 4)])
-def test_rotors_push_and_turn_the_body_as_forces_at_their_places_do(action: Floats) -> None:
-    """Measured as what a short moment at rest does to momentum and body rates."""
+def test_rotors_act_on_the_body_like_forces_at_their_positions(action: Floats) -> None:
+    """Thrust and torques are measured as the change of momentum and body rates in a short step from rest."""
     simulation = Simulation(UNEQUAL, Actuators(roll_pitch_torque=4.0, yaw_torque=0.7), period=1e-4)
     env = ActuatorWrapper(make_unwrapped(simulation=simulation), Rotors(ARM, DRAG_RATIO))
     env.reset(seed=0, options={"state": AT_REST})
@@ -162,13 +168,13 @@ def test_rotors_push_and_turn_the_body_as_forces_at_their_places_do(action: Floa
     assert_allclose([lift, *torques], thrust_and_torques(forces), rtol=1e-6, atol=1e-6)
 
 
-def test_one_rotor_at_full_thrust_turns_the_body_away_from_it() -> None:
+def test_the_torques_of_each_rotor_have_the_signs_of_the_paper() -> None:
     """The paper's τφ = (f₂ − f₄) d, τθ = (f₃ − f₁) d, τψ = κ (f₁ − f₂ + f₃ − f₄)."""
-    signs = np.sign(np.round(passed(Rotors(), np.eye(4)[:, np.newaxis]), 12))[:, 0]
+    signs = np.sign(np.round(apply_actuators(Rotors(), np.eye(4)[:, np.newaxis]), 12))[:, 0]
     assert signs.tolist() == [[1, 0, -1, 1], [1, 1, 0, -1], [1, 0, 1, 1], [1, -1, 0, -1]]
 
 
-def test_rotors_at_zero_hover() -> None:
+def test_a_zero_action_of_the_rotors_is_hover() -> None:
     env = ActuatorWrapper(make_unwrapped(), Rotors())
     env.reset(seed=0, options={"state": AT_REST})
     run_actions(env, np.zeros((20, 4)))
@@ -176,22 +182,22 @@ def test_rotors_at_zero_hover() -> None:
 
 
 def test_the_rotors_range_from_no_thrust_to_twice_the_weight() -> None:
-    assert_allclose(passed(Rotors(), held(-1.0, 1))[0, 0], [-1.0, 0.0, 0.0, 0.0], atol=1e-15)
-    assert_allclose(passed(Rotors(), held(1.0, 1))[0, 0], [1.0, 0.0, 0.0, 0.0], atol=1e-15)
+    assert_allclose(apply_actuators(Rotors(), constant_actions(-1.0, 1))[0, 0], [-1.0, 0.0, 0.0, 0.0], atol=1e-15)
+    assert_allclose(apply_actuators(Rotors(), constant_actions(1.0, 1))[0, 0], [1.0, 0.0, 0.0, 0.0], atol=1e-15)
 
 
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
-def test_a_weak_rotor_gives_its_part_of_the_thrust_from_its_onset_on(rotor: int) -> None:
-    begun, part = 6, 0.6
+def test_a_rotor_fault_reduces_the_thrust_from_its_onset_on(rotor: int) -> None:
+    onset_step, effectiveness = 6, 0.6
     actions = draw_actions(0, 20, 2).astype(np.float64)
     thrusts = 1.0 + actions  # in quarters of the weight
-    thrusts[begun:, :, rotor - 1] *= part
-    weak = passed([RotorFault(rotor, part, onset=begun * PERIOD), Rotors()], actions)
-    assert_allclose(weak, passed(Rotors(), thrusts - 1.0), atol=1e-14)
+    thrusts[onset_step:, :, rotor - 1] *= effectiveness
+    faulty = apply_actuators([RotorFault(rotor, effectiveness, onset=onset_step * PERIOD), Rotors()], actions)
+    assert_allclose(faulty, apply_actuators(Rotors(), thrusts - 1.0), atol=1e-14)
 
 
 @pytest.mark.parametrize("onset", [0.0, 0.07, 0.29, 0.57])
-def test_hover_ends_with_the_step_in_which_a_rotor_weakens(onset: float) -> None:
+def test_a_rotor_fault_takes_effect_in_the_step_of_its_onset(onset: float) -> None:
     env: Any = ActuatorWrapper(make_unwrapped(), [RotorFault(1, 0.9, onset), Rotors()])
     env.reset(seed=0, options={"state": AT_REST})
     still = []
@@ -202,15 +208,15 @@ def test_hover_ends_with_the_step_in_which_a_rotor_weakens(onset: float) -> None
     assert not still[-1]
 
 
-def test_an_action_passes_actuators_in_the_order_in_which_they_stand() -> None:
+def test_actuators_act_in_the_order_of_the_list() -> None:
     actions, one, other = draw_actions(0, 30, 2), RateLimit(20.0), MotorLag(0.05)
-    there, back = passed([one, other], actions), passed([other, one], actions)
-    assert_array_equal(there, passed(other, passed(one, actions)))
-    assert_array_equal(back, passed(one, passed(other, actions)))
-    assert np.abs(there - back).max() > 0.1
+    one_first, other_first = apply_actuators([one, other], actions), apply_actuators([other, one], actions)
+    assert_array_equal(one_first, apply_actuators(other, apply_actuators(one, actions)))
+    assert_array_equal(other_first, apply_actuators(one, apply_actuators(other, actions)))
+    assert np.abs(one_first - other_first).max() > 0.1
 
 
-def test_an_action_passes_the_actuators_of_an_outer_wrapper_first() -> None:
+def test_the_actuators_of_an_outer_wrapper_act_first() -> None:
     one, *others = CHAINS["all"]
     nested = ActuatorWrapper(ActuatorWrapper(make_unwrapped(), others), one)
     flat = ActuatorWrapper(make_unwrapped(), [one, *others])
@@ -219,7 +225,7 @@ def test_an_action_passes_the_actuators_of_an_outer_wrapper_first() -> None:
     assert_same(run_actions(nested, actions), run_actions(flat, actions))
 
 
-def test_the_reward_counts_the_effort_that_comes_out_of_the_actuators() -> None:
+def test_the_effort_reward_is_computed_from_the_result_of_the_actuators() -> None:
     env = ActuatorWrapper(make_unwrapped(), [ActionDelay(1), MotorLag(0.02)])
     env.reset(seed=0)
     efforts = [info["reward_terms"]["effort"] for *_, info in run_actions(env, np.full((3, 4), 0.5))]
@@ -230,8 +236,8 @@ def test_the_reward_counts_the_effort_that_comes_out_of_the_actuators() -> None:
 
 
 @dataclass(frozen=True)
-class Backwards:
-    """The opposite of what is asked for, in every other step."""
+class ReversesEveryOtherStep:
+    """An actuator that reverses the action in every other step."""
 
     memory_size: int = 1
 
@@ -244,14 +250,16 @@ class Backwards:
 
 
 def test_an_actuator_needs_no_base_class() -> None:
-    env, plain = ActuatorWrapper(make_unwrapped(), Backwards()), make_unwrapped()
-    assert_same(uncommanded([env.reset(seed=0)]), [plain.reset(seed=0)])
+    env, plain = ActuatorWrapper(make_unwrapped(), ReversesEveryOtherStep()), make_unwrapped()
+    assert_same(without_commands([env.reset(seed=0)]), [plain.reset(seed=0)])
     actions = draw_actions(0, 10)
-    assert_same(uncommanded(run_actions(env, actions)), run_actions(plain, actions * np.tile([[1.0], [-1.0]], (5, 1))))
+    assert_same(
+        without_commands(run_actions(env, actions)), run_actions(plain, actions * np.tile([[1.0], [-1.0]], (5, 1)))
+    )
 
 
 @cases(BAD_ACTIONS)
-def test_a_bad_action_is_refused_before_the_actuators_have_moved(value: Any, kind: Any, names: str) -> None:
+def test_a_bad_action_is_refused_before_the_actuators_change(value: Any, kind: Any, names: str) -> None:
     env = ActuatorWrapper(make_unwrapped(task=ENDLESS), CHAINS["all"]).unwrapped
     env.reset(seed=0)
     run_actions(env, draw_actions(0, 5))
@@ -264,27 +272,27 @@ def test_actuators_are_plain_data(actuators: Any) -> None:
     assert as_actuators(json.loads(json.dumps([asdict(model) for model in models]))) == models
 
 
-def test_every_kind_can_be_made_of_its_name() -> None:
+def test_every_kind_is_created_from_its_name() -> None:
     for kind, model in KINDS.items():
         assert as_actuators({"kind": kind}) == (model(),)
 
 
 BAD_MODELS = {
-    "no delay": (lambda: ActionDelay(0), "steps .* 1 to 1000, not 0"),
-    "half a step": (lambda: ActionDelay(0.5), "steps .* not 0.5"),
-    "no lag": (lambda: MotorLag(0.0), "time_constant must be above zero, not 0.0"),
-    "a lag in words": (lambda: MotorLag("slow"), "time_constant must be a number, not 'slow'"),
-    "no rate": (lambda: RateLimit(0.0), "rate must be above zero, not 0.0"),
+    "delay of zero": (lambda: ActionDelay(0), "steps .* 1 to 1000, not 0"),
+    "fraction of a step": (lambda: ActionDelay(0.5), "steps .* not 0.5"),
+    "time constant of zero": (lambda: MotorLag(0.0), "time_constant must be above zero, not 0.0"),
+    "text as time constant": (lambda: MotorLag("slow"), "time_constant must be a number, not 'slow'"),
+    "rate of zero": (lambda: RateLimit(0.0), "rate must be above zero, not 0.0"),
     "infinite rate": (lambda: RateLimit(np.inf), "rate must be a finite number .* not inf"),
-    "no arm": (lambda: Rotors(arm=-0.1), "arm must be above zero, not -0.1"),
-    "no drag": (lambda: Rotors(drag_ratio=0.0), "drag_ratio must be above zero, not 0.0"),
+    "negative arm": (lambda: Rotors(arm=-0.1), "arm must be above zero, not -0.1"),
+    "drag ratio of zero": (lambda: Rotors(drag_ratio=0.0), "drag_ratio must be above zero, not 0.0"),
     "rotor 0": (lambda: RotorFault(0), "rotor must be 1, 2, 3 or 4, not 0"),
     "rotor 5": (lambda: RotorFault(5), "rotor must be 1, 2, 3 or 4, not 5"),
     "rotor 1.0": (lambda: RotorFault(1.0), "rotor must be 1, 2, 3 or 4, not 1.0"),  # type: ignore[arg-type]
-    "rotor in words": (lambda: RotorFault("front"), "rotor must be 1, 2, 3 or 4, not 'front'"),  # type: ignore[arg-type]
-    "true rotor": (lambda: RotorFault(True), "rotor must be 1, 2, 3 or 4, not True"),
-    "too strong": (lambda: RotorFault(1, 1.2), r"effectiveness .* \[0, 1\], not 1.2"),
-    "too early": (lambda: RotorFault(1, onset=-1.0), "onset .* not -1.0"),
+    "text as rotor": (lambda: RotorFault("front"), "rotor must be 1, 2, 3 or 4, not 'front'"),  # type: ignore[arg-type]
+    "boolean as rotor": (lambda: RotorFault(True), "rotor must be 1, 2, 3 or 4, not True"),
+    "effectiveness above 1": (lambda: RotorFault(1, 1.2), r"effectiveness .* \[0, 1\], not 1.2"),
+    "negative onset": (lambda: RotorFault(1, onset=-1.0), "onset .* not -1.0"),
     "unknown kind": (lambda: as_actuators({"kind": "propeller"}), "no kind 'propeller'; the kinds are action_delay"),
     "unknown field": (lambda: as_actuators({"kind": "rotors", "legs": 1}), "actuator has no field 'legs'"),
     "a name": (lambda: as_actuators("rotor"), "no actuator 'rotor'"),
@@ -295,28 +303,28 @@ BAD_MODELS = {
 
 
 @pytest.mark.parametrize(("call", "names"), BAD_MODELS.values(), ids=BAD_MODELS.keys())
-def test_an_impossible_actuator_is_refused(call: Any, names: str) -> None:
+def test_a_bad_setting_is_refused(call: Any, names: str) -> None:
     assert_refused(call, names, (TypeError, ValueError))
 
 
 BAD_CHAINS: dict[str, tuple[Any, str]] = {
     "rotors twice": ([Rotors(), Rotors(0.1)], "only once"),
     "a fault without rotors": (RotorFault(), "a RotorFault needs rotors"),
-    "a fault behind rotors": ([Rotors(), RotorFault()], "a RotorFault needs rotors"),
+    "a fault after rotors": ([Rotors(), RotorFault()], "a RotorFault needs rotors"),
     "long arms": (Rotors(arm=2.0), r"torque of up to 6.86 N·m exceeds the simulation's limit of 5 N·m"),
     "strong drag": (Rotors(drag_ratio=0.5), r"torque of up to 3.43 N·m exceeds the simulation's limit of 1 N·m"),
 }
 
 
 @pytest.mark.parametrize(("chain", "names"), BAD_CHAINS.values(), ids=BAD_CHAINS.keys())
-def test_actuators_that_make_no_sense_together_are_refused(chain: Any, names: str) -> None:
+def test_bad_combinations_in_one_wrapper_are_refused(chain: Any, names: str) -> None:
     single, rows = make_unwrapped(), make_vec(2)
     single.reset(seed=0), rows.reset(seed=0)
     assert_refused_unchanged(single, lambda: ActuatorWrapper(single, chain), names, ValueError)
     assert_refused_unchanged(rows, lambda: VectorActuatorWrapper(rows, chain), names, ValueError)
 
 
-def test_wrappers_together_make_sense_or_are_refused() -> None:
+def test_bad_combinations_of_several_wrappers_are_refused() -> None:
     env = ActuatorWrapper(make_unwrapped(), [MotorLag(), Rotors()])
     assert_refused(lambda: ActuatorWrapper(copy.deepcopy(env), Rotors()), "only once", ValueError)
     inside = ActuatorWrapper(make_unwrapped(), MotorLag())
@@ -324,8 +332,8 @@ def test_wrappers_together_make_sense_or_are_refused() -> None:
     ActuatorWrapper(env, RotorFault()).reset(seed=0)
 
 
-def test_arms_may_be_as_long_as_the_torques_allow() -> None:
-    """The limit is the nominal weight's: 2 f d with f = W/4 at a full and an empty rotor."""
+def test_the_torque_limit_bounds_the_length_of_the_arms() -> None:
+    """The largest torque is 2 f d with the nominal weight W, f = W/4, one rotor at full and one at zero thrust."""
     limit = 2.0 * 5.0 / Parameters().hover_thrust
     ActuatorWrapper(make_unwrapped(), Rotors(arm=limit))
     assert_refused(
@@ -338,8 +346,8 @@ def test_arms_may_be_as_long_as_the_torques_allow() -> None:
 
 
 @dataclass(frozen=True)
-class Noisy:
-    """Adds what it draws in every step."""
+class RandomAction:
+    """An actuator that replaces the action by random numbers."""
 
     memory_size: int = 0
 
@@ -350,15 +358,15 @@ class Noisy:
         action[:] = 0.1 * streams.uniform(step + 1, 4)
 
 
-def test_an_actuator_put_before_leaves_the_random_numbers_of_the_others_alone() -> None:
-    alone = ActuatorWrapper(make_unwrapped(), Noisy())
-    behind = ActuatorWrapper(ActuatorWrapper(make_unwrapped(), Noisy()), MotorLag())
+def test_an_added_outer_actuator_does_not_change_the_random_numbers_of_the_others() -> None:
+    alone = ActuatorWrapper(make_unwrapped(), RandomAction())
+    behind = ActuatorWrapper(ActuatorWrapper(make_unwrapped(), RandomAction()), MotorLag())
     for env in (alone, behind):
         env.reset(seed=0)
     assert_same(run_actions(behind, draw_actions(0, 5)), run_actions(alone, draw_actions(0, 5)))
 
 
-def test_models_of_numpy_numbers_are_plain_data() -> None:
+def test_numpy_settings_become_plain_data() -> None:
     for model, like in (
         (MotorLag(np.float32(0.5)), MotorLag(0.5)),
         (ActionDelay(np.int64(2)), ActionDelay(2)),

@@ -1,4 +1,4 @@
-"""Sensors: errors of the sizes they are set to, late and lost samples, and a true world that does not notice."""
+"""Sensor models: the sizes of their errors, delay and dropout, and that they do not change the true state."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -35,7 +35,7 @@ MOVING = Reference(
 )
 PERIOD = 0.01
 WHITE = {"position": 0.01, "velocity": 0.02, "euler": 0.03, "euler_rate": 0.04, "direction_rate": 0.05}  # not r
-# One of each sort, and several at once.
+# One sensor of each kind of error, and several in one list.
 SENSORS: dict[str, Any] = {
     "white noise": Noise(**WHITE, direction=0.02),
     "bias and walk": Noise(position={"bias": 0.05, "walk": 0.1}, direction={"bias": 0.02, "walk": 0.01}),
@@ -44,11 +44,11 @@ SENSORS: dict[str, Any] = {
     "dropout": Dropout(0.3),
     "all": [Noise(position=0.01), Dropout(0.3), Delay(2), {"kind": "noise", "euler": {"quantum": 0.01}}],
 }
-every_sort = pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS.keys())
+every_sensor = pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS.keys())
 
 
-def watched(sensors: Any, rows: int, steps: int, **kwargs: Any) -> tuple[Floats, Floats]:
-    """True and measured states from a reset on, each of shape (steps + 1, rows, 18)."""
+def true_and_measured(sensors: Any, rows: int, steps: int, **kwargs: Any) -> tuple[Floats, Floats]:
+    """Return true and measured states from a reset on, each of shape (steps + 1, rows, 18)."""
     env = VectorSensorWrapper(make_vec(rows, **{"task": ENDLESS, "max_episode_steps": None, **kwargs}), sensors)
     world = env.unwrapped.world  # type: ignore[attr-defined]
     env.reset(seed=0)
@@ -61,24 +61,24 @@ def watched(sensors: Any, rows: int, steps: int, **kwargs: Any) -> tuple[Floats,
 
 
 def errors(sensors: Any, rows: int, steps: int, **kwargs: Any) -> Floats:
-    """What is measured less what is true, shape (steps + 1, rows, 18)."""
-    true, measured = watched(sensors, rows, steps, **kwargs)
+    """Return the measurement errors, shape (steps + 1, rows, 18)."""
+    true, measured = true_and_measured(sensors, rows, steps, **kwargs)
     return measured - true
 
 
 def largest_correlation(one: Floats, other: Floats) -> float:
-    """Largest size of the correlations between columns of two arrays of shape (n, k), in units of 1/√n."""
+    """Return the largest absolute correlation between columns of two arrays of shape (n, k), in units of 1/√n."""
     n, k = one.shape
     correlations = np.corrcoef(one, other, rowvar=False)[:k, k:]
     return float(np.abs(correlations).max() * np.sqrt(n))
 
 
-def test_white_noise_is_normal_with_its_deviation_on_every_component() -> None:
+def test_white_noise_is_normal_with_the_given_standard_deviation() -> None:
     error = errors(Noise(**WHITE), 500, 100).reshape(-1, 18)
     for name, deviation in WHITE.items():
         for component in error[:, STATE_FIELDS[name]].T:
             assert stats.kstest(component / deviation, "norm").pvalue > 0.001
-            # A deviation estimated from n samples has itself a relative deviation of 1/√(2n).
+            # The relative standard error of a standard deviation estimated from n samples is 1/√(2n).
             assert np.std(component) == pytest.approx(deviation, rel=5.0 / np.sqrt(2 * component.size))
     assert not error[:, STATE_FIELDS["direction"]].any()
 
@@ -93,23 +93,25 @@ def test_white_noise_is_independent_in_time_and_between_components_and_rows() ->
     assert np.abs(among).max() < 5.0 / np.sqrt(len(now))
 
 
-def test_the_noise_of_two_sensors_adds_up_in_variance() -> None:
-    """Each has a random stream of its own, also if they are equal."""
+def test_the_variances_of_two_noise_sensors_add_up() -> None:
+    """Each sensor has its own random stream, even if the sensors are equal."""
     error = errors([Noise(position=0.03), Noise(position=0.04)], 300, 50)[:, :, STATE_FIELDS["position"]]
     assert np.std(error) == pytest.approx(0.05, rel=5.0 / np.sqrt(2 * error.size))
 
 
-def test_a_noisy_direction_is_a_unit_vector_off_by_an_angle_of_the_given_size() -> None:
+def test_a_noisy_direction_is_a_unit_vector_with_an_angular_error_of_the_given_size() -> None:
     deviation = 0.01
-    true, measured = (State(states.reshape(-1, 18)) for states in watched(Noise(direction=deviation), 300, 100))
+    true, measured = (
+        State(states.reshape(-1, 18)) for states in true_and_measured(Noise(direction=deviation), 300, 100)
+    )
     assert_allclose(np.linalg.norm(measured.direction, axis=-1), 1.0, rtol=1e-15)
     sine = np.linalg.norm(np.cross(true.direction, measured.direction), axis=-1)
-    # Normal in each of the two perpendicular directions: the angle has Rayleigh's distribution.
+    # The error is normal in each of two perpendicular directions, so the angle has a Rayleigh distribution.
     assert stats.kstest(np.arcsin(sine) / deviation, "rayleigh").pvalue > 0.001
 
 
-def test_the_observation_is_that_of_the_measured_state_against_the_reference_of_now() -> None:
-    """And with the rod as long as it really is."""
+def test_the_observation_is_computed_from_the_measured_state_and_the_present_reference() -> None:
+    """The observation uses the true length of the rod."""
     rows = 4
     env: Any = VectorParameterWrapper(make_vec(rows, task=ENDLESS), {"rod_length": (0.2, 0.5)})
     env = VectorSensorWrapper(env, SENSORS["all"] + [SENSORS["white noise"], SENSORS["bias and walk"]])
@@ -118,7 +120,7 @@ def test_the_observation_is_that_of_the_measured_state_against_the_reference_of_
         observation, *_, info = env.step(action)
         should = MOVING.derivatives(PERIOD * step)
         measured = State(env.unwrapped.world.measured)
-        rod = info["parameters"][:, 2:3] * [1.0, 1.0, 0.0]  # of the height, the error is the quadrotor's
+        rod = info["parameters"][:, 2:3] * [1.0, 1.0, 0.0]  # the tracking error in z is that of the quadrotor
         expected = {
             "tracking_error": measured.position + rod * measured.direction - should[0, :3],
             "tracking_error_rate": measured.velocity + rod * measured.direction_rate - should[1, :3],
@@ -133,10 +135,10 @@ def test_the_observation_is_that_of_the_measured_state_against_the_reference_of_
             assert_allclose(read_observation(observation, name), value, rtol=1e-6, atol=1e-7)
 
 
-def test_noise_in_the_observed_tracking_error_is_that_of_position_and_direction() -> None:
+def test_the_noise_of_the_observed_tracking_error_follows_from_position_and_direction() -> None:
     rows, rod = 5000, 0.3
     env = VectorSensorWrapper(make_vec(rows), Noise(position=0.004, direction=0.01))
-    upright = {"direction": (0.0, 0.0, 1.0)}  # where all of the direction's error is horizontal
+    upright = {"direction": (0.0, 0.0, 1.0)}  # here the whole error of the direction is horizontal
     observation, info = env.reset(seed=0, options={"reference": Reference.hover(), "state": upright})
     error = read_observation(observation, "tracking_error") - info["tracking_error"]
     expected = [np.hypot(0.004, rod * 0.01)] * 2 + [0.004]
@@ -155,7 +157,7 @@ def test_a_bias_is_constant_within_an_episode_and_normal_between_episodes() -> N
 
 
 @pytest.mark.parametrize("period", [0.005, 0.02])
-def test_a_walk_gains_its_variance_per_second_whatever_the_control_period(period: float) -> None:
+def test_the_variance_of_a_random_walk_does_not_depend_on_the_control_period(period: float) -> None:
     rows, walk = 2000, 0.3
     times = np.array([0.0, 0.1, 0.3, 0.4])
     error = errors(Noise(position={"walk": walk}), rows, round(times[-1] / period), simulation={"period": period})
@@ -165,7 +167,7 @@ def test_a_walk_gains_its_variance_per_second_whatever_the_control_period(period
     assert largest_correlation(error[2] - error[1], error[3] - error[2]) < 5.0
 
 
-def test_white_noise_bias_and_walk_are_independent_and_add_up_in_variance() -> None:
+def test_white_noise_bias_and_random_walk_are_independent() -> None:
     rows, white, bias, walk = 2000, 0.03, 0.04, 0.3
     error = errors(Noise(euler={"white": white, "bias": bias, "walk": walk}), rows, 40)[:, :, STATE_FIELDS["euler"]]
     seen = [error[0], error[40], error[40] - error[39]]
@@ -173,10 +175,10 @@ def test_white_noise_bias_and_walk_are_independent_and_add_up_in_variance() -> N
     assert_allclose([np.var(part) for part in seen], expected, rtol=5.0 * np.sqrt(2 / (3 * rows)))
 
 
-def test_what_is_measured_is_rounded_after_the_noise() -> None:
+def test_quantisation_is_applied_after_the_noise() -> None:
     quantum = 2.0**-7
     coarse = {"white": 0.01, "bias": 0.1, "quantum": quantum}
-    true, measured = watched(Noise(position=coarse, euler=coarse, direction={"quantum": quantum}), 50, 20)
+    true, measured = true_and_measured(Noise(position=coarse, euler=coarse, direction={"quantum": quantum}), 50, 20)
     for name in ("position", "euler", "direction"):
         assert not (measured[:, :, STATE_FIELDS[name]] % quantum).any()
     assert np.abs(measured - true)[:, :, STATE_FIELDS["direction"]].max() <= quantum / 2
@@ -186,8 +188,8 @@ def test_what_is_measured_is_rounded_after_the_noise() -> None:
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 @pytest.mark.parametrize("steps", [1, 3, 12])
-def test_a_delayed_measurement_is_exactly_that_of_some_steps_ago(steps: int, mode: str) -> None:
-    """Until then it is that of the reset; of the episode before, nothing is left."""
+def test_a_delayed_measurement_equals_the_earlier_one_exactly(steps: int, mode: str) -> None:
+    """Before, it is the measurement of the reset, never one of the previous episode."""
     env: Any = VectorSensorWrapper(make_vec(5, autoreset_mode=mode, max_episode_steps=9), Delay(steps))
     env.reset(seed=0)
     world = env.unwrapped.world
@@ -202,7 +204,7 @@ def test_a_delayed_measurement_is_exactly_that_of_some_steps_ago(steps: int, mod
     assert world.episode.min() >= 3
 
 
-def test_a_delayed_position_is_compared_with_where_the_reference_is_now() -> None:
+def test_a_delayed_position_is_compared_with_the_present_reference() -> None:
     env = SensorWrapper(make_unwrapped(), Delay(4))
     env.reset(seed=0, options={"reference": MOVING})
     actions = 0.1 * draw_actions(0, 12)
@@ -215,44 +217,44 @@ def test_a_delayed_position_is_compared_with_where_the_reference_is_now() -> Non
             assert_allclose(read_observation(observation, "tracking_error"), late, rtol=1e-6)
 
 
-def test_noise_before_a_delay_arrives_late_and_noise_behind_it_is_fresh() -> None:
+def test_noise_before_a_delay_is_delayed_and_noise_after_it_is_not() -> None:
     noise = Noise(position=0.1)
-    _, noisy = watched(noise, 3, 20)
-    _, noisy_then_late = watched([noise, Delay(4)], 3, 20)
-    _, late_then_noisy = watched([Delay(4), noise], 3, 20)
+    _, noisy = true_and_measured(noise, 3, 20)
+    _, noisy_then_late = true_and_measured([noise, Delay(4)], 3, 20)
+    _, late_then_noisy = true_and_measured([Delay(4), noise], 3, 20)
     assert_array_equal(noisy_then_late[4:], noisy[:-4])
     assert_array_equal(noisy_then_late[:5], np.broadcast_to(noisy[0], (5, 3, 18)))
     assert len(np.unique(late_then_noisy[:5, 0, 0])) == 5
 
 
-def test_dropout_loses_the_share_it_should_and_each_row_its_own_samples() -> None:
-    true, measured = watched(Dropout(0.3), 400, 100)
-    came = (measured == true).all(axis=-1)
-    assert came[0].all()
-    assert_array_equal(measured[1:][~came[1:]], measured[:-1][~came[1:]])
-    lost = ~came[1:]
+def test_dropout_loses_the_given_fraction_independently_in_each_sub_environment() -> None:
+    true, measured = true_and_measured(Dropout(0.3), 400, 100)
+    received = (measured == true).all(axis=-1)
+    assert received[0].all()
+    assert_array_equal(measured[1:][~received[1:]], measured[:-1][~received[1:]])
+    lost = ~received[1:]
     assert lost.mean() == pytest.approx(0.3, abs=5.0 * np.sqrt(0.3 * 0.7 / lost.size))
     for one, other in ((lost[1:], lost[:-1]), (lost[:, 1:], lost[:, :-1])):
         assert largest_correlation(one.reshape(-1, 1), other.reshape(-1, 1)) < 5.0
 
 
-def test_dropout_of_everything_leaves_the_first_sample_and_of_nothing_leaves_all() -> None:
-    true, measured = watched(Dropout(1.0), 3, 10)
+def test_dropout_with_probability_one_and_zero() -> None:
+    true, measured = true_and_measured(Dropout(1.0), 3, 10)
     assert_array_equal(measured, np.broadcast_to(true[0], true.shape))
-    true, measured = watched(Dropout(0.0), 3, 10)
+    true, measured = true_and_measured(Dropout(0.0), 3, 10)
     assert_array_equal(measured, true)
 
 
-def test_a_sensor_that_changes_nothing_changes_nothing_to_the_last_bit() -> None:
+def test_a_sensor_without_errors_changes_no_bit() -> None:
     plain, sensed = make_vec(70, wind=WINDY), VectorSensorWrapper(make_vec(70, wind=WINDY), Dropout(0.0))
     assert_same(sensed.reset(seed=0), plain.reset(seed=0))
     actions = draw_actions(0, 60, 70)
     assert_same(run_actions(sensed, actions), run_actions(plain, actions))
 
 
-@every_sort
-def test_the_true_world_does_not_notice_its_sensors(sensors: Any) -> None:
-    """States, rewards, ends, `info` and the wind are the same to the last bit; what is observed is not."""
+@every_sensor
+def test_sensors_do_not_change_the_true_state(sensors: Any) -> None:
+    """States, rewards, episode ends, `info` and wind are equal to the last bit; observations are not."""
     plain = make_vec(5, wind=WINDY, max_episode_steps=25)
     sensed: Any = VectorSensorWrapper(make_vec(5, wind=WINDY, max_episode_steps=25), sensors)
     assert_same(sensed.reset(seed=0)[1], plain.reset(seed=0)[1])
@@ -267,8 +269,8 @@ def test_the_true_world_does_not_notice_its_sensors(sensors: Any) -> None:
 
 
 @dataclass(frozen=True)
-class Mirror:
-    """Takes x for y and y for x, and counts its samples."""
+class SwapsXY:
+    """A sensor that exchanges x and y, and counts its samples."""
 
     memory_size: int = 1
 
@@ -282,19 +284,19 @@ class Mirror:
 
 
 def test_a_sensor_needs_no_base_class() -> None:
-    true, measured = watched(Mirror(), 3, 10)
+    true, measured = true_and_measured(SwapsXY(), 3, 10)
     assert_array_equal(measured[..., [1, 0]], true[..., [0, 1]])
     assert_array_equal(measured[..., 2:], true[..., 2:])
 
 
-@every_sort
+@every_sensor
 def test_sensors_are_plain_data(sensors: Any) -> None:
     models = as_sensors(sensors)
     assert as_sensors(json.loads(json.dumps([asdict(model) for model in models]))) == models
     assert as_sensors([sensors, None]) == models
 
 
-def test_every_kind_can_be_made_of_its_name() -> None:
+def test_every_kind_is_created_from_its_name() -> None:
     settings = {"noise": {"position": 0.1}, "delay": {}, "dropout": {}}
     assert settings.keys() == KINDS.keys()
     for kind, rest in settings.items():
@@ -303,21 +305,21 @@ def test_every_kind_can_be_made_of_its_name() -> None:
 
 BAD = {
     "negative noise": (lambda: Noise(position=-0.1), "position .* not -0.1"),
-    "noise in words": (lambda: Noise(euler="much"), "euler must be a number, not 'much'"),
-    "true noise": (lambda: Noise(euler=True), "euler must be a number, not True"),
+    "text as noise": (lambda: Noise(euler="much"), "euler must be a number, not 'much'"),
+    "boolean as noise": (lambda: Noise(euler=True), "euler must be a number, not True"),
     "infinite noise": (lambda: Noise(direction=np.inf), "direction .* finite .* not inf"),
-    "no noise": (Noise, "at least one field"),
+    "all errors zero": (Noise, "at least one field"),
     "negative bias": (lambda: Noise(position={"bias": -1.0}), "bias .* not -1.0"),
-    "walk in words": (lambda: Channel(walk="fast"), "walk must be a number, not 'fast'"),
-    "no quantum": (lambda: Channel(quantum=np.nan), "quantum .* not nan"),
+    "text as walk": (lambda: Channel(walk="fast"), "walk must be a number, not 'fast'"),
+    "quantum nan": (lambda: Channel(quantum=np.nan), "quantum .* not nan"),
     "unknown error": (lambda: Noise(position={"drift": 1.0}), "position has no field 'drift'"),
     "unknown field": (lambda: as_sensors({"kind": "noise", "colour": 1.0}), "sensor has no field 'colour'"),
-    "no delay": (lambda: Delay(0), "steps .* 1 to 1000, not 0"),
+    "delay of zero": (lambda: Delay(0), "steps .* 1 to 1000, not 0"),
     "long delay": (lambda: Delay(1001), "steps .* not 1001"),
-    "half a step": (lambda: Delay(1.5), "steps .* not 1.5"),
-    "true delay": (lambda: Delay(True), "steps .* not True"),
-    "impossible probability": (lambda: Dropout(1.1), r"probability .* \[0, 1\], not 1.1"),
-    "probability in words": (lambda: Dropout("often"), "probability must be a number, not 'often'"),
+    "fraction of a step": (lambda: Delay(1.5), "steps .* not 1.5"),
+    "boolean as delay": (lambda: Delay(True), "steps .* not True"),
+    "probability above 1": (lambda: Dropout(1.1), r"probability .* \[0, 1\], not 1.1"),
+    "text as probability": (lambda: Dropout("often"), "probability must be a number, not 'often'"),
     "unknown kind": (lambda: as_sensors({"kind": "camera"}), "no kind 'camera'; the kinds are noise, delay, dropout"),
     "a name": (lambda: as_sensors("camera"), "no sensor 'camera'; there are noise, delay, dropout"),
     "a number": (lambda: as_sensors([Delay(), 0.1]), "sensor must be .* not 0.1"),
@@ -328,5 +330,5 @@ BAD = {
 
 
 @pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
-def test_an_impossible_sensor_is_refused(call: Any, names: str) -> None:
+def test_a_bad_setting_is_refused(call: Any, names: str) -> None:
     assert_refused(call, names, (TypeError, ValueError))

@@ -1,4 +1,4 @@
-"""Every wrong setting of a wind is refused in one sentence that names it and says what it was or may be."""
+"""Every bad setting of a wind raises an error of one sentence that names the setting and its allowed values."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ NOT_PAIRS = (1.0, "wide", None, (1.0,), (1.0, 2.0, 3.0), ("a", "b"), (True, 2.0)
 LOADS = ("force", "bob_force", "torque", "velocity")
 WITH_LOADS = (Constant, Sinusoid, Gusts, OrnsteinUhlenbeck)
 
-Case = tuple[Any, str, Any, str]  # model, field, value, what the message says of it
+Case = tuple[Any, str, Any, str]  # model, field, value, pattern of the message
 BAD: list[Case] = []
 for model in WITH_LOADS:
     for load in LOADS:
@@ -77,7 +77,7 @@ for model in (Dryden, VonKarman):
         (model, "standard", "MIL-STD-1797A", "standard must be one of MIL-F-8785C, MIL-HDBK-1797, not 'MIL-STD-1797A'"),
         (model, "standard", None, "standard must be one of .* not None"),
     ]
-NEEDED: dict[Any, dict[str, Any]] = {Drawn: {"wind": Constant()}}  # what a model cannot do without
+NEEDED: dict[Any, dict[str, Any]] = {Drawn: {"wind": Constant()}}  # required settings of a model
 
 
 @pytest.mark.parametrize(
@@ -87,16 +87,16 @@ def test_a_bad_setting_is_refused(model: Any, name: str, value: Any, message: st
     assert_refused(lambda: model(**{**NEEDED.get(model, {}), name: value}), message, (TypeError, ValueError))
 
 
-def test_no_field_is_forgotten_above() -> None:
-    tried = {(case[0], case[1]) for case in BAD}
+def test_every_field_has_a_bad_case() -> None:
+    tested = {(case[0], case[1]) for case in BAD}
     for model in KINDS.values():
         fields = [field.name for field in model.__dataclass_fields__.values() if field.init]
-        assert {(model, name) for name in fields} <= tried
+        assert {(model, name) for name in fields} <= tested
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "still_air"])  # which has no settings
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "still_air"])  # still air has no settings
 def test_a_bad_setting_in_a_mapping_is_refused_when_an_environment_is_made(kind: str) -> None:
-    """For every kind, its first bad setting from the table above, and one that is not there."""
+    """Test the first bad setting of every kind in the table above, and an unknown setting."""
     model, name, value, message = next(case for case in BAD if case[0] is KINDS[kind])
     mapping = {"kind": kind, **dict.fromkeys(NEEDED.get(model, {}), "calm"), name: value}
     unknown = {**mapping, name: None, "gust_factor": 2.0}
@@ -115,8 +115,8 @@ def test_a_drawn_wind_needs_a_wind() -> None:
     assert_refused(lambda: as_wind({"kind": "drawn"}), "wind lacks the field 'wind'", TypeError)
 
 
-class Silent:
-    """What a user may forget: it does not say whether it moves the air."""
+class WithoutMovesAir:
+    """A custom model without the attribute `moves_air`."""
 
     memory_size = 0
 
@@ -127,9 +127,11 @@ class Silent:
         pass
 
 
-def test_a_model_of_ones_own_that_misses_something_is_refused() -> None:
+def test_a_custom_model_without_a_required_attribute_is_refused() -> None:
     assert_refused(
-        lambda: make(wind=Silent()), "wind must be a wind model, the name of a wind .* not .*Silent", TypeError
+        lambda: make(wind=WithoutMovesAir()),
+        "wind must be a wind model, the name of a wind .* not .*WithoutMovesAir",
+        TypeError,
     )
 
 
@@ -143,9 +145,9 @@ def test_a_model_of_ones_own_that_misses_something_is_refused() -> None:
         (lambda: Dryden(standard=["MIL-F-8785C"]), "standard must be"),
     ],
 )
-def test_stranger_things_are_refused_as_clearly(call: Any, message: str) -> None:
+def test_values_of_wrong_types_are_refused(call: Any, message: str) -> None:
     assert_refused(call, message, (TypeError, ValueError))
 
 
-def test_a_name_is_a_member_of_a_sum_and_not_its_letters() -> None:
+def test_a_sum_of_a_name_is_the_named_wind() -> None:
     assert Sum("windy").models == as_wind("windy")

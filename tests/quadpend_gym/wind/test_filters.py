@@ -1,4 +1,4 @@
-"""Coloured noise is sampled exactly: as if the white noise had been integrated without an error, at any period."""
+"""Linear filters of white noise are discretised exactly for every sampling period."""
 
 from typing import Any
 
@@ -19,13 +19,13 @@ from quadpend_gym.wind.filters import (
     from_transfer_function,
     square_root,
 )
-from tests.helpers.wind import blown, chance
+from tests.helpers.wind import five_sigma, sample_wind
 
 ROOT, DAMPING, DRIVE = 3.0, 0.2, 0.7  # ω in rad/s, ζ, and the size of the noise
 OSCILLATOR = Filter(
     np.array([[0.0, 1.0], [-(ROOT**2), -2.0 * DAMPING * ROOT]]), np.array([[0.0], [DRIVE]]), np.array([[1.0, 0.0]])
 )
-# Three states in a chain, whose time constants lie apart by a factor of 10.
+# Three states whose time constants differ by a factor of 10.
 CHAIN = from_transfer_function([1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539], gain=1.0, time=1.0)
 SYSTEMS = {
     "oscillator": OSCILLATOR,
@@ -36,7 +36,7 @@ SYSTEMS = {
 every_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
 
 
-def noise(system: Filter, period: float) -> Floats:
+def noise_covariance(system: Filter, period: float) -> Floats:
     """∫₀ᵀ e^{A s} B Bᵀ e^{Aᵀ s} ds by adaptive quadrature."""
 
     def integrand(s: float) -> Any:
@@ -47,14 +47,14 @@ def noise(system: Filter, period: float) -> Floats:
 
 
 def assert_close(covariance: Floats, expected: Floats, tolerance: float) -> None:
-    """Equal relative to the deviations of row and column."""
+    """Check that covariances are equal relative to the standard deviations of row and column."""
     deviations = np.sqrt(np.diag(expected))
     assert_allclose(covariance / np.outer(deviations, deviations), expected / np.outer(deviations, deviations),
                     rtol=0.0, atol=tolerance)  # fmt: skip
 
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.1, 1.0])
-def test_an_oscillator_moves_as_its_solution_in_closed_form(period: float) -> None:
+def test_the_discretised_oscillator_equals_its_closed_form(period: float) -> None:
     """x(t) = e^{−ζωt} (x₀ cos ω_d t + (v₀ + ζω x₀)/ω_d sin ω_d t), column by column of Φ."""
     decay, turn = DAMPING * ROOT, ROOT * np.sqrt(1.0 - DAMPING**2)
     fade, cosine, sine = np.exp(-decay * period), np.cos(turn * period), np.sin(turn * period)
@@ -64,19 +64,19 @@ def test_an_oscillator_moves_as_its_solution_in_closed_form(period: float) -> No
             [-(ROOT**2) / turn * sine, cosine - decay / turn * sine],
         ]
     )
-    sampled = discretise(OSCILLATOR, period)
-    assert_allclose(sampled.transition, expected, rtol=0.0, atol=1e-14)
-    assert_close(sampled.noise_gain @ sampled.noise_gain.T, noise(OSCILLATOR, period), 1e-10)
+    discrete = discretise(OSCILLATOR, period)
+    assert_allclose(discrete.transition, expected, rtol=0.0, atol=1e-14)
+    assert_close(discrete.noise_gain @ discrete.noise_gain.T, noise_covariance(OSCILLATOR, period), 1e-10)
 
 
-def test_an_oscillator_in_noise_has_as_much_energy_in_position_as_in_velocity() -> None:
-    """E[v²] = q/(4ζω) and ω² E[x²] as much, uncorrelated: equipartition."""
+def test_the_stationary_oscillator_obeys_equipartition() -> None:
+    """E[v²] = ω² E[x²] = q/(4ζω), and position and velocity are uncorrelated."""
     energy = DRIVE**2 / (4.0 * DAMPING * ROOT)
     assert_allclose(OSCILLATOR.stationary_covariance, np.diag([energy / ROOT**2, energy]), atol=1e-15)
 
 
-def test_over_a_short_period_it_is_a_double_integrator() -> None:
-    """[[T³/3, T²/2], [T²/2, T]] q but for terms of order T: the random walk's integral."""
+def test_over_a_short_period_the_oscillator_is_a_double_integrator() -> None:
+    """The covariance is [[T³/3, T²/2], [T²/2, T]] q, up to relative terms of order T."""
     T = 1e-5
     expected = DRIVE**2 * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
     root = discretise(OSCILLATOR, T).noise_gain
@@ -85,18 +85,18 @@ def test_over_a_short_period_it_is_a_double_integrator() -> None:
 
 @every_system
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2, 0.1])
-def test_what_a_period_forgets_its_noise_makes_up_for(system: Filter, period: float) -> None:
-    """Φ P Φᵀ + L Lᵀ = P: no drift of the deviation, whatever the period."""
-    sampled, covariance = discretise(system, period), system.stationary_covariance
-    after = sampled.transition @ covariance @ sampled.transition.T + sampled.noise_gain @ sampled.noise_gain.T
+def test_the_stationary_covariance_is_invariant(system: Filter, period: float) -> None:
+    """Φ P Φᵀ + L Lᵀ = P for every period."""
+    discrete, covariance = discretise(system, period), system.stationary_covariance
+    after = discrete.transition @ covariance @ discrete.transition.T + discrete.noise_gain @ discrete.noise_gain.T
     assert_close(after, covariance, 1e-12)
-    begun = square_root(covariance)
-    assert_close(begun @ begun.T, covariance, 1e-12)
+    root = square_root(covariance)
+    assert_close(root @ root.T, covariance, 1e-12)
 
 
 @every_system
 @pytest.mark.parametrize("period", [1e-3, 1e-2, 0.1])
-def test_two_halves_of_a_period_are_the_whole(system: Filter, period: float) -> None:
+def test_two_half_periods_equal_one_period(system: Filter, period: float) -> None:
     half, whole = discretise(system, 0.5 * period), discretise(system, period)
     covariance = half.noise_gain @ half.noise_gain.T
     assert_allclose(half.transition @ half.transition, whole.transition, rtol=0.0, atol=1e-13)
@@ -107,26 +107,26 @@ def test_two_halves_of_a_period_are_the_whole(system: Filter, period: float) -> 
 
 @every_system
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2])
-def test_the_noise_of_very_short_periods_is_still_a_covariance(system: Filter, period: float) -> None:
-    """Its smallest eigenvalue is of order T⁵, out of sight beside T; what is rounded off must not turn negative."""
+def test_the_noise_covariance_of_very_short_periods_is_not_negative(system: Filter, period: float) -> None:
+    """Its smallest eigenvalue is of order T⁵, far below the rounding errors of the largest, which is of order T."""
     root = discretise(system, period).noise_gain
     assert np.isfinite(root).all()
-    covariance, expected = root @ root.T, noise(system, period)
+    covariance, expected = root @ root.T, noise_covariance(system, period)
     assert np.linalg.eigvalsh(covariance).min() > -1e-18
     assert_close(covariance, expected, 1e-6)
 
 
-def test_a_root_is_a_root_of_covariances_that_are_singular_but_for_rounding() -> None:
+def test_the_square_root_accepts_singular_covariances_with_rounding_errors() -> None:
     rng = np.random.default_rng(0)
     factor = rng.normal(size=(5, 2))
     covariance = factor @ factor.T
-    for spoiled in (covariance, covariance - 1e-15 * np.eye(5), np.zeros((3, 3))):
-        root = square_root(spoiled)
-        assert_allclose(root @ root.T, spoiled, atol=1e-13)
+    for rounded in (covariance, covariance - 1e-15 * np.eye(5), np.zeros((3, 3))):
+        root = square_root(rounded)
+        assert_allclose(root @ root.T, rounded, atol=1e-13)
 
 
-def test_a_transfer_function_has_its_gain_and_its_unit_of_noise() -> None:
-    """C (iω − A)⁻¹ B is gain · N(iωT)/D(iωT) times √π, the amplitude of noise whose one-sided density is 1."""
+def test_a_filter_from_a_transfer_function_has_its_frequency_response() -> None:
+    """C (iω − A)⁻¹ B is √π gain · N(iωT)/D(iωT); the factor √π gives the noise a one-sided density of 1."""
     gain, time = 2.5, 0.4
     system = from_transfer_function([1.0, 0.5], [1.0, 1.2, 0.3], gain, time)
     for omega in (0.0, 0.5, 3.0, 40.0):
@@ -139,7 +139,7 @@ def test_a_transfer_function_has_its_gain_and_its_unit_of_noise() -> None:
     assert_allclose(lag.c @ lag.stationary_covariance @ lag.c.T, [[gain**2 * np.pi / (2.0 * time)]], rtol=1e-12)
 
 
-def test_filters_side_by_side_do_not_hear_of_each_other() -> None:
+def test_combined_filters_are_independent() -> None:
     both = combine([OSCILLATOR, CHAIN])
     alone, together = discretise(CHAIN, 0.1), discretise(both, 0.1)
     assert_allclose(together.transition[2:, 2:], alone.transition, atol=1e-15)
@@ -150,28 +150,30 @@ def test_filters_side_by_side_do_not_hear_of_each_other() -> None:
         assert_allclose(matrix[2:, :2], 0.0, atol=1e-15)
 
 
-def test_it_starts_in_the_stationary_state() -> None:
+def test_initial_states_have_the_stationary_distribution() -> None:
     rows = 20_000
     streams = Streams.from_seeds([0]).derive(0)
     streams = Streams(np.repeat(streams.keys, rows)).derive(np.arange(rows))
     memory = draw_stationary(square_root(OSCILLATOR.stationary_covariance), streams)
     deviations = np.sqrt(np.diag(OSCILLATOR.stationary_covariance))
-    assert_allclose(np.cov((memory / deviations).T), np.eye(2), atol=np.sqrt(2.0) * chance(rows))
-    # Row by row the same numbers, however many rows there are.
+    assert_allclose(np.cov((memory / deviations).T), np.eye(2), atol=np.sqrt(2.0) * five_sigma(rows))
+    # The numbers of a row do not depend on the number of rows.
     assert_array_equal(draw_stationary(square_root(OSCILLATOR.stationary_covariance), streams[:3]), memory[:3])
 
 
-def test_a_long_period_is_no_harder_than_a_short_one() -> None:
+def test_long_periods_keep_the_stationary_covariance() -> None:
     for system in SYSTEMS.values():
         for period in (1.0, 10.0, 1000.0):
-            sampled, covariance = discretise(system, period), system.stationary_covariance
-            after = sampled.transition @ covariance @ sampled.transition.T + sampled.noise_gain @ sampled.noise_gain.T
+            discrete, covariance = discretise(system, period), system.stationary_covariance
+            after = (
+                discrete.transition @ covariance @ discrete.transition.T + discrete.noise_gain @ discrete.noise_gain.T
+            )
             assert_close(after, covariance, 1e-12)
 
 
 @pytest.mark.parametrize("kind", [Dryden, VonKarman])
 @pytest.mark.parametrize("altitude", [50.0, 304.8])
-def test_a_hair_more_wind_is_a_hair_more_wind(kind: Any, altitude: float) -> None:
-    """The same seed gives the same wind wherever it is computed, so it cannot hang on the last bits of a matrix."""
-    some, more = (blown(kind(intensity, altitude=altitude), 20, 5) for intensity in (5.0, 5.0 + 1e-9))
+def test_a_small_change_of_the_intensity_is_a_small_change_of_the_wind(kind: Any, altitude: float) -> None:
+    """A seed must give the same wind on every machine, so the wind must not depend on rounding errors of a matrix."""
+    some, more = (sample_wind(kind(intensity, altitude=altitude), 20, 5) for intensity in (5.0, 5.0 + 1e-9))
     assert_allclose(more, some, rtol=0.0, atol=1e-7)

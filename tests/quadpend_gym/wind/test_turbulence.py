@@ -1,7 +1,7 @@
-"""Turbulence has the size, the spectrum and the memory of its specification, at every step size, from the start on.
+"""Turbulence has the specified variance, spectrum and correlation, for every control period and from the first step.
 
-The specifications are written down here once more, in their own units and from their own variables: MIL-F-8785C as
-densities in the spatial frequency Ω = ω/V, the filters of Ly & Chan as transfer functions. What is measured of random
+This file states the specifications independently of the code, in their own units and variables: the densities of
+MIL-F-8785C in the spatial frequency Ω = ω/V, and the filters of Ly & Chan as transfer functions. Estimates from random
 numbers may deviate by five standard errors, which follow from the number of rows.
 """
 
@@ -17,7 +17,7 @@ from scipy.integrate import quad
 
 from quadpend_gym import Dryden, OrnsteinUhlenbeck, VonKarman
 from quadpend_gym.core.arrays import Floats
-from tests.helpers.wind import blowing, blown, chance
+from tests.helpers.wind import five_sigma, iterate_wind, sample_wind
 
 Density = Callable[[Any], Any]  # one-sided, per rad/s
 VELOCITY = slice(9, 12)
@@ -28,16 +28,16 @@ DRYDEN, VON_KARMAN = Dryden(**SETTINGS), VonKarman(**SETTINGS)
 NOISE = OrnsteinUhlenbeck(force=0.0, velocity=(0.5, 2.0, 1.0), time_constant=0.5)
 
 
-def specified(altitude: float, wind_20: float) -> tuple[float, float, float, float]:
-    """σ_u, σ_w in m/s and L_u, L_w in m of MIL-F-8785C at low altitude, from altitude in m and W₂₀ in m/s."""
+def specified_parameters(altitude: float, wind_20: float) -> tuple[float, float, float, float]:
+    """Return σ_u, σ_w (m/s) and L_u, L_w (m) of MIL-F-8785C at low altitude, from altitude (m) and W₂₀ (m/s)."""
     feet = altitude / FOOT
     shape = 0.177 + 0.000823 * feet
     up = 0.1 * wind_20
     return up / shape**0.4, up, feet / shape**1.2 * FOOT, altitude
 
 
-def dryden(sigma: float, length: float, speed: float) -> tuple[Density, Density]:
-    """Φ_u and Φ_v = Φ_w of MIL-F-8785C, 3.7.1.2: densities in Ω = ω/V, by Φ(ω) = Φ(Ω)/V."""
+def dryden_densities(sigma: float, length: float, speed: float) -> tuple[Density, Density]:
+    """Return Φ_u and Φ_v = Φ_w of MIL-F-8785C, 3.7.1.2: densities in Ω = ω/V, with Φ(ω) = Φ(Ω)/V."""
 
     def along(omega: Any) -> Any:
         x = length * omega / speed
@@ -50,8 +50,8 @@ def dryden(sigma: float, length: float, speed: float) -> tuple[Density, Density]
     return along, across
 
 
-def ly_chan(sigma: float, length: float, speed: float) -> tuple[Density, Density]:
-    """|H_u|² and |H_v|² = |H_w|² of Ly & Chan's filters of white noise of density 1."""
+def ly_chan_densities(sigma: float, length: float, speed: float) -> tuple[Density, Density]:
+    """Return |H_u|² and |H_v|² = |H_w|² of Ly & Chan's filters of white noise of density 1."""
     time = length / speed
 
     def along(omega: Any) -> Any:
@@ -66,29 +66,31 @@ def ly_chan(sigma: float, length: float, speed: float) -> tuple[Density, Density
     return along, across
 
 
-def low(kind: Callable[..., tuple[Density, Density]], altitude: float, wind_20: float, speed: float) -> list[Density]:
-    """Densities of u, v, w at low altitude."""
-    sigma_u, sigma_w, length_u, length_w = specified(altitude, wind_20)
+def low_altitude(
+    kind: Callable[..., tuple[Density, Density]], altitude: float, wind_20: float, speed: float
+) -> list[Density]:
+    """Return the densities of u, v, w at low altitude."""
+    sigma_u, sigma_w, length_u, length_w = specified_parameters(altitude, wind_20)
     along, across = kind(sigma_u, length_u, speed)
     return [along, across, kind(sigma_w, length_w, speed)[1]]
 
 
-def exponential(sigma: float, time: float) -> Density:
-    """The density of noise with the autocorrelation σ² e^{−τ/T}."""
+def exponential_density(sigma: float, time: float) -> Density:
+    """Return the density of noise with the autocorrelation σ² e^{−τ/T}."""
     return lambda omega: 2.0 * sigma**2 * time / np.pi / (1.0 + (time * omega) ** 2)
 
 
 SEVERE = 20.0 * FOOT, 45.0 * KNOT, SPEED
 CASES: dict[str, tuple[Any, list[Density]]] = {
-    "ornstein_uhlenbeck": (NOISE, [exponential(sigma, 0.5) for sigma in (0.5, 2.0, 1.0)]),
-    "dryden": (DRYDEN, low(dryden, *SEVERE)),
-    "von_karman": (VON_KARMAN, low(ly_chan, *SEVERE)),
+    "ornstein_uhlenbeck": (NOISE, [exponential_density(sigma, 0.5) for sigma in (0.5, 2.0, 1.0)]),
+    "dryden": (DRYDEN, low_altitude(dryden_densities, *SEVERE)),
+    "von_karman": (VON_KARMAN, low_altitude(ly_chan_densities, *SEVERE)),
 }
 every_case = pytest.mark.parametrize(("wind", "densities"), CASES.values(), ids=CASES.keys())
 
 
-def gusts(wind: Any, velocity: Floats) -> Floats:
-    """u, v, w of a velocity: without the mean wind, along its heading, across and up; of noise, x, y, z."""
+def along_wind(wind: Any, velocity: Floats) -> Floats:
+    """Convert a wind velocity to u, v, w without the mean wind; for `OrnsteinUhlenbeck` return x, y, z unchanged."""
     if isinstance(wind, OrnsteinUhlenbeck):
         return velocity
     x, y, z = np.moveaxis(velocity, -1, 0)
@@ -97,15 +99,15 @@ def gusts(wind: Any, velocity: Floats) -> Floats:
 
 
 def autocovariance(density: Density, lag: float) -> float:
-    """∫₀^∞ Φ cos ωτ dω: Wiener and Khinchin's theorem."""
+    """Return ∫₀^∞ Φ cos ωτ dω, the autocovariance by the Wiener–Khinchin theorem."""
     if lag == 0.0:
         return float(quad(density, 0.0, np.inf, limit=400)[0])
     return float(quad(density, 0.0, np.inf, weight="cos", wvar=lag, limlst=400, limit=400)[0])
 
 
-def test_dryden_has_the_autocorrelation_that_its_name_promises() -> None:
-    """σ² e^{−τ/T} along, σ² (1 − τ/2T) e^{−τ/T} across: that the integral above can be trusted."""
-    along, across = dryden(sigma=1.5, length=12.0, speed=8.0)
+def test_dryden_turbulence_has_an_exponential_autocorrelation() -> None:
+    """It is σ² e^{−τ/T} along and σ² (1 − τ/2T) e^{−τ/T} across the wind. This also checks `autocovariance`."""
+    along, across = dryden_densities(sigma=1.5, length=12.0, speed=8.0)
     for lag in (0.0, 0.1, 1.0, 2.0, 4.0):
         decay = 2.25 * np.exp(-lag / 1.5)
         assert_allclose(autocovariance(along, lag), decay, atol=1e-6)
@@ -114,82 +116,83 @@ def test_dryden_has_the_autocorrelation_that_its_name_promises() -> None:
 
 @pytest.mark.parametrize(("period", "steps"), [(0.1, 21), (0.01, 201), (0.002, 1001)])
 @every_case
-def test_deviation_and_autocorrelation_are_the_specified_ones_at_every_step_size_from_the_first_step_on(
+def test_deviation_and_autocorrelation_match_the_specification(
     wind: Any, densities: list[Density], period: float, steps: int
 ) -> None:
     rows = 10_000
     kept = {0, 1, round(0.3 / period), steps - 1}
-    flow = enumerate(islice(blowing(wind, rows, period), steps))
-    seen = {step: gusts(wind, out[:, VELOCITY]) for step, out in flow if step in kept}
+    flow = enumerate(islice(iterate_wind(wind, rows, period), steps))
+    seen = {step: along_wind(wind, out[:, VELOCITY]) for step, out in flow if step in kept}
     for axis, density in enumerate(densities):
         sigma = np.sqrt(autocovariance(density, 0.0))
         for now in kept:
             values = seen[now][:, axis] / sigma
-            assert_allclose(values.std(), 1.0, atol=chance(rows) / np.sqrt(2.0))
-            assert_allclose(values.mean(), 0.0, atol=chance(rows))
+            assert_allclose(values.std(), 1.0, atol=five_sigma(rows) / np.sqrt(2.0))
+            assert_allclose(values.mean(), 0.0, atol=five_sigma(rows))
             assert stats.kstest(values, "norm").pvalue > 1e-5
             correlation = np.mean(seen[0][:, axis] / sigma * values)
             expected = autocovariance(density, now * period) / sigma**2
-            assert_allclose(correlation, expected, atol=np.sqrt(1.0 + expected**2) * chance(rows))
+            assert_allclose(correlation, expected, atol=np.sqrt(1.0 + expected**2) * five_sigma(rows))
 
 
 @every_case
 def test_the_components_are_independent(wind: Any, densities: list[Density]) -> None:
     rows = 10_000
-    air = gusts(wind, blown(wind, 11, rows, 0.05, VELOCITY))
+    air = along_wind(wind, sample_wind(wind, 11, rows, 0.05, VELOCITY))
     together = np.concatenate([air[0], air[10]], axis=-1)
     correlation = np.corrcoef(together.T)
-    assert_allclose(correlation[:3, :3], np.eye(3), atol=chance(rows))
+    assert_allclose(correlation[:3, :3], np.eye(3), atol=five_sigma(rows))
     lagged = correlation[:3, 3:]
-    assert_allclose(lagged - np.diag(np.diag(lagged)), 0.0, atol=chance(rows))
+    assert_allclose(lagged - np.diag(np.diag(lagged)), 0.0, atol=five_sigma(rows))
 
 
-def aliased(density: Density, omega: Floats, period: float) -> Floats:
-    """The density of the process sampled every `period`: all frequencies that look alike, up to 400 Nyquist's."""
+def aliased_density(density: Density, omega: Floats, period: float) -> Floats:
+    """Return the density of the process sampled with `period`: the sum over aliases up to 400 Nyquist frequencies."""
     turns = 2.0 * np.pi / period * np.arange(-200, 201)
     return np.asarray(density(np.abs(omega[:, np.newaxis] + turns)).sum(axis=-1))
 
 
 @every_case
-def test_the_spectrum_is_the_specified_one(wind: Any, densities: list[Density]) -> None:
-    """The mean of `rows` independent periodograms: each value, over its expectation, is χ² with 2 · rows degrees."""
+def test_the_spectrum_matches_the_specification(wind: Any, densities: list[Density]) -> None:
+    """Each value of the mean of `rows` periodograms, divided by its expectation, is χ² with 2 · rows degrees."""
     period, steps, rows = 0.05, 1024, 1000
-    air = gusts(wind, blown(wind, steps, rows, period, VELOCITY))
+    air = along_wind(wind, sample_wind(wind, steps, rows, period, VELOCITY))
     rate = 2.0 * np.pi / period
     omega, power = signal.welch(air, rate, "hann", steps, 0, detrend=False, axis=0)
-    # Without the lowest, which the window mixes with the mean, up to half of Nyquist's frequency.
+    # The window mixes the lowest frequencies with the mean; frequencies up to half the Nyquist frequency are compared.
     inner = slice(2, steps // 4)
     measured, omega = power[inner].mean(axis=1), omega[inner]
-    rare = 1e-5 / measured.size  # of such tests one in 100 000 fails by chance
+    rare = 1e-5 / measured.size  # by chance one in 100 000 of such tests fails
     lowest, highest = stats.chi2([2 * rows]).ppf([rare / 2.0, 1.0 - rare / 2.0]) / (2 * rows)
     for axis, density in enumerate(densities):
-        ratio = measured[:, axis] / aliased(density, omega, period)
+        ratio = measured[:, axis] / aliased_density(density, omega, period)
         assert ratio.min() > lowest
         assert ratio.max() < highest
-        # Under this window neighbours correlate by 4/9 and 1/36, so each value counts for 1/(1 + 2 · 17/36) = 0.51.
-        assert_allclose(ratio.mean(), 1.0, atol=chance(rows * ratio.size * 0.51))
+        # With this window, neighbours have correlations of 4/9 and 1/36: the effective sample size is reduced by
+        # the factor 1/(1 + 2 · 17/36) = 0.51.
+        assert_allclose(ratio.mean(), 1.0, atol=five_sigma(rows * ratio.size * 0.51))
 
 
 @every_case
-def test_the_stated_density_is_the_specified_one_and_integrates_to_the_variance(
+def test_the_density_matches_the_specification_and_integrates_to_the_variance(
     wind: Any, densities: list[Density]
 ) -> None:
     def stated(omega: Any) -> Any:
         return wind.density(omega)[VELOCITY] if wind is NOISE else wind.density(omega)
 
     omega = np.array([0.0, 0.03, 1.0, 30.0])
-    sigma_u, sigma_w, *_ = specified(20.0 * FOOT, 45.0 * KNOT)
+    sigma_u, sigma_w, *_ = specified_parameters(20.0 * FOOT, 45.0 * KNOT)
     sigmas = (0.5, 2.0, 1.0) if wind is NOISE else (sigma_u, sigma_u, sigma_w)
     for axis, (density, sigma) in enumerate(zip(densities, sigmas, strict=True)):
-        if wind is not VON_KARMAN:  # whose filters only follow the density, see below
+        if wind is not VON_KARMAN:  # its filters are approximations, see below
             assert_allclose(stated(omega)[axis], density(omega), rtol=1e-5)
-        # The number 1.339 of von Kármán's densities is rounded: 1.1e-5 of the variance.
+        # The constant 1.339 of von Kármán's densities is rounded, which changes the variance by 1.1e-5.
         whole = sum(quad(lambda w, a=axis: stated(w)[a], *part, limit=400)[0] for part in [(0.0, 10.0), (10.0, np.inf)])
         assert_allclose(whole, sigma**2, rtol=2e-5)
 
 
 def test_the_turbulence_is_isotropic() -> None:
-    """In incompressible flow, Φ_w = ½ (Φ_u − ω Φ_u′) (von Kármán & Howarth). At 1000 feet, where L and σ agree."""
+    """In incompressible flow Φ_w = ½ (Φ_u − ω Φ_u′) (von Kármán & Howarth); at 1000 feet all L and σ are equal."""
     omega = np.geomspace(0.01, 100.0, 50)
     for wind in (Dryden(altitude=1000.0 * FOOT), VonKarman(altitude=1000.0 * FOOT)):
         slope = (wind.density(1.0001 * omega)[0] - wind.density(omega / 1.0001)[0]) / (omega * (1.0001 - 1.0 / 1.0001))
@@ -198,18 +201,18 @@ def test_the_turbulence_is_isotropic() -> None:
         assert_allclose(across, up, rtol=1e-12)
 
 
-def test_von_karman_has_kolmogorov_s_inertial_range() -> None:
-    """Φ ∝ ω^(−5/3) at high frequencies, and 4/3 as much across as along; Dryden falls with ω^(−2)."""
+def test_von_karman_turbulence_has_kolmogorovs_inertial_range() -> None:
+    """Φ ∝ ω^(−5/3) at high frequencies, with a ratio of 4/3 across to along; Dryden's densities fall with ω^(−2)."""
     for wind, slope, ratio in ((VonKarman(altitude=304.8), -5.0 / 3.0, 4.0 / 3.0), (Dryden(altitude=304.8), -2.0, 1.5)):
         density = wind.density(np.array([1e4, 1e5]))
         assert_allclose(np.log10(density[:, 1] / density[:, 0]), slope, atol=1e-4)
         assert_allclose(density[2] / density[0], ratio, rtol=1e-4)
 
 
-def test_von_karman_s_filters_follow_his_density_and_where_they_leave_it() -> None:
+def test_the_error_of_von_karmans_filters_is_the_documented_one() -> None:
     """Within 0.25 dB up to ω = 16/T, 1 dB up to 32/T along and 48/T across; too low beyond, by 2.6 dB at 100/T."""
     wind = VonKarman()
-    along, across, up = low(ly_chan, 20.0 * FOOT, 15.0 * KNOT, 15.0 * KNOT)
+    along, across, up = low_altitude(ly_chan_densities, 20.0 * FOOT, 15.0 * KNOT, 15.0 * KNOT)
     for axis, (density, quarter, one) in enumerate([(along, 16.0, 32.0), (across, 22.0, 48.0), (up, 22.0, 48.0)]):
         omega = np.geomspace(1e-3, 1e3, 3000) / wind.times[axis]
         decibel = 10.0 * np.log10(density(omega) / wind.density(omega)[axis])
@@ -218,12 +221,12 @@ def test_von_karman_s_filters_follow_his_density_and_where_they_leave_it() -> No
         assert np.abs(decibel[reached < one]).max() < 1.0
         assert decibel[reached > 1.05 * one].max() < -1.0
         assert -2.6 < np.interp(100.0, reached, decibel) < -1.9
-        # What they miss beyond is missing in the deviation: 1.6 % along, 1.9 % across.
+        # The error beyond reduces the standard deviation by 1.6 % along and 1.9 % across.
         share = autocovariance(density, 0.0) / wind.deviations[axis] ** 2
         assert_allclose(share, 0.96871 if axis == 0 else 0.96234, atol=2e-5)
 
 
-def test_light_turbulence_at_20_feet_by_hand() -> None:
+def test_light_turbulence_at_20_feet_matches_a_calculation_by_hand() -> None:
     """W₂₀ = 15 knots = 25.3172 ft/s; 0.177 + 0.000823 · 20 = 0.19346, to the power 0.4 0.51837, to 1.2 0.13929."""
     for wind in (Dryden(), VonKarman("light", altitude=6.096)):
         assert_allclose(wind.mean_speed / FOOT, 25.3172, rtol=1e-5)
@@ -232,7 +235,7 @@ def test_light_turbulence_at_20_feet_by_hand() -> None:
         assert_allclose(wind.times, [5.67160, 5.67160, 0.789978], rtol=1e-5)
 
 
-def test_moderate_turbulence_at_200_feet_by_hand() -> None:
+def test_moderate_turbulence_at_200_feet_matches_a_calculation_by_hand() -> None:
     """W₂₀ = 30 knots = 50.6343 ft/s; 0.177 + 0.000823 · 200 = 0.3416, to the power 0.4 0.65074, to 1.2 0.27556.
 
     ln(200/0.15)/ln(20/0.15) = 7.19544/4.89285.
@@ -244,7 +247,7 @@ def test_moderate_turbulence_at_200_feet_by_hand() -> None:
 
 
 @pytest.mark.parametrize("kind", [Dryden, VonKarman])
-def test_intensities_are_winds_at_20_feet_in_knots(kind: Any) -> None:
+def test_intensities_are_wind_speeds_at_20_feet(kind: Any) -> None:
     for name, knots in (("light", 15.0), ("moderate", 30.0), ("severe", 45.0)):
         by_name, by_number = kind(name, altitude=50.0), kind(knots * KNOT, altitude=50.0)
         assert_allclose(by_name.wind_20_feet, knots * KNOT, rtol=1e-6)
@@ -253,14 +256,14 @@ def test_intensities_are_winds_at_20_feet_in_knots(kind: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", [Dryden, VonKarman])
-def test_the_handbook_halves_the_lengths_and_means_the_same_turbulence(kind: Any) -> None:
+def test_the_handbook_halves_the_lengths_but_describes_the_same_turbulence(kind: Any) -> None:
     settings = {"intensity": "moderate", "altitude": 40.0, "heading": 1.0}
     specification, handbook = kind(**settings), kind(**settings, standard="MIL-HDBK-1797")
     assert_allclose(handbook.lengths, specification.lengths * [1.0, 0.5, 0.5], rtol=1e-15)
-    assert_allclose(blown(handbook, 50, 5), blown(specification, 50, 5), rtol=1e-12, atol=1e-12)
+    assert_allclose(sample_wind(handbook, 50, 5), sample_wind(specification, 50, 5), rtol=1e-12, atol=1e-12)
 
 
-def test_the_handbook_s_own_densities_are_these() -> None:
+def test_the_density_matches_that_of_the_handbook() -> None:
     """MIL-HDBK-1797: Φ_w(Ω) = σ² (2 L_w/π) (1 + 12 (L_w Ω)²) / (1 + 4 (L_w Ω)²)², and 2.678 L Ω for von Kármán."""
     omega = np.geomspace(0.01, 100.0, 50)
     for kind in (Dryden, VonKarman):
@@ -275,16 +278,16 @@ def test_the_handbook_s_own_densities_are_these() -> None:
 
 
 @pytest.mark.parametrize("kind", [Dryden, VonKarman])
-def test_the_heading_is_where_the_mean_wind_blows_to(kind: Any) -> None:
-    ahead, turned = (blown(kind(heading=heading), 20, 3, columns=VELOCITY) for heading in (0.0, 2.5))
-    assert_array_equal(blown(kind(), 20, 3)[..., :9], 0.0)
+def test_the_heading_is_the_direction_of_the_mean_wind(kind: Any) -> None:
+    ahead, rotated = (sample_wind(kind(heading=heading), 20, 3, columns=VELOCITY) for heading in (0.0, 2.5))
+    assert_array_equal(sample_wind(kind(), 20, 3)[..., :9], 0.0)
     cosine, sine = np.cos(2.5), np.sin(2.5)
-    assert_allclose(turned @ [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]], ahead, atol=1e-12)
+    assert_allclose(rotated @ [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]], ahead, atol=1e-12)
     speed = 15.0 * KNOT
-    mean = blown(kind(heading=2.5), 1, 10_000, columns=VELOCITY)[0].mean(axis=0)
-    assert_allclose(mean, [speed * cosine, speed * sine, 0.0], atol=kind().deviations.max() * chance(10_000))
+    mean = sample_wind(kind(heading=2.5), 1, 10_000, columns=VELOCITY)[0].mean(axis=0)
+    assert_allclose(mean, [speed * cosine, speed * sine, 0.0], atol=kind().deviations.max() * five_sigma(10_000))
 
 
-def test_the_columns_of_noise_are_independent() -> None:
-    last = blown(OrnsteinUhlenbeck(force=1.0, bob_force=1.0, torque=1.0, velocity=1.0), 20, 5000)[-1]
-    assert np.abs(np.corrcoef(last.T) - np.eye(12)).max() < chance(5000)
+def test_the_columns_of_ornstein_uhlenbeck_noise_are_independent() -> None:
+    last = sample_wind(OrnsteinUhlenbeck(force=1.0, bob_force=1.0, torque=1.0, velocity=1.0), 20, 5000)[-1]
+    assert np.abs(np.corrcoef(last.T) - np.eye(12)).max() < five_sigma(5000)

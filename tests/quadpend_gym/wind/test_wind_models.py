@@ -1,4 +1,4 @@
-"""Constant, sinusoidal, drawn and gusty winds obey their equations."""
+"""Constant, sinusoidal and drawn winds, and gusts, obey their equations."""
 
 from typing import Any, NamedTuple
 
@@ -10,28 +10,28 @@ from scipy import stats
 from quadpend_gym import Constant, Drawn, Gusts, OrnsteinUhlenbeck, PaperGusts, Sinusoid
 from quadpend_gym.core.arrays import Floats
 from tests.helpers.envs import draw_actions, make_unwrapped, make_vec, run_actions
-from tests.helpers.wind import PERIOD, blown, chance
+from tests.helpers.wind import PERIOD, five_sigma, sample_wind
 
 
 def uniform(low: float, high: float) -> Any:
-    """The distribution function of a number uniform between two."""
+    """Return the cumulative distribution function of the uniform distribution between two numbers."""
     return stats.uniform(low, high - low).cdf
 
 
 def test_a_constant_wind_is_constant() -> None:
     wind = Constant(force=(1.0, 2.0, 3.0), bob_force=(0.0, 0.0, -0.5), torque=0.25, velocity=(4.0, 0.0, -5.0))
     loads = (1, 2, 3, 0, 0, -0.5, 0.25, 0.25, 0.25, 4, 0, -5)
-    assert_array_equal(blown(wind, 20, 3), np.broadcast_to(loads, (20, 3, 12)))
+    assert_array_equal(sample_wind(wind, 20, 3), np.broadcast_to(loads, (20, 3, 12)))
 
 
 @pytest.mark.parametrize(("load", "column"), [("force", 0), ("bob_force", 3), ("torque", 6), ("velocity", 9)])
 def test_a_sinusoid_has_its_amplitude_frequency_and_a_random_phase(load: str, column: int) -> None:
     amplitude, frequency = 0.7, 3.0
     wind = Sinusoid(**{load: (amplitude, 0.0, 0.0)}, frequency=frequency)
-    out = blown(wind, 400, 2000)
+    out = sample_wind(wind, 400, 2000)
     assert_array_equal(np.delete(out, column, axis=-1), 0.0)
     wave = out[..., column]
-    # sin is the solution of d_{k+1} + d_{k−1} = 2 cos(ωT) d_k …
+    # A sinusoid solves d_{k+1} + d_{k−1} = 2 cos(ωT) d_k …
     cosine = np.cos(frequency * PERIOD)
     assert_allclose(wave[2:] + wave[:-2], 2.0 * cosine * wave[1:-1], atol=1e-12)
     # … with this invariant, from which its amplitude follows.
@@ -41,19 +41,19 @@ def test_a_sinusoid_has_its_amplitude_frequency_and_a_random_phase(load: str, co
     assert stats.kstest(wave[0], stats.arcsine(-amplitude, 2.0 * amplitude).cdf).pvalue > 0.01
 
 
-def test_the_axes_of_a_sinusoid_have_phases_of_their_own() -> None:
-    first = blown(Sinusoid(force=1.0, velocity=2.0), 1, 2000)[0][:, [0, 1, 2, 9, 10, 11]]
-    assert np.abs(np.corrcoef(first.T) - np.eye(6)).max() < chance(2000)
+def test_the_axes_of_a_sinusoid_have_independent_phases() -> None:
+    first = sample_wind(Sinusoid(force=1.0, velocity=2.0), 1, 2000)[0][:, [0, 1, 2, 9, 10, 11]]
+    assert np.abs(np.corrcoef(first.T) - np.eye(6)).max() < five_sigma(2000)
 
 
-def test_a_sum_of_two_sinusoids_has_both_amplitudes_at_both_frequencies_and_phases_of_their_own() -> None:
-    steps, rows, bins = 500, 2000, (4, 11)  # whole turns in the time looked at, so that a Fourier sum parts them
+def test_a_sum_of_two_sinusoids_has_both_amplitudes_and_independent_phases() -> None:
+    steps, rows, bins = 500, 2000, (4, 11)  # integer numbers of cycles, so that a Fourier transform separates them
     turn = 2.0 * np.pi / (steps * PERIOD)
     slow, fast = (
         Sinusoid(velocity=(amplitude, 0.0, 0.0), frequency=k * turn)
         for amplitude, k in zip((2.0, 0.5), bins, strict=True)
     )
-    wave = blown(slow + fast, steps, rows, columns=slice(9, 10))[..., 0]
+    wave = sample_wind(slow + fast, steps, rows, columns=slice(9, 10))[..., 0]
     spectrum = np.fft.rfft(wave, axis=0) / (steps / 2.0)
     assert_allclose(np.abs(spectrum[list(bins)]), np.broadcast_to([[2.0], [0.5]], (2, rows)), rtol=1e-10)
     assert_allclose(np.delete(spectrum, bins, axis=0), 0.0, atol=1e-12)
@@ -67,17 +67,17 @@ EVERY_LOAD = Constant(
 )
 
 
-def test_a_drawn_wind_is_turned_and_scaled_as_one_and_stays_so_for_the_episode() -> None:
-    out = blown(Drawn(EVERY_LOAD, strength=(0.5, 2.0), heading=(-1.0, 2.0)), 10, 3000)
+def test_a_drawn_wind_is_scaled_and_rotated_and_constant_for_the_episode() -> None:
+    out = sample_wind(Drawn(EVERY_LOAD, strength=(0.5, 2.0), heading=(-1.0, 2.0)), 10, 3000)
     assert_array_equal(out, np.broadcast_to(out[0], out.shape))
     force, bob_force, torque, velocity = np.split(out[0], 4, axis=-1)
-    strength = np.hypot(*force[:, :2].T) / 5.0  # what remains of the horizontal force (3, 4)
-    heading = np.arctan2(bob_force[:, 1], bob_force[:, 0]) - np.pi / 2.0  # the force (0, 1) pointed along y
+    strength = np.hypot(*force[:, :2].T) / 5.0  # relative to the norm of the horizontal force (3, 4)
+    heading = np.arctan2(bob_force[:, 1], bob_force[:, 0]) - np.pi / 2.0  # the unrotated force (0, 1) points along y
     heading = (heading + np.pi) % (2.0 * np.pi) - np.pi
     assert stats.kstest(strength, uniform(0.5, 2.0)).pvalue > 0.01
     assert stats.kstest(heading, uniform(-1.0, 2.0)).pvalue > 0.01
-    assert abs(np.corrcoef(strength, heading)[0, 1]) < chance(3000)
-    # Complex numbers turn; verticals and torques, which are about the body's axes, are scaled alone.
+    assert abs(np.corrcoef(strength, heading)[0, 1]) < five_sigma(3000)
+    # Horizontal vectors rotate as complex numbers; vertical components and torques are only scaled.
     turn = strength * np.exp(1j * heading)
     for part, (x, y, z) in ((force, (3, 4, 2)), (bob_force, (0, 1, 0)), (velocity, (5, 0, -1))):
         assert_allclose(part[:, 0] + 1j * part[:, 1], turn * (x + 1j * y), rtol=1e-12)
@@ -85,27 +85,27 @@ def test_a_drawn_wind_is_turned_and_scaled_as_one_and_stays_so_for_the_episode()
     assert_allclose(torque, np.outer(strength, (0.1, 0.2, 0.3)), rtol=1e-12)
 
 
-def test_by_default_a_drawn_wind_comes_from_everywhere_and_keeps_its_strength() -> None:
-    velocity = blown(Drawn(EVERY_LOAD), 1, 3000)[0, :, 9:]
+def test_by_default_a_drawn_wind_has_any_heading_and_its_own_strength() -> None:
+    velocity = sample_wind(Drawn(EVERY_LOAD), 1, 3000)[0, :, 9:]
     assert_allclose(np.hypot(velocity[:, 0], velocity[:, 1]), 5.0, rtol=1e-12)
     assert stats.kstest(np.arctan2(velocity[:, 1], velocity[:, 0]), uniform(-np.pi, np.pi)).pvalue > 0.01
 
 
-def test_a_drawn_wind_that_leaves_nothing_to_chance_is_the_wind_within() -> None:
+def test_a_drawn_wind_of_fixed_strength_and_heading_equals_the_wind_within() -> None:
     rows, time_constant, still = 5000, 0.2, {"strength": (1.0, 1.0), "heading": (0.0, 0.0)}
-    assert_array_equal(blown(Drawn(EVERY_LOAD, **still), 5, 3), blown(EVERY_LOAD, 5, 3))
+    assert_array_equal(sample_wind(Drawn(EVERY_LOAD, **still), 5, 3), sample_wind(EVERY_LOAD, 5, 3))
     wind = OrnsteinUhlenbeck(force=0.0, velocity=(0.5, 2.0, 1.0), time_constant=time_constant)
-    velocity = blown(Drawn(wind, **still), 21, rows, columns=slice(9, 12)) / (0.5, 2.0, 1.0)
+    velocity = sample_wind(Drawn(wind, **still), 21, rows, columns=slice(9, 12)) / (0.5, 2.0, 1.0)
     for axis in range(3):
         assert stats.kstest(velocity[0, :, axis], "norm").pvalue > 0.01
         product = np.mean(velocity[0, :, axis] * velocity[20, :, axis])
-        assert_allclose(product, np.exp(-20 * PERIOD / time_constant), atol=1.5 * chance(rows))
+        assert_allclose(product, np.exp(-20 * PERIOD / time_constant), atol=1.5 * five_sigma(rows))
 
 
-def test_equal_models_within_a_drawn_wind_blow_independently() -> None:
+def test_equal_models_within_a_drawn_wind_are_independent() -> None:
     wind = OrnsteinUhlenbeck(force=1.0, time_constant=0.05)
-    force = blown(Drawn(wind + wind, heading=(0.0, 0.0)), 31, 5000)[[0, 30], :, :3]
-    assert_allclose(force.std(axis=1), np.sqrt(2.0), rtol=chance(5000))
+    force = sample_wind(Drawn(wind + wind, heading=(0.0, 0.0)), 31, 5000)[[0, 30], :, :3]
+    assert_allclose(force.std(axis=1), np.sqrt(2.0), rtol=five_sigma(5000))
 
 
 def test_strength_and_heading_are_drawn_once_for_every_episode() -> None:
@@ -123,31 +123,31 @@ def test_strength_and_heading_are_drawn_once_for_every_episode() -> None:
     assert np.unique(rows.step(np.zeros((50, 4)))[4]["air_velocity"], axis=0).shape == (50, 3)
 
 
-def test_a_gust_is_the_squared_sine_of_the_time_since_it_set_in() -> None:
-    """To the digit: gusts of 0.5 s after 1 s, 2.5 s, 4 s … held at the middle of each period."""
+def test_a_gust_is_the_squared_sine_of_the_time_since_its_onset() -> None:
+    """Gusts of 0.5 s begin after 1 s, 2.5 s, 4 s, …; each step has the value in the middle of its period."""
     loads = np.array([0.3, -0.2, 0.1, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 6.0, 0.0, -2.0])
     force, bob_force, _, velocity = (tuple(part) for part in loads.reshape(4, 3))
     wind = Gusts(force, bob_force, velocity=velocity, pause=(1.0, 1.0), length=(0.5, 0.5), heading=(0.0, 0.0))
     time = PERIOD * (np.arange(500) + 0.5)
     since_onset = time % 1.5 - 1.0
-    swell = np.where(since_onset > 0.0, np.sin(np.pi * since_onset / 0.5) ** 2, 0.0)
-    out = blown(wind, 500, 2)
+    shape = np.where(since_onset > 0.0, np.sin(np.pi * since_onset / 0.5) ** 2, 0.0)
+    out = sample_wind(wind, 500, 2)
     for row in range(2):
-        assert_allclose(out[:, row], np.outer(swell, loads), rtol=0.0, atol=1e-12)
+        assert_allclose(out[:, row], np.outer(shape, loads), rtol=0.0, atol=1e-12)
     assert_array_equal(out[:100], 0.0)
 
 
-def test_the_heading_of_a_gust_turns_from_x_towards_y() -> None:
+def test_the_heading_of_a_gust_counts_from_x_towards_y() -> None:
     wind = Gusts(
         force=(1.0, 0.0, 0.5), bob_force=(0.0, 1.0, 0.0), pause=(0.0, 0.0), length=(1.0, 1.0), heading=(np.pi / 2,) * 2
     )
-    middle = blown(wind, 51, 1)[50, 0]
-    swell = np.sin(np.pi * 50.5 * PERIOD) ** 2
-    assert_allclose(middle, swell * np.array([0, 1, 0.5, -1, 0, 0, 0, 0, 0, 0, 0, 0]), atol=1e-12)
+    middle = sample_wind(wind, 51, 1)[50, 0]
+    shape = np.sin(np.pi * 50.5 * PERIOD) ** 2
+    assert_allclose(middle, shape * np.array([0, 1, 0.5, -1, 0, 0, 0, 0, 0, 0, 0, 0]), atol=1e-12)
 
 
-class Shape(NamedTuple):
-    """The gusts of many rows, each of shape (rows, gusts)."""
+class GustSequence(NamedTuple):
+    """The gusts of many rows; each field has the shape (rows, gusts)."""
 
     onset: Floats  # s
     length: Floats  # s
@@ -158,16 +158,17 @@ PAUSE, LENGTH, HEADING = (0.3, 1.0), (0.4, 0.8), (-2.0, 1.0)
 GUSTS = Gusts(velocity=(3.0, 0.0, 4.0), pause=PAUSE, length=LENGTH, heading=HEADING)
 
 
-def gusts_seen(rows: int, gusts: int, period: float) -> Shape:
-    """The first gusts of `GUSTS`, from what blows: while it rises, its strength tells the phase, 0 to ½, of a gust.
+def reconstruct_gusts(rows: int, gusts: int, period: float) -> GustSequence:
+    """Reconstruct the first gusts of `GUSTS` from samples of the wind.
 
-    Two samples of a gust tell when it set in and how long it is.
+    While a gust rises, its strength determines its phase, from 0 to ½. The phases of two samples determine onset and
+    length.
     """
     steps = round(gusts * (PAUSE[1] + LENGTH[1]) / period)
-    air = blown(GUSTS, steps, rows, period, slice(9, 12))
+    air = sample_wind(GUSTS, steps, rows, period, slice(9, 12))
     time = period * (np.arange(steps) + 0.5)
     phase = np.arccos(np.clip(1.0 - 2.0 * air[..., 2] / 4.0, -1.0, 1.0)) / (2.0 * np.pi)
-    seen = Shape(*np.zeros((3, rows, gusts)))
+    seen = GustSequence(*np.zeros((3, rows, gusts)))
     for row in range(rows):
         rising = (np.diff(phase[:, row]) > 0.0) & (phase[:-1, row] > 0.05) & (phase[1:, row] < 0.45)
         first = np.flatnonzero(rising & ~np.r_[False, rising[:-1]])[:gusts]
@@ -178,8 +179,8 @@ def gusts_seen(rows: int, gusts: int, period: float) -> Shape:
     return seen
 
 
-def test_pauses_lengths_and_headings_of_gusts_are_uniform_in_their_ranges_and_independent() -> None:
-    seen = gusts_seen(rows=1000, gusts=3, period=0.02)
+def test_pauses_lengths_and_headings_of_gusts_are_uniform_and_independent() -> None:
+    seen = reconstruct_gusts(rows=1000, gusts=3, period=0.02)
     ends = np.column_stack([np.zeros(1000), (seen.onset + seen.length)[:, :-1]])
     pause = seen.onset - ends
     for values, (low, high) in ((pause, PAUSE), (seen.length, LENGTH), (seen.heading, HEADING)):
@@ -188,53 +189,53 @@ def test_pauses_lengths_and_headings_of_gusts_are_uniform_in_their_ranges_and_in
         for gust in range(3):
             assert stats.kstest(values[:, gust], uniform(low, high)).pvalue > 0.01
     drawn = np.vstack([pause.T, seen.length.T, seen.heading.T])
-    assert np.abs(np.corrcoef(drawn) - np.eye(9)).max() < chance(1000)
+    assert np.abs(np.corrcoef(drawn) - np.eye(9)).max() < five_sigma(1000)
 
 
-def test_gusts_do_not_depend_on_the_step_size() -> None:
-    coarse, fine = gusts_seen(30, 3, 0.01), gusts_seen(30, 3, 0.002)
-    for name, one, other in zip(Shape._fields, coarse, fine, strict=True):
+def test_gusts_do_not_depend_on_the_control_period() -> None:
+    coarse, fine = reconstruct_gusts(30, 3, 0.01), reconstruct_gusts(30, 3, 0.002)
+    for name, one, other in zip(GustSequence._fields, coarse, fine, strict=True):
         assert_allclose(one, other, atol=1e-9, err_msg=name)
 
 
-def test_the_peak_of_a_gust_is_its_load_and_it_is_calm_in_between() -> None:
-    air = blown(GUSTS, 3000, 50, 0.002, slice(9, 12))
+def test_the_peak_of_a_gust_is_its_load_and_the_air_is_calm_between_gusts() -> None:
+    air = sample_wind(GUSTS, 3000, 50, 0.002, slice(9, 12))
     strength = np.hypot(air[..., 0], air[..., 1])
     assert (strength <= 3.0 + 1e-12).all()
     assert (strength.max(axis=0) > 3.0 - 1e-3).all()
     assert_allclose(strength / 3.0, air[..., 2] / 4.0, atol=1e-12)
     assert_array_equal(air[: round(PAUSE[0] / 0.002)], 0.0)
-    # A gust of 0.6 s after a pause of 0.65 s, on average.
+    # The mean length of a gust is 0.6 s, that of a pause 0.65 s.
     assert 0.40 < np.mean(strength > 0.0) < 0.55
 
 
-def test_gusts_shorter_than_a_step_are_not_lost_count_of() -> None:
-    """Dozens of them in a step; the wind is that of the one that blows in the middle of the step, if any."""
+def test_gusts_shorter_than_a_control_period_are_counted() -> None:
+    """A step has dozens of gusts; its wind is that of the gust in the middle of the step, if there is one."""
     pause, length, period = 0.7e-2, 1.3e-2, 0.773
     wind = Gusts(force=(1.0, 0.0, 0.0), pause=(pause, pause), length=(length, length), heading=(0.0, 0.0))
-    force = blown(wind, 20, 1, period)[:, 0, 0]
+    force = sample_wind(wind, 20, 1, period)[:, 0, 0]
     since_onset = period * (np.arange(20) + 0.5) % (pause + length) - pause
     assert_allclose(force, np.where(since_onset > 0.0, np.sin(np.pi * since_onset / length) ** 2, 0.0), atol=1e-9)
     assert 0 < np.count_nonzero(force) < 20
 
 
-def test_gusts_are_nothing_before_their_onset_and_bounded_and_smooth_after() -> None:
+def test_the_gusts_of_the_paper_are_zero_before_their_onset_then_bounded_and_smooth() -> None:
     amplitude, hold = np.array([0.3, 0.2, 0.1, 0.05]), 0.5
     wind = PaperGusts(force=(0.3, 0.2, 0.1), yaw_torque=0.05, onset=1.0, hold=hold)
-    out = blown(wind, 600, 200)
+    out = sample_wind(wind, 600, 200)
     gusts = out[..., [0, 1, 2, 8]]
     assert_array_equal(out[:100], 0.0)
     assert_array_equal(np.delete(out, [0, 1, 2, 8], axis=-1), 0.0)
     assert (np.abs(gusts) <= amplitude).all()
     assert (np.abs(gusts[150:]).max(axis=(0, 1)) > 0.98 * amplitude).all()
-    # Half a cosine between targets at most 2 amplitudes apart.
+    # Half a cosine connects targets that differ by at most 2 amplitudes.
     assert (np.abs(np.diff(gusts, axis=0)) <= np.pi * amplitude * PERIOD / hold).all()
-    # At the end of each hold the target is reached, and the targets are uniform.
+    # The targets are reached at the end of each interval, and they are uniform.
     targets = 0.5 * (gusts[149:-1:50] + gusts[150::50]) / amplitude
     assert stats.kstest(targets.ravel(), uniform(-1.0, 1.0)).pvalue > 0.01
 
 
-def test_gusts_of_the_paper_set_in_after_ten_seconds() -> None:
-    out = blown(PaperGusts(), 1010, 5)
+def test_the_gusts_of_the_paper_begin_after_ten_seconds() -> None:
+    out = sample_wind(PaperGusts(), 1010, 5)
     assert_array_equal(out[:1000], 0.0)
     assert (out[1005][:, [0, 1, 2, 8]] != 0.0).all()
