@@ -35,6 +35,7 @@ class Browser:
             self.call(f"{domain}.enable")
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the protocol and return its result."""
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters, **self._session}
         os.write(self._commands, json.dumps(message).encode() + b"\0")
@@ -53,6 +54,7 @@ class Browser:
         return dict(json.loads(message))
 
     def open(self, path: Path) -> None:
+        """Open a file and wait until it is loaded."""
         self.events.clear()
         self.call("Page.navigate", url=path.as_uri())
         while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
@@ -65,16 +67,19 @@ class Browser:
         return answer["result"].get("value")
 
     def wait(self, condition: str) -> None:
+        """Wait until a JavaScript expression is true, for at most 10 s."""
         end = time.monotonic() + 10.0
         while not self.run(condition):
             assert time.monotonic() < end, f"the condition never became true: {condition}"
             time.sleep(0.02)
 
     def messages(self) -> list[Any]:
+        """Return exceptions, console messages and log entries of the page."""
         kinds = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
         return [event["params"] for event in self.events if event.get("method") in kinds]
 
     def close(self) -> None:
+        """Kill the browser."""
         os.killpg(self.process, signal.SIGKILL)
         os.waitpid(self.process, 0)
         os.close(self._commands)

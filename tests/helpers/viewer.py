@@ -1,4 +1,4 @@
-"""What the tests of the pictures share: a scene by hand, a projection of their own, colours, a clock and keys."""
+"""Helpers of the viewer tests: snapshots, an independent projection, colours, and a clock with key presses."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -20,7 +20,7 @@ SIZE = (640, 480)
 
 
 def assert_picture(picture: Any) -> None:
-    """It is what every picture is, and not of one colour."""
+    """Check type, shape and layout of a picture, and that it has more than one colour."""
     assert isinstance(picture, np.ndarray)
     assert (picture.shape, picture.dtype) == ((480, 640, 3), np.uint8)
     assert picture.flags.c_contiguous
@@ -28,8 +28,8 @@ def assert_picture(picture: Any) -> None:
     assert picture.std() > 5.0
 
 
-def still(**fields: Any) -> Snapshot:
-    """A snapshot of hovering at rest at the point that `Reference.hover()` names, but for some fields of the state."""
+def hovering(**fields: Any) -> Snapshot:
+    """Return a snapshot at rest at the position of `Reference.hover()`, except for the given fields of the state."""
     state = State(np.concatenate([fields.get(name, value) for name, value in AT_REST.items()]).astype(float))
     return Snapshot(
         time=0.0,
@@ -49,63 +49,63 @@ def still(**fields: Any) -> Snapshot:
     )
 
 
-def blown(*force: float) -> Snapshot:
-    """A snapshot in a wind of this force on the quadrotor, N."""
-    return still()._replace(disturbance=np.array([*force, *np.zeros(6)]))
+def in_wind(*force: float) -> Snapshot:
+    """Return a snapshot with this force on the quadrotor, N."""
+    return hovering()._replace(disturbance=np.array([*force, *np.zeros(6)]))
 
 
-def drawn(seen: Snapshot, camera: Camera | None = None, size: tuple[int, int] = SIZE) -> Bytes:
-    """The whole picture of a snapshot."""
+def draw_picture(snapshot: Snapshot, camera: Camera | None = None, size: tuple[int, int] = SIZE) -> Bytes:
+    """Return the picture of a snapshot."""
     surface = pygame.Surface(size)
-    Picture(camera).draw(surface, seen)
+    Picture(camera).draw(surface, snapshot)
     return surface_to_array(surface)
 
 
-def painted(seen: Snapshot, camera: Camera, at: Floats | tuple[float, ...]) -> Bytes:
-    """The scene alone, without gauges, as a camera sees it that looks at a point."""
+def draw_scene(snapshot: Snapshot, camera: Camera, at: Floats | tuple[float, ...]) -> Bytes:
+    """Return the picture of the scene without the head-up display; the camera looks at the point `at`."""
     surface = pygame.Surface(SIZE)
-    scene.draw(surface, camera.view(np.asarray(at, float), *SIZE), scene.Backdrop(), seen)
+    scene.draw(surface, camera.view(np.asarray(at, float), *SIZE), scene.Backdrop(), snapshot)
     return surface_to_array(surface)
 
 
-def projected(camera: Camera, at: Any, points: Any) -> Floats:
-    """Pixels and depth of points, shape (n, 3), by a rotation that turns a camera on the x axis into its place."""
-    turn = Rotation.from_euler("ZY", [camera.azimuth, -camera.elevation])
-    x, y, z = turn.inv().apply(np.asarray(points, float) - at).T
+def expected_projection(camera: Camera, at: Any, points: Any) -> Floats:
+    """Return pixels and depth of points, shape (n, 3), computed with a rotation of a camera on the x axis."""
+    rotation = Rotation.from_euler("ZY", [camera.azimuth, -camera.elevation])
+    x, y, z = rotation.inv().apply(np.asarray(points, float) - at).T
     depth = camera.distance - x
     focal = SIZE[1] / 2 / np.tan(camera.field_of_view / 2)
     return np.column_stack([SIZE[0] / 2 + focal * y / depth, SIZE[1] / 2 - focal * z / depth, depth])
 
 
-def like(pixels: Bytes, colour: tuple[int, int, int], tolerance: int = 12) -> Booleans:
-    """Where a picture has nearly this colour, shape (height, width)."""
+def find_colour(pixels: Bytes, colour: tuple[int, int, int], tolerance: int = 12) -> Booleans:
+    """Return where a picture has nearly this colour, shape (height, width)."""
     return np.asarray((np.abs(pixels.astype(int) - colour) <= tolerance).all(axis=-1))
 
 
-def projected_metre(camera: Camera, place: Any) -> float:
-    """Pixels of a metre across at the depth of a projected point."""
+def pixels_per_metre(camera: Camera, place: Any) -> float:
+    """Return the pixels of 1 m across the view at the depth of a projected point."""
     return float(SIZE[1] / 2 / np.tan(camera.field_of_view / 2) / place[2])
 
 
-def greenish(pixels: Any) -> Any:
-    """Where the wind is, however faint."""
+def find_green(pixels: Any) -> Any:
+    """Return where a picture is green, even faintly: the wind."""
     red, green, blue = np.moveaxis(pixels.astype(int), -1, 0)
     return (green - red > 15) & (green >= blue)
 
 
-def middle(mask: Booleans) -> Floats:
-    """Mean place of what is true, pixels to the right and down, shape (2,)."""
-    assert mask.any(), "there is no such colour"
+def centroid(mask: Booleans) -> Floats:
+    """Return the mean position of the true pixels, to the right and down, shape (2,)."""
+    assert mask.any(), "the picture does not have this colour"
     return np.asarray(np.argwhere(mask).mean(axis=0)[::-1])
 
 
 def extent(mask: Booleans) -> Floats:
-    """Width and height of what is true, pixels, shape (2,)."""
+    """Return width and height of the true pixels, shape (2,)."""
     return np.asarray(np.ptp(np.argwhere(mask), axis=0)[::-1])
 
 
-class Words(TextRenderer):
-    """Letters that remember what was written, how large and where."""
+class RecordingText(TextRenderer):
+    """A text renderer that records text, size and rectangle."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -119,48 +119,48 @@ class Words(TextRenderer):
 
 
 class Clock:
-    """A time that passes only while somebody sleeps or draws, with keys pressed at given times; stands for `time`."""
+    """A replacement of the module `time` that advances only in `sleep` and while drawing, and posts events."""
 
     def __init__(self) -> None:
         self.now = 0.0
-        self.drawing = 0.0  # s, that a picture takes
-        self.shown: list[float] = []  # when a picture was
+        self.drawing = 0.0  # s, time to draw a picture
+        self.shown: list[float] = []  # times of the pictures
         self._keys: list[tuple[float, Any]] = []
 
     def press(self, at: float, *keys: int) -> None:
-        """Keys to be pressed at a time, s from now."""
+        """Press keys at a time, s from now."""
         self._keys += [(self.now + at, pygame.event.Event(pygame.KEYDOWN, key=key)) for key in keys]
 
     def post(self, at: float, event: Any) -> None:
-        """Any event to come at a time, s from now."""
+        """Post an event at a time, s from now."""
         self._keys.append((self.now + at, event))
 
     def perf_counter(self) -> float:
-        """The time."""
-        assert self.now < 100.0, "waits for ever"
+        """Return the time, s."""
+        assert self.now < 100.0, "the window waits forever"
         return self.now
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the time."""
         self.now += seconds
 
     def events(self) -> list[Any]:
-        """What has come since the last call; instead of `pygame.event.get`."""
+        """Return the events since the last call; replaces `pygame.event.get`."""
         come = [event for time, event in self._keys if time <= self.now]
         self._keys = [(time, event) for time, event in self._keys if time > self.now]
         return come
 
     def flip(self) -> None:
-        """Show a picture; instead of `pygame.display.flip`."""
+        """Record the time of a picture; replaces `pygame.display.flip`."""
         self.now += self.drawing
         self.shown.append(self.now)
 
 
-def lasted(clock: Clock, call: Callable[[], Any]) -> float:
-    """How long a call takes by this clock, s."""
-    began = clock.now
+def duration(clock: Clock, call: Callable[[], Any]) -> float:
+    """Return how long a call takes by this clock, s."""
+    start = clock.now
     call()
-    return clock.now - began
+    return clock.now - start
 
 
 # Machado, Oliveira and Fernandes: A physiologically-based model for simulation of color vision deficiency,
@@ -183,14 +183,14 @@ COLOUR_VISION: dict[str, Sequence[Sequence[float]]] = {
         [0.004733, 0.691367, 0.303900],
     ],
 }
-# Of linear sRGB under D65, IEC 61966-2-1.
+# Matrix from linear sRGB to XYZ with white point D65, IEC 61966-2-1.
 _XYZ = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
 )
 
 
 def lab(colour: tuple[int, int, int], vision: str = "normal") -> Floats:
-    """CIELAB coordinates of what somebody with this colour vision sees, shape (3,)."""
+    """Return the CIELAB coordinates of a colour as seen with this colour vision, shape (3,)."""
     c = np.asarray(colour) / 255.0
     linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
     seen = np.clip(np.asarray(COLOUR_VISION[vision]) @ linear, 0.0, 1.0)

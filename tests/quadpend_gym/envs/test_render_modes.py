@@ -30,7 +30,7 @@ from tests.helpers.envs import (
     make_vec,
     run_actions,
 )
-from tests.helpers.viewer import assert_picture, still
+from tests.helpers.viewer import assert_picture, hovering
 from tests.helpers.wrappers import SHORT, STACKS, biased_actions, make_wrapped, make_wrapped_vec
 
 stacks = pytest.mark.parametrize("layers", STACKS.values(), ids=STACKS.keys())
@@ -89,7 +89,7 @@ def test_mosaic_has_a_tile_for_each_sub_environment() -> None:
 @pytest.mark.parametrize("rows", [1, 3, 64])
 def test_tiny_surfaces_can_be_drawn_on(rows: int, size: tuple[int, int]) -> None:
     surface = pygame.Surface(size)
-    Picture().draw_mosaic(surface, [still()] * rows)
+    Picture().draw_mosaic(surface, [hovering()] * rows)
     assert surface_to_array(surface).shape == (size[1], size[0], 3)
 
 

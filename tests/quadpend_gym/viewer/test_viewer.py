@@ -1,4 +1,4 @@
-"""What stands in a picture, where, how large, and in which colours."""
+"""Positions, sizes and colours of what a picture shows."""
 
 from itertools import combinations, product
 from typing import Any
@@ -19,66 +19,68 @@ from quadpend_train.reports import side_by_side
 from tests.helpers.viewer import (
     COLOUR_VISION,
     SIZE,
-    Words,
-    blown,
-    drawn,
+    RecordingText,
+    centroid,
+    draw_picture,
+    draw_scene,
+    expected_projection,
     extent,
-    greenish,
+    find_colour,
+    find_green,
+    hovering,
+    in_wind,
     lab,
-    like,
-    middle,
-    painted,
-    projected,
-    projected_metre,
-    still,
+    pixels_per_metre,
 )
 
-BESIDE = Camera(azimuth=-np.pi / 2, elevation=0.0)  # x to the right, z upwards
-ABOVE = Camera(azimuth=-np.pi / 2, elevation=np.pi / 2)  # x to the right, y upwards
-CAMERAS = (Camera(), BESIDE, ABOVE, Camera(2.0, -0.1, 0.9), Camera(-3.0, 1.2, 15.0, 0.6))
+FROM_SIDE = Camera(azimuth=-np.pi / 2, elevation=0.0)  # x to the right, z upwards
+FROM_TOP = Camera(azimuth=-np.pi / 2, elevation=np.pi / 2)  # x to the right, y upwards
+CAMERAS = (Camera(), FROM_SIDE, FROM_TOP, Camera(2.0, -0.1, 0.9), Camera(-3.0, 1.2, 15.0, 0.6))
 BODY = (0.0, 0.0, 2.0)
 BOB = (0.0, 0.0, 2.3)
-GONE = still(position=(900.0, 0.0, 2.0))  # out of every picture
+OUT_OF_VIEW = hovering(position=(900.0, 0.0, 2.0))  # far outside of every picture
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_the_camera_is_a_rotated_pinhole(camera: Camera) -> None:
     at = np.array([1.0, -2.0, 3.0])
     points = at + np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)) * camera.distance / 3
-    assert_allclose(camera.view(at, *SIZE).project(points), projected(camera, at, points), rtol=1e-9, atol=1e-9)
+    assert_allclose(
+        camera.view(at, *SIZE).project(points), expected_projection(camera, at, points), rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
-def test_segments_are_cut_where_they_pass_behind_the_camera(camera: Camera) -> None:
+def test_segments_are_clipped_at_the_near_plane(camera: Camera) -> None:
     at = np.array([0.5, 0.0, 1.0])
     ends = at + np.random.default_rng(1).normal(size=(200, 2, 3)) * camera.distance
     pixels, visible = camera.view(at, *SIZE).project_segments(ends.copy())
-    depth = projected(camera, at, ends.reshape(-1, 3))[:, 2].reshape(-1, 2)
+    depth = expected_projection(camera, at, ends.reshape(-1, 3))[:, 2].reshape(-1, 2)
     assert (visible == (depth.max(axis=1) > NEAR)).all()
     assert (visible & (depth.min(axis=1) < NEAR)).sum() > 10
     for (a, b), (da, db), shown in zip(ends[visible], depth[visible], pixels[visible], strict=True):
         share = [(NEAR - here) / (there - here) if here < NEAR else 0.0 for here, there in ((da, db), (db, da))]
         cut = np.array([a + share[0] * (b - a), b + share[1] * (a - b)])
-        assert_allclose(shown, projected(camera, at, cut), rtol=1e-6, atol=1e-6)
+        assert_allclose(shown, expected_projection(camera, at, cut), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("elevation", [-0.1, 0.0, 0.42, 1.4])
-def test_the_horizon_is_where_level_ground_ends(elevation: float) -> None:
+def test_the_horizon_is_the_limit_of_level_ground(elevation: float) -> None:
     camera = Camera(azimuth=0.3, elevation=elevation)
     at = np.array([0.0, 0.0, 2.0])
     far = at - 1e9 * np.array([[np.cos(0.3), np.sin(0.3), 0.0]])
-    assert_allclose(camera.view(at, *SIZE).horizon(), projected(camera, at, far)[0, 1], atol=1e-4)
+    assert_allclose(camera.view(at, *SIZE).horizon(), expected_projection(camera, at, far)[0, 1], atol=1e-4)
 
 
-def test_from_the_top_all_is_ground_and_x_stays_to_the_right() -> None:
-    view = ABOVE.view(np.array(BODY), *SIZE)
+def test_the_view_from_the_top_has_no_sky_and_x_to_the_right() -> None:
+    view = FROM_TOP.view(np.array(BODY), *SIZE)
     assert view.horizon() == -np.inf
     right, away = view.project(np.array([[0.5, 0.0, 2.0], [0.0, 0.5, 2.0]]))[:, :2] - view.centre
     assert_allclose(right, (-away[1], 0.0), atol=1e-9)
-    assert not like(drawn(still(), ABOVE), palette.SKY).any()
+    assert not find_colour(draw_picture(hovering(), FROM_TOP), palette.SKY).any()
 
 
-def test_orbit_and_zoom_keep_within_their_limits() -> None:
+def test_orbit_and_zoom_stay_within_their_limits() -> None:
     camera = Camera()
     for sign in (1.0, -1.0):
         for _ in range(100):
@@ -89,24 +91,24 @@ def test_orbit_and_zoom_keep_within_their_limits() -> None:
     assert_allclose(camera.azimuth, Camera().azimuth + 20.0)
 
 
-def framed(seen: Snapshot, camera: Camera, points: Any, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Whether the picture of a snapshot has these points in it, and not at its very edge."""
+def is_in_picture(snapshot: Snapshot, camera: Camera, points: Any, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Return whether the picture of a snapshot contains these points with a margin of 10 pixels."""
     views: list[Any] = []
     with monkeypatch.context() as patch:
         patch.setattr(scene, "draw", lambda surface, view, *rest: views.append(view))
-        Picture(camera).draw(pygame.Surface(SIZE), seen)
+        Picture(camera).draw(pygame.Surface(SIZE), snapshot)
     x, y, depth = views[0].project(np.array(points, float)).T
     return bool(((x > 10) & (x < SIZE[0] - 10) & (y > 10) & (y < SIZE[1] - 10) & (depth > NEAR)).all())
 
 
 @pytest.mark.parametrize("zoom", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("elevation", [-0.1, 0.42, np.pi / 2])
-def test_quadrotor_and_bob_are_in_the_picture_wherever_one_looks_from(
+def test_quadrotor_and_bob_are_in_the_picture_for_every_camera(
     elevation: float, zoom: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     camera = Camera(0.4, elevation)
     camera.zoom(zoom)
-    assert framed(still(), camera, [BODY, BOB], monkeypatch)
+    assert is_in_picture(hovering(), camera, [BODY, BOB], monkeypatch)
 
 
 @pytest.mark.parametrize("height", [0.2, 1.0, 2.0, 2.5, 3.0])
@@ -116,153 +118,159 @@ def test_the_shadow_is_in_the_picture_at_every_height_of_the_task(
     reach = scene.ARM + scene.ROTOR
     shadow = [(reach, 0.0, 0.0), (-reach, 0.0, 0.0), (0.0, reach, 0.0), (0.0, -reach, 0.0)]
     points = [*shadow, (0.0, 0.0, height), (0.0, 0.0, height + 0.3 + scene.BOB)]
-    assert framed(still(position=(0.0, 0.0, height)), Camera(), points, monkeypatch)
+    assert is_in_picture(hovering(position=(0.0, 0.0, height)), Camera(), points, monkeypatch)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:3])
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, -0.8, 0.6)])
-def test_the_bob_stands_where_it_is(direction: tuple[float, ...], camera: Camera) -> None:
-    seen = still(direction=direction)._replace(reference=Reference.hover(z=1.0))
-    place = projected(camera, BODY, [np.add(BODY, 0.3 * np.array(direction))])[0]
-    found = like(painted(seen, camera, BODY), palette.BOB)
-    assert_allclose(middle(found), place[:2], atol=4.0)  # its light side is brighter
-    assert_allclose(extent(found), 2 * 0.9 * scene.BOB * projected_metre(camera, place), atol=4.0)
+def test_the_bob_is_drawn_at_its_position(direction: tuple[float, ...], camera: Camera) -> None:
+    snapshot = hovering(direction=direction)._replace(reference=Reference.hover(z=1.0))
+    place = expected_projection(camera, BODY, [np.add(BODY, 0.3 * np.array(direction))])[0]
+    found = find_colour(draw_scene(snapshot, camera, BODY), palette.BOB)
+    assert_allclose(centroid(found), place[:2], atol=4.0)  # the highlight has another colour
+    assert_allclose(extent(found), 2 * 0.9 * scene.BOB * pixels_per_metre(camera, place), atol=4.0)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:3])
-def test_the_target_is_a_ring_where_the_bob_belongs(camera: Camera) -> None:
-    seen = still()._replace(reference=Reference.hover(0.4, 0.5, 1.5))
-    ring = like(painted(seen, camera, BODY), palette.REFERENCE, 40)
-    place = projected(camera, BODY, [(0.4, 0.5, 1.8)])[0]
-    assert_allclose(middle(ring), place[:2], atol=1.5)
-    assert_allclose(extent(ring), 2 * 1.35 * scene.BOB * projected_metre(camera, place), atol=4.0)
+def test_the_target_is_a_ring_at_the_reference_of_the_bob(camera: Camera) -> None:
+    snapshot = hovering()._replace(reference=Reference.hover(0.4, 0.5, 1.5))
+    ring = find_colour(draw_scene(snapshot, camera, BODY), palette.REFERENCE, 40)
+    place = expected_projection(camera, BODY, [(0.4, 0.5, 1.8)])[0]
+    assert_allclose(centroid(ring), place[:2], atol=1.5)
+    assert_allclose(extent(ring), 2 * 1.35 * scene.BOB * pixels_per_metre(camera, place), atol=4.0)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:3])
-def test_the_reference_s_path_lies_where_the_bob_would_fly(camera: Camera) -> None:
+def test_the_reference_path_is_that_of_the_bob(camera: Camera) -> None:
     reference = Reference.figure_eight(0.8, 1.0, height=1.6)
-    blue = like(painted(GONE._replace(reference=reference, time=2.0), camera, BODY), palette.REFERENCE, 60)
+    blue = find_colour(
+        draw_scene(OUT_OF_VIEW._replace(reference=reference, time=2.0), camera, BODY), palette.REFERENCE, 60
+    )
     path = reference.derivatives(np.linspace(-1.5, 5.5, 40))[:, 0, :3] + (0.0, 0.0, 0.3)
-    for x, y, _ in projected(camera, BODY, path).round().astype(int):
+    for x, y, _ in expected_projection(camera, BODY, path).round().astype(int):
         if 5 < x < SIZE[0] - 5 and 5 < y < SIZE[1] - 5:
             assert blue[y - 3 : y + 4, x - 3 : x + 4].any(), (x, y)
 
 
-def test_the_trail_leads_to_the_bob_and_fades_with_age() -> None:
+def test_the_trail_ends_at_the_bob_and_fades_with_age() -> None:
     trail = np.linspace((-0.8, 0.0, 2.3), BOB, 100)
-    pixels = painted(still()._replace(trail=trail, reference=Reference.hover(z=0.5)), BESIDE, BODY)
-    places = projected(BESIDE, BODY, trail[[20, 50, 80]]).round().astype(int)
+    pixels = draw_scene(hovering()._replace(trail=trail, reference=Reference.hover(z=0.5)), FROM_SIDE, BODY)
+    places = expected_projection(FROM_SIDE, BODY, trail[[20, 50, 80]]).round().astype(int)
     distances = [np.abs(pixels[y - 1 : y + 2, x].astype(int) - palette.BOB).sum(-1).min() for x, y, _ in places]
     assert distances[0] > distances[1] + 50 > distances[2] + 100
-    assert not like(painted(still(), BESIDE, BODY), palette.BOB, 60)[:, :280].any()
+    assert not find_colour(draw_scene(hovering(), FROM_SIDE, BODY), palette.BOB, 60)[:, :280].any()
 
 
-def test_shadows_fall_straight_down() -> None:
-    seen = still(position=(0.3, 0.4, 1.2))
-    bare, pixels = (painted(here, Camera(), (0.3, 0.4, 0.6)).astype(int) for here in (GONE, seen))
+def test_shadows_are_vertically_below() -> None:
+    snapshot = hovering(position=(0.3, 0.4, 1.2))
+    bare, pixels = (draw_scene(here, Camera(), (0.3, 0.4, 0.6)).astype(int) for here in (OUT_OF_VIEW, snapshot))
     darker = (bare - pixels).min(axis=-1) > 30
-    x, y, _ = projected(Camera(), (0.3, 0.4, 0.6), [(0.3, 0.4, 0.0)])[0].round().astype(int)
+    x, y, _ = expected_projection(Camera(), (0.3, 0.4, 0.6), [(0.3, 0.4, 0.0)])[0].round().astype(int)
     assert darker[y - 3 : y + 4, x - 3 : x + 4].mean() > 0.8
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, np.pi])
 def test_the_front_rotor_shows_the_heading(yaw: float) -> None:
-    pixels = painted(still(euler=(0.0, 0.0, yaw)), ABOVE, BODY)
-    warm = (pixels[..., 0].astype(int) - pixels[..., 2] > 40) & ~like(pixels, palette.BOB, 60)
+    pixels = draw_scene(hovering(euler=(0.0, 0.0, yaw)), FROM_TOP, BODY)
+    warm = (pixels[..., 0].astype(int) - pixels[..., 2] > 40) & ~find_colour(pixels, palette.BOB, 60)
     hub = scene.ARM * np.array([np.cos(yaw), np.sin(yaw)])
-    assert_allclose(middle(warm), projected(ABOVE, BODY, [(*hub, 2.03)])[0, :2], atol=4.0)
+    assert_allclose(centroid(warm), expected_projection(FROM_TOP, BODY, [(*hub, 2.03)])[0, :2], atol=4.0)
 
 
-def test_a_force_is_an_arrow_as_long_as_it_is_strong() -> None:
-    (start, *_), metre = projected(BESIDE, BODY, [BODY])[0], projected_metre(BESIDE, (0, 0, BESIDE.distance))
+def test_the_length_of_an_arrow_is_proportional_to_the_force() -> None:
+    (start, *_), metre = (
+        expected_projection(FROM_SIDE, BODY, [BODY])[0],
+        pixels_per_metre(FROM_SIDE, (0, 0, FROM_SIDE.distance)),
+    )
     for force in (0.2, 0.4):
-        green = like(painted(blown(force, 0.0, 0.0), BESIDE, BODY), palette.WIND)
+        green = find_colour(draw_scene(in_wind(force, 0.0, 0.0), FROM_SIDE, BODY), palette.WIND)
         assert_allclose(np.argwhere(green)[:, 1].max() - start, force * scene.METRES_PER_NEWTON * metre, atol=2.0)
 
 
-def test_the_wind_s_streaks_are_as_long_as_it_is_strong_and_calm_air_has_none() -> None:
-    pale = [greenish(painted(blown(force, 0.0, 0.0), BESIDE, BODY)).sum() for force in (0.0, 0.2, 0.4)]
+def test_the_length_of_the_streaks_is_proportional_to_the_force() -> None:
+    pale = [find_green(draw_scene(in_wind(force, 0.0, 0.0), FROM_SIDE, BODY)).sum() for force in (0.0, 0.2, 0.4)]
     assert pale[0] == 0
     assert_allclose(pale[2] / pale[1], 2.0, rtol=0.2)
 
 
-def test_no_streak_of_a_storm_is_so_near_that_it_hides_the_scene() -> None:
+def test_streaks_do_not_hide_the_scene() -> None:
     for drift in 0.37 * np.arange(12):
-        pixels = painted(blown(1.0, 1.0, 0.1)._replace(streak_offset=np.full(3, drift)), Camera(), BODY)
-        assert not binary_erosion(greenish(pixels), np.ones((11, 11))).any()
+        pixels = draw_scene(in_wind(1.0, 1.0, 0.1)._replace(streak_offset=np.full(3, drift)), Camera(), BODY)
+        assert not binary_erosion(find_green(pixels), np.ones((11, 11))).any()
 
 
-def gauged(seen: Snapshot, camera: Camera = BESIDE) -> Any:
-    """The lower half of the gauges alone, on white."""
+def draw_hud(snapshot: Snapshot, camera: Camera = FROM_SIDE) -> Any:
+    """Return the lower half of the head-up display on a white background."""
     surface = pygame.Surface(SIZE)
     surface.fill(palette.WHITE)
-    hud.draw(surface, camera.view(np.array(BODY), *SIZE), TextRenderer(), seen, "", palette.BOB)
+    hud.draw(surface, camera.view(np.array(BODY), *SIZE), TextRenderer(), snapshot, "", palette.BOB)
     return surface_to_array(surface)[SIZE[1] // 2 :]
 
 
-def test_the_thrust_s_bar_is_half_full_in_hover() -> None:
-    full = [like(gauged(still()._replace(thrust=float(u))), palette.SKY_BLUE).sum() for u in range(4)]
+def test_the_thrust_bar_is_half_full_in_hover() -> None:
+    full = [find_colour(draw_hud(hovering()._replace(thrust=float(u))), palette.SKY_BLUE).sum() for u in range(4)]
     assert full[0] < 0.03 * full[2]
     assert_allclose(full[1:], np.array([0.5, 1.0, 1.0]) * full[2], rtol=0.05)
 
 
-def test_the_tilt_s_dot_goes_where_the_bob_leans_and_reaches_the_rim_at_the_limit() -> None:
-    upright = middle(like(gauged(still()), palette.BOB))
-    for (x, y), way in (((1, 0), (1, 0)), ((-1, 0), (-1, 0)), ((0, 1), (0, -1))):  # away is upwards
+def test_the_tilt_dial_shows_the_direction_and_the_limit_of_the_tilt() -> None:
+    upright = centroid(find_colour(draw_hud(hovering()), palette.BOB))
+    # Away from the camera is up on the dial.
+    for (x, y), way in (((1, 0), (1, 0)), ((-1, 0), (-1, 0)), ((0, 1), (0, -1))):
         for tilt in (np.pi / 6, np.pi / 3, 2.0):
-            seen = still(direction=(x * np.sin(tilt), y * np.sin(tilt), np.cos(tilt)))
-            moved = middle(like(gauged(seen), palette.BOB)) - upright
+            snapshot = hovering(direction=(x * np.sin(tilt), y * np.sin(tilt), np.cos(tilt)))
+            moved = centroid(find_colour(draw_hud(snapshot), palette.BOB)) - upright
             assert_allclose(moved, 36.0 * min(tilt / (np.pi / 3), 1.0) * np.array(way), atol=1.5)
 
 
-def test_the_wind_s_needle_points_where_it_blows() -> None:
-    short, long = (extent(like(gauged(blown(force, 0.0, 0.0)), palette.WIND)) for force in (0.2, 0.4))
+def test_the_wind_dial_points_in_the_direction_of_the_force() -> None:
+    short, long = (extent(find_colour(draw_hud(in_wind(force, 0.0, 0.0)), palette.WIND)) for force in (0.2, 0.4))
     assert long[0] > max(3 * long[1], 1.8 * short[0])
-    width, height = extent(like(gauged(blown(0.0, 0.4, 0.0)), palette.WIND))
+    width, height = extent(find_colour(draw_hud(in_wind(0.0, 0.4, 0.0)), palette.WIND))
     assert height > 3 * width
-    assert not like(gauged(still()), palette.WIND).any()
+    assert not find_colour(draw_hud(hovering()), palette.WIND).any()
 
 
 @pytest.mark.parametrize("size", [SIZE, (1280, 720), (320, 480), (320, 240), (160, 120), (400, 900)])
-def test_time_and_return_are_written_legibly(size: tuple[int, int]) -> None:
-    """Inside of the picture, not over each other, and in no letters too small to be read."""
-    picture, words = Picture(), Words()
-    picture.text = words
-    picture.draw(pygame.Surface(size), still()._replace(time=1.23, episode_return=123.4, error=0.056), "flatness")
-    if not words.written:
+def test_the_text_is_legible(size: tuple[int, int]) -> None:
+    """The lines are inside the picture, do not overlap, and are at least 12 pixels high."""
+    picture, text = Picture(), RecordingText()
+    picture.text = text
+    picture.draw(pygame.Surface(size), hovering()._replace(time=1.23, episode_return=123.4, error=0.056), "flatness")
+    if not text.written:
         assert size[1] < 320
         return
-    assert {"1.23 s", "123.4", "56 mm", "time", "return", "flatness"} <= words.written.keys()
-    sizes, boxes = zip(*words.written.values(), strict=True)
+    assert {"1.23 s", "123.4", "56 mm", "time", "return", "flatness"} <= text.written.keys()
+    sizes, boxes = zip(*text.written.values(), strict=True)
     assert all(pygame.Rect((0, 0), size).contains(box) for box in boxes)
     assert not [pair for pair in combinations(boxes, 2) if pair[0].colliderect(pair[1])]
     assert min(sizes) >= 12
 
 
-SIGNS = ("REFERENCE", "WIND", "FRONT", "ROTOR", "BODY", "GROUND_NEAR")
+SYMBOLS = ("REFERENCE", "WIND", "FRONT", "ROTOR", "BODY", "GROUND_NEAR")
 
 
-def test_an_arrow_at_the_edge_points_to_a_target_out_of_view() -> None:
+def test_an_arrow_points_to_a_target_out_of_view() -> None:
     for side in (1.0, -1.0):
-        seen = still()._replace(reference=Reference.hover(20.0 * side, 0.0, 2.0))
-        x, _ = middle(like(painted(seen, BESIDE, seen.focus), palette.REFERENCE))
+        snapshot = hovering()._replace(reference=Reference.hover(20.0 * side, 0.0, 2.0))
+        x, _ = centroid(find_colour(draw_scene(snapshot, FROM_SIDE, snapshot.focus), palette.REFERENCE))
         assert side * (x - SIZE[0] / 2) > 0.35 * SIZE[0]
 
 
-TELLING = {
-    **{name: getattr(palette, name) for name in SIGNS},
+MEANINGFUL = {
+    **{name: getattr(palette, name) for name in SYMBOLS},
     **{f"policy {i}": colour for i, colour in enumerate(side_by_side.COLOURS)},
 }
 
 
 @pytest.mark.parametrize("vision", COLOUR_VISION)
-def test_colours_that_mean_something_are_told_apart_by_the_colour_blind(vision: str) -> None:
-    for one, other in combinations(TELLING, 2):
-        difference = np.linalg.norm(lab(TELLING[one], vision) - lab(TELLING[other], vision))
+def test_meaningful_colours_are_distinguishable_with_colour_vision_deficiencies(vision: str) -> None:
+    for one, other in combinations(MEANINGFUL, 2):
+        difference = np.linalg.norm(lab(MEANINGFUL[one], vision) - lab(MEANINGFUL[other], vision))
         assert difference > 15.0, (one, other)
 
 
 @pytest.mark.parametrize("vision", COLOUR_VISION)
-def test_curves_are_told_from_the_true_wind_and_from_paper_by_the_colour_blind(vision: str) -> None:
+def test_curves_are_distinguishable_from_the_true_wind_and_the_background(vision: str) -> None:
     for colour, other in product(side_by_side.COLOURS, (side_by_side.TRUE, palette.WHITE)):
         assert np.linalg.norm(lab(colour, vision) - lab(other, vision)) > 15.0

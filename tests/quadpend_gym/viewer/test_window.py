@@ -1,4 +1,4 @@
-"""The window of the render mode ``human``, by a clock of the test's own; and what happens without pygame."""
+"""The window of the render mode ``human`` with a simulated clock, and the behaviour without pygame."""
 
 import dataclasses
 import subprocess
@@ -16,7 +16,7 @@ from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture, surface_to_array
 from tests.helpers.envs import ENDLESS, make, make_unwrapped, make_vec
 from tests.helpers.sources import ROOT
-from tests.helpers.viewer import Clock, lasted
+from tests.helpers.viewer import Clock, duration
 
 ZERO = np.zeros(4, np.float32)
 
@@ -40,67 +40,67 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 @pytest.fixture
 def env(clock: Clock) -> Any:
-    """An environment in its window, whose episodes do not end by themselves."""
+    """An environment with a window and endless episodes."""
     env = make_unwrapped(render_mode="human", task=ENDLESS)
     env.reset(seed=0)
     yield env
     env.close()
 
 
-def fly(env: Any, steps: int) -> None:
+def run_steps(env: Any, steps: int) -> None:
     for _ in range(steps):
         assert not env.step(ZERO)[3]
 
 
-def test_time_passes_as_in_reality(env: Any, clock: Clock) -> None:
-    assert lasted(clock, lambda: fly(env, 30)) == pytest.approx(0.3, abs=0.015)
+def test_playback_is_in_real_time(env: Any, clock: Clock) -> None:
+    assert duration(clock, lambda: run_steps(env, 30)) == pytest.approx(0.3, abs=0.015)
     assert 0.25 * 50 < len(clock.shown) <= 0.3 * 61 + 2
 
 
-def test_time_passes_as_in_reality_by_a_real_clock() -> None:
+def test_playback_is_in_real_time_with_a_real_clock() -> None:
     env = make_unwrapped(render_mode="human", task=ENDLESS)
     env.reset(seed=0)
-    began = time.perf_counter()
-    fly(env, 30)
-    assert 0.25 < time.perf_counter() - began < 3.0
+    start = time.perf_counter()
+    run_steps(env, 30)
+    assert 0.25 < time.perf_counter() - start < 3.0
     env.close()
 
 
-def test_render_shows_by_itself_and_takes_no_time_of_its_own(env: Any, clock: Clock) -> None:
-    """As loops have it that call `render` after each step, whatever the mode."""
-    began = clock.now
+def test_render_takes_no_additional_time(env: Any, clock: Clock) -> None:
+    """Some loops call `render` after each step in every mode."""
+    start = clock.now
     for _ in range(30):
         env.step(ZERO)
         assert env.render() is None
-    assert clock.now - began == pytest.approx(0.3, abs=0.015)
+    assert clock.now - start == pytest.approx(0.3, abs=0.015)
 
 
-def test_slow_pictures_are_left_out_rather_than_time_slowed(env: Any, clock: Clock) -> None:
+def test_slow_pictures_are_skipped_and_do_not_slow_playback(env: Any, clock: Clock) -> None:
     clock.drawing = 0.03
-    assert lasted(clock, lambda: fly(env, 60)) == pytest.approx(0.6, abs=0.05)
+    assert duration(clock, lambda: run_steps(env, 60)) == pytest.approx(0.6, abs=0.05)
     assert len(clock.shown) > 8
 
 
 @pytest.mark.parametrize(("keys", "seconds"), [("s", 0.4), ("ss", 0.8), ("sf", 0.2), ("f", 0.1), ("f" * 9, 0.05)])
-def test_speed_is_halved_and_doubled(env: Any, clock: Clock, keys: str, seconds: float) -> None:
+def test_keys_halve_and_double_the_speed(env: Any, clock: Clock, keys: str, seconds: float) -> None:
     clock.press(0.0, *map(ord, keys))
-    fly(env, 3)
-    assert lasted(clock, lambda: fly(env, 20)) == pytest.approx(seconds, abs=0.015)
+    run_steps(env, 3)
+    assert duration(clock, lambda: run_steps(env, 20)) == pytest.approx(seconds, abs=0.015)
 
 
-def test_space_stops_time_and_starts_it_again(env: Any, clock: Clock) -> None:
+def test_space_pauses_and_resumes(env: Any, clock: Clock) -> None:
     clock.press(0.05, pygame.K_SPACE)
     clock.press(1.05, pygame.K_SPACE)
-    assert lasted(clock, lambda: fly(env, 30)) == pytest.approx(1.3, abs=0.05)
-    assert len(clock.shown) > 50, "a paused window is drawn, so that one can look around"
+    assert duration(clock, lambda: run_steps(env, 30)) == pytest.approx(1.3, abs=0.05)
+    assert len(clock.shown) > 50, "a paused window must be drawn, because the camera can move"
 
 
-def test_the_full_stop_makes_one_step_at_a_time(env: Any, clock: Clock) -> None:
+def test_the_period_key_makes_one_step_at_a_time(env: Any, clock: Clock) -> None:
     clock.press(0.0, pygame.K_SPACE)
     for second in (0.2, 0.4, 0.6):
         clock.press(second, pygame.K_PERIOD)
     for _ in range(3):
-        assert lasted(clock, lambda: fly(env, 1)) == pytest.approx(0.2, abs=0.03)
+        assert duration(clock, lambda: run_steps(env, 1)) == pytest.approx(0.2, abs=0.03)
 
 
 def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
@@ -109,9 +109,9 @@ def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
     def after(event: Any) -> tuple[float, float, float]:
         before = dataclasses.replace(camera)
         clock.press(0.0, event) if isinstance(event, int) else clock.post(0.0, event)
-        fly(env, 3)
-        turned = camera.azimuth - before.azimuth, camera.elevation - before.elevation
-        return *turned, camera.distance / before.distance
+        run_steps(env, 3)
+        rotation = camera.azimuth - before.azimuth, camera.elevation - before.elevation
+        return *rotation, camera.distance / before.distance
 
     assert after(pygame.K_RIGHT)[0] > 0 > after(pygame.K_LEFT)[0]
     assert after(pygame.K_UP)[1] > 0 > after(pygame.K_DOWN)[1]
@@ -127,9 +127,9 @@ def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
     assert camera == Camera()
 
 
-def test_h_shows_what_the_keys_do(env: Any, clock: Clock) -> None:
+def test_h_shows_the_keys(env: Any, clock: Clock) -> None:
     def written() -> int:
-        fly(env, 3)
+        run_steps(env, 3)
         lower_edge = surface_to_array(pygame.display.get_surface())[-20:]
         return int((lower_edge.max(axis=-1) < 100).sum())
 
@@ -156,11 +156,11 @@ def test_r_truncates_the_episode_and_the_next_one_runs(env: Any, clock: Clock) -
     clock.press(0.0, pygame.K_r)
     assert any(env.step(ZERO)[3] for _ in range(3))
     env.reset()
-    fly(env, 20)
+    run_steps(env, 20)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_r_truncates_every_row(clock: Clock, mode: str) -> None:
+def test_r_truncates_every_sub_environment(clock: Clock, mode: str) -> None:
     env = make_vec(3, render_mode="human", autoreset_mode=mode)
     env.reset(seed=0)
     clock.press(0.02, pygame.K_r)
@@ -174,30 +174,30 @@ def test_r_truncates_every_row(clock: Clock, mode: str) -> None:
 @pytest.mark.parametrize(
     "event", [pygame.event.Event(pygame.QUIT), pygame.event.Event(pygame.KEYDOWN, key=pygame.K_ESCAPE)]
 )
-def test_a_closed_window_truncates_the_running_episode_and_the_next_ones_run_unseen(
+def test_closing_the_window_truncates_the_episode_and_the_next_ones_run_without_window(
     env: Any, clock: Clock, event: Any
 ) -> None:
     clock.post(0.0, event)
     assert any(env.step(ZERO)[3] for _ in range(3))
     assert not pygame.display.get_init()
     env.reset()
-    assert lasted(clock, lambda: fly(env, 20)) == 0.0
+    assert duration(clock, lambda: run_steps(env, 20)) == 0.0
     assert not env.step(ZERO)[3]
     assert not pygame.display.get_init()
     env.close()
     env.close()
     env.reset()
     assert pygame.display.get_init()
-    fly(env, 5)
+    run_steps(env, 5)
 
 
-def test_a_closed_window_costs_no_more_than_its_film(env: Any, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_closed_window_makes_no_snapshots(env: Any, clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     clock.press(0.0, pygame.K_ESCAPE)
     assert any(env.step(ZERO)[3] for _ in range(3))
-    looked: list[int] = []
-    monkeypatch.setattr(env.recorder, "snapshot", lambda *row: looked.append(1))
+    calls: list[int] = []
+    monkeypatch.setattr(env.recorder, "snapshot", lambda *row: calls.append(1))
     env.step(ZERO)
-    assert not looked
+    assert not calls
 
 
 def test_a_paused_window_can_be_closed_and_restarted(env: Any, clock: Clock) -> None:
@@ -217,7 +217,7 @@ def test_posted_events_reach_the_window() -> None:
     env.close()
 
 
-def test_without_a_screen_one_sentence_names_rgb_array(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_error_without_a_screen_names_rgb_array(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "nonsense")
     env = make(render_mode="human")
     with pytest.raises(Error, match="rgb_array") as caught:
@@ -226,14 +226,16 @@ def test_without_a_screen_one_sentence_names_rgb_array(monkeypatch: pytest.Monke
     env.close()
 
 
-def test_a_display_that_somebody_else_has_closed_is_a_closed_window(env: Any, clock: Clock) -> None:
+def test_a_display_closed_by_other_code_is_a_closed_window(env: Any, clock: Clock) -> None:
     pygame.display.quit()
-    fly(env, 5)
+    run_steps(env, 5)
     env.close()
 
 
 WITHOUT = "import sys; sys.modules['pygame'] = None"
-OTHER = "import pygame, pygame.draw; del pygame.draw.aacircle, pygame.IS_CE"  # the pygame that pygame-ce left
+OTHER = (
+    "import pygame, pygame.draw; del pygame.draw.aacircle, pygame.IS_CE"  # pygame without the functions of pygame-ce
+)
 CODE = """
 import sys, warnings
 import quadpend_gym.envs.recorder
@@ -251,7 +253,7 @@ except gym.error.DependencyNotInstalled as error:
 
 
 @pytest.mark.parametrize("preamble", [WITHOUT, OTHER], ids=["no pygame", "not pygame-ce"])
-def test_a_missing_pygame_ce_is_noticed_by_the_first_picture_and_names_the_extra(preamble: str) -> None:
+def test_the_first_picture_without_pygame_ce_raises_an_error_that_names_the_extra(preamble: str) -> None:
     code = CODE.replace("PREAMBLE", preamble)
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     (*_, last) = ran.stdout.strip().splitlines()
