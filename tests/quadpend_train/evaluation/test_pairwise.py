@@ -41,8 +41,8 @@ def test_a_known_difference_is_significant_and_in_its_interval() -> None:
     assert sum(result.rmse.low <= -10.0 <= result.rmse.high for result in pair.results.values()) >= 4
     sentence = pair.sentence()
     assert sentence.startswith(
-        "a beats b in 5 of 6 scenarios (s0, s1, s2, s3, s4), loses in none and is not distinguishable in 1 (s5); over"
-        " all, its penalised RMSE is lower by "
+        "a beats b in 5 of 6 scenarios (s0, s1, s2, s3, s4), loses in none and is not distinguishable in 1 (s5);"
+        " overall, its penalised RMSE is lower by "
     )
     assert (
         sentence
@@ -57,7 +57,7 @@ def test_equal_policies_have_no_winner() -> None:
     assert (
         compare_pair(same, "one", "two")
         .sentence()
-        .startswith("one is not distinguishable from two in 2 (calm, windy); over all")
+        .startswith("one is not distinguishable from two in 2 (calm, windy); overall")
     )
     noisy = compare({"one": [NoisyADRC(1)], "two": [NoisyADRC(2)]}, ["calm", "windy", "gusts"], 20)
     assert compare_pair(noisy, "one", "two").undecided == ["calm", "windy", "gusts"]
@@ -181,7 +181,7 @@ def test_the_compare_command_prints_one_sentence(tmp_path: Path, capsys: pytest.
     main(["compare", "adrc-paper", "mine=adrc-matched", *options])
     printed = " ".join(capsys.readouterr().out.split())
     assert printed.startswith(
-        "mine beats adrc-paper in 1 of 2 scenarios (steady), loses in none and is not distinguishable in 1 (calm); over"
-        " all, its penalised RMSE is lower by"
+        "mine beats adrc-paper in 1 of 2 scenarios (steady), loses in none and is not distinguishable in 1 (calm);"
+        " overall, its penalised RMSE is lower by"
     )
     assert "Holm" in printed

@@ -126,7 +126,7 @@ class PairwiseComparison:
         if undecided:
             other = "" if won else f" from {self.second}"
             parts.append(f"is not distinguishable{other} in {len(undecided)}{_listed(undecided)}")
-        return f"{self.first} {_joined(parts)}; over all, its penalised RMSE is {self._overall_difference()}."
+        return f"{self.first} {_joined(parts)}; overall, its penalised RMSE is {self._overall_difference()}."
 
     def reversed(self) -> "PairwiseComparison":
         """Return the comparison with the policies in the opposite order."""
