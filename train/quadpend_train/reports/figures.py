@@ -22,7 +22,7 @@ def line(i: int) -> Any:
     return LINES[i // len(COLOURS) % len(LINES)]
 
 
-def blank(width: float, height: float) -> Any:
+def new_figure(width: float, height: float) -> Any:
     """Return an empty figure, without pyplot and its global state.
 
     Args:
@@ -37,7 +37,7 @@ def blank(width: float, height: float) -> Any:
     return figure
 
 
-def grid(figure: Any, rows: int, columns: int, **settings: Any) -> Any:
+def add_axes(figure: Any, rows: int, columns: int, **settings: Any) -> Any:
     """Add axes in the common style to a figure, and return them in an array of shape (rows, columns).
 
     Args:
@@ -52,7 +52,7 @@ def grid(figure: Any, rows: int, columns: int, **settings: Any) -> Any:
         return figure.subplots(rows, columns, squeeze=False, **settings)
 
 
-def curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any, name: str = "") -> None:
+def draw_curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any, name: str = "") -> None:
     """Draw the line and the band of policy i.
 
     Args:
@@ -68,7 +68,7 @@ def curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any, name: str
     axis.plot(x, middle, line(i), color=colour(i), linewidth=1.5, label=name, gid=f"policy{i}")
 
 
-def logarithmic(axis: Any, low: float, high: float) -> None:
+def set_log_scale(axis: Any, low: float, high: float) -> None:
     """Give axes a logarithmic vertical scale with ticks at 1, 2, 5, 10 and so on.
 
     Args:
@@ -85,7 +85,7 @@ def logarithmic(axis: Any, low: float, high: float) -> None:
     axis.yaxis.set_minor_locator(NullLocator())
 
 
-def legend(figure: Any, names: tuple[str, ...]) -> None:
+def add_legend(figure: Any, names: tuple[str, ...]) -> None:
     """Add a legend of the policies above a figure."""
     from matplotlib.lines import Line2D
 
@@ -93,12 +93,12 @@ def legend(figure: Any, names: tuple[str, ...]) -> None:
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(names), 6), frameon=False)
 
 
-def png(figure: Any, path: Path) -> None:
+def write_png(figure: Any, path: Path) -> None:
     """Write a PNG file."""
     figure.savefig(path, dpi=110, metadata={"Software": None})
 
 
-def svg(figure: Any, name: str) -> str:
+def to_svg(figure: Any, name: str) -> str:
     """Return a figure as an SVG element for an HTML page, in which black becomes the colour of the page's text.
 
     The lines and bands of policy i have the attribute ``data-policy-index="i"``. Paths are rounded to 0.1 points. Only

@@ -147,7 +147,7 @@ def _smallest_rmse(comparison: Comparison, scenario: str) -> float:
 
 
 def _svg(figure: Any, name: str) -> Markup:
-    return Markup(figures.svg(figure, name))
+    return Markup(figures.to_svg(figure, name))
 
 
 def _axes(robustness: Robustness | None) -> list[tuple[str, list[str], Markup]]:
@@ -182,8 +182,8 @@ def _maps(robustness: Robustness | None) -> list[tuple[str, list[tuple[float, Ma
 
 
 def _error_figure(comparison: Comparison, scenario: str) -> Any:
-    figure = figures.blank(3.8, 2.5)
-    draw_errors(figures.grid(figure, 1, 1)[0, 0], comparison, scenario)
+    figure = figures.new_figure(3.8, 2.5)
+    draw_errors(figures.add_axes(figure, 1, 1)[0, 0], comparison, scenario)
     return figure
 
 

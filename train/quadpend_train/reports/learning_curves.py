@@ -34,8 +34,8 @@ def draw(curves: Curves) -> Any:
     Args:
         curves: Learning curves, see `collect`.
     """
-    figure = figures.blank(7.0, 4.5)
-    ((rmse,), (survival,)) = figures.grid(figure, 2, 1, sharex=True)
+    figure = figures.new_figure(7.0, 4.5)
+    ((rmse,), (survival,)) = figures.add_axes(figure, 2, 1, sharex=True)
     for i, (name, seeds) in enumerate(curves.items()):
         for number, curve in enumerate(seeds):
             label = f"{name} ({len(seeds)} seeds)" if number == 0 else None
@@ -43,7 +43,7 @@ def draw(curves: Curves) -> Any:
             rmse.plot(minutes, 1e3 * curve[:, 3], color=figures.colour(i), linewidth=1.0, label=label)
             survival.plot(minutes, 1e2 * curve[:, 2], color=figures.colour(i), linewidth=1.0)
     values = np.concatenate([1e3 * curve[:, 3] for seeds in curves.values() for curve in seeds])
-    figures.logarithmic(rmse, values.min(), values.max())
+    figures.set_log_scale(rmse, values.min(), values.max())
     rmse.set_ylabel("penalised RMSE (mm)")
     survival.set_ylabel("survival (%)")
     survival.set_xlabel("training time on one core (min); each learner in its own training scenarios")

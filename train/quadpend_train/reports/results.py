@@ -46,7 +46,7 @@ def write(
         pictures["curves.png"] = robustness_plots.curves(measured)
         pictures |= {f"{name}.png": robustness_plots.maps(measured, name) for name in measured.start_grids}
     for name, figure in pictures.items():
-        figures.png(figure, folder / name)
+        figures.write_png(figure, folder / name)
     sections = [replay.section(recordings)] if recordings else []
     html_page.write(comparison, standings, measured, folder / "report.html", sections)
     data = ["comparison.json", "comparison.csv", "comparison.md"] + ["robustness.json"] * bool(measured)

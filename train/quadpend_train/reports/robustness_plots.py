@@ -17,8 +17,8 @@ _COLUMNS = 3
 
 def axis_figure(robustness: Robustness, name: str) -> Any:
     """Return a figure of survival and penalised RMSE along one perturbation axis."""
-    figure = figures.blank(3.8, 3.9)
-    (survival,), (rmse,) = figures.grid(figure, 2, 1, sharex=True)
+    figure = figures.new_figure(3.8, 3.9)
+    (survival,), (rmse,) = figures.add_axes(figure, 2, 1, sharex=True)
     _draw_axis(survival, rmse, robustness, name)
     return figure
 
@@ -26,15 +26,15 @@ def axis_figure(robustness: Robustness, name: str) -> Any:
 def curves(robustness: Robustness) -> Any:
     """Return a figure of survival and penalised RMSE along all perturbation axes."""
     rows = -(-len(robustness.axes) // _COLUMNS)
-    figure = figures.blank(3.6 * _COLUMNS, 3.4 * rows + 0.4)
-    axes = figures.grid(figure, 2 * rows, _COLUMNS)
+    figure = figures.new_figure(3.6 * _COLUMNS, 3.4 * rows + 0.4)
+    axes = figures.add_axes(figure, 2 * rows, _COLUMNS)
     for i, name in enumerate(robustness.axes):
         row, column = divmod(i, _COLUMNS)
         _draw_axis(axes[2 * row, column], axes[2 * row + 1, column], robustness, name)
     for axis in axes.ravel():
         if not axis.has_data():
             axis.set_axis_off()
-    figures.legend(figure, robustness.policies)
+    figures.add_legend(figure, robustness.policies)
     return figure
 
 
@@ -44,14 +44,14 @@ def _draw_axis(survival: Any, rmse: Any, robustness: Robustness, name: str) -> N
         points = robustness.curves[name, policy]
         values = [point.value for point in points]
         middle, low, high = 100.0 * np.array([point.survival for point in points]).T
-        figures.curve(survival, i, values, low, middle, high)
+        figures.draw_curve(survival, i, values, low, middle, high)
         middle, low, high = 1000.0 * np.array([point.penalised_rmse for point in points]).T
-        figures.curve(rmse, i, values, low, middle, high)
+        figures.draw_curve(rmse, i, values, low, middle, high)
         rmse.plot(values, middle, ".", color=figures.colour(i), markersize=4, gid=f"policy{i}")
     survival.axhline(100.0 * TOLERATED_SURVIVAL, color="#888888", linewidth=0.8, linestyle=":")
     survival.set(ylabel="survival (%)", ylim=(-3.0, 103.0))
     rmse.set(ylabel="penalised RMSE (mm)", xlabel=axis.label)
-    figures.logarithmic(rmse, *_extent(robustness))
+    figures.set_log_scale(rmse, *_extent(robustness))
     for part in (survival, rmse):
         if axis.scale == "symlog":
             part.set_xscale("symlog", linthresh=axis.values[1], linscale=0.4)
@@ -69,8 +69,8 @@ def _extent(robustness: Robustness) -> tuple[float, float]:
 
 def map_figure(grid: StartGrid, recovery: RecoveryMap) -> Any:
     """Return a figure of the recovery map of one policy, without a title."""
-    figure = figures.blank(3.0, 2.7)
-    ((axis,),) = figures.grid(figure, 1, 1)
+    figure = figures.new_figure(3.0, 2.7)
+    ((axis,),) = figures.add_axes(figure, 1, 1)
     _draw_map(axis, grid, recovery)
     return figure
 
@@ -79,8 +79,8 @@ def maps(robustness: Robustness, name: str) -> Any:
     """Return a figure of the recovery maps of all policies on one grid of starts."""
     grid, columns = robustness.start_grids[name], min(len(robustness.policies), 4)
     rows = -(-len(robustness.policies) // columns)
-    figure = figures.blank(2.7 * columns + 0.8, 2.6 * rows + 0.5)
-    axes = figures.grid(figure, rows, columns, sharex=True, sharey=True)
+    figure = figures.new_figure(2.7 * columns + 0.8, 2.6 * rows + 0.5)
+    axes = figures.add_axes(figure, rows, columns, sharex=True, sharey=True)
     for axis in axes.ravel()[len(robustness.policies) :]:
         axis.set_axis_off()
     for axis, policy in zip(axes.ravel(), robustness.policies, strict=False):

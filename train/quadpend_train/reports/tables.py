@@ -130,14 +130,14 @@ def plot(comparison: Comparison) -> Any:
     """Return a figure of the tracking errors over time in all scenarios."""
     columns = min(len(comparison.scenarios), 2 if len(comparison.scenarios) <= 4 else 4)
     rows = -(-len(comparison.scenarios) // columns)
-    figure = figures.blank(0.6 + 4.2 * columns, 0.6 + 2.7 * rows)
-    axes = figures.grid(figure, rows, columns).ravel()
+    figure = figures.new_figure(0.6 + 4.2 * columns, 0.6 + 2.7 * rows)
+    axes = figures.add_axes(figure, rows, columns).ravel()
     for axis, scenario in zip(axes, comparison.scenarios, strict=False):
         draw_errors(axis, comparison, scenario)
         axis.set_title(scenario)
     for axis in axes[len(comparison.scenarios) :]:
         axis.set_axis_off()
-    figures.legend(figure, comparison.policies)
+    figures.add_legend(figure, comparison.policies)
     return figure
 
 
@@ -157,9 +157,9 @@ def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
         error = 1000.0 * np.fmin(np.nan_to_num(every.reshape(-1, every.shape[-1]), nan=FALL_ERROR), FALL_ERROR)
         low, middle, high = np.quantile(error, [0.1, 0.5, 0.9], axis=0)
         times = CONTROL_PERIOD * _INTERVAL * np.arange(1, error.shape[-1] + 1)
-        figures.curve(axis, i, times, low, middle, high)
+        figures.draw_curve(axis, i, times, low, middle, high)
         lowest = min(lowest, low.min())
-    figures.logarithmic(axis, max(lowest, _SMALLEST), 1000.0 * FALL_ERROR)
+    figures.set_log_scale(axis, max(lowest, _SMALLEST), 1000.0 * FALL_ERROR)
     axis.grid(alpha=0.25)
     axis.set(xlim=(0.0, CONTROL_PERIOD * EPISODE_STEPS), xlabel="time (s)", ylabel="tracking error (mm)")
 
