@@ -28,8 +28,8 @@ from quadpend_gym.physics.dynamics import (
     direction_acceleration,
     euler_acceleration,
     load_physics,
-    unconstrained_acceleration,
     thrust_axis,
+    unconstrained_acceleration,
 )
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import (

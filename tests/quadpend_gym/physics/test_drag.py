@@ -155,7 +155,7 @@ def test_without_thrust_the_energy_decreases_by_the_work_of_the_drag() -> None:
         bob_velocity = velocity + PAPER.rod_length * env.state.direction_rate
         disturbance = Disturbance(env.step(NO_THRUST)[4]["disturbance"])
         vacuum.step(NO_THRUST)
-        work += CONTROL_PERIOD * (disturbance.force @ velocity + disturbance.bob_force @ bob_velocity)
+        work += CONTROL_PERIOD * float(disturbance.force @ velocity + disturbance.bob_force @ bob_velocity)
         energies.append(energy(env.state.array, PAPER))
     assert (np.diff(energies) < 0.0).all()
     assert_allclose(energies[-1] - energies[0], work, rtol=0.02)

@@ -56,7 +56,7 @@ def angle(sine: Floats, cosine: Floats) -> Floats:
 
 def unit(vector: Floats) -> tuple[Floats, Floats]:
     """Return the norm of a (3, n) vector and the unit vector along it."""
-    norm = root(sum(times(component, component) for component in vector))
+    norm = root(np.sum([times(component, component) for component in vector], axis=0))
     return norm, np.array([over(component, norm) for component in vector])
 
 
