@@ -1,7 +1,9 @@
 """Train PPO to balance the pendulum in wind, with plain Stable-Baselines3.
 
-    python train/ppo.py                               # about a minute on one core
-    python train/ppo.py --total-timesteps 7_000_000   # a better policy, about two minutes
+    python train/ppo.py                               # one to two minutes on one core
+    python train/ppo.py --total-timesteps 7_000_000   # a better policy, in proportionally more time
+
+The default ends with a mean return of about 700 of 1000; the return of an untrained policy is about 30.
 
 Writes `ppo.zip`. `python train/compare.py ppo.zip` compares it with two classical controllers.
 """
