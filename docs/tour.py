@@ -1,7 +1,7 @@
 # %% [markdown]
 # # A tour in ten cells
 # This tour goes from `gym.make` to a comparison of policies. Open it as a notebook (VS Code, Jupytext) or run it with
-# `python docs/tour.py`. It needs the extras `train` and `view`, takes about half a minute, and writes into the folder `tour`.
+# `python docs/tour.py`. It needs the extras `train` and `view`, takes half a minute, and writes into the folder `tour`.
 
 # %% 1. An environment: 36 observed numbers, 4 actions; zero is the hover thrust
 from pathlib import Path

@@ -1,14 +1,21 @@
 """Policies of known quality and synthetic results, for tests of comparisons."""
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from quadpend_baselines import ADRC
+from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
+from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.studies.perturbations import PERTURBATION_AXES
+from quadpend_train.studies.recovery import START_GRIDS, StartGrid
+from quadpend_train.studies.robustness import Robustness, measure_robustness
 
 _ERROR_X = OBSERVATION_FIELDS["tracking_error"].start
 
@@ -68,3 +75,47 @@ def synthetic_results(rmse: Any, survived: Any = True) -> EpisodeResults:
         one,
         error,
     )
+
+
+ESTIMATE_ONLY = {"kind": "estimate_only", "base_controller": "flatness"}
+RESIDUAL_ACTION = {"kind": "residual_action", "base_controller": "flatness", "action_scale": 1.0}
+BANDWIDTH_SCHEDULING = {"kind": "bandwidth_scheduling", "base_controller": "flatness", "action_scale": 1.0}
+
+
+def layers(*sizes: int, seed: int = 0, scale: float = 0.1) -> list[tuple[Floats32, Floats32]]:
+    """Random weights and biases between layers of these sizes."""
+    random = np.random.default_rng(seed)
+
+    def draw(*shape: int) -> Floats32:
+        return (scale * random.normal(size=shape)).astype(np.float32)
+
+    return [(draw(inputs, outputs), draw(outputs)) for inputs, outputs in pairwise(sizes)]
+
+
+def card(**fields: Any) -> dict[str, Any]:
+    """The card of a policy that receives the present observation alone, with `fields` on top."""
+    return {"format": FORMAT, "activation": "relu", "squashed": False, **PLAIN_INTERFACE, **fields}
+
+
+def mlp_policy(inputs: int, seed: int = 0, **fields: Any) -> MlpPolicy:
+    """A policy with two small hidden layers and `fields` on its card."""
+    return MlpPolicy(layers(inputs, 8, 6, 4, seed=seed), card(**fields))
+
+
+AXES = {
+    "tilt": replace(PERTURBATION_AXES["tilt"], values=(0.0, 1.0)),
+    "mass": replace(PERTURBATION_AXES["mass"], values=(0.8, 1.0, 1.5)),
+}
+
+
+def small_grid() -> StartGrid:
+    """The grid over tilt and tilt rate with 5 × 5 starts."""
+    grid = START_GRIDS["tilt_rate"]
+    x, y = (axis._replace(values=axis.values[::6]) for axis in (grid.x, grid.y))
+    return replace(grid, x=x, y=y)
+
+
+def brief_robustness() -> Robustness:
+    """The robustness of two ADRC controllers on two axes and one grid."""
+    policies = {"one": [ADRC("paper")], "other": [ADRC("matched")]}
+    return measure_robustness(policies, AXES, {"tilt_rate": small_grid()}, episodes=8)

@@ -1,4 +1,4 @@
-"""The documents agree with the code: every equation has a row, every link a target, every named test and function exists."""
+"""The documents agree with the code: each equation has a row, each link a target, each named function exists."""
 
 import re
 from pathlib import Path

@@ -14,8 +14,8 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.scenarios import find_scenario
 from tests.helpers.bad_input import assert_refused
+from tests.helpers.controllers import HybridPolicy, constant, run_policy
 from tests.helpers.envs import make_vec
-from tests.helpers.hybrid import HybridPolicy, constant, run_policy
 
 SAME_STEP = {"autoreset_mode": "SameStep"}
 FIRST = np.ones(3, np.bool_)

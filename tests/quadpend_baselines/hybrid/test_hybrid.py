@@ -23,8 +23,8 @@ from quadpend_baselines.hybrid import (
 from quadpend_gym import Constant, Parameters, Reference, Simulation
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.bad_input import assert_refused
+from tests.helpers.controllers import HybridPolicy, constant, run_policy, zero_action
 from tests.helpers.envs import assert_same, make_vec
-from tests.helpers.hybrid import HybridPolicy, constant, run_policy, zero_action
 from tests.helpers.wrappers import SHORT
 
 SAME_STEP = {"autoreset_mode": "SameStep"}

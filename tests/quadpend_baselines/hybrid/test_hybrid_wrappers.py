@@ -26,8 +26,8 @@ from quadpend_baselines.hybrid import (
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from tests.helpers.bad_input import assert_refused
+from tests.helpers.controllers import HybridPolicy, constant, run_policy
 from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make, make_vec, run_actions
-from tests.helpers.hybrid import HybridPolicy, constant, run_policy
 from tests.helpers.wrappers import HISTORY, OUTPUTS, SENSORS, SHORT, WIND, Layers, make_wrapped, make_wrapped_vec
 
 Make = Callable[[], Hybrid]

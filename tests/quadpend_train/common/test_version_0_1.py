@@ -26,7 +26,7 @@ from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weigh
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import HybridSettings, PpoSettings, SacSettings, TrainSettings, read_settings
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.mlp_policies import layers
+from tests.helpers.policies import layers
 from tests.helpers.sources import ROOT
 
 FOLDER = ROOT / "tests" / "data" / "version_0_1"

@@ -17,7 +17,7 @@ from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.loading import load_policies, load_policy, policy_fingerprints, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.scenarios import Scenario
-from tests.helpers.mlp_policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, mlp_policy
+from tests.helpers.policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, mlp_policy
 
 
 class RecordingPolicy:

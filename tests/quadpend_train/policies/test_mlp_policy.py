@@ -19,9 +19,9 @@ from quadpend_gym.wrappers import VectorHistoryWrapper, VectorOutputFeedbackWrap
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from tests.helpers.bad_input import assert_refused
+from tests.helpers.controllers import HybridPolicy, run_policy
 from tests.helpers.envs import assert_same, make_vec
-from tests.helpers.hybrid import HybridPolicy, run_policy
-from tests.helpers.mlp_policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, RESIDUAL_ACTION, card, layers, mlp_policy
+from tests.helpers.policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, RESIDUAL_ACTION, card, layers, mlp_policy
 from tests.helpers.sources import HEAVY, ROOT
 from tests.helpers.wrappers import SHORT
 

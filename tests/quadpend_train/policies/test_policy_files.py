@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
-from tests.helpers.mlp_policies import BANDWIDTH_SCHEDULING, card, layers, mlp_policy
+from tests.helpers.policies import BANDWIDTH_SCHEDULING, card, layers, mlp_policy
 
 OBSERVATIONS = np.random.default_rng(3).normal(size=(7, 36)).astype(np.float32)
 

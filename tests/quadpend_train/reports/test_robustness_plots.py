@@ -7,7 +7,7 @@ import numpy as np
 
 from quadpend_train.reports import figures, robustness_plots
 from quadpend_train.studies.recovery import START_GRIDS, GridAxis, RecoveryMap
-from tests.helpers.robustness import brief_robustness
+from tests.helpers.policies import brief_robustness
 
 
 def test_plots_of_robustness_are_reproducible(tmp_path: Path) -> None:

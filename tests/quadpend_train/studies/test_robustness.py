@@ -23,7 +23,7 @@ from quadpend_train.studies.robustness import (
     tolerance_limit,
     tolerance_limits,
 )
-from tests.helpers.robustness import brief_robustness
+from tests.helpers.policies import brief_robustness
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from quadpend_train.training.settings import (
     to_mapping,
 )
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.mlp_policies import RESIDUAL_ACTION, mlp_policy
+from tests.helpers.policies import RESIDUAL_ACTION, mlp_policy
 
 EVERYTHING = TrainSettings(
     algo="tqc",
