@@ -1,5 +1,7 @@
 """Properties of every controller: `predict` protocol, independent rows, explicit memory, rotational symmetry."""
 
+import re
+from inspect import signature
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
-from quadpend_baselines import CONTROLLERS, controller
+import quadpend_gym
+from quadpend_baselines import ADRC, CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import GAINS
 from quadpend_gym import (
@@ -32,6 +35,7 @@ from quadpend_gym.tasks.observation import (
 )
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.controllers import rotate_states, rotate_vectors
+from tests.helpers.sources import ROOT
 
 every_controller = pytest.mark.parametrize("name", CONTROLLERS)
 WITH_ESTIMATOR = [name for name in CONTROLLERS if isinstance(controller(name), OutputFeedback)]
@@ -260,3 +264,13 @@ def test_outliers_in_the_observation_leave_no_invalid_numbers(name: str, outputs
 def test_unknown_controllers_raise_an_error_that_lists_the_names() -> None:
     with pytest.raises(ValueError, match="there is no controller 'pid'; there are adrc-paper, adrc-matched"):
         controller("pid")
+
+
+def test_controller_of_the_readme_has_the_documented_methods() -> None:
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "baselines/README.md").read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {"quadpend_gym": quadpend_gym}
+    exec(compile(block, "baselines/README.md", "exec"), names)
+    policy = names["MyController"](None)
+    assert policy.with_simulation(OTHER_SIMULATION).simulation == OTHER_SIMULATION
+    for name in ("predict", "estimated_disturbance"):
+        assert list(signature(getattr(policy, name)).parameters) == list(signature(getattr(ADRC(), name)).parameters)
