@@ -17,7 +17,7 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from quadpend_gym.core.arrays import Floats32
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export, export_zip
-from quadpend_train.policies.mlp_policy import MlpPolicy, difference
+from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, output_layer, read_zip
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
@@ -116,13 +116,12 @@ def test_exported_policy_does_not_change_when_the_model_learns() -> None:
         np.testing.assert_array_equal(bias, old_bias)
 
 
-def test_history_is_exported_when_the_view_says_so() -> None:
+def test_history_is_exported_if_the_card_has_it() -> None:
     around = SB3VecEnv(make_wrapped_vec(2, [HISTORY], autoreset_mode="SameStep"))
     made = model("ppo", around)
-    view = {**export(model("ppo")).card["view"], "history": 3, "history_actions": 2}
-    policy = export(made, view)
+    policy = export(made, history=3, history_actions=2)
     observed = observations(116)
-    assert_allclose(policy.act(observed), made.predict(observed, deterministic=True)[0], atol=1e-5)
+    assert_allclose(policy.forward(observed), made.predict(observed, deterministic=True)[0], atol=1e-5)
     assert_refused(lambda: export(made), "takes 116 numbers, not the 36 or 27", ValueError)
 
 
@@ -163,7 +162,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
     ),
     "discrete actions": (
         lambda: PPO("MlpPolicy", gym.make("CartPole-v1"), n_steps=4, batch_size=4, device="cpu"),
-        "puts out 2 numbers, not an action's 4",
+        "last layer has 2 outputs, and an action has 4 numbers",
     ),
     "wider action range": (lambda: model("sac", WideActionEnv()), "differ from those of its policy network"),
     "PPO with a squashed output": (
@@ -186,7 +185,7 @@ def test_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
     assert type(read_zip(tmp_path / "model.zip")) is KINDS[algo][0]
     policy = export_zip(tmp_path / "model.zip", source="me")
     assert policy.card["source"] == "me"
-    assert difference(policy, export(made)) == 0.0
+    assert weight_difference(policy, export(made)) == 0.0
 
 
 def test_files_that_are_not_models_are_refused(tmp_path: Path) -> None:
@@ -210,4 +209,4 @@ def test_files_that_are_not_models_are_refused(tmp_path: Path) -> None:
             policy = export_zip(path)
         except ValueError:
             continue
-        assert difference(policy, export(made)) == 0.0
+        assert weight_difference(policy, export(made)) == 0.0

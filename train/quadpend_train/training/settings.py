@@ -81,10 +81,10 @@ class HybridSettings:
     base_controller: str = ""
     """Name of the base controller; empty for a policy without base controller."""
     mode: Literal["estimate_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
-    """Use of the policy's action: it acts alone on the base controller's estimates, it is added to the base
-    controller's action, or it scales the base controller's bandwidths."""
+    """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. residual_action: it
+    is added to the base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
     action_scale: float = 1.0
-    """Factor κ on the policy's action in a hybrid of the last two modes, in (0, 3]."""
+    """Factor κ in (0, 3] on the policy's action, with residual_action and bandwidth_scheduling."""
     fallback_gain: float = 0.0
     """Gain γ in [0, 10] that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
     action_repeat: int = 1
