@@ -45,12 +45,10 @@ _TRAIN_SOURCES = (
 def sources() -> list[Path]:
     """Return the source files that determine the results of an episode."""
     found = [_TRAIN / name for name in _TRAIN_SOURCES]
-    for package, excluded in _EXCLUDED.items():
+    for package, names in _EXCLUDED.items():
         folder = Path(str(package.__file__)).parent
-        without = [folder / name for name in excluded]
-        found += [
-            file for file in folder.rglob("*.py") if not any(file.is_relative_to(excluded) for excluded in without)
-        ]
+        excluded = [folder / name for name in names]
+        found += [file for file in folder.rglob("*.py") if not any(file.is_relative_to(path) for path in excluded)]
     return sorted(found)
 
 
