@@ -1,6 +1,6 @@
 """A perspective camera that orbits a target point.
 
-With azimuth a, elevation e and distance d from the target P, the camera stands at
+With azimuth a, elevation e and distance d from the target P, the camera is at
 
     (1)  C = P + d (cos e cos a, cos e sin a, sin e)
 

@@ -152,9 +152,9 @@ def test_an_episode_equals_one_of_an_environment_with_these_parameters() -> None
     certain = make_unwrapped(wind=wind, simulation={"parameters": true_parameters(info)})
     certain.reset(seed=2)
     actions = draw_actions(2, 20)
-    flight, expected = run_actions(uncertain, actions), run_actions(certain, actions)
-    assert {info.pop("parameters").tobytes() for *_, info in flight} == {certain.world.parameters.tobytes()}
-    assert_same(flight, expected)
+    results, expected = run_actions(uncertain, actions), run_actions(certain, actions)
+    assert {info.pop("parameters").tobytes() for *_, info in results} == {certain.world.parameters.tobytes()}
+    assert_same(results, expected)
 
 
 def test_info_has_no_parameters_without_randomization() -> None:

@@ -52,11 +52,11 @@ def true_and_measured(sensors: Any, rows: int, steps: int, **kwargs: Any) -> tup
     env = VectorSensorWrapper(make_vec(rows, **{"task": ENDLESS, "max_episode_steps": None, **kwargs}), sensors)
     world = env.unwrapped.world  # type: ignore[attr-defined]
     env.reset(seed=0)
-    seen = [(world.state.copy(), world.measured.copy())]
+    states = [(world.state.copy(), world.measured.copy())]
     for action in draw_actions(0, steps, rows):
         env.step(action)
-        seen.append((world.state.copy(), world.measured.copy()))
-    true, measured = np.array(seen).swapaxes(0, 1)
+        states.append((world.state.copy(), world.measured.copy()))
+    true, measured = np.array(states).swapaxes(0, 1)
     return true, measured
 
 
@@ -170,9 +170,9 @@ def test_the_variance_of_a_random_walk_does_not_depend_on_the_control_period(per
 def test_white_noise_bias_and_random_walk_are_independent() -> None:
     rows, white, bias, walk = 2000, 0.03, 0.04, 0.3
     error = errors(Noise(euler={"white": white, "bias": bias, "walk": walk}), rows, 40)[:, :, STATE_FIELDS["euler"]]
-    seen = [error[0], error[40], error[40] - error[39]]
+    samples = [error[0], error[40], error[40] - error[39]]
     expected = [white**2 + bias**2, white**2 + bias**2 + 40 * PERIOD * walk**2, 2 * white**2 + PERIOD * walk**2]
-    assert_allclose([np.var(part) for part in seen], expected, rtol=5.0 * np.sqrt(2 / (3 * rows)))
+    assert_allclose([np.var(part) for part in samples], expected, rtol=5.0 * np.sqrt(2 / (3 * rows)))
 
 
 def test_quantisation_is_applied_after_the_noise() -> None:
@@ -189,7 +189,7 @@ def test_quantisation_is_applied_after_the_noise() -> None:
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 @pytest.mark.parametrize("steps", [1, 3, 12])
 def test_a_delayed_measurement_equals_the_earlier_one_exactly(steps: int, mode: str) -> None:
-    """Before, it is the measurement of the reset, never one of the previous episode."""
+    """During the first steps it is the measurement of the reset, never one of the previous episode."""
     env: Any = VectorSensorWrapper(make_vec(5, autoreset_mode=mode, max_episode_steps=9), Delay(steps))
     env.reset(seed=0)
     world = env.unwrapped.world
@@ -259,13 +259,13 @@ def test_sensors_do_not_change_the_true_state(sensors: Any) -> None:
     sensed: Any = VectorSensorWrapper(make_vec(5, wind=WINDY, max_episode_steps=25), sensors)
     assert_same(sensed.reset(seed=0)[1], plain.reset(seed=0)[1])
     for action in draw_actions(0, 60, 5):
-        seen, *rest = sensed.step(action)
+        observed, *rest = sensed.step(action)
         observation, *expected = plain.step(action)
         assert_same(rest, expected)
         assert_array_equal(sensed.unwrapped.world.state, plain.world.state)
         assert_array_equal(sensed.unwrapped.world.wind, plain.world.wind)
-    assert (seen[:, :18] != observation[:, :18]).any()
-    assert_array_equal(seen[:, 18:], observation[:, 18:])  # the reference is known
+    assert (observed[:, :18] != observation[:, :18]).any()
+    assert_array_equal(observed[:, 18:], observation[:, 18:])  # the reference is known
 
 
 @dataclass(frozen=True)

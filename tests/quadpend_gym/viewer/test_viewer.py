@@ -59,8 +59,8 @@ def test_segments_are_clipped_at_the_near_plane(camera: Camera) -> None:
     assert (visible == (depth.max(axis=1) > NEAR)).all()
     assert (visible & (depth.min(axis=1) < NEAR)).sum() > 10
     for (a, b), (da, db), shown in zip(ends[visible], depth[visible], pixels[visible], strict=True):
-        share = [(NEAR - here) / (there - here) if here < NEAR else 0.0 for here, there in ((da, db), (db, da))]
-        cut = np.array([a + share[0] * (b - a), b + share[1] * (a - b)])
+        fraction = [(NEAR - here) / (there - here) if here < NEAR else 0.0 for here, there in ((da, db), (db, da))]
+        cut = np.array([a + fraction[0] * (b - a), b + fraction[1] * (a - b)])
         assert_allclose(shown, expected_projection(camera, at, cut), rtol=1e-6, atol=1e-6)
 
 

@@ -222,8 +222,8 @@ def test_the_error_of_von_karmans_filters_is_the_documented_one() -> None:
         assert decibel[reached > 1.05 * one].max() < -1.0
         assert -2.6 < np.interp(100.0, reached, decibel) < -1.9
         # The error beyond reduces the standard deviation by 1.6 % along and 1.9 % across.
-        share = autocovariance(density, 0.0) / wind.deviations[axis] ** 2
-        assert_allclose(share, 0.96871 if axis == 0 else 0.96234, atol=2e-5)
+        fraction = autocovariance(density, 0.0) / wind.deviations[axis] ** 2
+        assert_allclose(fraction, 0.96871 if axis == 0 else 0.96234, atol=2e-5)
 
 
 def test_light_turbulence_at_20_feet_matches_a_calculation_by_hand() -> None:

@@ -97,11 +97,11 @@ def test_equal_models_in_a_sum_are_independent() -> None:
 
 def test_every_sub_environment_and_every_episode_has_its_own_wind() -> None:
     env = make_vec(3, wind=WINDY)
-    seen = []
+    winds = []
     for seed in (0, None, None):
         env.reset(seed=seed)
-        seen += list(env.step(np.zeros((3, 4)))[4]["disturbance"][:, 0])
-    assert len(set(seen)) == 9
+        winds += list(env.step(np.zeros((3, 4)))[4]["disturbance"][:, 0])
+    assert len(set(winds)) == 9
 
 
 @every_wind
@@ -154,12 +154,12 @@ def test_an_unknown_preset_is_refused_with_the_known_names(attach: Callable[[], 
 
 def wind_by_episode(env: Any, row: int, actions: Any, episodes: int) -> list[list[bytes]]:
     """Return the wind in each step of the first episodes of a row of a vector environment with same-step autoreset."""
-    seen: list[list[bytes]] = [[] for _ in range(episodes + 1)]
+    winds: list[list[bytes]] = [[] for _ in range(episodes + 1)]
     for action in actions:
         episode = env.world.episode[row]
         if episode == episodes:
-            return seen[:-1]
-        seen[episode].append(env.world.wind[row].tobytes())
+            return winds[:-1]
+        winds[episode].append(env.world.wind[row].tobytes())
         env.step(action)
     raise AssertionError("too few actions for these episodes")
 

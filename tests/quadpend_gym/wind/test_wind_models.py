@@ -168,27 +168,27 @@ def reconstruct_gusts(rows: int, gusts: int, period: float) -> GustSequence:
     air = sample_wind(GUSTS, steps, rows, period, slice(9, 12))
     time = period * (np.arange(steps) + 0.5)
     phase = np.arccos(np.clip(1.0 - 2.0 * air[..., 2] / 4.0, -1.0, 1.0)) / (2.0 * np.pi)
-    seen = GustSequence(*np.zeros((3, rows, gusts)))
+    found = GustSequence(*np.zeros((3, rows, gusts)))
     for row in range(rows):
         rising = (np.diff(phase[:, row]) > 0.0) & (phase[:-1, row] > 0.05) & (phase[1:, row] < 0.45)
         first = np.flatnonzero(rising & ~np.r_[False, rising[:-1]])[:gusts]
         last = np.flatnonzero(rising & ~np.r_[rising[1:], False])[:gusts] + 1
         length = (time[last] - time[first]) / (phase[last, row] - phase[first, row])
-        seen.onset[row], seen.length[row] = time[first] - phase[first, row] * length, length
-        seen.heading[row] = np.arctan2(air[last, row, 1], air[last, row, 0])
-    return seen
+        found.onset[row], found.length[row] = time[first] - phase[first, row] * length, length
+        found.heading[row] = np.arctan2(air[last, row, 1], air[last, row, 0])
+    return found
 
 
 def test_pauses_lengths_and_headings_of_gusts_are_uniform_and_independent() -> None:
-    seen = reconstruct_gusts(rows=1000, gusts=3, period=0.02)
-    ends = np.column_stack([np.zeros(1000), (seen.onset + seen.length)[:, :-1]])
-    pause = seen.onset - ends
-    for values, (low, high) in ((pause, PAUSE), (seen.length, LENGTH), (seen.heading, HEADING)):
+    found = reconstruct_gusts(rows=1000, gusts=3, period=0.02)
+    ends = np.column_stack([np.zeros(1000), (found.onset + found.length)[:, :-1]])
+    pause = found.onset - ends
+    for values, (low, high) in ((pause, PAUSE), (found.length, LENGTH), (found.heading, HEADING)):
         assert (values > low - 1e-6).all()
         assert (values < high + 1e-6).all()
         for gust in range(3):
             assert stats.kstest(values[:, gust], uniform(low, high)).pvalue > 0.01
-    drawn = np.vstack([pause.T, seen.length.T, seen.heading.T])
+    drawn = np.vstack([pause.T, found.length.T, found.heading.T])
     assert np.abs(np.corrcoef(drawn) - np.eye(9)).max() < five_sigma(1000)
 
 
