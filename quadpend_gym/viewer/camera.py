@@ -98,7 +98,7 @@ class View(NamedTuple):
         forward, up = self.axes[2], self.axes[1]
         level = np.hypot(forward[0], forward[1])
         if level > 1e-6 and up[2] > 0.0:
-            return self.centre[1] + self.focal_length * float(forward[2]) / level
+            return float(self.centre[1] + self.focal_length * forward[2] / level)
         return -np.inf
 
     def _perspective(self, offset: Floats) -> Floats:

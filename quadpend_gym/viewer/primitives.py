@@ -25,7 +25,7 @@ def outline(surface: Any, points: Floats, colour: Colour, opacity: int = 255) ->
     gfxdraw.aapolygon(surface, _corners(points), (*colour, opacity))
 
 
-def _corners(points: Floats) -> list[list[float]]:
+def _corners(points: Floats) -> Any:
     return np.clip(points[:, :2], -_MAX_COORDINATE, _MAX_COORDINATE).tolist()
 
 

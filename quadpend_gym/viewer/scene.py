@@ -4,6 +4,7 @@ The model has no arms, rotors or bob radius; their sizes only serve the picture.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -165,13 +166,13 @@ def _draw_vehicle(surface: Any, view: View, snapshot: Snapshot, unit: float, bob
     scale = view.focal_length / pixels[:, 2].clip(NEAR)  # pixels per metre
     up = rotation[:, 2]
     for i, hub in enumerate(hubs):
-        add(0.5 * (body + hub), lambda i=i: line(surface, pixels[0], pixels[2 + i], palette.ARM, 0.022 * scale[0]))
-        add(hub + 0.06 * up, lambda i=i: _draw_rotor(surface, view, snapshot, i, unit))
-    add(body, lambda: _draw_polygon(surface, view, body + BODY * (_CIRCLE @ rotation.T), palette.BODY))
+        add(0.5 * (body + hub), partial(line, surface, pixels[0], pixels[2 + i], palette.ARM, 0.022 * scale[0]))
+        add(hub + 0.06 * up, partial(_draw_rotor, surface, view, snapshot, i, unit))
+    add(body, partial(_draw_polygon, surface, view, body + BODY * (_CIRCLE @ rotation.T), palette.BODY))
     rod = 0.5 * (body + bob)
     rod_scale = view.focal_length / max(float(view.to_camera(rod)[2]), NEAR)
-    add(rod + 0.01 * up, lambda: line(surface, pixels[0], pixels[1], palette.INK, 0.016 * rod_scale))
-    add(bob, lambda: _draw_ball(surface, pixels[1], BOB * scale[1], bob_colour))
+    add(rod + 0.01 * up, partial(line, surface, pixels[0], pixels[1], palette.INK, 0.016 * rod_scale))
+    add(bob, partial(_draw_ball, surface, pixels[1], BOB * scale[1], bob_colour))
     disturbance = Disturbance(snapshot.disturbance)
     for position, force in ((body, disturbance.force), (bob, disturbance.bob_force)):
         if np.linalg.norm(force) > 0.02:
@@ -179,7 +180,7 @@ def _draw_vehicle(surface: Any, view: View, snapshot: Snapshot, unit: float, bob
             start = view.project(position)
             if min(tip[2], start[2]) > NEAR:
                 in_front = position - 0.2 * view.axes[2]
-                add(in_front, lambda a=start, b=tip: arrow(surface, a, b, palette.WIND, max(4.0 * unit, 1.5)))
+                add(in_front, partial(arrow, surface, start, tip, palette.WIND, max(4.0 * unit, 1.5)))
     for _, draw_part in sorted(parts, key=lambda part: -part[0]):
         draw_part()
 
