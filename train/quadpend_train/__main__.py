@@ -1,4 +1,4 @@
-"""`python -m quadpend_train` is the command `quadpend`."""
+"""Run the command `quadpend` by `python -m quadpend_train`."""
 
 from quadpend_train.cli.main import main
 

@@ -213,7 +213,7 @@ def test_diverged_run_ends_with_an_error_and_without_a_policy(settings: TrainSet
 
     assert_refused(
         lambda: train_policy(settings, tmp_path, callbacks=[AtRolloutStart(set_nan)]),
-        r"training diverged within \d+ steps: the networks hold numbers that are not finite; lower learning_rate",
+        r"training diverged within \d+ steps: the weights of the networks are not finite; lower learning_rate",
         FloatingPointError,
     )
     assert not (tmp_path / "policy.npz").exists()

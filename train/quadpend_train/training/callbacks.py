@@ -17,8 +17,7 @@ from quadpend_train.training.validation import Score, validate
 
 CURVE, BEST = "curve.csv", "best.npz"
 DIVERGED = (
-    "training diverged within {} steps: the networks hold numbers that are not finite; lower learning_rate or"
-    " reward_scale"
+    "training diverged within {} steps: the weights of the networks are not finite; lower learning_rate or reward_scale"
 )
 _CHECK_INTERVAL = 256  # rollouts of a single step between two checks for divergence
 
