@@ -64,10 +64,10 @@ def test_copy_made_during_an_episode_continues_identically(clone: Callable[[Any]
     env = make(wind=WINDY, max_episode_steps=30)
     env.reset(seed=5)
     run_actions(env, draw_actions(0, 10))
-    twin = clone(env)
+    duplicate = clone(env)
     actions = draw_actions(1, 20)
-    assert_same(run_actions(twin, actions), run_actions(env, actions))
-    assert_same(twin.reset(), env.reset())
+    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
+    assert_same(duplicate.reset(), env.reset())
 
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
@@ -76,9 +76,9 @@ def test_copy_of_a_vector_env_continues_identically_across_autoresets(clone: Cal
     env = make_vec(7, wind=WINDY, max_episode_steps=15, autoreset_mode=mode)
     env.reset(seed=5)
     run_actions(env, draw_actions(0, 10, 7))
-    twin = clone(env)
+    duplicate = clone(env)
     actions = draw_actions(1, 20, 7)
-    assert_same(run_actions(twin, actions), run_actions(env, actions))
+    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])
@@ -92,8 +92,8 @@ def test_returned_arrays_are_independent_of_the_environment(rows: int | None, wi
         *run_actions(env, draw_actions(0, *steps)),
         *run_actions(env, draw_actions(1, *steps)),
     ]
-    kept, twin = copy.deepcopy(returned), copy.deepcopy(env)
-    after = run_actions(twin, draw_actions(2, *steps)), twin.reset()
+    kept, duplicate = copy.deepcopy(returned), copy.deepcopy(env)
+    after = run_actions(duplicate, draw_actions(2, *steps)), duplicate.reset()
     overwrite(returned)
     assert_same((run_actions(env, draw_actions(2, *steps)), env.reset()), after)
     overwrite(kept)

@@ -46,14 +46,14 @@ def test_snapshot_agrees_with_the_info() -> None:
     env = make_unwrapped(wind=WINDY, render_mode="rgb_array")
     env.reset(seed=2)
     steps = run_actions(env, draw_actions(2, 12))
-    (seen,), info = snapshots(env), steps[-1][4]
-    assert_allclose(seen.time, 0.12)
-    assert_array_equal(seen.state.array, env.state.array)
-    assert_array_equal(seen.disturbance, info["disturbance"])
-    assert_allclose(seen.error, np.linalg.norm(info["tracking_error"]))
-    assert_allclose(seen.tilt, info["tilt"])
-    assert_allclose(seen.episode_return, sum(reward for _, reward, *_ in steps))
-    assert_array_equal(seen.reference.as_array(), env.world.reference[0])
+    (snapshot,), info = snapshots(env), steps[-1][4]
+    assert_allclose(snapshot.time, 0.12)
+    assert_array_equal(snapshot.state.array, env.state.array)
+    assert_array_equal(snapshot.disturbance, info["disturbance"])
+    assert_allclose(snapshot.error, np.linalg.norm(info["tracking_error"]))
+    assert_allclose(snapshot.tilt, info["tilt"])
+    assert_allclose(snapshot.episode_return, sum(reward for _, reward, *_ in steps))
+    assert_array_equal(snapshot.reference.as_array(), env.world.reference[0])
 
 
 def test_trail_is_the_path_of_the_bob_in_the_last_200_steps_of_the_episode() -> None:
@@ -72,11 +72,11 @@ def test_snapshot_shows_the_thrust_after_actuators_and_the_drawn_rod_length() ->
     env = make_wrapped(layers, render_mode="rgb_array")
     env.reset(seed=0)
     info = env.step(np.array([0.5, 0.1, 0.0, 0.0], np.float32))[4]
-    (seen,), world = snapshots(env), env.unwrapped.world  # type: ignore[attr-defined]
-    assert 0.5 <= seen.rod_length <= 0.6
-    assert_allclose(np.linalg.norm(seen.bob - seen.state.position), seen.rod_length)
-    assert_allclose(seen.thrust * world.simulation.command_scale[0], info["command"][0])
-    assert 1.0 < seen.thrust < 1.2
+    (snapshot,), world = snapshots(env), env.unwrapped.world  # type: ignore[attr-defined]
+    assert 0.5 <= snapshot.rod_length <= 0.6
+    assert_allclose(np.linalg.norm(snapshot.bob - snapshot.state.position), snapshot.rod_length)
+    assert_allclose(snapshot.thrust * world.simulation.command_scale[0], info["command"][0])
+    assert 1.0 < snapshot.thrust < 1.2
 
 
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
@@ -84,10 +84,10 @@ def test_snapshot_after_an_autoreset_shows_the_new_episode(mode: str) -> None:
     env = make_vec(3, render_mode="rgb_array", max_episode_steps=5, autoreset_mode=mode)
     env.reset(seed=0)
     run_actions(env, draw_actions(0, 5 if mode == "SameStep" else 6, 3))
-    for seen in snapshots(env):
-        assert (seen.time, seen.episode_return, len(seen.trail)) == (0.0, 0.0, 1)
-        assert_array_equal(seen.focus, seen.state.position)
-        assert not seen.streak_offset.any()
+    for snapshot in snapshots(env):
+        assert (snapshot.time, snapshot.episode_return, len(snapshot.trail)) == (0.0, 0.0, 1)
+        assert_array_equal(snapshot.focus, snapshot.state.position)
+        assert not snapshot.streak_offset.any()
 
 
 def test_a_sub_environment_is_rendered_like_the_single_environment() -> None:
@@ -121,9 +121,9 @@ def test_the_picture_depends_only_on_the_running_episode() -> None:
 def test_copy_of_a_rendered_environment_continues_identically(clone: Callable[[Any], Any]) -> None:
     env = make_rendered()
     env.render()
-    twin = clone(env)
-    assert_same(run_actions(twin, draw_actions(0, 5)), run_actions(env, draw_actions(0, 5)))
-    assert_array_equal(twin.render(), env.render())
+    duplicate = clone(env)
+    assert_same(run_actions(duplicate, draw_actions(0, 5)), run_actions(env, draw_actions(0, 5)))
+    assert_array_equal(duplicate.render(), env.render())
 
 
 def test_rendering_works_after_other_code_has_quit_pygame() -> None:

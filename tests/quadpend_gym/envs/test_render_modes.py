@@ -167,8 +167,11 @@ def test_a_render_mode_survives_json() -> None:
     env, rows = make(render_mode="rgb_array"), make_vec(3, render_mode="mosaic", autoreset_mode="SameStep")
     assert env.spec is not None
     assert rows.spec is not None
-    twin, twins = gym.make(EnvSpec.from_json(env.spec.to_json())), gym.make_vec(EnvSpec.from_json(rows.spec.to_json()))
-    for one, other in ((env, twin), (rows, twins)):
+    duplicate, duplicates = (
+        gym.make(EnvSpec.from_json(env.spec.to_json())),
+        gym.make_vec(EnvSpec.from_json(rows.spec.to_json())),
+    )
+    for one, other in ((env, duplicate), (rows, duplicates)):
         one.reset(seed=3)
         other.reset(seed=3)
         assert_array_equal(one.render(), other.render())

@@ -37,29 +37,29 @@ def through_json(spec: EnvSpec | None) -> EnvSpec:
 @settings
 def test_spec_survives_json(kwargs: dict[str, Any]) -> None:
     env = make(**kwargs)
-    twin = gym.make(through_json(env.spec))
-    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    duplicate = gym.make(through_json(env.spec))
+    assert_same(duplicate.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
-    assert_same(run_actions(twin, actions), run_actions(env, actions))
+    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @settings
 def test_vector_spec_survives_json(kwargs: dict[str, Any], mode: str) -> None:
     env = make_vec(3, autoreset_mode=mode, **kwargs)
-    twin = gym.make_vec(through_json(env.spec))
-    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    duplicate = gym.make_vec(through_json(env.spec))
+    assert_same(duplicate.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10, 3)
-    assert_same(run_actions(twin, actions), run_actions(env, actions))
+    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
 
 
 def test_wrapped_spec_survives_json() -> None:
     env = WindWrapper(make(wind={"kind": "constant", "torque": 0.1}), WINDY)
-    twin = gym.make(through_json(env.spec))
-    assert isinstance(twin, WindWrapper)
-    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    duplicate = gym.make(through_json(env.spec))
+    assert isinstance(duplicate, WindWrapper)
+    assert_same(duplicate.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
-    assert_same(run_actions(twin, actions), run_actions(env, actions))
+    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -228,12 +228,12 @@ def test_an_episode_depends_only_on_its_seed_and_number() -> None:
     env.reset(seed=0)
     single.reset(seed=3)
     starts = [single.reset()[0] for _ in range(4)]
-    seen = []
+    observed = []
     for actions in np.concatenate([biased_actions(5)] * 3):
         observation, _, terminated, truncated, _ = env.step(actions)
         if terminated[3] or truncated[3]:
-            seen.append(observation[3])
-    assert_same(seen[:4], starts)
+            observed.append(observation[3])
+    assert_same(observed[:4], starts)
     # Both have had the same number of episodes, so the wind is the same from here on.
     single.reset(seed=3, options={"state": {"position": (0.0, 0.0, 5.0)}})
     env.reset(seed=0), env.reset(), single.reset()
@@ -289,8 +289,8 @@ def test_gymnasiums_dict_info_to_list_agrees() -> None:
 
 def test_next_step_autoreset_ignores_the_action_of_an_ended_sub_environment() -> None:
     """Even an action that is not a number."""
-    env, twin = (make_vec(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
-    env.reset(seed=0), twin.reset(seed=0)
+    env, duplicate = (make_vec(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
+    env.reset(seed=0), duplicate.reset(seed=0)
     still = np.zeros((2, 4), np.float32)
-    env.step(still), twin.step(still)
-    assert_same(env.step(np.full((2, 4), np.nan, np.float32)), twin.step(still))
+    env.step(still), duplicate.step(still)
+    assert_same(env.step(np.full((2, 4), np.nan, np.float32)), duplicate.step(still))

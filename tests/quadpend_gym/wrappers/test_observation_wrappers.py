@@ -45,9 +45,9 @@ modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
 def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
     env, whole = make_wrapped([OUTPUTS]), make_wrapped([])
     actions = draw_actions(0, 3)
-    seen, observations = ([one.reset(seed=0), *run_actions(one, actions)] for one in (env, whole))
+    observed, observations = ([one.reset(seed=0), *run_actions(one, actions)] for one in (env, whole))
     assert env.observation_space.shape == (27,)
-    for (outputs, *_), (observation, *_) in zip(seen, observations, strict=True):
+    for (outputs, *_), (observation, *_) in zip(observed, observations, strict=True):
         assert env.observation_space.contains(outputs)
         for name in OBSERVATION_FIELDS:
             if name not in HIDDEN:
@@ -121,15 +121,15 @@ def test_a_history_has_the_latest_observations_and_actions_oldest_first(observat
     assert env.observation_space.shape == (36 * observations + 4 * actions,)
     for seed in (0, None):
         history, (first, _) = env.reset(seed=seed)[0], plain.reset(seed=seed)
-        seen: list[Floats32] = [first]
-        done: list[Any] = []
+        observed: list[Floats32] = [first]
+        applied: list[Any] = []
         for action in draw_actions(0, 10):
-            expected = [*last(seen, observations, first), *last(done, actions, np.zeros(4))]
+            expected = [*last(observed, observations, first), *last(applied, actions, np.zeros(4))]
             assert history.dtype == np.float32
             assert_array_equal(history, np.concatenate(expected))
             history = env.step(action)[0]
-            seen.append(plain.step(action)[0])
-            done.append(action)
+            observed.append(plain.step(action)[0])
+            applied.append(action)
 
 
 @modes
@@ -177,9 +177,9 @@ def test_a_masked_reset_keeps_the_histories_of_the_other_sub_environments() -> N
     history = run_actions(env, actions)[-1][0]
     run_actions(untouched, actions)
     mask = np.array([False, True, False])
-    begun = env.reset(options={"reset_mask": mask})[0]
-    assert_array_equal(begun[~mask], history[~mask])
-    assert_array_equal(begun[1], np.concatenate([*[begun[1, :36]] * 3, np.zeros(8)]))
+    restarted = env.reset(options={"reset_mask": mask})[0]
+    assert_array_equal(restarted[~mask], history[~mask])
+    assert_array_equal(restarted[1], np.concatenate([*[restarted[1, :36]] * 3, np.zeros(8)]))
     assert_array_equal(env.step(actions[0])[0][~mask], untouched.step(actions[0])[0][~mask])
 
 
@@ -207,11 +207,11 @@ def test_returned_histories_do_not_change_later(rows: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
 def test_a_refused_action_does_not_change_the_history(rows: tuple[int, ...]) -> None:
-    env, twin = (make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY]) for _ in range(2))
-    env.reset(seed=0), twin.reset(seed=0)
+    env, duplicate = (make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY]) for _ in range(2))
+    env.reset(seed=0), duplicate.reset(seed=0)
     assert_refused(lambda: env.step(np.full((*rows, 4), 1.5)), "must be four numbers", ValueError)
     actions = draw_actions(0, 3, *rows)
-    assert_same(run_actions(env, actions), run_actions(twin, actions))
+    assert_same(run_actions(env, actions), run_actions(duplicate, actions))
 
 
 def test_histories_work_for_other_environments() -> None:

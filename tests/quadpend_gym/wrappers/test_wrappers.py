@@ -103,13 +103,13 @@ def test_results_do_not_depend_on_the_number_of_sub_environments(layers: Layers)
 @stacks
 def test_an_episode_depends_only_on_its_seed_and_number(layers: Layers) -> None:
     """Actions of earlier episodes do not change it."""
-    env, twin = make_wrapped(layers), make_wrapped(layers)
+    env, duplicate = make_wrapped(layers), make_wrapped(layers)
     for k, seed in enumerate((5, None, None)):
-        assert_same(env.reset(seed=seed), twin.reset(seed=seed))
+        assert_same(env.reset(seed=seed), duplicate.reset(seed=seed))
         run_actions(env, draw_actions(k, 5 * k + 3))
-    assert_same(env.reset(), twin.reset())
+    assert_same(env.reset(), duplicate.reset())
     actions = draw_actions(9, 10)
-    assert_same(run_actions(env, actions), run_actions(twin, actions))
+    assert_same(run_actions(env, actions), run_actions(duplicate, actions))
 
 
 @stacks
@@ -130,11 +130,11 @@ def test_gymnasium_checker_warns_only_about_the_wrapper(layers: Layers) -> None:
 def test_wrapped_spec_survives_json(layers: Layers) -> None:
     env = make_wrapped(layers, max_episode_steps=7)
     assert env.spec is not None
-    twin = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert str(twin) == str(env)
-    assert_same(twin.reset(seed=3), env.reset(seed=3))
+    duplicate = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert str(duplicate) == str(env)
+    assert_same(duplicate.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
-    assert_same(run_actions(twin, actions), run_actions(env, actions))
+    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
@@ -144,22 +144,22 @@ def test_copy_made_during_an_episode_continues_identically(layers: Layers, clone
     for env, rows in ((make_wrapped(layers), ()), (make_wrapped_vec(3, layers, **SHORT), (3,))):
         env.reset(seed=5)
         run_actions(env, draw_actions(0, 10, *rows))
-        twin = clone(env)
+        duplicate = clone(env)
         actions = draw_actions(1, 20, *rows)
-        assert_same(run_actions(twin, actions), run_actions(env, actions))
-        assert_same(twin.reset(), env.reset())
+        assert_same(run_actions(duplicate, actions), run_actions(env, actions))
+        assert_same(duplicate.reset(), env.reset())
 
 
 @world_wrappers
 def test_models_can_be_shared_between_environments(layer: tuple[Any, ...]) -> None:
     one, other, alone = make_wrapped([layer]), make_wrapped([layer]), make_wrapped(copy.deepcopy([layer]))
     expected = [alone.reset(seed=1), *run_actions(alone, draw_actions(1, 15))]
-    seen = [one.reset(seed=1)]
+    observed = [one.reset(seed=1)]
     other.reset(seed=2)
     for action in draw_actions(1, 15):
-        seen.append(one.step(action))  # type: ignore[arg-type]
+        observed.append(one.step(action))  # type: ignore[arg-type]
         other.step(-action)
-    assert_same(seen, expected)
+    assert_same(observed, expected)
 
 
 @pytest.mark.parametrize(("name", "models"), [SENSORS, ACTUATORS])
@@ -237,11 +237,11 @@ def test_gymnasiums_wrappers_can_stand_in_between() -> None:
 
 def test_refused_models_change_nothing() -> None:
     for name in ("SensorWrapper", "ActuatorWrapper", "ParameterWrapper", "WindWrapper"):
-        env, twin = make(), make()
-        env.reset(seed=0), twin.reset(seed=0)
+        env, duplicate = make(), make()
+        env.reset(seed=0), duplicate.reset(seed=0)
         assert_refused(lambda name=name, env=env: getattr(wrappers, name)(env, 3.0), "not 3.0", TypeError)
         actions = draw_actions(0, 5)
-        assert_same(run_actions(env, actions), run_actions(twin, actions))
+        assert_same(run_actions(env, actions), run_actions(duplicate, actions))
 
 
 def test_empty_models_change_nothing() -> None:
