@@ -134,10 +134,10 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
         (["compare", "adrc-paper", "adrc-paper"], "two policies have the same name"),
         (["compare", "adrc-paper", "nix"], "there is no policy 'nix'"),
         (["train", "--scenario", "training", "--num-envs", "12"], "num_envs must be a multiple of the 8 scenarios"),
-        (["train", "--settings", "nix"], "there are no settings 'nix'"),
+        (["train", "--settings", "nix"], "settings must be the path of a file or one of demo"),
         (["train", "--scenario", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "contains no run"),
-        (["train", "--resume", "nowhere", "--seed", "9"], "give no others"),
+        (["train", "--resume", "nowhere", "--seed", "9"], "give no other options with it"),
         (["evaluate", "--policies", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
     ],
 )
