@@ -107,7 +107,7 @@ def test_settings_of_a_run_are_those_on_the_card_of_its_policy(name: str) -> Non
     assert not {"view", "origin"} & set(card)
 
 
-def test_hybrids_of_a_run_have_todays_names() -> None:
+def test_hybrids_of_a_run_have_current_names() -> None:
     scheduling = read_settings(str(FOLDER / "ppo-pace" / "interrupted" / "settings.json"))
     assert scheduling.hybrid == HybridSettings(
         "flatness",
@@ -157,7 +157,7 @@ def test_settings_file_with_old_names_is_read(tmp_path: Path) -> None:
     )
 
 
-def test_settings_with_todays_names_are_not_changed() -> None:
+def test_settings_with_current_names_are_not_changed() -> None:
     settings = training.to_mapping(read_settings("ppo-gain-scheduling"))
     assert current_settings(settings, "a test") == settings
 

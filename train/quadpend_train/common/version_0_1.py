@@ -1,9 +1,9 @@
-"""Names of version 0.1, translated into today's names where files of version 0.1 are read.
+"""Translate the names of version 0.1 to the current names.
 
 Version 0.1 wrote flat training settings, policy files of the format ``quadpend policy 1`` and run folders with an
-``origin.json``. Its learned policies and presets had other names. Everything else in the package knows only today's
-names. The functions here are called where settings, policy files, run folders and names of policies and presets are
-read.
+``origin.json``. Its learned policies and presets had other names. The functions of this module are called where
+settings, policy files, run folders and names of policies and presets are read. All other code uses the current names
+only.
 """
 
 import re
@@ -13,7 +13,7 @@ from typing import Any
 POLICY_FORMAT = "quadpend policy 1"
 PROVENANCE = "origin.json"
 
-# Table of today's settings: {name in version 0.1: today's name}
+# Table of the current settings: {name in version 0.1: current name}
 _NAMES = {
     "": {
         "total_steps": "total_timesteps",
@@ -36,7 +36,7 @@ _NAMES = {
     },
     "sac": {"initial_entropy_coefficient": "ent_coef_init"},
 }
-# Flat settings of version 0.1 that are in the table ``hybrid`` today
+# Flat settings of version 0.1 that are now in the table ``hybrid``
 _HYBRID = {
     "companion": "base_controller",
     "steers": "mode",
@@ -53,7 +53,7 @@ _OLD_POLICY = re.compile(r"(ppo|sac)-pace(-hover)?(-\d+)?")
 
 
 def current_name(name: str) -> str:
-    """Return today's name of a policy or preset, such as ``ppo-gain-scheduling-0`` for ``ppo-pace-0``."""
+    """Return the current name of a policy or preset, such as ``ppo-gain-scheduling-0`` for ``ppo-pace-0``."""
     match = _OLD_POLICY.fullmatch(name)
     return "{}-gain-scheduling{}{}".format(*match.groups("")) if match else name
 
@@ -65,10 +65,10 @@ def provenance_file(folder: Path, name: str) -> Path:
 
 
 def current_settings(values: dict[str, Any], source: str) -> dict[str, Any]:
-    """Return training settings with today's names; settings that have them already are returned as they are.
+    """Return training settings with their current names.
 
     Args:
-        values: Settings, some or all, with names of either version.
+        values: Settings, some or all, with names of version 0.1 or current names.
         source: Where the settings come from, for error messages.
 
     Raises:
@@ -93,10 +93,10 @@ def current_settings(values: dict[str, Any], source: str) -> dict[str, Any]:
 
 
 def current_card(card: Any) -> Any:
-    """Return the card of a policy file in today's format; a card that is not of version 0.1 is returned as it is.
+    """Return the card of a policy file in the current format; other cards than those of version 0.1 are not changed.
 
     Raises:
-        ValueError: If a card of version 0.1 does not describe what its policy observes.
+        ValueError: If a card of version 0.1 has no valid entry ``view``.
     """
     if not isinstance(card, dict) or card.get("format") != POLICY_FORMAT:
         return card
