@@ -1,9 +1,10 @@
 """Gains of the controllers, as data.
 
-The defaults of `AdrcGains` are those of the paper's Section 5, not tuned. Where the paper gives no values, the choices
-are this project's own: the sign terms are saturations (`ObserverGains`) with ρ above the largest |ϑ̈| of the winds here,
-so that the observers rarely leave their linear range; the sampling period is 10 ms (`observers`), with the mean of the
-known inputs over a period; and the torques are limited (`quadpend_gym.physics.parameters.Actuators`).
+The defaults of `AdrcGains` are those of the paper's Section 5, not tuned. Where the paper gives no values, this
+project chooses them: a saturation replaces the sign term (`ObserverGains`), with ρ above the largest |ϑ̈| of this
+project's winds, so that the observers rarely leave the boundary layer; the sampling period is 10 ms, and the observers
+use the mean of the known inputs over it (`observers`); the torques are limited
+(`quadpend_gym.physics.parameters.Actuators`).
 
 All other gains were found by the command ``quadpend tune`` on the training scenarios. `TUNED` holds the full command
 and the score of each controller. ``quadpend_train.studies.tuning.SPACES`` lists the gains that it varies, by the names
@@ -22,8 +23,10 @@ class ObserverGains:
 
     bandwidth: float = 500.0  # ω_n, rad/s
     damping: float = 0.9  # ζ
-    switching: float = np.inf  # ρ, limit of the last correction per second; inf: linear observer
-    layer: float | None = None  # δ, half width of the linear range; None: ρ / ω_n⁴, sampled; 0: the sign function
+    switching: float = (
+        np.inf
+    )  # ρ, gain of the sign term: limit of the last correction, per second; inf: linear observer
+    layer: float | None = None  # δ, half width of the boundary layer; None: about ρ/ω_n⁴; 0: the sign function
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class AdrcGains:
     luenberger: ObserverGains = field(default_factory=ObserverGains)  # of F … F⁽³⁾, (46)
     horizontal: ObserverGains = field(default_factory=lambda: ObserverGains(switching=5e6))  # of F⁽⁴⁾ …, ϑ, (47)
     vertical: ObserverGains = field(default_factory=lambda: ObserverGains(switching=1e4))  # of z and ψ, (13), (20)
-    mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾, and of its rate added to F⁽⁵⁾; 0 as in the paper
+    mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾, and of its rate added to F⁽⁵⁾: 0: the paper's law
 
 
 @dataclass(frozen=True)
@@ -64,10 +67,10 @@ class FlatnessGains:
     vertical_bandwidth: float = 6.0  # rad/s, of height and yaw
     acceleration: float = 3.0  # m/s², limit of the bob acceleration that the position error demands
     velocity: float = 1.5  # m/s, limit of the velocity that the position error demands
-    lean: float = 1.1  # rad, limit of the thrust's tilt
+    lean: float = 1.1  # rad, limit of the tilt of the thrust
     far_pendulum_bandwidth: float = 4.5  # rad/s, far from the desired pendulum direction
     far_attitude_bandwidth: float = 8.0  # rad/s, far from the desired pendulum direction
-    near: float = 0.1  # η₀, where the bandwidths are the means of near and far
+    near: float = 0.1  # η₀: at η = η₀ each bandwidth is the mean of its near and far values
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
@@ -97,7 +100,7 @@ class MppiGains:
     samples: int = 33  # sampled trajectories of each row, odd
     horizon: int = 20  # periods
     steps_per_period: int = 2  # control steps of a period
-    knots: int = 5  # of the piecewise linear perturbation
+    knots: int = 5  # knots of the piecewise linear perturbation
     spread: float = 0.3  # standard deviation of the perturbation, share of the range of the action
     temperature: float = 0.1  # λ
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
@@ -108,8 +111,8 @@ class Tuning(NamedTuple):
 
     Attributes:
         command: The command that repeats the search.
-        score: Mean penalised RMSE over the training scenarios, in mm, in episodes that the search has not used. A fall,
-            that is an early termination, counts as 1 m. See `quadpend_train.studies.tuning`.
+        score: Mean penalised RMSE over the training scenarios, in mm, in episodes that the search did not use. A fall
+            (early termination) counts as 1 m. See `quadpend_train.studies.tuning`.
     """
 
     command: str

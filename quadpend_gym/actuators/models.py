@@ -25,7 +25,7 @@ class Actuator(Model, Protocol):
     """The interface of an actuator model, for a batch of n sub-environments. A base class is not needed."""
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """Change the action of the coming control period in place.
+        """Change the action of the next control period in place.
 
         Args:
             action: Actions, components in [−1, 1], shape (n, 4), columns contiguous, changed in place.
@@ -40,7 +40,7 @@ ACTUATORS = Registry("actuator", "an actuator model", Actuator)  # `registry` ad
 
 
 class _FromHover(ZeroInitialized):
-    """Mixin for models whose memory is the present value of each component, initially zero, which is hover."""
+    """Mixin for models whose memory is the current value of each component of the action, initially zero (hover)."""
 
     @property
     def memory_size(self) -> int:
@@ -77,8 +77,8 @@ class ActionDelay(ZeroInitialized):
 class MotorLag(_FromHover):
     """A first-order lag T ẏ = a − y of each component.
 
-    The action of a control period is the mean of y over this period, a + (y_k − a) (T/period) (1 − e^(−period/T)), so
-    that its impulse is exact.
+    The action of a control period is the mean of y over this period, a + (y_k − a) (T/period) (1 − e^(−period/T)), with
+    y_k at the beginning of the period. Its impulse (integral over the period) is therefore exact.
 
     Raises:
         TypeError: If `time_constant` is not a number.
@@ -134,8 +134,8 @@ class Rotors(Stateless):
     where τψ is due to the drag of the rotors. The paper gives no values of d and κ.
 
     The inertia of the paper's Table 1 is about thirty times that of a real quadrotor. With it these rotors reach
-    angular accelerations of at most 7 rad/s², which is too little to balance: the paper's controller falls from every
-    start. Use the simulation with a realistic inertia.
+    angular accelerations of at most 7 rad/s², which is too little to balance: with the paper's controller the pendulum
+    falls from every start. Use a simulation with a realistic inertia.
 
     Raises:
         TypeError: If a value is not a number.
@@ -152,7 +152,7 @@ class Rotors(Stateless):
         check_positive(self.drag_ratio, "drag_ratio")
 
     def mixing(self, simulation: Simulation) -> Floats:
-        """Return the matrix from the rotors' components to those of thrust and torques, shape (4, 4).
+        """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4).
 
         Raises:
             ValueError: If the rotors exceed a command limit of the simulation.
@@ -173,10 +173,10 @@ class Rotors(Stateless):
         return np.asarray(mixing)
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """Replace the thrusts of the rotors by their total thrust and torques."""
+        """Replace the thrusts of the rotors by the total thrust and the torques that they produce."""
         f1, f2, f3, f4 = action.T.copy()
         for column, (m1, m2, m3, m4) in enumerate(_mixing(self, simulation)):
-            action[:, column] = np.clip(m1 * f1 + m2 * f2 + m3 * f3 + m4 * f4, -1.0, 1.0)  # removes rounding
+            action[:, column] = np.clip(m1 * f1 + m2 * f2 + m3 * f3 + m4 * f4, -1.0, 1.0)  # removes rounding errors
 
 
 @lru_cache(maxsize=64)

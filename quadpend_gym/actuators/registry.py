@@ -35,9 +35,11 @@ def check_chain(models: Sequence[Any], simulation: Simulation) -> None:
     """
     rotors = [i for i, model in enumerate(models) if isinstance(model, Rotors)]
     if len(rotors) > 1:
-        raise ValueError("actuators may contain Rotors only once: leave the others out")
+        raise ValueError(f"actuators may contain Rotors only once, not {len(rotors)} times")
     if rotors:
         models[rotors[0]].mixing(simulation)
     for i, model in enumerate(models):
         if isinstance(model, RotorFault) and not (rotors and i < rotors[0]):
-            raise ValueError("a RotorFault needs rotors: put it before Rotors in the list, or around them as a wrapper")
+            raise ValueError(
+                "a RotorFault needs rotors: list it before Rotors, or wrap it around an environment that has Rotors"
+            )

@@ -11,8 +11,9 @@
 | v        | wind velocity, world      | m/s   |                                                                      |
 
 The forces are computed at the beginning of a control period and are constant during it. The quadrotor has the same drag
-area in all directions. The drag of the rotors and of the rod is not modelled. Without a wind model that sets a wind
-velocity, no drag acts at all, as in the paper's calm simulations; the model `StillAir` adds the drag of air at rest.
+area in all directions. The drag of the rotors and of the rod is not modelled. The drag is
+zero if no wind model sets a wind velocity, as in the paper's calm simulations. The model `StillAir` adds the drag of
+air at rest.
 """
 
 from typing import Any

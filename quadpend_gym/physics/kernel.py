@@ -7,12 +7,12 @@ exact solution; `quadpend_gym.physics.dynamics` has the equations:
     centre of mass   Ẍ depends on time only, so RK4 is Simpson's rule
     pendulum         RK4 for (r, ṙ), with w at the times t, t + h/2 and t + h
 
-At the end of a substep r is normalised and ṙ is projected onto the plane perpendicular to r. The thrust axis at the end
-of a substep is also the one at the start of the next, so a substep computes it only twice.
+At the end of a substep r is normalised and ṙ is projected onto the plane perpendicular to r. Each substep computes the
+thrust axis for its middle and its end, and takes that for its start from the previous substep.
 
 The loop works on blocks of 64 sub-environments. It copies each block into buffers of shape (field, lane), with one lane
 for each sub-environment, so that the compiler can turn every loop over lanes into vector instructions. A batch of one
-sub-environment takes the same path and gives the same bits.
+sub-environment runs the same code and gives bit-identical results.
 """
 
 from itertools import accumulate

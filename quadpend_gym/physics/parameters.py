@@ -77,7 +77,7 @@ CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
 
 @dataclass(frozen=True)
 class Actuators:
-    """Torques that an action of ±1 commands. The range of the thrust follows from the weight, see `Simulation`.
+    """Torque limits: the torques that an action of ±1 commands. `Simulation` derives the thrust limit from the weight.
 
     Raises:
         TypeError: If a value is not a number.
@@ -115,7 +115,7 @@ class Simulation:
 
     @property
     def command_scale(self) -> Floats:
-        """Scale of the command that an action a gives, shape (4,).
+        """Scales that convert an action a to a command, shape (4,).
 
         The thrust is scale₀ (1 + a₀) in N and the torques are scaleᵢ aᵢ in N·m. scale₀ is the weight, so a zero action
         commands the hover thrust and no torques.

@@ -2,7 +2,7 @@
 
 World frame: z up. Body frame: the rotation R = Rz(ψ) Ry(θ) Rx(φ) maps body vectors to world vectors.
 
-The state has 18 numbers (`State`):
+The state has 18 components (`State`):
 
 | symbol | name           | fields | unit  | frame                          |
 |--------|----------------|--------|-------|--------------------------------|
@@ -13,7 +13,7 @@ The state has 18 numbers (`State`):
 | r      | direction      | 12–14  | 1     | world, unit, pivot to bob      |
 | ṙ      | direction_rate | 15–17  | 1/s   | world, perpendicular to r      |
 
-The disturbance has 9 numbers (`Disturbance`):
+The disturbance has 9 components (`Disturbance`):
 
 | symbol | name      | fields | unit | frame                    |
 |--------|-----------|--------|------|--------------------------|
@@ -21,9 +21,9 @@ The disturbance has 9 numbers (`Disturbance`):
 | d_B    | bob_force | 3–5    | N    | world, on the bob        |
 | d_τ    | torque    | 6–8    | N·m  | φ, θ, ψ axes             |
 
-The command has 4 numbers: the thrust u (N) and the torques τφ, τθ, τψ (N·m).
+The command has 4 components: the thrust u (N) and the torques τφ, τθ, τψ (N·m).
 
-The paper's spherical angles (α, β) are views of r: r = (sin α cos β, sin α sin β, cos α). They cannot be state
+`State` computes the paper's spherical angles (α, β) from r: r = (sin α cos β, sin α sin β, cos α). They cannot be state
 variables: in these coordinates the mass matrix is singular at α = 0, which is the upright equilibrium.
 """
 
@@ -34,7 +34,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 
 STATE_SIZE, DISTURBANCE_SIZE, COMMAND_SIZE, ACTION_SIZE = 18, 9, 4, 4
-# First number of each vector in the arrays, as constants that compiled functions can read.
+# Index of the first component of each vector in the arrays, as constants that compiled functions can read.
 POSITION, VELOCITY, EULER, EULER_RATE, DIRECTION, DIRECTION_RATE = 0, 3, 6, 9, 12, 15
 FORCE, BOB_FORCE, TORQUE = 0, 3, 6
 THRUST, COMMAND_TORQUE = 0, 1

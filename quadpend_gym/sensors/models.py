@@ -29,7 +29,7 @@ class Sensor(Model, Protocol):
     """The interface of a sensor model, for a batch of n sub-environments. A base class is not needed."""
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Change the measured state of this instant in place.
+        """Change the measured state of the current control step in place.
 
         Args:
             measured: Measured states, shape (n, 18), columns contiguous, changed in place.
@@ -78,7 +78,7 @@ class Noise:
     """Measurement errors: white noise, bias, random walk, and then quantisation.
 
     Each field takes a `Channel`, a mapping of the fields of a `Channel`, or a number, which is the standard deviation
-    of white noise. A noisy direction is normalised before it is rounded, so its error is an angle in rad.
+    of white noise. The noisy direction is normalised before it is rounded, so the size of its noise is an angle in rad.
 
     Raises:
         TypeError: If a value is none of these.
@@ -249,7 +249,7 @@ def _store_first(measured: Floats, memory: Floats, starts: Booleans) -> None:
 
 @dataclass(frozen=True)
 class Dropout(ZeroInitialized):
-    """Loss of samples with a probability; the last sample received is repeated. The first of an episode is never lost.
+    """Random loss of samples; the last sample received replaces a lost one. The first of an episode is never lost.
 
     Raises:
         TypeError: If `probability` is not a number.

@@ -1,14 +1,14 @@
-"""The interface of wind models, and what most models share.
+"""The interface of wind models, and the base classes of most models.
 
-A wind model computes what acts on each sub-environment during the coming control period: twelve numbers in SI units,
-world frame.
+A wind model computes forces, a torque and a wind velocity for each sub-environment during the next control period:
+twelve components in SI units.
 
-| symbol | name      | columns | unit | acts on                                        |
-|--------|-----------|---------|------|------------------------------------------------|
-| d_Q    | force     | 0–2     | N    | quadrotor                                      |
-| d_B    | bob_force | 3–5     | N    | bob                                            |
-| d_τ    | torque    | 6–8     | N·m  | φ, θ, ψ                                        |
-| v      | velocity  | 9–11    | m/s  | both, by drag, see `quadpend_gym.physics.drag` |
+| symbol | name      | columns | unit | frame        | acts on                                        |
+|--------|-----------|---------|------|--------------|------------------------------------------------|
+| d_Q    | force     | 0–2     | N    | world        | quadrotor                                      |
+| d_B    | bob_force | 3–5     | N    | world        | bob                                            |
+| d_τ    | torque    | 6–8     | N·m  | φ, θ, ψ axes | attitude of the quadrotor                      |
+| v      | velocity  | 9–11    | m/s  | world        | both, by drag, see `quadpend_gym.physics.drag` |
 
 The velocities of several models are added before the drag is computed from their sum.
 """
@@ -32,7 +32,7 @@ WIND_FIELDS = {
     "torque": slice(6, 9),
     "velocity": slice(9, 12),
 }
-# First columns of the vectors in the world frame; the torque is about the body's axes.
+# First columns of the vectors in the world frame; the torque is about the φ, θ and ψ axes.
 WORLD_VECTORS = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))
 Load = float | tuple[float, ...]  # one number for all three axes, or three numbers
 
@@ -43,10 +43,10 @@ class Wind(Model, Protocol):
 
     @property
     def moves_air(self) -> bool:
-        """Whether the model can have a velocity. Drag is computed only if at least one model has this property."""
+        """Whether the model can set a wind velocity. Drag is computed only if this is True for at least one model."""
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Add the disturbance and wind velocity of the coming control period to `out`.
+        """Add the disturbance and wind velocity of the next control period to `out`.
 
         Args:
             out: Sum of the models so far, shape (n, 12), columns contiguous, changed in place.
@@ -72,7 +72,7 @@ class Addable:
 
 @dataclass(frozen=True)
 class Loads(Addable):
-    """Base class of models with a load, a fixed size, for each of the twelve columns.
+    """Base class of models with a fixed magnitude, the load, in each of the twelve columns.
 
     Raises:
         TypeError: If a value is not a number, or a load is neither a number nor three numbers.
@@ -100,7 +100,7 @@ class Loads(Addable):
 
     @cached_property
     def moves_air(self) -> bool:
-        """Whether the load has a velocity."""
+        """Whether the load contains a non-zero wind velocity."""
         return bool(self.load[WIND_FIELDS["velocity"]].any())
 
 

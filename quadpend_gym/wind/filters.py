@@ -42,8 +42,8 @@ class Filter:
 def from_transfer_function(numerator: list[float], denominator: list[float], gain: float, time: float) -> Filter:
     """Return the filter gain · N(s time)/D(s time) of white noise with the one-sided density 1 (per rad/s).
 
-    The military specifications define densities such that the variance is ∫₀^∞ Φ(ω) dω. White noise of density 1 then
-    has E[n(t) n(t')] = π δ(t − t').
+    The military specifications define one-sided densities Φ(ω) with the variance ∫₀^∞ Φ(ω) dω. With this definition,
+    white noise of density 1 has E[n(t) n(t')] = π δ(t − t').
 
     Args:
         numerator: Coefficients of N, constant first, fewer than those of D.
@@ -56,7 +56,7 @@ def from_transfer_function(numerator: list[float], denominator: list[float], gai
     a[-1] = -np.array(denominator[:-1]) / denominator[-1]
     c = np.zeros((1, order))
     c[0, : len(numerator)] = gain * np.array(numerator) / denominator[-1]
-    # In units of `time` the poles are those of D. The scale of the noise is part of B, so that C contains the gain.
+    # The poles of A · time are the roots of D. B contains the scale of the noise, and C the gain.
     return Filter(a / time, np.sqrt(np.pi) / time * np.eye(order)[:, -1:], c)
 
 
@@ -81,7 +81,8 @@ class DiscreteFilter:
 def discretise(system: Filter, period: float) -> DiscreteFilter:
     """Discretise a filter with a sampling period in s, by Van Loan's method."""
     size = system.a.shape[0]
-    # Van Loan's method computes exp(−A T), which overflows for long periods. They are reached by doubling a short one.
+    # Van Loan's method computes exp(−A T), which overflows for large T. The period is therefore halved until T is small
+    # enough, and the result is doubled as often.
     doublings = max(0, int(np.ceil(np.log2(period * np.abs(system.a).sum(axis=1).max()))))
     block = np.block([[-system.a, system.b @ system.b.T], [np.zeros((size, size)), system.a.T]])
     exponential = expm(block * period / 2**doublings)
@@ -96,8 +97,8 @@ def discretise(system: Filter, period: float) -> DiscreteFilter:
 def square_root(covariance: Floats) -> Floats:
     """Return the symmetric square root of a covariance matrix, which may be singular up to rounding errors.
 
-    Unlike other square roots, the symmetric one does not depend on the signs and the order of the eigenvectors, which
-    are determined by rounding errors and can differ between machines.
+    The symmetric square root does not depend on the signs and the order of the eigenvectors, which rounding errors
+    determine and which can differ between machines.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T

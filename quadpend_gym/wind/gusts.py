@@ -33,12 +33,12 @@ class Gusts(Loads):
             check_interval(getattr(self, name), name, low)
         if self.load[WIND_FIELDS["torque"]].any():
             raise ValueError(
-                "torque must be 0 for gusts: a heading rotates vectors of the world frame, torques have the body's axes"
+                "torque must be 0 for gusts: the heading of a gust rotates world-frame vectors, and a torque is not one"
             )
 
     @property
     def memory_size(self) -> int:
-        """Onset (s), length (s), cosine and sine of the heading, and number of the present or next gust."""
+        """Onset (s), length (s), cosine and sine of the heading, and number of the current or next gust."""
         return 5
 
     def initial_memory(self, streams: Streams) -> Floats:
@@ -76,8 +76,9 @@ class PaperGusts(Stateless, Addable):
 
     The disturbance is zero until the onset. The paper's onset is 10 s, which is the length of an episode: use an
     earlier onset or a larger `max_episode_steps`. The paper gives neither shape nor size of the gusts. Here a new
-    target is drawn every `hold` seconds, uniform in ± the amplitude, and the disturbance approaches it along half a
-    cosine. It is bounded and differentiable, as the paper's Theorem 1 assumes.
+    target is drawn every `hold` seconds, uniformly between minus and plus the amplitude, and the disturbance moves to
+    the target along half a period of a cosine. As a function of time it is bounded and differentiable, as the paper's
+    Theorem 1 assumes; the simulation samples it once in each control period.
 
     Raises:
         TypeError: If a value is not a number, or the force is neither a number nor three numbers.

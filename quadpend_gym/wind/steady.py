@@ -58,13 +58,13 @@ class Sinusoid(Loads):
 
 @dataclass(frozen=True)
 class StillAir(Stateless, Addable):
-    """Air at rest. It causes drag, which is not computed otherwise unless a wind has a velocity."""
+    """Air at rest. Without this model, drag is computed only if another model sets a wind velocity."""
 
     kind: str = field(default="still_air", init=False)
 
     @property
     def moves_air(self) -> bool:
-        """True: there is drag."""
+        """True, so that drag is computed."""
         return True
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
@@ -73,7 +73,7 @@ class StillAir(Stateless, Addable):
 
 @dataclass(frozen=True)
 class Drawn(Addable):
-    """Another wind, scaled by a factor and rotated about the vertical by an angle, both drawn for each episode.
+    """A wind that is scaled by a factor and rotated about the vertical by an angle, both drawn for each episode.
 
     Raises:
         TypeError: If `wind` is not a wind, or an interval is not a pair of numbers.
@@ -93,7 +93,7 @@ class Drawn(Addable):
 
     @property
     def moves_air(self) -> bool:
-        """Whether the drawn wind can have a velocity."""
+        """Whether the drawn wind can set a wind velocity."""
         return any(model.moves_air for model in self.wind.models)
 
     @property
@@ -121,5 +121,5 @@ class Drawn(Addable):
         strength, cosine, sine = memory[:, :3].T
         for axis in WORLD_VECTORS:
             add_rotated(out, axis, wind[:, axis : axis + 3].T, strength, cosine, sine)
-        torque = WIND_FIELDS["torque"]  # about the body's axes, so a heading does not rotate it
+        torque = WIND_FIELDS["torque"]  # about the φ, θ and ψ axes, so the heading does not rotate it
         out[:, torque] += strength[:, np.newaxis] * wind[:, torque]

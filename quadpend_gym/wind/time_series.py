@@ -1,4 +1,4 @@
-"""Time series of a wind without an environment, for plots and tests."""
+"""Time series of wind models, computed without an environment, for plots and tests."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ def time_series(
 ) -> Floats:
     """Return the wind during the first episodes of the seeds `seed`, `seed` + 1, …, shape (steps, rows, 12).
 
-    The numbers are those of environments with these seeds and this wind.
+    The values are the same as in environments with these seeds and this wind.
 
     Args:
         models: Wind models, as returned by `as_wind`.

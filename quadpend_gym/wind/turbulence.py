@@ -1,14 +1,16 @@
-"""Random winds without pauses: Ornstein–Uhlenbeck, Dryden and von Kármán turbulence.
+"""Continuous random winds: Ornstein–Uhlenbeck noise, and Dryden and von Kármán turbulence.
 
 Dryden and von Kármán turbulence at low altitude follow MIL-F-8785C: the mean wind V at the altitude h carries a frozen
-field of gusts u (along the wind), v (across) and w (up). With h in feet, W₂₀ the wind at 20 feet, and the roughness
-length z₀ = 0.15 feet, which the specification gives for terminal flight phases (category C; 2 feet for the others):
+turbulence field with the components u (along the wind), v (across) and w (up). W₂₀ is the wind at 20 feet, and h is in
+feet. The roughness length is z₀ = 0.15 feet, the specification's value for terminal flight phases (category C; it is 2
+feet for the other categories):
 
     (1)  V    = W₂₀ ln(h/z₀) / ln(20/z₀)
     (2)  σ_w  = 0.1 W₂₀,     σ_u = σ_v = σ_w / (0.177 + 0.000823 h)^0.4
     (3)  L_w  = h,           L_u = L_v = h / (0.177 + 0.000823 h)^1.2            10 ≤ h ≤ 1000
 
-Dryden's spectra are one-sided in ω (rad/s), with the variance ∫₀^∞ Φ dω and T = L/V; v as w with L_v:
+Dryden's spectra are one-sided in ω (rad/s), with the variance ∫₀^∞ Φ dω and T = L/V. In (5) and (7), Φ_v follows from
+Φ_w with σ_v and T_v in place of σ_w and T_w:
 
     (4)  Φ_u = (2 σ_u² T_u/π) / (1 + (T_u ω)²)
     (5)  Φ_w = (σ_w² T_w/π) (1 + 3 (T_w ω)²) / (1 + (T_w ω)²)²
@@ -22,13 +24,13 @@ MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and wri
 altitude both documents describe the same process. Lengths of one document with the spectra of the other are wrong by a
 factor of 2.
 
-The field is carried by the mean wind alone and belongs to one altitude: position and velocity of the quadrotor do not
-enter.
+The mean wind alone carries the field past the quadrotor, and the altitude h is fixed: the turbulence does not depend on
+the quadrotor's position and velocity.
 
 (4) and (5) are rational, and their filters are exact. (6) and (7) are approximated by the usual filters of second and
-third order, which follow them within 0.25 dB up to ω = 16/T and within 1 dB up to 32/T along the wind, 48/T across and
-up. At higher frequencies they are too low (by 2.6 and 2.0 dB at 100/T), which reduces the standard deviations by 1.6 %
-and 1.9 %.
+third order, with an error of at most 0.25 dB up to ω = 16/T, and of at most 1 dB up to 32/T along the wind and up to
+48/T across and up. At higher frequencies their densities are too low (by 2.6 dB along and 2.0 dB across and up at
+100/T), which reduces the standard deviations by 1.6 % along and 1.9 % across and up.
 """
 
 from collections.abc import Callable
@@ -88,7 +90,7 @@ class OrnsteinUhlenbeck(Loads):
         return self.load[self.axes] * streams.normal(0, len(self.axes))
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Add the present disturbance, and compute the next one."""
+        """Add the current disturbance, and compute the next one."""
         if self.axes:
             system, output, axes = _discrete_noise(self, period)
             advance(system, output, axes, step, streams, memory, out)
@@ -148,7 +150,7 @@ class _Turbulence(Addable):
 
     intensity: str | float = "light"  # "light", "moderate", "severe", or W₂₀ in m/s
     altitude: float = 20.0 * FOOT  # m, 10 to 1000 feet
-    mean_wind: float | None = None  # m/s, V; if None, by equation (1)
+    mean_wind: float | None = None  # m/s, V; None: computed with equation (1)
     heading: float = 0.0  # rad from x towards y, direction of the mean wind's velocity
     standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
     kind: str = field(default="", init=False)

@@ -10,12 +10,12 @@ torques t = (τθ_w, −τφ_w):
     (4)  u = (z̈_d − k₁ ė̂_z − k₀ ê_z − ϑ̂_z) / g_z,   g_z = (b_z − m_c/(M+m_c) (r·b) r_z) / M    (23), (18) corrected
     (5)  τψ = I_ψ (ψ̈_d − k₁ ė̂_ψ − k₀ ê_ψ − ϑ̂_ψ)                            (16)
 
-where b is the thrust axis. The observers estimate errors relative to the reference, because single-precision
-observations of small numbers lose no accuracy.
+where b is the thrust axis. The observers estimate errors relative to the reference, because observations are in single
+precision, which represents small numbers with a small absolute error.
 
 A force d on the quadrotor enters at F⁽⁴⁾ = F₅ − g d/(M l) = F₅ + ϑ/K, which the paper's control law neglects. With
-`AdrcGains.mismatch` = 1, the controller uses F₅ + ϑ̂/K for F⁽⁴⁾ in (3) and in the Luenberger stage, and the derivative
-of F₅ + ϑ̂/K for F⁽⁵⁾.
+`AdrcGains.mismatch` = 1 (the *matched* law), the controller uses F₅ + ϑ̂/K for F⁽⁴⁾ in (3) and in the Luenberger stage,
+and the derivative of F₅ + ϑ̂/K for F⁽⁵⁾.
 
 The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ into the axes of the world (n and t above),
 which makes no difference at ψ = 0.
@@ -38,7 +38,7 @@ _LUENBERGER, _HORIZONTAL, _HEIGHT, _YAW = slice(0, 2), slice(2, 4), 4, 5
 _OBSERVERS = 6
 # States of a DESO: output, rate, disturbance ϑ, its rate.
 _VALUE, _RATE, _DISTURBANCE = 0, 1, 2
-_MIN_THRUST_GAIN = 0.1  # bound of g_z, as a share of 1/(M + m_c)
+_MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 
 
 class AdrcMeasurement(NamedTuple):
@@ -120,7 +120,7 @@ class ADRC:
 
     Args:
         gains: A name in `ADRC_GAINS` (``"paper"``, ``"matched"``, …) or an `AdrcGains`.
-        simulation: Nominal plant, actuators and control period; None: the default simulation.
+        simulation: Nominal plant, torque limits and control period; None: the default simulation.
 
     Raises:
         ValueError: If no gains have this name.
@@ -177,8 +177,9 @@ class ADRC:
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
 
-        Near hover, a force on the quadrotor (world frame) and a yaw torque explain the estimates ϑ̂. The other numbers
-        are zero, because the observers cannot distinguish bob force, roll torque and pitch torque from that force.
+        Near hover, the estimates ϑ̂ are converted to a force on the quadrotor (world frame) and a yaw torque. The other
+        components are zero, because the observers cannot distinguish a force on the bob, a roll torque or a pitch
+        torque from a force on the quadrotor.
         """
         p, estimate = self.simulation.parameters, memory.estimate
         out = Disturbance(np.zeros((estimate.shape[0], DISTURBANCE_SIZE)))
@@ -215,7 +216,7 @@ class ADRC:
     def initial_estimate(self, measurement: AdrcMeasurement, outputs: Floats) -> Floats:
         """Return the states of the observers at the start of an episode, shape (n, 6, 4).
 
-        Rates and disturbances are zero, except that F̈ = g r and that ϑ_z is the gravity.
+        Rates and disturbances are zero, except F̈ = g r_xy and ϑ_z = −g.
         """
         gravity = self.simulation.parameters.gravity
         estimate = np.zeros((outputs.shape[0], _OBSERVERS, 4))

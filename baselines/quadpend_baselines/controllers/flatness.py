@@ -1,20 +1,20 @@
-"""Flatness-based cascade: position, pendulum direction, thrust direction and attitude, in coordinates for any tilt.
+"""Flatness-based cascade of position, pendulum direction, thrust direction and attitude, valid at tilts below 90°.
 
-With the symbols of `flat_outputs` and the subscript d for the values that follow the reference under the estimated
-disturbance, the errors of the bob of order 0 … 5 are
+The symbols are those of `flat_outputs`. The subscript d denotes the trajectory that follows the reference under the
+estimated disturbance. The errors of the bob's horizontal position and of its first five derivatives are
 
     (1)  e = F − F_d, ė,   e₂ = G (s − s_d),   e₃ = G (ṡ − ṡ_d),   e₄ = G (s̈ − s̈_d),
          e₅ = G (κ' (ṡ − ṡ_d) − κ (ṫ − ṫ_d)),                   κ' = ∂s̈/∂s = κ + (d_Qz − M/m_c d_Bz)/(r_z M l)
 
-With the coefficients k_i of the polynomial of three pairs of poles, the cascade is
+With the coefficients k₀ … k₅ of the polynomial of three pairs of poles, the cascade is
 
     (2)  e₂* = −sat(k₁/k₂ (ė + sat(k₀/k₁ e)))           bob acceleration that the position error demands
     (3)  e₄* = −(k₃ e₃ + k₂ (e₂ − e₂*))/k₄              tilt of the thrust that the pendulum demands, limited
     (4)  e₆  = −k₅ e₅ − k₄ (e₄ − e₄*)                   angular acceleration that the thrust direction demands
     (5)  ẗ   = ẗ_d + κ'/κ (s̈ − s̈_d) − e₆/(G κ)
 
-Where no limit is active, this is e₆ = −Σ k_i e_i, except for the rates of κ and G. The thrust follows from the equation
-of the height, which is exact as well:
+If no limit is active and the rates of κ and G are neglected, these equations give e₆ = −Σ k_i e_i. The thrust follows
+from the exact equation of the height:
 
     (6)  z̈ = z̈_d − 2ζω ė_z − ω² e_z,     u = ((M + m_c)(g + z̈) + m_c l r̈_z − d_Qz − d_Bz)/b_z
 
@@ -36,9 +36,9 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import Disturbance, State
 
-_MIN_THRUST = 0.2  # share of the weight: without thrust, the torques do not act on the pendulum
-_MIN_AXIS_HEIGHT = 0.1  # of b_z: 84° of tilt, where every episode has terminated
-_MIN_THRUST_EFFECT = 0.1  # of the factor of u in the height's equation
+_MIN_THRUST = 0.2  # share of the weight: without thrust, the torques have no effect on the pendulum
+_MIN_AXIS_HEIGHT = 0.1  # lower bound of b_z: 84° of tilt; the default limit of an episode is 80°
+_MIN_THRUST_EFFECT = 0.1  # lower bound of the factor of u in the equation of the height
 _NOMINAL_SCALE: Floats = np.ones((1, 4))
 
 

@@ -1,4 +1,4 @@
-"""LQR and LQI: optimal linear feedback around the exact trajectory of the reference.
+"""LQR and LQI: optimal linear feedback around the trajectory that follows the reference.
 
     (1)  u = u_d − K (x − x_d),   K = (R + BᵀPB)⁻¹ BᵀPA       P: discrete algebraic Riccati equation
     (2)  J = ½ Σ (x_kᵀ Q x_k + u_kᵀ R u_k) = ½ x₀ᵀ P x₀
@@ -8,8 +8,8 @@ x and u are those of `linear_model`, rotated into the axes of the heading. x_d a
 roll, pitch, yaw and the angular rates. Each weight is the inverse square of a tolerance (Bryson's rule).
 
 LQI appends the integrals σ_{k+1} = σ_k + T e_k to x. It integrates only while the command is within the limits of the
-actuators (anti-windup), and each component of σ is bounded. A horizontal position error is limited to the norm
-`LqrGains.reach`, because linear feedback of a larger error would tilt the pendulum further than it can recover from.
+actuators (anti-windup), and each component of σ is bounded. The norm of the horizontal position error is limited to
+`LqrGains.reach`, because linear feedback of a larger error would tilt the pendulum so far that it falls.
 """
 
 from dataclasses import dataclass
@@ -104,7 +104,7 @@ class Lqr:
         calm = np.zeros_like(estimate.disturbance)
         trajectory = flat_outputs.flat_trajectory(measurement.reference, calm, p)
         yaw = State(estimate.state).euler[:, 2]
-        # The desired roll and pitch are those for the actual heading.
+        # The desired roll and pitch are computed for the actual heading, not for the desired one.
         heading = np.column_stack([yaw, measurement.yaw_reference[:, 1:]])
         state, command = flat_outputs.state_and_command(trajectory, heading, calm, p)
         State(state).euler[:, 2] = measurement.yaw_reference[:, 0]

@@ -8,9 +8,9 @@ kernel of the environment and the estimated disturbance, over `horizon` periods 
     (3)  δ  ← Σ wᵏ δᵏ,                                wᵏ ∝ exp(−(Jᵏ − min J) / (λ (mean J − min J)))
 
 The command is (1) at j = 0 with the updated δ. x_d and u_d are the trajectory of `flat_outputs` under that disturbance.
-K, Q, R and P are those of `lqr`, sampled with the period of the horizon. One sample has δ = 0, so that MPPI keeps the
-linear feedback where no sample costs less. The barrier penalises states close to an early termination. ε comes from a
-fixed table, which makes the controller deterministic.
+K, Q, R and P are those of `lqr`, sampled with the period of the horizon. One sample has δ = 0, which is
+the linear feedback alone. The barrier penalises states close to an early termination. ε comes from fixed tables, so the
+controller is deterministic.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.validation import check_int
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, State
 
-_TABLES = 64  # number of tables of perturbations, used one after the other
+_TABLES = 64  # number of tables of perturbations, used in turn
 
 
 class Horizon(NamedTuple):

@@ -1,7 +1,7 @@
 """The compiled rollout of `mppi`: the integration of the environment's kernel, with feedback and cost.
 
-The sampled trajectories of one row lie side by side in the lanes of (field, lane) buffers, as in
-`quadpend_gym.envs.step_kernel`.
+Each sampled trajectory of a row is one lane of the (field, lane) buffers, which `quadpend_gym.physics.kernel`
+describes.
 """
 
 from itertools import accumulate
@@ -32,7 +32,7 @@ MAX_SAMPLES = 64  # sampled trajectories of a row
 _X_POSITION, _X_VELOCITY = linear_model.POSITION.start, linear_model.VELOCITY.start
 _X_EULER, _X_ANGLES_SIZE = linear_model.EULER.start, linear_model.EULER_RATE.stop - linear_model.EULER.start
 _X_PENDULUM, _X_PENDULUM_RATE = linear_model.PENDULUM.start, linear_model.PENDULUM_RATE.start
-# Ends of the parts of one buffer of lanes. The compiler can tell that parts of one buffer do not overlap.
+# Ends of the parts of one buffer. For parts of one buffer, the compiler can prove that they do not overlap.
 _STATE_END, _DEVIATION_END, _COMMAND_END, _CHANGE_END, _DISTURBANCE_END, _PARAMETERS_END, _END = accumulate(
     (LANE_STATE_SIZE, MODEL_STATE_SIZE, COMMAND_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE, 1)
 )

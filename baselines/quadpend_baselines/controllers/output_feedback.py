@@ -1,4 +1,4 @@
-"""Output feedback: a control law for state and disturbance, combined with `estimator`."""
+"""Output feedback: a control law that uses the state and disturbance estimates of `estimation.estimator`."""
 
 from collections.abc import Callable
 from inspect import signature
@@ -62,7 +62,7 @@ class OutputFeedback:
     Args:
         make_law: Returns the control law from its gains and the nominal simulation.
         gains: Gains of the control law; their field `estimator` holds those of the estimator.
-        simulation: Nominal plant, actuators and control period; None: the default simulation.
+        simulation: Nominal plant, torque limits and control period; None: the default simulation.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class OutputFeedback:
         """Return the actions of n rows, shape (n, 4), and the memory.
 
         Args:
-            estimation: What `update` returned.
+            estimation: The return value of `update`.
             options: Passed on to the `command` method of the control law.
         """
         command, law_memory = self._law.command(

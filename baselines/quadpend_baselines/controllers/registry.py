@@ -32,7 +32,7 @@ def controller(name: str, simulation: Simulation | None = None) -> Policy:
 
     Args:
         name: One of `CONTROLLERS`.
-        simulation: Nominal plant, actuators and control period; None: the default simulation, which has the paper's
+        simulation: Nominal plant, torque limits and control period; None: the default simulation, which has the paper's
             parameters.
 
     Raises:

@@ -1,12 +1,12 @@
-"""Extended state observer of the whole plant: the kernel predicts, a Kalman gain corrects.
+"""Extended state observer of the whole plant: prediction with the nonlinear simulation, correction with a Kalman gain.
 
     (1)  predict   x̂⁻ = f(x̂, u, d̂),          d̂⁻ = d̂                        f: one period of `kernel.advance`
     (2)  correct   x̂  = x̂⁻ + L_x (y − C x̂⁻),  d̂ = d̂⁻ + L_d (y − C x̂⁻)
 
 The extended states d are the forces on quadrotor and bob and the torque, modelled as random walks. The prediction (1)
-is nonlinear and exact. L is the gain of the Kalman filter for model (1) of `linear_model`, rotated by the yaw angle.
-The gain varies over the first steps of an episode, when the forces and, in output feedback, the rates are unknown;
-after that it is constant.
+is that of the simulation itself, with nominal parameters. L is the gain of the Kalman filter for model (1) of
+`linear_model`, rotated by the yaw angle. The gain varies over the first steps of an episode, when the forces and, in
+output feedback, the rates are unknown; after that it is constant.
 
 Positions and velocities are relative to the reference, which accelerates. The observer therefore subtracts the motion
 of the reference over a period, a polynomial of order 6, after the prediction (1).
@@ -45,7 +45,7 @@ from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, REFERENCE_START
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
-_MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright, where every episode has terminated
+_MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
 _MAX_ESTIMATE = 300.0  # SI units; the observer restarts where the absolute value of a state exceeds this bound
 _MEASURED_COLUMNS = np.r_[POSITION, EULER, PENDULUM]  # columns of x that output feedback measures
 # Standard deviations of the estimates at the start of an episode
@@ -151,7 +151,7 @@ class Estimator:
     def initial_estimate(self, measurement: Measurement) -> Estimate:
         """Return the estimate at the start of an episode.
 
-        Rates that are not measured are those of the exact trajectory of the reference; the disturbance is zero.
+        Rates that are not measured are those of the trajectory that follows the reference; the disturbance is zero.
         """
         rows, p = len(measurement.state), self.simulation.parameters
         calm = np.zeros((rows, DISTURBANCE_SIZE))
@@ -200,7 +200,7 @@ class Estimator:
 
 
 def _project_direction(state: Floats) -> None:
-    """Project r onto the upper half of the unit sphere, above its edge, and ṙ onto the tangent plane."""
+    """Limit |r_xy|, and set r_z and ṙ_z in place such that |r| = 1, r_z > 0 and r·ṙ = 0."""
     s = State(state)
     s.direction[:, :2] = limit_norm(s.direction[:, :2], _MAX_HORIZONTAL)
     s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
@@ -210,7 +210,7 @@ def _project_direction(state: Floats) -> None:
 
 @lru_cache(maxsize=32)
 def gain_table(gains: EstimatorGains, simulation: Simulation, has_rates: bool) -> Floats:
-    """Return L of equation (2) for the first 100 corrections; the last one holds for all later corrections.
+    """Return L of equation (2) for the first 100 corrections; all later corrections use the last one.
 
     Args:
         gains: Noise levels of the Kalman filter.

@@ -1,4 +1,4 @@
-"""The policy sets the bandwidths of the base controller: gain scheduling."""
+"""Hybrid whose policy scales the bandwidths of the base controller (gain scheduling)."""
 
 from typing import Any, ClassVar
 

@@ -1,4 +1,4 @@
-"""What all hybrids do with their base controller."""
+"""Functions that the hybrids share: find, check and redesign the base controller, and read its estimates."""
 
 from copy import copy
 from typing import Any, TypeVar
@@ -63,13 +63,13 @@ def name_of_base_controller(hybrid: Hybrid) -> str:
     """
     if hybrid.base_controller_name is None:
         raise ValueError(
-            f"a hybrid has plain data only if its base controller is given by name, not as {hybrid.base_controller!r}"
+            f"to convert a hybrid to plain data, give its base controller by name, not as {hybrid.base_controller!r}"
         )
     return hybrid.base_controller_name
 
 
 def estimate_size(base_controller: Any, size: int) -> int:
-    """Return the size of what `estimate` returns, both parts together, for an observation of `size` numbers."""
+    """Return the total size of the two parts that `estimate` returns, for an observation of `size` components."""
     return (OBSERVATION_SIZE if _estimates_state(base_controller) else size) + DISTURBANCE_SIZE
 
 

@@ -1,4 +1,4 @@
-"""The policy acts alone and observes the base controller's estimates."""
+"""Hybrid whose policy acts alone and observes the base controller's estimates."""
 
 from typing import Any, ClassVar
 

@@ -1,15 +1,16 @@
-"""Fall back on the base controller where its observer reports an anomaly.
+"""Reduce the policy's action when the base controller's observer reports an anomaly.
 
-With a fallback gain γ > 0 the hybrid uses c a instead of the policy's action a. The weight c decreases where the
-observer estimates a torque, because late actuators look like a torque (wind exerts hardly any), and where the pendulum
-leans far from upright. The anomaly score q decays within a second; the policy does not observe it. In control step k
-of 10 ms
+With a fallback gain γ > 0 the hybrid uses c a instead of the policy's action a. The weight c decreases with the torque
+that the observer estimates and with the tilt of the pendulum. The torque indicates delayed or slow actuators: the
+observer attributes their effect to a torque, and the wind models exert almost none. The anomaly score q decays with a
+time constant of 1 s; the policy does not observe it. In control step k of 10 ms
 
     (4)  c_k = 1/(1 + γ² q_k²),    q_k = max(|τ̂_k|/(0.5 N·m), |r_xy|/0.2, 0.99 q_{k−1}).
 
 | symbol | code name       | unit | frame        | shape  |
 |--------|-----------------|------|--------------|--------|
 | γ      | `fallback_gain` | 1    | –            | scalar |
+| c      | `weight`        | 1    | –            | (n,)   |
 | q      | `anomaly_score` | 1    | –            | (n,)   |
 | τ̂      | `torque`        | N·m  | φ, θ, ψ axes | (n, 3) |
 | r      | `direction`     | 1    | world        | (n, 3) |
@@ -25,7 +26,7 @@ from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.tasks.observation import read_observation
 
 LARGEST_GAIN = 10.0
-_TORQUE, _LEAN, _DECAY = 0.5, 0.2, 0.99  # N·m, 1, per control step
+_TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # N·m, 1, per control step
 
 
 def check_fallback_gain(value: Any) -> float:
@@ -52,8 +53,8 @@ def update_anomaly_score(
     """
     if not fallback_gain:
         return np.zeros(len(observation))
-    lean = np.linalg.norm(read_observation(observation, "direction")[:, :2], axis=1) / _LEAN
-    score = np.maximum(np.linalg.norm(Disturbance(disturbance).torque, axis=1) / _TORQUE, lean)
+    tilt = np.linalg.norm(read_observation(observation, "direction")[:, :2], axis=1) / _TILT
+    score = np.maximum(np.linalg.norm(Disturbance(disturbance).torque, axis=1) / _TORQUE, tilt)
     if last_score is not None:
         score = np.where(episode_start, score, np.maximum(score, _DECAY * last_score))
     return np.asarray(score)

@@ -1,8 +1,9 @@
 """The protocol that all hybrids share.
 
-A hybrid combines a classical base controller with a policy. At every control step the hybrid first makes the policy's
-observation (`Hybrid.observe`), and then turns the policy's action into the action that is applied to the environment
-(`Hybrid.act`). There is one class for each way to use the policy's action a ∈ [−1, 1]⁴, with the action scale κ:
+A hybrid combines a classical base controller with a policy. At every control step the hybrid first computes the
+policy's observation (`Hybrid.observe`), and then computes the action that is applied to the environment from the
+policy's action (`Hybrid.act`). Three classes use the policy's action a ∈ [−1, 1]⁴ in different ways, with the action
+scale κ:
 
 | class                 | applied action                                                                              |
 |-----------------------|---------------------------------------------------------------------------------------------|
@@ -10,18 +11,18 @@ observation (`Hybrid.observe`), and then turns the policy's action into the acti
 | `ResidualAction`      | (2)  clip(a_base + κ a, −1, 1)                                                              |
 | `BandwidthScheduling` | (3)  the base controller's action, with its four bandwidths multiplied by (1 + κ)^a         |
 
-Equation (4), in `fallback`, optionally scales a down where the base controller's observer reports an anomaly.
+Equation (4), in `fallback`, optionally scales a down when the base controller's observer reports an anomaly.
 
 The policy's observation contains, in this order,
 
-| part                                                                                   | size     | scale      |
-|----------------------------------------------------------------------------------------|----------|------------|
-| the observation; as the base controller estimates it if it estimates the whole state   | 36 or 27 | its own    |
-| the estimated disturbance, with the layout of ``info["disturbance"]``                  | 9        | 1 N, 1 N·m |
-| the action of the base controller; with `ResidualAction` only                          | 4        | 1          |
+| part                                                                                    | size     | scale      |
+|-----------------------------------------------------------------------------------------|----------|------------|
+| the observation of the base controller's state estimate; without one, the environment's | 36 or 27 | its own    |
+| the estimated disturbance, with the layout of ``info["disturbance"]``                   | 9        | 1 N, 1 N·m |
+| the action of the base controller; with `ResidualAction` only                           | 4        | 1          |
 
-A residual policy and a bandwidth schedule work close to the reference. `ResidualAction` and `BandwidthScheduling`
-therefore multiply by ten the part of the observation that depends on the state, and the base controller's action.
+`ResidualAction` and `BandwidthScheduling` multiply the part of the observation that depends on the state, and the base
+controller's action, by ten, because the base controller keeps these values small.
 """
 
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -70,7 +71,7 @@ class Hybrid(Protocol):
         """
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
-        """Turn the policy's action into the action to apply, and report the latter to the base controller's observer.
+        """Turn the policy's action into the action to apply, and pass the latter to the base controller's observer.
 
         Args:
             action: Action of the policy, shape (n, 4).

@@ -1,4 +1,4 @@
-"""Hybrids by kind, as cards, settings and environment specifications name them."""
+"""Hybrids by kind. Policy cards, training settings and environment specifications use the names of the kinds."""
 
 from collections.abc import Callable, Mapping
 from inspect import signature

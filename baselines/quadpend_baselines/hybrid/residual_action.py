@@ -1,4 +1,4 @@
-"""The policy adds a correction to the base controller's action."""
+"""Hybrid whose policy adds a correction to the base controller's action (residual policy learning)."""
 
 from typing import Any, ClassVar
 

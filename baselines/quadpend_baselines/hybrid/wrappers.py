@@ -32,7 +32,7 @@ def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any]) -> Hyb
     if getattr(space, "shape", None) not in {(size,) for size in _SIZES}:
         raise ValueError(
             f"a hybrid takes observations of {' or '.join(map(str, _SIZES))} numbers, not of {space}: put its wrapper"
-            " inside those that change the observation otherwise"
+            " inside the other wrappers that change the observation"
         )
     found = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
     world = getattr(env.unwrapped, "world", None)
@@ -67,7 +67,9 @@ class HybridWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], hybrid: Hybrid | Mapping[str, Any]) -> None:
         """Wrap `env`."""
         self.hybrid = _hybrid_for(env, env.observation_space, hybrid)
-        named = self.hybrid.base_controller_name is not None  # then the specification of the environment can be JSON
+        named = (
+            self.hybrid.base_controller_name is not None
+        )  # a name can be stored as JSON in the specification of the environment
         RecordConstructorArgs.__init__(self, hybrid=self.hybrid.as_data() if named else hybrid)
         gym.Wrapper.__init__(self, env)
         self.observation_space = observation_space(self.hybrid.observation_size(env.observation_space.shape[0]))  # type: ignore[index]
@@ -128,7 +130,9 @@ class VectorHybridWrapper(VectorWrapper):
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """Begin an episode and reset the base controller in every sub-environment that is reset."""
-        mask = (options or {}).get("reset_mask")  # read first: some vector environments remove it from the options
+        mask = (options or {}).get(
+            "reset_mask"
+        )  # read before the reset: some vector environments remove it from the options
         observation, info = self.env.reset(seed=seed, options=options)
         everywhere = np.ones(self.num_envs, np.bool_)
         if mask is None or self._memory is None:

@@ -1,4 +1,4 @@
-"""Differential flatness: the state and the command that follow a reference exactly under a known disturbance.
+"""Differential flatness: the state and the command that follow a reference under a known disturbance.
 
 The equations use the tangents s = r_xy/r_z of the pendulum and t = b_xy/b_z of the thrust axis b = R e₃. F is the
 horizontal position of the bob, z the height of the quadrotor, and u_z = u b_z the vertical thrust:
@@ -9,13 +9,13 @@ horizontal position of the bob, z the height of the quadrotor, and u_z = u b_z t
     (4)  u_z = (M + m_c)(g + z̈) + m_c l r̈_z − d_Qz − d_Bz,      r_z = (1 + |s|²)^(−1/2)
     (5)  t  = (tan θ, −tan φ/cos θ), rotated by ψ
 
-The radial components cancel in tangents, so that (2) holds at any tilt. Equation (1) is solved for s, (2) for t, and
-(5) for the attitude; six derivatives of F therefore determine the torque. All quantities are Taylor series in time (see
-`taylor`).
+The term in parentheses is left out, see below. The radial component of r̈ cancels in s̈, so (2) holds at every tilt below
+90°. Equation (1) is solved for s, (2) for t, and (5) for the attitude; six derivatives of F therefore determine the
+torque. All quantities are Taylor series in time (see `taylor`).
 
-The equations are exact except for the vertical acceleration of the bob, l r̈_z in (1), which is left out. This term
-exists because the height is that of the quadrotor. It is of second order in the tilt and zero on circles; including it
-would require derivatives of F of order above six.
+The equations are exact except for the term l r̈_z in (1), which is left out: the vertical acceleration of the bob
+relative to the quadrotor. It appears because the height z is that of the quadrotor. It is of second order in the tilt
+and zero on circles; including it would require derivatives of F of order above six.
 
 | symbol         | code name           | unit | frame | shape     |
 |----------------|---------------------|------|-------|-----------|
@@ -55,7 +55,7 @@ class FlatTrajectory(NamedTuple):
 
 
 def flat_trajectory(reference: Floats, disturbance: Floats, p: Parameters) -> FlatTrajectory:
-    """Return the trajectory that follows a reference exactly, by equations (1)–(4).
+    """Return the trajectory that follows a reference, by equations (1)–(4).
 
     Args:
         reference: F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3).

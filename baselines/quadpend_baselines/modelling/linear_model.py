@@ -1,4 +1,4 @@
-"""Linear model: the kernel of the environment, linearised at hover with the pendulum upright.
+"""Linear model: the simulation over one control period, linearised at hover with the pendulum upright.
 
     (1)  x_{k+1} = A x_k + B u_k + E d_k
 
@@ -46,7 +46,7 @@ YAW = 8
 DISTURBANCE_COLUMNS = np.r_[FORCE : FORCE + 3, BOB_FORCE : BOB_FORCE + 2, TORQUE : TORQUE + 3]
 MODEL_DISTURBANCE_SIZE = DISTURBANCE_COLUMNS.size
 MODEL_FORCE, MODEL_BOB_FORCE, MODEL_TORQUE = slice(0, 3), slice(3, 5), slice(5, 8)
-_STEP = 1e-4  # of the central differences, whose error is of order 1e-8
+_STEP = 1e-4  # step of the central differences; their error is of order 1e-8
 
 
 class LinearModel(NamedTuple):

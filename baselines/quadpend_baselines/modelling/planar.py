@@ -1,4 +1,4 @@
-"""Functions of the horizontal vectors in the rows of an array."""
+"""Rotation and norm limits of horizontal vectors, stored in the rows of an array."""
 
 import numpy as np
 

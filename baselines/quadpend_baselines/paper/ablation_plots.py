@@ -35,7 +35,7 @@ def draw(results: list[tuple[AblationCase, AblationResult]], path: Path) -> None
     for axis in axes.ravel():
         axis.grid(alpha=0.3)
         axis.legend(frameon=False, fontsize=7)
-    figure.suptitle(f"Failures and remedies: every point shows {EPISODES} episodes of 10 s", fontsize=10)
+    figure.suptitle(f"Failures and remedies: every point is the result of {EPISODES} episodes of 10 s", fontsize=10)
     figure.savefig(path, dpi=150)
 
 

@@ -1,8 +1,8 @@
 """Ablations of the paper's controller: a table of the cases in which it fails and of remedies.
 
-Every case hovers in the environment at 100 Hz for 50 episodes of 10 s. The controller is the paper's with its misprints
-corrected or, where the table says so, the matched one. The cases vary the control law, the observers, bandwidth and
-noise, the torque limit, and the wind.
+In every case the task is to hover at 100 Hz control rate, in 50 episodes of 10 s. The controller is the paper's: with
+its misprints corrected or, if the name of the case says so, as printed or matched (`AdrcGains.mismatch` = 1). The cases
+vary the control law, the observers, bandwidth and noise, the torque limit, and the wind.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_gym.wrappers import VectorSensorWrapper
 
 EPISODES, SEED = 50, 0
-SETTLING_STEPS = EPISODE_STEPS // 2  # steps that the RMSE leaves out
+SETTLING_STEPS = EPISODE_STEPS // 2  # steps at the beginning of an episode that the settled RMSE leaves out
 STEADY_FORCE = 0.1  # N
 _ROLL_TORQUE, _PITCH_TORQUE = COMMAND_TORQUE, COMMAND_TORQUE + 1
 _HEADER = (
@@ -45,7 +45,10 @@ class PrintedADRC(ADRC):
     """ADRC with the control laws (51) and (52) as printed, valid at ψ = 0."""
 
     def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
-        """Return thrust and torques, shape (n, 4): τθ with +A v instead of −A v, and τφ with the wrong sign."""
+        """Return thrust and torques, shape (n, 4).
+
+        The sign of v in τθ and the sign of τφ are wrong, as in the paper.
+        """
         command = super().command(measurement, estimate)
         p = self.simulation.parameters
         feedforward = p.inertia_pitch / p.gravity * self.fourth_derivative(measurement)[:, 0]
@@ -90,7 +93,7 @@ class AblationResult:
         duration: Mean duration of the episodes, s.
         rmse: Tracking error over the last 5 s of the surviving episodes, m; nan if none survives.
         offset_per_newton: Mean error along x per newton of steady wind, m/N; nan without steady wind.
-        predicted_offset: The same by linear theory, m/N.
+        predicted_offset: The same error according to linear theory, m/N.
         rms_torque: Root mean square of the roll and pitch torques, N·m.
     """
 

@@ -6,8 +6,8 @@ The observers (13), (20), (46), (47), corrected, with e = y − x̂₁ and the p
     x̂̇₁ = x̂₂ + λ₃ e,   x̂̇₂ = x̂₃ + λ₂ e [+ u],   x̂̇₃ = x̂₄ + λ₁ e,   x̂̇₄ = λ₀ e [+ u]   or   ρ sat(λ₀ e / ρ)
 
 The known input u enters the equation of the state that it drives. The control law is that of
-`quadpend_baselines.controllers.adrc`, evaluated at every stage of a classical Runge–Kutta step. Commands saturate as
-those of the sampled controller do.
+`quadpend_baselines.controllers.adrc`, evaluated at every stage of a classical Runge–Kutta step. The commands have the
+same limits as in the sampled controller.
 """
 
 from typing import NamedTuple
@@ -59,7 +59,7 @@ class ContinuousLoop:
         self._gains = np.array([characteristic_polynomial(item)[1:] for item in observers])
         self._limits = np.array([item.switching for item in observers])
         for gain, item in zip(self._gains, observers, strict=True):
-            if item.layer is not None:  # λ₀ becomes ρ/δ; the sign function is the limit of a thin layer
+            if item.layer is not None:  # the slope λ₀ becomes ρ/δ; a very small δ approximates the sign function
                 gain[3] = item.switching / max(item.layer, 1e-300)
 
     def simulate(self, start: Floats, reference: Reference, disturbance: Floats, step: float, every: int) -> Trajectory:
@@ -95,9 +95,10 @@ class ContinuousLoop:
         )
 
     def _advance(self, loop: _Loop, inputs: list[_Inputs], h: float) -> _Loop:
-        """Return the loop one Runge–Kutta step of h (s) later, with r and ṙ projected onto the unit sphere.
+        """Return the loop one Runge–Kutta step of h (s) later.
 
-        `inputs` are those at the start, the middle and the end of the step.
+        `inputs` are those at the start, the middle and the end of the step. After the step, r is normalised and ṙ is
+        projected onto the plane perpendicular to r.
         """
         k1 = self._rate(loop, inputs[0])
         k2 = self._rate(loop.after(k1, 0.5 * h), inputs[1])

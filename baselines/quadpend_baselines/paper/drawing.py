@@ -1,8 +1,9 @@
 """The drawing of frames and symbols, `docs/frames.svg`.
 
 Run ``python -m quadpend_baselines.paper.drawing docs/frames.svg`` to write it. The left part shows the bodies: world
-frame, quadrotor at ζ, bob at ζ + l r, angles α and β, and forces. The right part shows the attitude: R takes body
-vectors to the world frame by roll φ, then pitch θ, then yaw ψ. Both parts are parallel projections.
+frame, quadrotor at ζ, bob at ζ + l r, angles α and β, and forces. The right part shows the attitude: R rotates body
+vectors to the world frame, about x by roll φ, then about y by pitch θ, then about z by yaw ψ. Both parts are parallel
+projections.
 """
 
 import sys
@@ -14,7 +15,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 
-# The palette of Okabe and Ito, safe for colour-blind readers
+# Colours for colour-blind readers, most of them from the palette of Okabe and Ito
 _BLACK, _GREY, _BLUE, _ORANGE, _GREEN, _PURPLE = "#000000", "#8a8a8a", "#0072b2", "#d55e00", "#009e73", "#aa4499"
 _X, _Y, _Z = np.eye(3)
 

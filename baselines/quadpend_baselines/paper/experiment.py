@@ -1,9 +1,9 @@
 """The numerical experiment of the paper (Section 5), as far as the paper describes it.
 
-The paper gives the parameters (Table 1) and the gains. It does not give the reference, the start, the gusts, the
-switching gain or the integration step; the choices below are this project's own and reproduce what the paper's figures
-show. The reference is a helix with a slow oscillation in yaw, the start differs from it, and random gusts begin after
-10 s.
+The paper gives the parameters (Table 1) and the gains. It does not give the reference, the initial state, the gusts,
+the switching gain or the integration step. This project chooses them such that the results resemble the paper's
+figures: the reference is a helix with a slow oscillation in yaw, the initial state is not on the reference, and random
+gusts begin after 10 s.
 """
 
 from dataclasses import dataclass
@@ -89,7 +89,7 @@ def gusts(times: Floats) -> Floats:
     """
     key = Streams.from_seeds([SEED]).derive(0).derive(WIND_STREAM).derive(0).keys
     out = np.zeros((times.size, DISTURBANCE_SIZE))
-    # The wind of step k is that at its midpoint, (k + ½) period. With a period of 1 s, time t belongs to step t − ½.
+    # `sample` evaluates the gusts at the time (step + ½) · period. With a period of 1 s, step = t − ½ gives time t.
     steps: Any = times - 0.5
     GUSTS.sample(out, np.empty((times.size, 0)), steps, 1.0, Streams(np.full(times.size, key[0])))
     return out

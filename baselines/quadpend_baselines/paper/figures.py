@@ -1,4 +1,4 @@
-"""Figures 4 to 10 of the paper, in its layout, drawn from our experiment as PNG and SVG."""
+"""Figures 4 to 10 of the paper in its layout, drawn from the results of `experiment` as PNG and SVG files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +12,7 @@ from quadpend_gym import PAPER, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_TORQUE, FORCE, THRUST, TORQUE
 
-# The palette of Okabe and Ito, safe for colour-blind readers; the line styles differ for print in black and white.
+# The palette of Okabe and Ito for colour-blind readers; the line styles differ, for printing in black and white.
 _STYLES = {
     "continuous": {"color": "#0072B2", "linestyle": "-"},
     "1 kHz": {"color": "#009E73", "linestyle": ":"},

@@ -1,4 +1,4 @@
-"""Figures of merit of the experiment: the paper's criteria (8)–(11) in numbers, and the quality of the estimates."""
+"""Figures of merit of the experiment: the paper's criteria (8)–(11), and the accuracy of the estimates."""
 
 from typing import Any
 
@@ -71,7 +71,7 @@ def _estimation_quality(true: Floats, estimate: Floats) -> dict[str, float]:
 
 
 def _peak(correlations: Floats) -> float:
-    """Return the lag of the largest correlation from a parabola through the top three; the first lag is −`_MAX_LAG`."""
+    """Return the lag in samples of the largest correlation, from a parabola; the first lag is −`_MAX_LAG`."""
     top = int(np.clip(np.argmax(correlations), 1, correlations.size - 2))
     left, centre, right = correlations[top - 1 : top + 2]
     return float(top - _MAX_LAG + 0.5 * (left - right) / (left - 2.0 * centre + right))

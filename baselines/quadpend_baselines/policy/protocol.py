@@ -80,7 +80,7 @@ def replace_rows(rows: Integers, part: Any, whole: Any) -> Any:
 
 
 def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
-    """Return the action that comes closest to a command, and the command that this action produces.
+    """Return the action that produces a command, after saturation, and the command that this action produces.
 
     Args:
         command: Thrust (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).

@@ -1,4 +1,4 @@
-"""Rotor allocation: a policy for thrust and torques controls four rotors."""
+"""Rotor allocation: convert thrust and torques of a policy to the thrusts of four rotors."""
 
 from typing import Any
 
@@ -14,8 +14,8 @@ class RotorAllocation:
     """Wrap a policy for an environment whose actions are the thrusts of four rotors.
 
     The inverse of the rotors' mixing matrix converts thrust and torques into rotor thrusts. Each rotor thrust is
-    clipped to its range. Where a rotor saturates, thrust and torques differ from those that the policy has commanded,
-    and the policy does not receive the difference.
+    clipped to its range. If a rotor saturates, thrust and torques differ from those that the policy commands, and
+    the policy is not informed of the difference.
 
     Args:
         policy: A policy whose actions are thrust and torques.
