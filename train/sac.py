@@ -3,8 +3,8 @@
     python train/sac.py                             # two to four minutes on one core
     python train/sac.py --total-timesteps 400_000   # a better policy, at least ten minutes
 
-A step of SAC takes much longer than a step of PPO. The default ends with a mean return of about 130 of 1000; the return of
-an untrained policy is about 30. In the same time `ppo.py` reaches about 700.
+A step of SAC takes much longer than a step of PPO. The default ends with a mean return of about 130 of 1000; an
+untrained policy has about 30. In the same time `ppo.py` reaches about 700.
 
 Writes `sac.zip`. `python train/compare.py sac.zip` compares it with two classical controllers.
 """

@@ -206,7 +206,7 @@ def _markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> s
 def _verdict(scenario: str, pair: PairwiseComparison, result: ScenarioResult) -> str:
     beats = f"{pair.first} beats {pair.second}"
     loses = f"{pair.first} loses to {pair.second}"
-    neither = f"{pair.first} and {pair.second} cannot be told apart"
+    neither = f"{pair.first} and {pair.second} show no significant difference"
     return (
         f"In {scenario}, {[neither, beats, loses][result.winner]}: RMSE where both survive"
         f" {_describe(result.rmse, 'mm')}, survival {_describe(result.survival, 'points')}."
