@@ -9,7 +9,7 @@ that drives one of the states. In continuous time, with the output error e = y �
 and s⁴ + λ₃s³ + λ₂s² + λ₁s + λ₀ = (s² + 2ζω s + ω²)². Sampled with period T (Miklosovic, Radke & Gao, ACC 2006):
 
     (1)  predict   x̂⁻ = Φ x̂ + Γ u,              Φ = exp(A T), Γ = ∫ exp(A t) b dt
-    (2)  correct   x̂  = x̂⁻ + L e,               e = y − x̂₁⁻,   L: poles of the error at exp(p T), p the polynomial's roots
+    (2)  correct   x̂  = x̂⁻ + L e,               e = y − x̂₁⁻,   error poles at exp(p T), p: roots of the polynomial
     (3)  DESO      last correction = ρ T sat(e / δ)
 
 With δ = ρT / L₄ (the default), equation (3) is linear inside the boundary layer |e| < δ, with the gain L₄, and

@@ -63,7 +63,8 @@ def name_of_base_controller(hybrid: Hybrid) -> str:
     """
     if hybrid.base_controller_name is None:
         raise ValueError(
-            f"to convert a hybrid to plain data, give its base controller by name, not as {hybrid.base_controller!r}"
+            "a hybrid can be converted to plain data only if its base controller is given by name, not as"
+            f" {hybrid.base_controller!r}"
         )
     return hybrid.base_controller_name
 
