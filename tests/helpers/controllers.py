@@ -167,7 +167,7 @@ class HybridPolicy:
 
 
 def run_policy(policy: Any, env: VectorEnv[Any, Any, Any], steps: int, **reset: Any) -> tuple[list[Any], list[Any]]:
-    """Actions of a policy and the results of `env.step`, across same-step autoresets, of which the policy is informed."""
+    """Actions of a policy and the results of `env.step`, across same-step autoresets."""
     observation, _ = env.reset(seed=5, **reset)
     memory, started = None, np.ones(env.num_envs, np.bool_)
     actions, results = [], []

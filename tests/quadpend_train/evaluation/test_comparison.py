@@ -46,7 +46,8 @@ def test_equal_policies_have_no_winner() -> None:
     comparison = compare({"one": [ADRC()], "two": [ADRC()]}, ["calm"], episodes=10)
     (verdict,) = verdicts(comparison)
     assert verdict == (
-        "In calm, two and one show no significant difference: RMSE where both survive different by 0.00 mm [0.00, 0.00],"
+        "In calm, two and one show no significant difference:"
+        " RMSE where both survive different by 0.00 mm [0.00, 0.00],"
         " survival different by 0.00 points [-16.33, 16.33]."
     )
 
