@@ -1,4 +1,4 @@
-"""Names of the array types in the signatures of the packages."""
+"""Type aliases of the NumPy arrays in type hints."""
 
 import numpy as np
 from numpy.typing import NDArray

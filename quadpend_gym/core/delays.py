@@ -1,4 +1,4 @@
-"""Delays by whole control steps, which sensors and actuators share."""
+"""Delays by whole control steps, for sensors and actuators."""
 
 from typing import Any
 
@@ -12,16 +12,16 @@ def _exchange(values: Floats, step: Integers, ring: Floats, steps: int) -> None:
     for row in range(rows):
         slot = (step[row] % steps) * fields
         for field in range(fields):
-            present = values[field, row]
+            current = values[field, row]
             values[field, row] = ring[slot + field, row]
-            ring[slot + field, row] = present
+            ring[slot + field, row] = current
 
 
 def delay(values: Floats, step: Integers, memory: Floats, steps: int) -> None:
-    """Replace `values` by those of `steps` control steps ago, and store the present ones.
+    """Replace the current values by those of `steps` control steps ago, and store the current ones in `memory`.
 
     Args:
-        values: Present values, shape (n, k), columns contiguous, changed in place.
+        values: Current values, shape (n, k), columns contiguous, changed in place.
         step: Control steps since the beginning of each episode, shape (n,).
         memory: Ring buffer of the last values, shape (n, steps · k), columns contiguous, changed in place. Its initial
             content is returned during the first `steps` steps.

@@ -1,6 +1,6 @@
-"""Sine, cosine, arcsine and logarithm without branches and library calls.
+"""Sine, cosine, arcsine and logarithm without branches or library calls.
 
-Compilers can therefore turn a loop that calls them into vector instructions.
+A compiler can therefore vectorise a loop that calls them.
 
 | function | method | error |
 |---|---|---|
@@ -81,7 +81,7 @@ def arcsin(x: float) -> float:
 def log(x: float) -> float:
     """Return the natural logarithm of x, a positive normal number (not a subnormal one)."""
     bits = np.float64(x).view(np.int64)
-    # The added constant is the distance from √½ to 1 in the bits; it puts m into [√½, √2).
+    # The constant is bits(1) − bits(√½), with the bits of a float read as an integer; it puts m into [√½, √2).
     k = ((bits + 0x95F619980C433) >> 52) - 1023
     m = np.int64(bits - (k << 52)).view(np.float64)
     f = m - 1.0

@@ -1,8 +1,9 @@
-"""Decorators that compile functions with numba: `compiled` for functions that Python calls, `inlined` for their parts.
+"""Decorators that compile functions with numba: `compiled` to call from Python, `inlined` to call from compiled code.
 
-LLVM copies `inlined` functions into their callers (``alwaysinline``), which it needs to turn a loop over
-sub-environments into vector instructions. `compiled` functions are cached on disk. A cache is valid until a source file
-of this package or the file of the function changes; the files of the viewer do not count, since they compile nothing.
+LLVM copies `inlined` functions into their callers (``alwaysinline``); without this it cannot vectorise a loop over
+sub-environments. The machine code of `compiled` functions is cached on disk. The cache becomes invalid if the file of
+the function or a source file of this package changes. Files of the viewer are ignored, since they contain no compiled
+code.
 
 ``fastmath`` is off: it would let the compiler assume that every number is finite, which breaks ``isfinite``, and round
 scalar and vectorised loops differently. With ``error_model="numpy"`` a division by zero gives inf, without a branch.

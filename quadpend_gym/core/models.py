@@ -1,8 +1,8 @@
 """Wind, sensor and actuator models as data, and batches of them at run time.
 
-A model is a frozen dataclass of settings with two methods: `initial_memory` draws what the model remembers at the start
-of an episode, and `sample` (wind), `sense` (sensors) or `act` (actuators) computes its effect at a control step. As
-plain data a model is a mapping with its ``kind``; this is its form in the JSON specification of an environment.
+A model is a frozen dataclass of settings with two methods: `initial_memory` draws the model's memory at the start of an
+episode, and `sample` (wind), `sense` (sensors) or `act` (actuators) computes its effect at a control step. The JSON
+specification of an environment contains a model as a mapping of its settings, with its name as ``kind``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,8 @@ class Model(Protocol):
         """Return the memory at the start of an episode, shape (n, memory_size).
 
         Args:
-            streams: Random streams of the n sub-environments. This method may use block 0 of them.
+            streams: Random streams of the n sub-environments. This method may use their block 0, see
+                `Streams.uniform`.
         """
 
 

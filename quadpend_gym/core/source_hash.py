@@ -1,6 +1,7 @@
 """Hash of source code that ignores comments, docstrings and layout.
 
-Cached results carry this hash. An edit of words keeps it; an edit of a number, a name or an expression changes it.
+The names of cached results contain this hash. A change of a comment or docstring does not change it; a change of a
+number, a name, a string or an expression does.
 """
 
 import ast
@@ -10,13 +11,13 @@ from pathlib import Path
 
 
 def source_hash(paths: Iterable[Path]) -> str:
-    """Return the hash of the syntax trees of Python files and of their places in their packages.
+    """Return the hash of the syntax trees of Python files and of their paths within their packages.
 
     The hash does not depend on the order of `paths`, on where the packages are installed, or on the Python version, as
     long as the version does not parse the same source differently.
 
     Args:
-        paths: Python files and folders; every Python file below a folder counts.
+        paths: Python files, and folders, whose Python files are all included.
 
     Returns:
         SHA-256 in hexadecimal digits.

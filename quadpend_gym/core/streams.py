@@ -1,9 +1,9 @@
 """Random numbers as a pure function of (seed, episode, stream, index).
 
 A stream is a 64-bit key. Its n-th number, n = 0, 1, …, is ``mix(key + (n + 1)·γ)``: the SplitMix64 generator (Steele,
-Lea & Flood, OOPSLA 2014) with random access. The same mixing derives keys from keys, so every sub-environment, episode
-and purpose has its own stream. The random numbers of episode k therefore depend only on the seed and on k; they do not
-depend on the number of sub-environments, on the policy, or on other draws.
+Lea & Flood, OOPSLA 2014) with random access. The function ``mix`` also derives the keys of substreams, so every
+sub-environment, episode and purpose has its own stream. The random numbers of episode k therefore depend only on the
+seed and on k; they do not depend on the number of sub-environments, on the policy, or on other draws.
 
 The uniform and the normal numbers of one stream are computed from the same bits. Code that needs independent uniform
 and normal numbers must derive two streams.
@@ -157,7 +157,7 @@ class Streams:
     def normal(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
         """Draw standard normal numbers; see `uniform` for the arguments and the result.
 
-        A block of an odd number of columns takes as many numbers of the stream as the next even one.
+        A block with an odd number of columns uses as many numbers of the stream as a block with one more column.
         """
         out = np.empty((columns + columns % 2, self.keys.shape[0]))
         _fill_normal(self.keys, self._as_array(index), out)

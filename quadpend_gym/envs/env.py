@@ -25,9 +25,9 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     ## Description
     A bob of 0.2 kg sits at the upper end of a massless rod of 0.3 m. The rod's lower end is attached to the centre of a
-    quadrotor of 0.5 kg by a joint that lets it swing in every direction (Martinez-Vasquez et al., Machines 2023, 11(6),
-    578, Table 1). The task is to keep the pendulum upright while the bob's horizontal position, the quadrotor's height
-    and its yaw follow a reference.
+    quadrotor of 0.5 kg by a spherical joint (Martinez-Vasquez et al., Machines 2023, 11(6), 578, Table 1). The task is
+    to keep the pendulum upright while the bob's horizontal position, the quadrotor's height and its yaw follow a
+    reference.
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`; the zero action is hover. An action that is out of range or not finite raises
@@ -48,7 +48,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     ## Rewards
     The reward of a step is 0.6 tracking + 0.15 upright + 0.1 yaw + 0.15 effort, with four terms in [0, 1], see
-    `quadpend_gym.tasks.rewards`. It is 1 only for perfect tracking with zero action. `info["reward_terms"]` has the
+    `quadpend_gym.tasks.rewards`. It is 1 only for exact tracking with zero action. `info["reward_terms"]` has the
     terms.
 
     ## Starting State
@@ -69,11 +69,11 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, command limits, control period,
       substeps.
     - `wind`: a model of `quadpend_gym.wind`, a sum of models, the name of a preset (``"windy"``), or a mapping with a
-      ``kind``. None is calm air without drag. Sensors, actuators and uncertain parameters are added by wrappers, see
+      ``kind``. None means no wind and no drag. Sensors, actuators and uncertain parameters are added by wrappers, see
       `quadpend_gym.wrappers`.
     - `render_mode`: ``"human"`` opens a window that runs in real time (the key H lists its keys); with ``"rgb_array"``
       the method `render` returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs
-      pygame-ce, the extra ``view``. Closing the window, or restarting from it, truncates the running episode; after
+      pygame-ce, the extra ``view``. Closing the window, or pressing R in it, truncates the running episode; after
       the window is closed, later episodes run without one.
 
     ## Version History
@@ -145,7 +145,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             Observation, reward, terminated, truncated and info.
 
         Raises:
-            ResetNeeded: If `reset` has not been called yet, or not since a wrapper changed the simulation.
+            ResetNeeded: If `reset` has not been called yet, or a wrapper has changed the simulation since then.
             TypeError: If the action does not consist of numbers.
             ValueError: If the action has the wrong shape, is out of range or is not finite.
         """
@@ -161,7 +161,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         return observation[0], scalars[REWARD], terminated, truncated, self.world.step_info.read(column, scalars)
 
     def render(self) -> Any:
-        """Return the picture that the render mode asks for.
+        """Return a picture as the render mode specifies.
 
         Returns:
             An array of shape (480, 640, 3), uint8, with ``"rgb_array"``; otherwise None.

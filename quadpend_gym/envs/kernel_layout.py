@@ -1,8 +1,8 @@
 """Layouts of the arrays that Python passes to the step kernel: settings, memory and sensed values.
 
-The settings cross from Python to the kernel as one flat float64 array, because numba unboxes one array faster than a
-nested tuple at every call. `pack_settings` writes that array and `unpack_settings` reads it inside the kernel; no other
-code knows the positions.
+Python passes the settings to the kernel as one flat float64 array, because numba unboxes one array faster than a nested
+tuple at every call. `pack_settings` writes that array and `unpack_settings` reads it inside the kernel; no other code
+depends on the positions.
 """
 
 from typing import Any, NamedTuple
@@ -23,8 +23,8 @@ MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
 MEMORY_SIZE = MEMORY_REFERENCE.stop
 
-# Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: target and rod length (m), which the
-# tracking error depends on, and the state as the sensors report it.
+# Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: the target and the rod length (m),
+# from which the tracking error is computed, and the state as the sensors report it.
 SENSED_ROD_LENGTH = TARGET_SIZE
 SENSED_STATE = slice(SENSED_ROD_LENGTH + 1, SENSED_ROD_LENGTH + 1 + STATE_SIZE)
 SENSED_SIZE = SENSED_STATE.stop
@@ -49,7 +49,7 @@ class KernelLimits(NamedTuple):
 
 
 class KernelWeights(NamedTuple):
-    """The weights of the reward terms, which sum to 1, and the share s of the sharp peak in the tracking term."""
+    """The weights of the reward terms, which sum to 1, and the weight s of the narrow peak in the tracking term."""
 
     tracking: float
     upright: float
@@ -59,14 +59,14 @@ class KernelWeights(NamedTuple):
 
 
 class KernelSettings(NamedTuple):
-    """What the step kernel needs to know about a task and a simulation.
+    """Settings of a task and a simulation that the step kernel reads.
 
     Attributes:
         period: Control period, s.
         command_scale: Scale of the action.
-        limits: Where an episode terminates.
+        limits: Limits at which an episode terminates.
         weights: Weights of the reward.
-        moves_air: Whether a wind model moves the air, so that there is drag.
+        moves_air: Whether a wind model gives an air velocity, so that there is drag.
         substeps: Runge–Kutta steps in a control period; 0 leaves state and clock unchanged.
     """
 

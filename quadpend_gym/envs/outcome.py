@@ -34,13 +34,13 @@ AIR_VELOCITY = slice(DISTURBANCE.stop, DISTURBANCE.stop + 3)
 PARAMETERS = slice(AIR_VELOCITY.stop, AIR_VELOCITY.stop + PARAMETERS_SIZE)
 COMMAND = slice(PARAMETERS.stop, PARAMETERS.stop + COMMAND_SIZE)
 OUTCOME_SIZE = COMMAND.stop
-SCALARS = slice(0, DISTURBANCE.start)  # the rows that `StepInfo.read` needs as scalars; they include REWARD, TERMINATED
+SCALARS = slice(0, DISTURBANCE.start)  # rows that `StepInfo.read` needs as scalars, REWARD and TERMINATED included
 
 
 class StepInfo:
-    """The fields of `info` and the number of outcome rows that they need.
+    """The fields of `info`, and how many rows of the outcome they need.
 
-    Every info has these fields, which are true values even if sensors change the observation:
+    Every info has these fields. Sensors do not change them: they are computed from the true state.
 
     - ``tracking_error``: error of the flat outputs in the world frame, m.
     - ``tilt``: angle α of the pendulum from upright, rad.

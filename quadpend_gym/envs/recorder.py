@@ -1,7 +1,7 @@
-"""Recorder: the recent history of a world that pictures need, and the rendering of pictures.
+"""Recorder: stores the recent history of a world and renders pictures from it.
 
-An environment with a render mode gives its recorder every start of an episode and every step. The recorder makes
-`Snapshot`s from this history and draws them with `quadpend_gym.viewer` when a picture is needed.
+An environment with a render mode reports every start of an episode and every step to its recorder. When a picture is
+needed, the recorder makes `Snapshot`s from this history and draws them with `quadpend_gym.viewer`.
 """
 
 from typing import Any
@@ -19,15 +19,15 @@ from quadpend_gym.tasks.references import Reference
 from quadpend_gym.viewer import check_pygame
 from quadpend_gym.viewer.snapshot import Snapshot
 
-HISTORY_STEPS = 200  # states that are kept of each sub-environment
-MAX_TILES = 64  # sub-environments that a mosaic or a window shows at most
+HISTORY_STEPS = 200  # latest states that are stored for each sub-environment
+MAX_TILES = 64  # largest number of sub-environments in a mosaic or a window
 _CAMERA_LAG = 0.3  # s, time constant with which the camera follows the quadrotor
 _STREAK_SPEED = 6.0  # m/s per N, speed of the wind streaks
 _ROTOR_SPEED = 40.0  # rad/s, slow enough for the rotation to be visible
 
 
 class Recorder:
-    """The latest step of every visible sub-environment, and as much of its history as a picture needs.
+    """The latest step of every visible sub-environment, and the part of its history that a picture shows.
 
     Args:
         world: The simulation that is recorded.
@@ -48,7 +48,7 @@ class Recorder:
         self._window: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes without picture and window, which cannot be copied; a copy opens its own."""
+        """Return the attributes without picture and window, which cannot be copied; a copy makes new ones."""
         return {**self.__dict__, "_picture": None, "_window": None}
 
     def start_episodes(self, rows: Integers, outcome: Floats) -> None:
@@ -118,7 +118,7 @@ class Recorder:
         return [self.snapshot(row) for row in range(self._visible)]
 
     def show(self) -> None:
-        """With the render mode ``"human"``, show the snapshots, and return when it is time for the next step."""
+        """With the render mode ``"human"``, show the snapshots, and wait until the next step is due."""
         if self.mode != "human":
             return
         if self._window is None:
@@ -133,7 +133,7 @@ class Recorder:
         return self._window is not None and bool(self._window.pop_end_request())
 
     def render(self) -> Any:
-        """Return the picture that the render mode asks for.
+        """Return the picture or pictures that the render mode specifies.
 
         Returns:
             A tuple of one array of shape (480, 640, 3), uint8, for each sub-environment with ``"rgb_array"``; one such

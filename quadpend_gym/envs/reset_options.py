@@ -1,4 +1,4 @@
-"""The options ``state`` and ``reference`` of `reset`, with which an episode starts."""
+"""The options ``state`` and ``reference`` of `reset`, which fix the start of an episode."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -56,11 +56,11 @@ def _check_state(state: Any, count: int) -> dict[str, Floats]:
             raise ValueError(f"options['state'][{name!r}] must have shape (3,) or ({count}, 3), not {array.shape}")
         if not (np.abs(array) < DIVERGENCE_LIMIT).all():
             raise ValueError(
-                f"options['state'][{name!r}] must be finite and below {DIVERGENCE_LIMIT:g}, not {array.tolist()}"
+                f"options['state'][{name!r}] must be finite numbers between ±{DIVERGENCE_LIMIT:g}, not {array.tolist()}"
             )
         checked[name] = array
     if "direction" in checked and not np.linalg.norm(checked["direction"], axis=-1).all():
-        raise ValueError("options['state']['direction'] must be nonzero vectors, not zero")
+        raise ValueError("options['state']['direction'] must not contain a zero vector")
     return checked
 
 

@@ -1,4 +1,4 @@
-"""Error codes of the step kernel, and the exceptions that they stand for.
+"""Error codes of the step kernel, and the exceptions that Python raises for them.
 
 Compiled code cannot raise an exception with a message that depends on array values, so the kernel returns one integer:
 `NO_ERROR`, `action_error(row)` or `wind_error(row)`, where `row` is the index of the sub-environment.
@@ -24,18 +24,18 @@ def wind_error(row: int) -> int:
 
 
 def decode_error(code: int) -> tuple[str, int]:
-    """Return what is wrong, ``"action"`` or ``"wind"``, and the row, for an error code other than `NO_ERROR`."""
+    """Return the wrong input, ``"action"`` or ``"wind"``, and its row, for an error code other than `NO_ERROR`."""
     return ("action", code) if code > NO_ERROR else ("wind", -2 - code)
 
 
 def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> None:
-    """Raise the exception that an error code of the step kernel stands for; return if it is `NO_ERROR`.
+    """Raise the exception for an error code of the step kernel; return if it is `NO_ERROR`.
 
     Args:
         code: The return value of the kernel.
         action: The actions that the kernel checked, shape (n, 4).
         wind: The wind that the kernel checked, shape (n, 12).
-        action_name: What the message calls the action.
+        action_name: Name of the action in the message.
 
     Raises:
         ValueError: If an action is out of range or not finite, or if the wind is not finite.
@@ -48,5 +48,5 @@ def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> Non
     owner = "" if len(action) == 1 else f" of sub-environment {row}"
     raise ValueError(
         f"{action_name}{owner} must be four numbers in [-1, 1], not {action[row].tolist()};"
-        " gymnasium.wrappers.ClipAction clips"
+        " gymnasium.wrappers.ClipAction clips it"
     )

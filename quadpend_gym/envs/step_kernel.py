@@ -3,14 +3,14 @@
 The step reads and writes plain arrays: the memory and the settings (`kernel_layout`), the outcome (`outcome`), the
 observation (`quadpend_gym.tasks.observation`) and the wind (`quadpend_gym.wind`). For each sub-environment it
 
-1. turns the action a into the command u = s_u (1 + a₀), τ = s_τ a (`Simulation.command_scale`),
-2. adds to the disturbance the drag in moving air (`quadpend_gym.physics.drag`),
+1. converts the action a to the command u = s_u (1 + a₀), τᵢ = sᵢ aᵢ for i = 1, 2, 3 (`Simulation.command_scale`),
+2. adds the wind's forces and torque, and drag if the wind has a velocity (`quadpend_gym.physics.drag`),
 3. integrates the equations of motion over one control period (`quadpend_gym.physics.kernel`),
 4. evaluates the reference at the new time and measures tracking errors, reward terms and termination,
 5. writes outcome and observation.
 
-Sub-environments are processed in blocks of 64, copied into (field, lane) buffers so that each loop over lanes becomes
-vector instructions. A batch of one takes the same path, so its numbers are the same to the last bit.
+Sub-environments are processed in blocks of 64, copied into (field, lane) buffers so that the compiler can vectorise
+each loop over lanes. A single sub-environment runs the same code, so its numbers are the same to the last bit.
 """
 
 from itertools import accumulate
@@ -92,7 +92,7 @@ _STATE, _ACTION, _REFERENCE, _TIME, _END = accumulate(
     (OUTCOME_SIZE + SENSED_STATE.start, LANE_STATE_SIZE, ACTION_SIZE, REFERENCE_SIZE, 1)
 )
 _WIND = slice(DISTURBANCE.start, AIR_VELOCITY.stop)
-_TRACKING_ERROR = TRACKING_ERROR.start  # as a number, which `store` takes
+_TRACKING_ERROR = TRACKING_ERROR.start  # first row, for `store`
 
 
 @inlined
@@ -175,7 +175,7 @@ def _check_inputs(action: Any, wind: Any) -> int:
     not_finite = False
     for number in wind.reshape(-1):
         not_finite |= not np.isfinite(number)
-    if not_finite:  # only then search for the sub-environment, in a loop that does not vectorise
+    if not_finite:  # find the sub-environment with a second loop, which the compiler cannot vectorise
         for row in range(wind.shape[1]):
             for component in range(wind.shape[0]):
                 if not np.isfinite(wind[component, row]):
@@ -185,14 +185,14 @@ def _check_inputs(action: Any, wind: Any) -> int:
 
 @compiled
 def check_inputs(action: Floats32, wind: Floats) -> int:
-    """Return the error code of the first action that is out of range or not finite, else of the first such wind.
+    """Return the error code of the first action that is out of range or not finite, else of the first non-finite wind.
 
     Args:
         action: Shape (n, 4).
         wind: Shape (12, n).
 
     Returns:
-        A code of `step_errors`, `NO_ERROR` if all are good.
+        A code of `step_errors`, `NO_ERROR` if all are valid.
     """
     return _check_inputs(action, wind)
 
@@ -270,9 +270,11 @@ def step(
     observation: Floats32,
     outcome: Floats,
 ) -> int:
-    """Advance n sub-environments by one control period, or with 0 substeps observe them as they are.
+    """Advance n sub-environments by one control period, and compute outcome and observation.
 
-    A state that diverges is not kept: the sub-environment stays in its previous state and terminates.
+    With 0 substeps the state does not change.
+
+    If the state of a sub-environment diverges, it is reset to its value before the step, and the episode terminates.
 
     Args:
         memory: State, parameters and reference of each sub-environment, shape (n, 47), see `kernel_layout`. The state
@@ -285,7 +287,7 @@ def step(
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
 
     Returns:
-        `NO_ERROR`, or the code that `check_inputs` returns; then nothing has changed.
+        `NO_ERROR`, or the error code that `check_inputs` returns; with an error, no array is changed.
     """
     return _step(memory, clock, wind, action, settings, observation, outcome, outcome[:, :0])
 
@@ -313,7 +315,7 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
     """Write the part of the observation that depends on the state, from the sensed state instead of the true one.
 
     Args:
-        sensed: As `step_sensed` writes it, its state then changed by sensors, shape (26, n).
+        sensed: The array that `step_sensed` has written and the sensors have changed, shape (26, n).
         observation: Output, shape (n, 36); the reference's part is left unchanged.
     """
     state, lanes = sensed[SENSED_STATE], np.empty((REFERENCE_START, BLOCK), np.float32)

@@ -23,7 +23,7 @@ _METADATA = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": rou
 
 
 class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
-    """A vector of `QuadPendulumEnv`, stepped in one compiled loop.
+    """Many `QuadPendulumEnv`s that one compiled loop steps together.
 
     A sub-environment with seed s returns exactly the same numbers as a `QuadPendulumEnv` with seed s, across autoresets
     too and for any number of sub-environments. An integer seed s gives sub-environment i the seed s + i.
@@ -34,8 +34,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         simulation: As in `QuadPendulumEnv`.
         wind: As in `QuadPendulumEnv`.
         max_episode_steps: Control steps after which an episode is truncated, or None for no truncation.
-        autoreset_mode: An `AutoresetMode` or its value: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``. With the
-            value, a string, the specification can be converted to JSON.
+        autoreset_mode: An `AutoresetMode` or its value: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``. Only with
+            the value, which is a string, can the specification be converted to JSON.
         render_mode: As in `QuadPendulumEnv`. With ``"rgb_array"`` the method `render` returns a tuple of one array for
             each sub-environment, with ``"mosaic"`` one array that shows the first 64 as tiles; ``"human"`` shows these
             tiles in a window.
@@ -140,7 +140,9 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
                 " options={'reset_mask': …}"
             )
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
-            actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)  # these only start an episode
+            actions = np.where(
+                self._ended[:, np.newaxis], np.float32(0.0), actions
+            )  # ignored: the step only starts their next episode
         observation, outcome = self.world.step(actions)
         reward = outcome[REWARD].copy()
         terminated = outcome[TERMINATED] != 0.0
@@ -167,7 +169,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return observation, reward, terminated, truncated, {**info, **final}
 
     def render(self) -> Any:
-        """Return the picture or pictures that the render mode asks for.
+        """Return the picture or pictures that the render mode specifies.
 
         Returns:
             A tuple of arrays of shape (480, 640, 3), uint8, with ``"rgb_array"``; one such array with ``"mosaic"``;
@@ -203,15 +205,15 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             self.recorder.start_episodes(rows, outcome)
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
-        """Seed the sub-environments of `mask` that get a seed, and with random seeds those that never had one."""
+        """Seed the sub-environments of `mask` for which `seed` has a seed; draw seeds for those that never had one."""
         seeds = self._check_seeds(seed)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
-        fresh = np.array([item is not None for item in seeds])
-        unseeded = ~fresh & ~self._seeded
+        given = np.array([item is not None for item in seeds])
+        unseeded = ~given & ~self._seeded
         drawn = iter(self.np_random.integers(2**63, size=unseeded.sum()).tolist() if unseeded.any() else [])
         chosen = [next(drawn) if missing else item for item, missing in zip(seeds, unseeded, strict=True)]
-        rows = np.flatnonzero(mask & (fresh | unseeded))
+        rows = np.flatnonzero(mask & (given | unseeded))
         self.world.seed(rows, [int(chosen[row]) for row in rows])  # type: ignore[arg-type]
         self._seeded[rows] = True
 
@@ -235,7 +237,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
             raise ValueError(f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},), not {mask!r}")
         if not mask.any():
-            raise ValueError("options['reset_mask'] must have a True in it")
+            raise ValueError("options['reset_mask'] must contain at least one True")
         return mask.copy()
 
     def _info(self, outcome: Floats, mask: Booleans) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """The simulation of n sub-environments: arrays, models, random streams, and the sequence of a control step.
 
-`QuadPendulumEnv` and `QuadPendulumVectorEnv` are thin adapters over a `World`, which knows nothing about spaces,
-autoreset or time limits. The equations are elsewhere: `step_kernel` computes a step, and the models of wind, sensors
-and actuators change its inputs and outputs in this order:
+`QuadPendulumEnv` and `QuadPendulumVectorEnv` are thin adapters over a `World`, which does not handle spaces,
+autoreset or time limits. `step_kernel` computes the equations of a step, and the models of wind, sensors and actuators
+change its inputs and outputs in this order:
 
 1. The actuators change the action.
 2. The kernel advances every sub-environment under that action and the wind drawn for this control period.
@@ -47,8 +47,8 @@ from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
 class World:
     """The simulation of n sub-environments.
 
-    Episode k of a sub-environment depends on its seed and on k only: not on the other sub-environments, not on the
-    actions of earlier episodes, and, as far as start and reference are concerned, not on wind, sensors and actuators.
+    Episode k of a sub-environment depends on its seed and on k only: not on the other sub-environments, and not on the
+    actions of earlier episodes. Its start and its reference do not depend on wind, sensors and actuators either.
 
     Args:
         num_envs: Number n of sub-environments.
@@ -102,7 +102,7 @@ class World:
 
     @property
     def wind(self) -> Floats:
-        """View of the wind over the coming control period, shape (n, 12), see `quadpend_gym.wind`."""
+        """View of the wind over the next control period, shape (n, 12), see `quadpend_gym.wind`."""
         return self._wind_columns.T
 
     @property
@@ -111,7 +111,7 @@ class World:
         return self._sensed[SENSED_STATE].T if self._sensors.models else self.state
 
     def add_wind(self, models: tuple[Any, ...]) -> None:
-        """Add wind models to those present. Every sub-environment must then start a new episode."""
+        """Add wind models after the existing ones. Every sub-environment must then start a new episode."""
         self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
         all_models: tuple[Any, ...] = self._wind_models.models
         self._moves_air = any(model.moves_air for model in all_models)
@@ -121,7 +121,7 @@ class World:
         self._require_reset()
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
-        """Add sensors after those present. Every sub-environment must then start a new episode."""
+        """Add sensors after the existing ones. Every sub-environment must then start a new episode."""
         self._sensors = ModelBatch((*self._sensors.models, *models), self.num_envs)
         if models:
             self._sensed = np.zeros((SENSED_SIZE, self.num_envs))
@@ -129,14 +129,14 @@ class World:
         self._require_reset()
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
-        """Add actuators before those present. Every sub-environment must then start a new episode.
+        """Add actuators before the existing ones. Every sub-environment must then start a new episode.
 
         Raises:
             ValueError: If the actuators do not fit together in this order.
         """
         models = (*models, *self._actuators.models)
         check_chain(models, self.simulation)
-        # Numbered from the last, so that an actuator added in front leaves the random numbers of the others unchanged.
+        # The last actuator has stream 0, so one added in front does not change the random numbers of the others.
         self._actuators = ModelBatch(models, self.num_envs, range(len(models))[::-1])
         self._require_reset()
 
@@ -157,7 +157,7 @@ class World:
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
-        # Caches are slow if the rows of a large array lie a power of two apart, so large batches get spare columns.
+        # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
         self._padded = self.num_envs >= 512
         self._outcome_shape = self.step_info.outcome_size, self.num_envs + (8 if self._padded else 0)
 
@@ -195,7 +195,7 @@ class World:
             self._can_step = not self._needs_reset.any()
 
     def copy_episodes(self, other: "World", rows: Integers) -> None:
-        """Start, in the sub-environments `rows`, shape (m,), the current episodes of the same ones in another world."""
+        """Start the current episodes of another world in the sub-environments `rows`, shape (m,), of this world."""
         self._seeds[rows] = other._seeds[rows]
         self.episode[rows] = other.episode[rows] - 1
         self.start_episodes(rows)
@@ -227,7 +227,7 @@ class World:
         self.wind[rows] = wind
 
     def _sample_wind(self) -> None:
-        """Draw the wind over the coming control period."""
+        """Draw the wind over the next control period."""
         period, wind = self.simulation.period, self.wind
         wind[:] = 0.0
         self._wind_models.apply(lambda model, memory, random: model.sample(wind, memory, self.clock, period, random))

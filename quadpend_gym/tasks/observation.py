@@ -1,9 +1,9 @@
-"""Layout and scales of the observation: 36 numbers, float32. Policies get nothing else.
+"""Layout and scales of the observation: 36 numbers, float32.
 
-`OBSERVATION_FIELDS` is the layout. Every number is divided by a fixed scale, so that it is of order one; the scales are
-powers of two, so the division is exact. The tracking error is the error of the flat outputs in the world frame, as in
-the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical part that of the
-quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
+`OBSERVATION_FIELDS` is the layout. Every number is divided by a fixed scale, so that it is of order one. The scales are
+powers of two, so the division has no rounding error. The tracking error is the error of the flat outputs in the world
+frame, as in the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical part
+that of the quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
 
 | name                 | symbol          | size | unit       | scale        |
 |----------------------|-----------------|------|------------|--------------|
@@ -53,7 +53,7 @@ def _layout(names: Iterable[str]) -> dict[str, slice]:
 OBSERVATION_FIELDS = _layout(_SCALES)
 OBSERVATION_SCALE: Floats = np.array(list(_SCALES.values())).ravel()
 OBSERVATION_SIZE = OBSERVATION_SCALE.size
-# The output-feedback observation has all fields but the rates, which its sensors do not measure.
+# The output-feedback observation has all fields except the rates.
 OUTPUT_FEEDBACK_FIELDS = _layout(name for name in _SCALES if name not in _RATES)
 OUTPUT_FEEDBACK_COLUMNS = np.concatenate([np.r_[OBSERVATION_FIELDS[name]] for name in OUTPUT_FEEDBACK_FIELDS])
 OUTPUT_FEEDBACK_SIZE = OUTPUT_FEEDBACK_COLUMNS.size

@@ -1,6 +1,6 @@
 """Random starts near the reference.
 
-To first order in the tilt, a state that tracks the reference exactly is, with the chain stiffness K and the gravity g
+To first order in the tilt, a state that tracks the reference exactly is, with the gravity g and K = (M + m_c) g / (M l)
 (the paper's flat parametrisation (30)–(45), corrected):
 
     (1)  r ∥ F̈_d + g e₃,                ṙ = (I − r rᵀ) F_d⁽³⁾ / |F̈_d + g e₃|
@@ -44,7 +44,7 @@ def _deviation(key: Any, index: int, size: float) -> Vec3:
 
 @inlined
 def _roll_and_pitch(axis: Vec3, yaw: float) -> tuple[float, float]:
-    """Return roll and pitch for the horizontal part of the thrust axis, or their rates for its rate, to first order."""
+    """Return roll and pitch of a thrust axis to first order; given the rate of the axis, return their rates."""
     sin_yaw, cos_yaw = sincos(yaw)
     return sin_yaw * axis.x - cos_yaw * axis.y, cos_yaw * axis.x + sin_yaw * axis.y
 

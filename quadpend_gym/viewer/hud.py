@@ -13,7 +13,7 @@ from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 
-_MAX_THRUST = 2.0  # of the weight, at the upper end of the thrust bar
+_MAX_THRUST = 2.0  # thrust divided by the weight, at the upper end of the thrust bar
 _MAX_FORCE = 0.5  # N, at the rim of the wind dial
 _MIN_UNIT = 0.55  # pixels; smaller pictures have no display
 _PANEL_OPACITY = 190
@@ -43,7 +43,7 @@ class _Canvas(NamedTuple):
 
 
 def draw(surface: Any, view: View, text: TextRenderer, snapshot: Snapshot, title: str, colour: Colour) -> None:
-    """Draw the display into the corners of a picture; directions are those that the camera sees."""
+    """Draw the display into the corners of a picture; its dials show directions as the camera sees them."""
     width, height = surface.get_size()
     unit = min(height / 480.0, width / 440.0)
     if unit < _MIN_UNIT:

@@ -14,7 +14,7 @@ from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 
 SIZE = (640, 480)
-_TARGET_BELOW = 0.24  # of the distance: the camera looks this far below the vehicle, to keep its shadow in the picture
+_TARGET_BELOW = 0.24  # camera target below the vehicle, divided by the distance, so that the shadow is in the picture
 
 
 class Picture:

@@ -1,6 +1,6 @@
 """The scene in perspective: ground, reference, wind, quadrotor, rod and bob.
 
-The model has no arms, rotors or bob radius; their sizes only serve the picture.
+The physical model has no arms, rotors or bob radius; only the picture uses these sizes.
 """
 
 from collections.abc import Callable, Iterator
@@ -52,7 +52,7 @@ _STREAK_BOX = np.array([5.0, 5.0, 2.4])  # m, box around the focus that contains
 
 
 class Backdrop:
-    """Sky and ground, cached by the height of the horizon."""
+    """Sky and ground, cached for each size of the picture and height of the horizon."""
 
     def __init__(self) -> None:
         """Start with an empty cache."""

@@ -15,7 +15,8 @@ from quadpend_gym.viewer.snapshot import Snapshot
 
 SIZE = (960, 720)
 HELP = (
-    "space pause   . step   R restart   S F slower faster   arrows mouse orbit   + - zoom   T top   V view   Esc close"
+    "space pause   . step   R restart   S F slower faster   arrows mouse orbit   + - zoom   T top   V reset view   "
+    "Esc close"
 )
 _FRAME_TIME = 1.0 / 60.0  # s
 _ORBIT_STEP, _ZOOM_STEP = 0.05, 1.1  # rad and factor of one key press

@@ -38,8 +38,8 @@ def _check_full_observation(space: Any) -> None:
 class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs):
     """Remove the velocities from the observation of `env`; the remaining 27 numbers suffice for the paper's controller.
 
-    Removed are the rates of tracking error, pendulum direction and attitude. The other fields keep their order, and
-    `read_observation` reads them; it raises ValueError for a removed field.
+    The removed fields are the rates of tracking error, pendulum direction and attitude. The other fields keep their
+    order. `read_observation` reads them, and raises ValueError for a removed field.
 
     Args:
         env: A QuadPendulum environment.
@@ -93,7 +93,7 @@ class _Histories:
         check_int(observations, "observations", 1)
         check_int(actions, "actions", 0)
         if observations == 1 and actions == 0:
-            raise ValueError("observations must be at least 2 or actions at least 1, not 1 and 0: that is no history")
+            raise ValueError("observations must be at least 2 or actions at least 1, not 1 and 0")
         self._observations = np.zeros((num_envs, observations, sizes[0]), np.float32)
         self._actions = np.zeros((num_envs, actions, sizes[1]), np.float32)
 
@@ -176,7 +176,9 @@ class VectorHistoryWrapper(VectorWrapper):
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """Start an episode and its history in every sub-environment that is reset."""
-        mask = (options or {}).get("reset_mask")  # read first: Gymnasium's vector environments remove it from `options`
+        mask = (options or {}).get(
+            "reset_mask"
+        )  # read before `reset`: Gymnasium's vector environments remove it from `options`
         observation, info = self.env.reset(seed=seed, options=options)
         started = np.ones(self.num_envs, np.bool_) if mask is None else mask
         self._histories.start(started, observation)

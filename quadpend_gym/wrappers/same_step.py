@@ -35,7 +35,7 @@ def replace_final_observations(info: dict[str, Any], ended: Booleans, last: Floa
     """Set ``info["final_obs"]`` and its mask ``info["_final_obs"]`` to the last observations of the ended episodes.
 
     Args:
-        info: The info that `step` returns; changed in place. The array that it held before is left alone.
+        info: The info that `step` returns; changed in place. The previous array is not changed.
         ended: The sub-environments whose episode ended, shape (n,).
         last: Observations, shape (n, k); only the rows of ended episodes are read, and they are copied.
     """

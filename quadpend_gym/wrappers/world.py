@@ -1,8 +1,8 @@
 """Wrappers that add wind, sensors, actuators and uncertain parameters to an environment.
 
 These wrappers change the simulation of the innermost environment, a `QuadPendulumEnv` or `QuadPendulumVectorEnv`; the
-next reset applies the change. Wrappers in between receive the changed observations, and their actions pass through the
-changed actuators. Env and VectorEnv return the same numbers for the same seed.
+next reset applies the change. Any wrapper in between therefore also receives the changed observations, and the changed
+actuators act on its actions. Env and VectorEnv return the same numbers for the same seed.
 """
 
 from typing import Any
@@ -146,7 +146,7 @@ class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Raises:
         TypeError: If `env` is another environment, or `ranges` is not of these types.
-        ValueError: If a parameter is unknown, a range is out of order, or the parameters of `env` are drawn already.
+        ValueError: If a parameter is unknown, a range is out of order, or `env` already has a `ParameterWrapper`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:

@@ -61,7 +61,7 @@ BAD_OPTIONS: Table = {
     "too many rows": ({"state": {"euler": np.zeros((7, 3))}}, ValueError, r"'euler'.* shape .* not \(7, 3\)"),
     "nan": ({"state": {"velocity": (0, NAN, 0)}}, ValueError, "'velocity'.* finite.* nan"),
     "infinite": ({"state": {"velocity": (0, INF, 0)}}, ValueError, "'velocity'.* finite.* inf"),
-    "too large": ({"state": {"velocity": (0, 1e300, 0)}}, ValueError, "'velocity'.* below"),
+    "too large": ({"state": {"velocity": (0, 1e300, 0)}}, ValueError, "'velocity'.* between"),
     "text": ({"state": {"velocity": "fast"}}, TypeError, "'velocity'.* numbers, not 'fast'"),
     "zero direction": ({"state": {"direction": (0, 0, 0)}}, ValueError, "'direction'.* zero"),
     "bad after good": ({"state": {"position": (9, 9, 9), "euler": NAN}}, ValueError, "'euler'"),

@@ -272,5 +272,5 @@ def test_meaningful_colours_are_distinguishable_with_colour_vision_deficiencies(
 
 @pytest.mark.parametrize("vision", COLOUR_VISION)
 def test_curves_are_distinguishable_from_the_true_wind_and_the_background(vision: str) -> None:
-    for colour, other in product(side_by_side.COLOURS, (side_by_side.TRUE, palette.WHITE)):
+    for colour, other in product(side_by_side.COLOURS, (side_by_side.TRUE_WIND, palette.WHITE)):
         assert np.linalg.norm(lab(colour, vision) - lab(other, vision)) > 15.0

@@ -228,7 +228,10 @@ BAD: dict[str, tuple[Callable[..., Any], str]] = {
     "boolean observations": (lambda wrap, env: wrap(env, True, 1), "observations must .* not True"),
     "negative actions": (lambda wrap, env: wrap(env, 2, -1), "actions must be .* at least 0, not -1"),
     "text": (lambda wrap, env: wrap(env, 2, "two"), "actions must .* not 'two'"),
-    "only the current observation": (lambda wrap, env: wrap(env, 1, 0), "no history"),
+    "only the current observation": (
+        lambda wrap, env: wrap(env, 1, 0),
+        "observations must be at least 2 or actions at least 1",
+    ),
 }
 
 
