@@ -1,1 +1,1 @@
-"""Benchmarks, run by make and not installed: speed, training time, and hashes that prove that no number changed."""
+"""Benchmarks, which make runs and which are not installed: speed, training time, and golden hashes of results."""

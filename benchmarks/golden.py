@@ -1,9 +1,9 @@
-"""Golden hashes: evidence that a change of the code changed no number.
+"""Golden hashes of results, to check that a refactoring changes no number.
 
 `make golden` runs this file as ``python -m benchmarks.golden``. It hashes environments, episodes of every controller
 and of one seed of each shipped policy, and brief trainings. Run it before and after a refactoring: the first run writes
 the hashes to a file, the second compares with them and exits with status 1 if one differs. The hashes cover every bit
-of every floating-point number, so they hold only on the machine and with the package versions that wrote the file.
+of every floating-point number, so compare them only on the machine and with the package versions that wrote the file.
 """
 
 import argparse
@@ -171,7 +171,7 @@ def episodes(names: Sequence[str] = (), scenarios: Sequence[str] = SCENARIOS, co
     """Hash the results of episodes.
 
     Args:
-        names: Policies; without, all controllers and one seed of each shipped policy.
+        names: Policies; if empty, all controllers and one seed of each shipped policy.
         scenarios: Scenarios.
         count: Episodes in each scenario.
     """

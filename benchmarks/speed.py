@@ -1,8 +1,8 @@
-"""Speed of the environments, beside other environments measured in the same run.
+"""Speed of the environments, compared with other environments in the same run.
 
 `make bench` runs this file as ``python -m benchmarks.speed``. Each rate is the best of several rounds in one process
-with one thread, unless its name says otherwise. The environments receive a small fixed action at every step and reset
-themselves, so the rates include resets. "Everything" means Dryden wind, noisy sensors and random parameters together.
+with one thread, unless its name says otherwise. The environments receive a small fixed action at every step, and the
+rates include resets. "Everything" means Dryden wind, noisy sensors and random parameters together.
 """
 
 import argparse
@@ -114,7 +114,7 @@ def measure_environments() -> dict[str, float]:
 
 
 class FreeVectorEnv(VectorEnv[Any, Any, Any]):
-    """An environment with QuadPendulum's spaces whose steps cost nothing: it always returns the same arrays."""
+    """An environment with QuadPendulum's spaces that computes nothing: it always returns the same arrays."""
 
     def __init__(self, num_envs: int) -> None:
         quadpend = QuadPendulumVectorEnv(1)
@@ -138,7 +138,7 @@ class FreeVectorEnv(VectorEnv[Any, Any, Any]):
 
 
 def measure_training(steps: int = 150_000, rounds: int = 9) -> dict[str, float]:
-    """Return PPO's environment steps per second on QuadPendulum-v0 and on a free environment.
+    """Return PPO's environment steps per second on QuadPendulum-v0 and on `FreeVectorEnv`.
 
     Args:
         steps: Environment steps of one timing.

@@ -28,7 +28,7 @@ torch.set_num_threads(1)  # more threads slow down networks as small as this one
 envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=256, wind=args.wind, autoreset_mode="SameStep")
 model = PPO(
     "MlpPolicy",
-    SB3VecEnv(envs, reward_scale=0.01),  # returns of order 1
+    SB3VecEnv(envs, reward_scale=0.01),  # discounted returns of order 1
     n_steps=64,
     batch_size=1024,
     n_epochs=3,

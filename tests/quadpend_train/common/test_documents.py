@@ -15,5 +15,5 @@ def test_generated_parts_replace_what_is_between_their_comments_and_nothing_else
     assert once == "Before\n<!-- begin table -->\n\n| \\1 new |\n\n<!-- end table -->\nAfter\n"
     fill(path, {"table": "| \\1 new |\n"})
     assert path.read_text() == once
-    with pytest.raises(ValueError, match="one place for 'other', not 0"):
+    with pytest.raises(ValueError, match="<!-- begin other --> … <!-- end other --> exactly once, not 0 times"):
         fill(path, {"other": ""})

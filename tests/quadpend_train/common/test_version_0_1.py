@@ -169,7 +169,7 @@ def test_settings_with_current_names_are_not_changed() -> None:
         ("companion = 'lqr'\n[hybrid]\nbase_controller = 'lqi'\n", "old.toml sets hybrid.base_controller twice"),
         ("[ppo]\nepochs = 5\nn_epochs = 6\n", "old.toml sets n_epochs twice"),
         ("companion = 'lqr'\nsteers = 'wheel'\n", "mode must be one of estimate_only, .*, not 'wheel'"),
-        ("[sac]\nrollout_steps = 7\n", "old.toml sets 'rollout_steps', which is no setting"),
+        ("[sac]\nrollout_steps = 7\n", "old.toml sets 'rollout_steps', which is not a setting"),
         ("companion = 'lqr'\nhybrid = 7\n", "hybrid must be a mapping, not 7"),
     ],
 )

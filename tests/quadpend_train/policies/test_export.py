@@ -190,16 +190,16 @@ def test_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
 
 def test_files_that_are_not_models_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
-    assert_refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
+    assert_refused(lambda: export_zip(path), "is not a model saved by Stable-Baselines3", ValueError)
     path.write_bytes(b"weights")
-    assert_refused(lambda: export_zip(path), "model.zip is no model saved by Stable-Baselines3", ValueError)
+    assert_refused(lambda: export_zip(path), "model.zip is not a model saved by Stable-Baselines3", ValueError)
     for data in ("[]", "{", json.dumps({"policy_class": 3})):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("data", data)
-        assert_refused(lambda: export_zip(path), "is no model saved by Stable-Baselines3", ValueError)
+        assert_refused(lambda: export_zip(path), "is not a model saved by Stable-Baselines3", ValueError)
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("data", json.dumps({"policy_class": {"__module__": "stable_baselines3.common.policies"}}))
-    assert_refused(lambda: export_zip(path), "is no model of PPO, SAC or TQC", ValueError)
+    assert_refused(lambda: export_zip(path), "is not a model of PPO, SAC or TQC", ValueError)
     made = model("ppo")
     made.save(path)
     whole = path.read_bytes()

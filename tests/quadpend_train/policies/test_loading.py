@@ -94,7 +94,7 @@ def test_shipped_policies_are_loaded_by_name_one_seed_or_all(shipped: Path) -> N
     assert len(set(policy_fingerprints("ppo"))) == 3
     with pytest.raises(
         ValueError,
-        match=r"there is no policy 'nix': give adrc-paper, .*, ppo, sac-gain-scheduling, or the path of a finished run",
+        match=r"there is no policy 'nix'; there are adrc-paper, .*, ppo, sac-gain-scheduling; or give the path of",
     ):
         load_policy("nix")
 

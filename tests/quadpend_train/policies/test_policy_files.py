@@ -66,7 +66,7 @@ def test_loading_executes_nothing(name: str, tmp_path: Path, monkeypatch: pytest
     (tmp_path / "pickle.npz").write_bytes(pickle.dumps(Bomb()))
     for path in ("bomb.npz", "pickle.npz"):
         assert_refused(
-            lambda path=path: MlpPolicy.load(path), "is no policy file: .*(allow_pickle|zip file)", ValueError
+            lambda path=path: MlpPolicy.load(path), "is not a policy file: .*(allow_pickle|zip file)", ValueError
         )
     assert not Path("exploded").exists()
 
@@ -142,7 +142,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a fallback without base action": (with_hybrid("estimate_only", fallback_gain=1.0), "no field 'fallback_gain'"),
     "no bandwidths": (with_hybrid("bandwidth_scheduling", base_controller="lqr"), "has bandwidths to scale"),
     "no JSON": ({**parts(), "card": np.array("{")}, "Expecting"),
-    "a list": ({**parts(), "card": np.array("[]")}, "its card is not of the format"),
+    "a list": ({**parts(), "card": np.array("[]")}, "the card is not of the format"),
     "numbers for a card": ({**parts(), "card": np.zeros(3)}, "Extra data|Expecting"),
     "a card without end": ({**parts(), "card": np.array("[" * 100_000)}, "recursion"),
 }
@@ -152,7 +152,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 def test_invalid_file_is_refused(arrays: dict[str, Any], reason: str, tmp_path: Path) -> None:
     path = tmp_path / "wrong.npz"
     np.savez(path, **arrays)
-    assert_refused(lambda: MlpPolicy.load(path), rf"wrong.npz is no policy file: .*({reason})", ValueError)
+    assert_refused(lambda: MlpPolicy.load(path), rf"wrong.npz is not a policy file: .*({reason})", ValueError)
 
 
 def damages(whole: bytes) -> dict[str, bytes]:
@@ -174,7 +174,7 @@ def test_damaged_file_is_refused_or_loads_the_same_policy(tmp_path: Path) -> Non
         try:
             loaded = MlpPolicy.load(path)
         except Exception as error:
-            clear = isinstance(error, ValueError) and "is no policy file: " in str(error)
+            clear = isinstance(error, ValueError) and "is not a policy file: " in str(error)
             if not clear:
                 pytest.fail(f"{name}: {error!r}")
         else:
@@ -191,7 +191,7 @@ def test_array_alone_and_too_large_array_are_refused(tmp_path: Path) -> None:
         padded = header.ljust(117) + b"\n"
         archive.writestr("weights_0.npy", b"\x93NUMPY\x01\x00" + len(padded).to_bytes(2, "little") + padded)
     for name in ("array.npy", "huge.npz"):
-        assert_refused(lambda name=name: MlpPolicy.load(tmp_path / name), "is no policy file: ", ValueError)
+        assert_refused(lambda name=name: MlpPolicy.load(tmp_path / name), "is not a policy file: ", ValueError)
 
 
 def test_unknown_name_is_refused(tmp_path: Path) -> None:

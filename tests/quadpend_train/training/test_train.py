@@ -372,7 +372,7 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
             "action_scale .* not 4.0",
         ),
         ({"hybrid": RESIDUAL, "scenario": json.dumps({"history": 2})}, "36 or 27 numbers"),
-        ({"hybrid": RESIDUAL, "scenario": json.dumps({"actuators": "rotors"})}, "where rotors are commanded"),
+        ({"hybrid": RESIDUAL, "scenario": json.dumps({"actuators": "rotors"})}, "with rotors as actuators"),
     ],
     ids=str,
 )

@@ -1,6 +1,6 @@
 """The commands that evaluate policies: `evaluate` and `compare`.
 
-The parameters of these functions are the options of the commands. Functions import what is slow to load, so that
+The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
 `quadpend --help` starts quickly.
 """
 
@@ -13,7 +13,7 @@ from quadpend_train.cli.options import make_console, named_policies, named_scena
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
-_MOST_SENTENCES, _MOST_ROWS = 16, 40  # that are printed; the files contain all of them
+_MOST_SENTENCES, _MOST_ROWS = 16, 40  # largest numbers that are printed; the files contain all of them
 
 
 def evaluate(
@@ -37,15 +37,15 @@ def evaluate(
         scenarios: Scenarios: names, TOML or JSON files, or JSON, see train/quadpend_train/scenarios. NAME=SCENARIO
             gives a scenario a name; "test" and "training" stand for all scenarios of these sets.
         episodes: Episodes in each scenario.
-        seed: Seed of the first episode. Published results use seeds from 1000000, and tuned gains seeds from 2000000.
-        out: Folder for report.html, comparison.json, .csv, .md and .png, and the figures of the robustness.
+        seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
+        out: Folder for report.html, comparison.json, .csv, .md and .png, and figures of robustness.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.
         robustness: Episodes at each value of the perturbation axes, see train/quadpend_train/studies; 0 omits the
             robustness curves and the recovery maps. Of a learner with several training seeds, the first is evaluated.
         replay: Episodes of each scenario that the report can replay; 0 omits the replay.
-        document: Markdown file whose generated parts to update.
+        document: Markdown file in which to update the generated parts.
     """
     from quadpend_train.common import documents
     from quadpend_train.evaluation.comparison import compare
@@ -94,16 +94,17 @@ def compare(
     cache: Path = FOLDER,
     recompute: bool = False,
 ) -> None:
-    """Compare two policies, and print in one sentence which of them wins where, by how much, and how certain that is.
+    """Compare two policies: print in which scenarios each of them wins, by how much, and how certain that is.
 
-    A policy wins a scenario by survival, or else by the RMSE over the episodes that both survive, if the difference is
-    significant at 5 % after Holm's correction for the number of tests.
+    A policy wins a scenario if its survival is significantly higher. If survival does not differ significantly, the
+    policy with the significantly smaller RMSE wins, over the episodes that both survive. The level is 5 % after Holm's
+    correction for the number of tests.
 
     Args:
         policies: Two policies, as in evaluate.
         scenarios: Scenarios, as in evaluate.
         episodes: Episodes in each scenario.
-        seed: Seed of the first episode. Published results use seeds from 1000000, and tuned gains seeds from 2000000.
+        seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.

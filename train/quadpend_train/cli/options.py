@@ -1,4 +1,4 @@
-"""What the commands share: the forms NAME=POLICY, NAME=SCENARIO and NAME=MODEL, and the console."""
+"""Helpers of several commands: parse NAME=POLICY, NAME=SCENARIO and NAME=MODEL, and make a console for tables."""
 
 import sys
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ def _split_name(text: str) -> tuple[str, str]:
 
 
 def make_console() -> Any:
-    """Return a console for tables, of 150 characters if the output is not a terminal."""
+    """Return a console for tables; it is 150 characters wide if the output is not a terminal."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 150)

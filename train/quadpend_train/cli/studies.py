@@ -1,6 +1,6 @@
 """The commands of the studies: `tune`, `ablate`, `wind` and `paper`.
 
-The parameters of these functions are the options of the commands. Functions import what is slow to load, so that
+The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
 `quadpend --help` starts quickly.
 """
 
@@ -20,10 +20,10 @@ def tune(
     seed: int = 0,
     out: Path = Path("results/tune"),
 ) -> None:
-    """Tune classical controllers on the training scenarios, by penalised RMSE: survival first, then accuracy.
+    """Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.
 
-    An interrupted search continues from its last trial. Nothing is changed in the package: copy the gains into
-    baselines/quadpend_baselines/gains.py by hand.
+    An interrupted search continues from its last trial. The command does not change the package: copy the
+    gains into baselines/quadpend_baselines/gains.py.
 
     Args:
         controllers: Controllers with tunable gains, see train/quadpend_train/studies/tuning.py.
@@ -50,7 +50,7 @@ def ablate(
         names: Ablations, see train/quadpend_train/studies/ablations.py; the default is all of them.
         seeds: Number of training seeds, counted from 0.
         out: Folder for the runs and for ablations.json. Finished runs in it are not repeated.
-        document: Markdown file whose part "ablations" to update.
+        document: Markdown file in which to update the part "ablations".
     """
     from quadpend_train.common import documents
     from quadpend_train.studies import ablations
@@ -71,7 +71,7 @@ def wind(
     seconds: float = 10.0,
     seed: int = 1,
 ) -> None:
-    """Plot winds (time series, histogram and spectrum, beside theory) and the effects of sensors and actuators.
+    """Plot wind models (time series, histogram, spectrum and theory) and the effects of sensors and actuators.
 
     Args:
         models: Presets or kinds of wind, kinds of sensors or actuators, JSON with a kind and its settings, or a
@@ -102,8 +102,8 @@ def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bo
     Args:
         gains: Gains of the controller: "paper" or "matched".
         out: Folder for the figures (PNG, SVG) and merit.json.
-        ablations: Tabulate instead when the controller fails and which changes prevent that, in ablations.md and
-            ablations.png.
+        ablations: Do not repeat the experiment. Write to ablations.md and ablations.png when the controller fails, and
+            which changes prevent that.
     """
     out.mkdir(parents=True, exist_ok=True)
     if ablations:

@@ -1,6 +1,6 @@
 """The commands about learned policies: `train`, `export`, `card` and `reproduce`.
 
-The parameters of these functions are the options of the commands. Functions import what is slow to load, so that
+The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
 `quadpend --help` starts quickly.
 """
 
@@ -27,7 +27,7 @@ def train(
     """Train PPO, SAC or TQC.
 
     Args:
-        run: Settings that differ from those of the file.
+        run: Settings that replace those of the file.
         settings: Settings file: the name of a preset in train/quadpend_train/training/presets, the path of a TOML or
             JSON file, or a policy file (.npz), whose card contains the settings of its training. Without it, --algo
             selects the preset ppo, sac or tqc.
@@ -93,6 +93,8 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     reproduced = MlpPolicy.load(training.train(settings, out))
     if largest := weight_difference(original, reproduced):
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")
-        print(f"The card's: {original.card['provenance']['machine']}, {original.card['provenance']['packages']}")
+        print(
+            f"The card was made on: {original.card['provenance']['machine']}, {original.card['provenance']['packages']}"
+        )
         sys.exit(1)
     print("The weights are the same.")

@@ -17,7 +17,7 @@ _WINDOW_RATE = 60.0  # pictures per second
 
 @dataclass(frozen=True)
 class VideoOptions:
-    """Options of what to show and how.
+    """Options of the picture and of the video.
 
     Raises:
         ValueError: If an option is out of range, or the format of the file does not support it.
@@ -30,7 +30,7 @@ class VideoOptions:
     fps: float = 25.0
     """Pictures per second of a video. GIF files round the time between pictures to hundredths of a second."""
     speed: float = 1.0
-    """Factor on the speed of time."""
+    """Playback speed; 1 is real time."""
     seconds: tuple[float, float] = (0.0, 10.0)
     """Begin and end of the shown part of the episode, s."""
     zoom: float = 1.0
@@ -71,7 +71,7 @@ def watch(
         policies: One to three policies, as in evaluate; NAME=POLICY gives a policy a name.
         scenario: Scenario: a name, a TOML or JSON file, or JSON, as in evaluate.
         seed: Seed of the episode.
-        video: Options of what to show and how.
+        video: Options of the picture and of the video.
     """
     from quadpend_gym.viewer import check_pygame
     from quadpend_train.policies.loading import load_policies

@@ -1,1 +1,1 @@
-"""Files and provenance, which every other room uses."""
+"""Files, provenance and names of version 0.1. All other subpackages use these modules."""

@@ -1,4 +1,4 @@
-"""Generated parts of Markdown files, between a pair of comments that name the part."""
+"""Update generated parts of Markdown files. A pair of comments with the name of the part encloses each part."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -6,14 +6,14 @@ from pathlib import Path
 
 
 def check(path: Path, names: Sequence[str]) -> None:
-    """Check that a Markdown file has exactly one place for each generated part.
+    """Check that a Markdown file has exactly one pair of comments for each generated part.
 
     Args:
         path: Markdown file.
         names: Names of the parts.
 
     Raises:
-        ValueError: If the file does not exist, or a part has no place or several.
+        ValueError: If the file does not exist, or does not contain the comments of a part exactly once.
     """
     if not path.is_file():
         raise ValueError(f"document must be an existing file, not {path}")
@@ -21,14 +21,14 @@ def check(path: Path, names: Sequence[str]) -> None:
 
 
 def fill(path: Path, parts: Mapping[str, str]) -> None:
-    """Replace the text between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the rest of the file stays.
+    """Replace the text between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the rest of the file does not change.
 
     Args:
-        path: Markdown file that contains both comments of every part once.
+        path: Markdown file.
         parts: New texts by name.
 
     Raises:
-        ValueError: If a part has no place or several.
+        ValueError: If the file does not contain the comments of a part exactly once.
     """
     path.write_text(_filled(path, parts), encoding="utf-8")
 
@@ -40,5 +40,7 @@ def _filled(path: Path, parts: Mapping[str, str]) -> str:
         pattern = re.compile(rf"(<!-- begin {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.DOTALL)
         text, count = pattern.subn(lambda match, part=part: f"{match[1]}\n{part.strip()}\n\n{match[2]}", text)  # type: ignore[misc]
         if count != 1:
-            raise ValueError(f"{path} must have one place for {name!r}, not {count}: <!-- begin {name} -->, then end")
+            raise ValueError(
+                f"{path} must contain <!-- begin {name} --> … <!-- end {name} --> exactly once, not {count} times"
+            )
     return text

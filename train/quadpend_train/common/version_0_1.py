@@ -59,7 +59,7 @@ def current_name(name: str) -> str:
 
 
 def provenance_file(folder: Path, name: str) -> Path:
-    """Return the file of a run folder that has its provenance: `name`, or that of version 0.1 if only this exists."""
+    """Return the provenance file of a run folder: `name`, or the file of version 0.1 if only that exists."""
     old = folder / PROVENANCE
     return old if old.is_file() and not (folder / name).is_file() else folder / name
 
@@ -72,7 +72,7 @@ def current_settings(values: dict[str, Any], source: str) -> dict[str, Any]:
         source: Where the settings come from, for error messages.
 
     Raises:
-        ValueError: If a setting is given with both its names.
+        ValueError: If a setting is given under both of its names.
     """
     out: dict[str, Any] = {}
     hybrid: dict[str, Any] = {}
@@ -87,7 +87,7 @@ def current_settings(values: dict[str, Any], source: str) -> dict[str, Any]:
         given = out.get("hybrid", {})
         if isinstance(given, dict):
             if both := [name for name in hybrid if name in given]:
-                raise ValueError(f"{source} sets hybrid.{both[0]} twice: also with its name of version 0.1")
+                raise ValueError(f"{source} sets hybrid.{both[0]} twice: by this name and by its name of version 0.1")
             out["hybrid"] = {**hybrid, **given}
     return _renamed(out, _NAMES[""], source)
 
@@ -101,7 +101,7 @@ def current_card(card: Any) -> Any:
     if not isinstance(card, dict) or card.get("format") != POLICY_FORMAT:
         return card
     view = card.get("view")
-    # the earliest cards have no caution
+    # the first cards of version 0.1 have no caution
     if not isinstance(view, dict) or {"caution": 0.0, **view}.keys() != set(_VIEW):
         raise ValueError(f"the view of a card of version 0.1 must have {', '.join(_VIEW)}, not {view!r}")
     out: dict[str, Any] = {}
@@ -141,6 +141,6 @@ def _renamed(values: dict[str, Any], names: dict[str, str], source: str) -> dict
     for name, value in values.items():
         current = names.get(name, name)
         if current in out:
-            raise ValueError(f"{source} sets {current} twice: also with its name of version 0.1")
+            raise ValueError(f"{source} sets {current} twice: by this name and by its name of version 0.1")
         out[current] = value
     return out

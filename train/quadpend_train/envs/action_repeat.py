@@ -1,4 +1,4 @@
-"""Action repeat: the learner chooses an action less often than the environment steps."""
+"""Action repeat: the environment makes several steps for each action of the learner."""
 
 from typing import Any
 
@@ -11,8 +11,8 @@ from quadpend_gym.wrappers.same_step import last_observations, replace_final_obs
 class ActionRepeat(VectorWrapper):
     """Apply every action for several steps of `env` and return the sum of their rewards.
 
-    A sub-environment whose episode ends during the repeats resets at once. Until the repeats of the others are over it
-    receives zero actions, whose rewards do not count. For a hybrid, a zero action is the base controller alone.
+    A sub-environment whose episode ends during the repeats resets at once. For the remaining repeats it receives zero
+    actions, whose rewards are not counted. For a hybrid, a zero action is the base controller alone.
 
     The info is that of the last of the repeated steps; only ``final_obs`` is collected over all of them.
 

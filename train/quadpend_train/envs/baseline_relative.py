@@ -5,16 +5,17 @@ classical controller acts alone. The learner's reward is
 
     (1)  r − r_b,
 
-where r is the reward of the learner's step and r_b that of the copy's step. Luck that affects both cancels, so the
+where r is the reward of the learner's step and r_b that of the copy's step. Random influences on both cancel, so the
 variance of (1) is smaller than that of r. The copy begins a new episode whenever the learner's episode ends.
 
-A fall, that is an early termination, must not pay when r < r_b. Therefore a fall of the learner costs everything that
-the copy would still earn, estimated as if it earned r_b at every step for ever, and each fall has a penalty c:
+A fall is an early termination. Where r < r_b, the sum of (1) would be larger with a fall than without. Therefore the
+reward of a fall is reduced by the discounted return that the copy would still earn, estimated as r_b at every further
+step, and each fall has a penalty c:
 
     (2)  − r_b γ/(1 − γ) − c     when the learner falls,       + c     when the copy falls.
 
-After a fall of the copy r_b = 0 until the learner's episode ends. Without c, and apart from the estimate in (2), the
-best policy under (1) is the best policy under r. A positive c makes falls more expensive.
+After a fall of the copy r_b = 0 until the learner's episode ends. If c = 0, and apart from the estimate in (2), a
+policy is optimal for this reward if it is optimal for r. A positive c makes falls more expensive.
 """
 
 from itertools import pairwise
@@ -33,8 +34,8 @@ from quadpend_train.envs.concatenated import worlds
 class BaselineRelativeReward(VectorWrapper):
     """Replace the reward of `env` by equations (1) and (2).
 
-    The wrapper steps the worlds of `baseline_env` and not the environment itself, because a baseline copy begins its
-    episodes with the learner and goes on after its own fall.
+    The wrapper steps the worlds of `baseline_env` and not `baseline_env` itself, because a baseline copy starts an
+    episode when the learner does, and does not reset after its own fall.
 
     Args:
         env: A QuadPendulum vector environment or a `ConcatenatedVectorEnv` of several, with same-step autoreset,
@@ -110,7 +111,7 @@ class BaselineRelativeReward(VectorWrapper):
         return reward, fell
 
     def _copy_episodes(self, started: Booleans) -> None:
-        """Begin in the baseline copies the episodes that the learner has just begun, where `started`."""
+        """Copy the episodes that the learner has just begun, where `started`, into the baseline copies."""
         for world, baseline_world, part in self._parts:
             rows = np.flatnonzero(started[part])
             if rows.size:

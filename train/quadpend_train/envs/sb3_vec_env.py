@@ -94,10 +94,10 @@ class SB3VecEnv(VecEnv):
                 self._sums[name] = self._sums.get(name, 0.0) + value.mean()
 
     def take_means(self) -> dict[str, float]:
-        """Return the means of the reward terms and of the tracking error (m), and start new ones.
+        """Return the means of the reward terms and of the tracking error (m), and reset them.
 
         The means are over all sub-environments and over the steps since the last call. At a step that ends an episode
-        they count the start of the next episode, because the info of the vector environment does.
+        they include the first values of the next episode, because the info of the vector environment has these.
         """
         means = {name: float(total) / self._steps for name, total in self._sums.items()}
         self._sums, self._steps = {}, 0
@@ -132,7 +132,7 @@ class SB3VecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Return whether a wrapper of this class is around the vector environment.
 
-        For Stable-Baselines3's `Monitor` the answer is True, because this class itself gives the episode statistics.
+        For Stable-Baselines3's `Monitor` it returns True, because this class provides the same episode statistics.
         """
         layer: Any = self.env
         found = wrapper_class.__name__ == "Monitor"

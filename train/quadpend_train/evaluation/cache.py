@@ -1,4 +1,4 @@
-"""Cache of evaluation results on disk, so that an interrupted study continues and a repeated one computes nothing.
+"""Cache of evaluation results on disk: a repeated or interrupted study computes only the missing results.
 
 There is one file for each policy, scenario, number of episodes and seed. Its name is a hash of these, of the package
 versions and of the source code that determines the results. If one of them changes, the name changes, and the results
@@ -25,12 +25,12 @@ from quadpend_train.scenarios import Scenario, scenario_hash
 
 FOLDER = Path("results/cache")
 _TRAIN = Path(__file__).parents[1]  # the folder of quadpend_train
-# Rooms and files without influence on an episode's result.
+# Folders and files that do not influence the result of an episode.
 _EXCLUDED = {
     quadpend_gym: ("viewer", "envs/recorder.py"),
     quadpend_baselines: ("paper",),
 }
-# The only files of quadpend_train with influence on an episode's result.
+# The files of quadpend_train that influence the result of an episode.
 _TRAIN_SOURCES = (
     "common/version_0_1.py",
     "evaluation/episodes.py",
@@ -59,7 +59,7 @@ def code_stamp() -> str:
 
 
 def key(policies: Sequence[str], scenario: Scenario, episodes: int, seed: int) -> str:
-    """Return the name of the cached file of an evaluation, without its ending.
+    """Return the name of the cached file of an evaluation, without its suffix.
 
     Args:
         policies: Fingerprints of the policies, see `quadpend_train.policies.loading.policy_fingerprint`.

@@ -31,7 +31,7 @@ class Metric(NamedTuple):
 
     Attributes:
         unit: Unit of the reported values; empty if there is none.
-        better: Sign of a difference that is an improvement: 1 or -1.
+        better: 1 if larger values are better, -1 if smaller values are better.
         factor: Factor from SI units to `unit`.
     """
 
@@ -85,7 +85,7 @@ def differences(results: EpisodeResults, other: EpisodeResults) -> dict[str, Int
 
     Args:
         results: Results of the policy.
-        other: Results that are subtracted: those of one policy, or of as many training seeds as `results` has.
+        other: Results to subtract, of one policy or of as many training seeds as `results` has.
     """
     values, others = metric_values(results), metric_values(other)
     out = {"survival": paired_proportion(values.pop("survival"), others.pop("survival"))}
@@ -104,7 +104,7 @@ class Comparison:
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         results: Results by the names of scenario and policy.
-        fingerprints: Gains of the controllers and hashes of the model files, of those policies that were given by name.
+        fingerprints: Fingerprints (see `policy_fingerprints`) of the policies that were given by name, not as objects.
     """
 
     policies: tuple[str, ...]
@@ -147,7 +147,7 @@ class Comparison:
         }
 
     def provenance(self) -> dict[str, Any]:
-        """Return what is needed to reproduce the numbers; every file of results contains it."""
+        """Return the data that are needed to reproduce the numbers; every file of results contains them."""
         return {
             "provenance": provenance(),
             "code": cache.code_stamp()[:12],
@@ -184,11 +184,10 @@ def compare(
     """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
 
     Args:
-        policies: Policies by the names that they get in the comparison. A value is a controller, the training seeds of
-            one learner, or a name of these as `load_policies` takes it. Policies that are given as objects run in this
-            process, and their results are not cached.
-        scenarios: Names of scenarios as `find_scenario` takes them; or such names by the names that the scenarios get
-            in the comparison.
+        policies: Mapping from names in the comparison to policies. A value is a policy, a list of policies (the
+            training seeds of one learner), or a name for `load_policies`. Policies that are given as objects run in
+            this process, and their results are not cached.
+        scenarios: Names of scenarios, see `find_scenario`; or a mapping from names in the comparison to these.
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
@@ -227,7 +226,7 @@ def _check_training_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> Non
     }
     if len(set(sizes.values()) - {1}) > 1:
         numbers = ", ".join(f"{name} has {size}" for name, size in sizes.items())
-        raise ValueError(f"policies must be learners with the same number of training seeds or single ones: {numbers}")
+        raise ValueError(f"policies with several training seeds must have the same number of them: {numbers}")
 
 
 def _check_policies(cells: Mapping[Cell, Job]) -> None:

@@ -19,10 +19,10 @@ from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, find_scenario
 
 # First seeds of disjoint sets of episodes. The seeds of training runs are above 2³², see
-# `quadpend_train.training.train.first_seed`.
+# `quadpend_train.training.callbacks.first_seed`.
 TEST_SEED = 1_000_000  # of the published results
-TUNING_SEED = 2_000_000  # of the search for gains of the classical controllers
-VALIDATION_SEED = 3_000_000  # for daily use: not used for tuning and not in the published results
+TUNING_SEED = 2_000_000  # for the tuning of the classical controllers
+VALIDATION_SEED = 3_000_000  # for daily use, and for the evaluations in a training, which select its best policy
 SETTLED_STEP = 500  # first step of the settled RMSE, after which the start has little influence
 FALL_ERROR = 1.0  # m, RMSE that a fall counts as, and the upper limit of the penalised RMSE
 
@@ -36,8 +36,8 @@ class EpisodeResults(NamedTuple):
         survived: Whether the episode was survived, shape (s, n).
         steps: Number of steps of the episode, shape (s, n).
         rmse: Root mean square of the norm of the tracking error over these steps, m, shape (s, n).
-        penalised_rmse: `rmse`, but at most 1 m, and 1 m for a fall, so that an early fall never improves it; m, shape
-            (s, n).
+        penalised_rmse: `rmse`, but at most 1 m, and 1 m for a fall, so that falling is never better than surviving; m,
+            shape (s, n).
         settled_rmse: Root mean square of the error from step 500 on, m; nan for a fall; shape (s, n).
         largest_tilt: Largest angle of the pendulum from upright, rad, shape (s, n).
         effort: Root mean square of the norm of the action, shape (s, n).
@@ -63,7 +63,7 @@ def run_episodes(
     seed: int = VALIDATION_SEED,
     options: dict[str, Any] | None = None,
 ) -> EpisodeResults:
-    """Run each policy through one episode of each of `episodes` consecutive seeds.
+    """Run `episodes` episodes with each policy; episode k has the seed `seed` + k.
 
     Args:
         policies: Objects with the `predict` protocol: one, or one for each training seed.
@@ -73,7 +73,7 @@ def run_episodes(
         options: Options of the environment's reset, such as a start for each episode.
 
     Raises:
-        ValueError: If the scenario is unknown, or its control period is not that of the metrics, 0.01 s.
+        ValueError: If the scenario is unknown, or its control period is not 0.01 s.
     """
     if isinstance(scenario, str):
         scenario = find_scenario(scenario)

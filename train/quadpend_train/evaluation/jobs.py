@@ -25,7 +25,7 @@ class Job(NamedTuple):
     """One evaluation of a policy in a scenario: the arguments of `run_episodes`.
 
     Attributes:
-        policies: A name as `load_policies` takes it, or policies. Policies that are given as objects run in this
+        policies: A name for `load_policies`, or a list of policies. Policies that are given as objects run in this
             process, and their results are not cached.
         scenario: Scenario of the episodes.
         episodes: Number of episodes.

@@ -19,7 +19,7 @@ class LeaderboardRow(NamedTuple):
     Attributes:
         policy: Name of the policy.
         penalised_rmse: Mean over the scenarios, mm; its interval does not account for falls rarer than about 3/n.
-        survival: Mean over the scenarios, %; the interval is widened by Wilson's interval of all episodes together.
+        survival: Mean over the scenarios, %; its interval also covers Wilson's interval of all episodes together.
         worst_survival: Survival in the scenario where it is smallest, %; the interval ignores the selection of this
             scenario.
         worst_scenario: Name of that scenario.

@@ -1,10 +1,10 @@
-"""Pairwise comparison of two policies: which one is better in which scenario, by how much, and how certain that is.
+"""Pairwise comparison: which of two policies is better in each scenario, by how much, and how certain that is.
 
 The first policy wins a scenario if it survives significantly more of its episodes. If the survival does not differ
 significantly, the policy with the significantly smaller RMSE in the episodes that both survived wins. Otherwise neither
 wins. Both quantities are tested in every scenario on the same episodes (`p_proportion` and `p_value`), and all tests of
 one family are corrected together by Holm's method: the probability that at least one win or loss of the family is false
-is at most 5 %, as far as each test keeps its own level. The family of `compare_pair` is one pair, that of
+is at most 5 %, if the level of each single test is correct. The family of `compare_pair` is one pair, that of
 `compare_all_pairs` and of the leaderboard is all pairs, so the latter report slightly fewer wins.
 
 The penalised RMSE (a fall counts as 1 m) is reported but does not decide who wins: falls that are rarer than about 3/n
@@ -34,15 +34,15 @@ from quadpend_train.evaluation.statistics import (
     wilcoxon,
 )
 
-_MIN_COMMON_SURVIVALS = 10  # episodes that both survived, for a test of their RMSE
-_MAX_LISTED = 5  # scenarios that a sentence names; the table has them all
+_MIN_COMMON_SURVIVALS = 10  # fewest common survived episodes for which the RMSE is tested
+_MAX_LISTED = 5  # largest number of scenarios that a sentence names
 
 
 class ScenarioResult(NamedTuple):
     """Two policies in one scenario; differences are the first policy's value minus the second's.
 
-    The intervals are those of this scenario alone and not corrected, the p-values are corrected. So a scenario without
-    a winner may have an interval that excludes zero.
+    The p-values are corrected for multiple tests, the intervals are not. So a scenario without a winner may have an
+    interval that excludes zero.
 
     Attributes:
         winner: 1 if the first policy wins, −1 if the second wins, 0 if they are not distinguishable.
@@ -51,7 +51,7 @@ class ScenarioResult(NamedTuple):
         penalised_rmse: Difference of the penalised RMSE, mm. Its interval does not account for falls rarer than about
             3/n.
         p_survival: p-value of equal survival, corrected by Holm's method.
-        p_rmse: p-value of equal `rmse`, corrected; 1 if both survived fewer than 10 episodes.
+        p_rmse: p-value of equal `rmse`, corrected; 1 if there are fewer than 10 episodes that both survived.
         p_wilcoxon: p-value of Wilcoxon's signed-rank test on the penalised RMSE, for information; not corrected.
         improvement: Probability that the first policy has the smaller penalised RMSE in an episode.
         unpaired_improvement: The same probability over all pairs of episodes, as in rliable.

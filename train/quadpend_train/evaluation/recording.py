@@ -48,7 +48,7 @@ class Recording(NamedTuple):
 
 
 class _StepRecorder(Recorder):
-    """Keep a snapshot of every step, including the last one of an episode, which precedes the autoreset."""
+    """Keep a snapshot of every step, including the last step of an episode, before the autoreset."""
 
     def __init__(self, world: World) -> None:
         super().__init__(world, "rgb_array")
@@ -62,7 +62,7 @@ class _StepRecorder(Recorder):
 def record_episode(
     name: str, policy: Policy, scenario: Scenario, seed: int, options: dict[str, Any] | None = None
 ) -> Recording:
-    """Run the first episode of a seed, which is the first one of `run_episodes` with that seed, and record it.
+    """Record one episode: the first one that `run_episodes` runs with the same seed.
 
     Args:
         name: Name of the policy.

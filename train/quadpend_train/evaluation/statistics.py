@@ -50,7 +50,7 @@ class Interval(NamedTuple):
 
     def negated(self) -> "Interval":
         """Return the interval of the quantity with the opposite sign."""
-        return Interval(0.0 - self.value, 0.0 - self.high, 0.0 - self.low)  # 0 - x: never -0
+        return Interval(0.0 - self.value, 0.0 - self.high, 0.0 - self.low)  # 0 - x avoids -0
 
     def clipped(self, low: float, high: float) -> "Interval":
         """Return the interval with its ends clipped to the range of the quantity."""
@@ -106,7 +106,7 @@ def _widen_over_seeds(pooled: Interval, values: Floats, least: float) -> Interva
 
 @lru_cache(maxsize=8)
 def _bootstrap_indices(size: int, stream: int) -> Integers:
-    """Indices of the bootstrap's resamples, shape (2000, size).
+    """Return the indices of the bootstrap's resamples, shape (2000, size).
 
     They are the same in every call, so that equal values get equal intervals.
     """
@@ -115,7 +115,7 @@ def _bootstrap_indices(size: int, stream: int) -> Integers:
 
 @lru_cache(maxsize=8)
 def _bootstrap_counts(size: int) -> Floats:
-    """Number of times that each episode is in each resample, shape (2000, size)."""
+    """Return how often each resample contains each episode, shape (2000, size)."""
     indices = _bootstrap_indices(size, 1)
     counts = np.zeros(indices.shape)
     np.add.at(counts, (np.arange(_RESAMPLES)[:, np.newaxis], indices), 1.0)
@@ -142,7 +142,7 @@ def mean(values: Floats) -> Interval:
     """Mean of values of shape (s, n), with the percentile bootstrap's interval for one seed and (1) for several.
 
     All seeds that have a value have the same weight. If only one of several seeds has a value, the interval is that of
-    one seed. The mean of no value is nan.
+    one seed. If there are no values, the mean is nan.
 
     The bootstrap only uses the values in the sample. An event rarer than about 3/n may not be in the sample, and the
     interval then does not account for it, however large its effect is.
@@ -171,7 +171,7 @@ class _RandomEffects(NamedTuple):
     degrees_of_freedom: Floats
 
     def half_width(self, level: float) -> float:
-        """Return half the width of the interval whose probability to miss the true mean is at most `level`."""
+        """Return half the width of interval (1) at the confidence level 1 − `level`."""
         quantiles = special.stdtrit(self.degrees_of_freedom, 0.5 * level)
         return float(np.sqrt(np.sum(quantiles**2 * self.variances)))
 
@@ -290,7 +290,7 @@ def wilcoxon(differences: Floats) -> float:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct p-values for their number with Holm's method, and return them in their order."""
+    """Return p-values corrected for multiple tests by Holm's method, in the order of `p_values`."""
     order = np.argsort(p_values, kind="stable")
     corrected = np.empty(len(order))
     corrected[order] = np.minimum(1.0, np.maximum.accumulate(np.arange(len(order), 0, -1) * np.take(p_values, order)))

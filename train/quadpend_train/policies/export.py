@@ -19,11 +19,12 @@ def export(model: Any, **card: Any) -> MlpPolicy:
 
     Args:
         model: PPO, SAC or TQC with an `MlpPolicy`.
-        card: Further entries of the card. Without the entries of `quadpend_train.policies.mlp_policy.PLAIN_INTERFACE`
-            the policy receives the present observation alone.
+        card: Further entries of the card. The default of the entries in
+            `quadpend_train.policies.mlp_policy.PLAIN_INTERFACE` is a policy whose only input is the latest observation.
 
     Raises:
-        ValueError: If the policy is not a feedforward network of what its card says that it receives.
+        ValueError: If the policy is not a feedforward network, or its number of inputs is not the one that the card
+            implies.
     """
     layers, activation = _network(model)
     entries: dict[str, Any] = {
@@ -45,9 +46,9 @@ def export(model: Any, **card: Any) -> MlpPolicy:
 
 
 def export_zip(path: Path, **card: Any) -> MlpPolicy:
-    """Return the policy in a file that PPO, SAC or TQC has saved; it must receive the observation alone.
+    """Return the policy of a model saved by PPO, SAC or TQC; its only input must be the latest observation.
 
-    Loading such a file executes code that is in it: export only files whose source you trust.
+    Loading a model executes code that is in its file: export only files whose source you trust.
 
     Args:
         path: The file (.zip).

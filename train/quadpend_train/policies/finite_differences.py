@@ -1,4 +1,4 @@
-"""Finite differences for a policy that needs velocities where only outputs are observed."""
+"""Finite differences, for a policy that needs velocities in an environment that does not observe them."""
 
 from typing import Any, NamedTuple
 
@@ -46,7 +46,7 @@ class FiniteDifferencePolicy:
         for name, value in outputs.items():
             last = value if state is None else np.where(started, value, state.outputs[name])
             rate = (value - last) / self.period
-            if name == "attitude":  # its yaw is the yaw error, but the rate that belongs to it is ψ̇
+            if name == "attitude":  # its third number is the yaw error, but that of euler_rate is the yaw rate ψ̇
                 rate[:, 2] += read_observation(observation, "yaw_reference")[:, 1]
             columns = OBSERVATION_FIELDS[_RATES[name]]
             full[:, columns] = rate / OBSERVATION_SCALE[columns]

@@ -1,4 +1,4 @@
-"""Policies by name, as the command line takes them."""
+"""Load policies by name or path, as on the command line."""
 
 import hashlib
 from pathlib import Path
@@ -10,12 +10,12 @@ from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 
 
 def load_policies(names: str) -> list[Policy]:
-    """Load the policies that `names` stands for, see `policy_names`."""
+    """Load one or several policies, see `policy_names`."""
     return [load_policy(name) for name in policy_names(names)]
 
 
 def policy_names(names: str) -> list[str]:
-    """Return the names of single policies that `names` stands for.
+    """Return the names of the single policies in `names`.
 
     Args:
         names: One name, or several separated by commas: the training seeds of one learned policy. The name of a learned
@@ -59,7 +59,7 @@ def load_policy(name: str) -> Policy:
 
 
 def policy_fingerprints(names: str) -> list[str]:
-    """Return the fingerprint of each policy that `names` stands for, see `policy_names` and `policy_fingerprint`."""
+    """Return the fingerprint of each policy in `names`, see `policy_names` and `policy_fingerprint`."""
     return [policy_fingerprint(name) for name in policy_names(names)]
 
 
@@ -93,5 +93,7 @@ def policy_file(name: str) -> Path:
         path = SHIPPED / f"{current_name(name)}.npz"
     if not path.is_file():
         known = ", ".join([*CONTROLLERS, *shipped_policies()])
-        raise ValueError(f"there is no policy {name!r}: give {known}, or the path of a finished run or a policy file")
+        raise ValueError(
+            f"there is no policy {name!r}; there are {known}; or give the path of a finished run or a policy file"
+        )
     return path

@@ -1,4 +1,4 @@
-"""Learned policies in files that execute nothing when they are loaded.
+"""Learned policies, stored in files that execute no code when they are loaded.
 
 A policy file is an npz archive with float32 weights and biases and a JSON text, the card. Loading and running a policy
 needs numpy and, for a hybrid, the classical controllers of `quadpend_baselines`. It needs neither PyTorch nor
@@ -44,7 +44,7 @@ from quadpend_train.common.version_0_1 import current_card, current_name
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
 OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
-# Fields of the card of a policy that receives the present observation alone
+# Fields of the card of a policy whose only input is the latest observation
 PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1, "history": 1, "history_actions": 0}
 _LARGEST_FILE = 64 * 2**20  # bytes, unpacked
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
@@ -57,7 +57,7 @@ ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
 class MlpMemory(NamedTuple):
     """The state of a policy between two calls, for n rows; for policies of a hybrid or with a history."""
 
-    hybrid: Any  # memory of the hybrid; None without
+    hybrid: Any  # memory of the hybrid; None without a hybrid
     observations: Floats32  # latest k observations of m numbers, oldest first, (n, k, m)
     actions: Floats32  # latest j outputs of the network, oldest first, (n, j, 4)
     output: Floats32  # latest output of the network, (n, 4)
@@ -74,7 +74,7 @@ class MlpPolicy:
     Attributes:
         layers: The layers.
         card: The card.
-        hybrid: The hybrid that the policy belongs to; None without.
+        hybrid: The hybrid that the policy is part of, or None.
         observation_sizes: Sizes of the observations that the policy accepts: 36, 27 or both.
 
     Raises:
@@ -97,10 +97,8 @@ class MlpPolicy:
         inputs = self.layers[0][0].shape[0]
         self.observation_sizes = tuple(size for size in OBSERVATION_SIZES if self._input_size(size) == inputs)
         if not self.observation_sizes:
-            raise ValueError(
-                f"its first layer takes {inputs} numbers, not the"
-                f" {' or '.join(str(self._input_size(size)) for size in OBSERVATION_SIZES)} that its card requires"
-            )
+            sizes = " or ".join(str(self._input_size(size)) for size in OBSERVATION_SIZES)
+            raise ValueError(f"the first layer must take {sizes} numbers, as the card implies, not {inputs}")
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
@@ -123,15 +121,15 @@ class MlpPolicy:
             count = len(arrays) // 2
             layers = [(arrays.pop(f"weights_{i}"), arrays.pop(f"biases_{i}")) for i in range(count)]
             if arrays:
-                raise ValueError(f"it also contains {', '.join(sorted(arrays))}")
+                raise ValueError(f"the archive also contains {', '.join(sorted(arrays))}")
             return cls(layers, card)
         except KeyError as error:
-            raise ValueError(f"{path} is no policy file: it has no {error}") from error
+            raise ValueError(f"{path} is not a policy file: it has no {error}") from error
         except Exception as error:  # a broken archive can raise nearly any exception
-            raise ValueError(f"{path} is no policy file: {error}") from error
+            raise ValueError(f"{path} is not a policy file: {error}") from error
 
     def save(self, path: Path) -> None:
-        """Write the policy to a file; if the process is interrupted, an older file stays as it was."""
+        """Write the policy to a file. If writing is interrupted, an older file is not changed."""
         arrays: dict[str, Any] = {"card": np.array(json.dumps(self.card))}
         for i, (weights, biases) in enumerate(self.layers):
             arrays |= {f"weights_{i}": weights, f"biases_{i}": biases}
@@ -154,7 +152,7 @@ class MlpPolicy:
         """Return the action and the memory; see `quadpend_baselines.Policy.predict`.
 
         Raises:
-            ValueError: If the observation has another size than the policy accepts, or `deterministic` is False.
+            ValueError: If the policy does not accept observations of this size, or `deterministic` is False.
         """
         observation = np.asarray(observation, np.float32)
         if observation.shape[-1] not in self.observation_sizes:
@@ -218,7 +216,7 @@ class MlpPolicy:
 
 
 def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
-    """Return the largest absolute difference of two policies' weights; inf if their layers have other shapes."""
+    """Return the largest absolute difference of two policies' weights; inf if the shapes of their layers differ."""
     pairs = [pair for layers in zip(policy.layers, other.layers, strict=False) for pair in zip(*layers, strict=True)]
     if len(policy.layers) != len(other.layers) or any(a.shape != b.shape for a, b in pairs):
         return float("inf")
@@ -230,7 +228,7 @@ def _check_size(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         size = sum(item.file_size for item in archive.infolist())
     if size > _LARGEST_FILE:
-        raise ValueError(f"it has {size} bytes unpacked, and a policy has at most {_LARGEST_FILE}")
+        raise ValueError(f"the archive must have at most {_LARGEST_FILE} bytes unpacked, not {size}")
 
 
 def _pushed(memory: Floats32, value: Floats32) -> Floats32:
@@ -240,23 +238,23 @@ def _pushed(memory: Floats32, value: Floats32) -> Floats32:
 
 def _check_card(card: Any) -> None:
     if not isinstance(card, dict) or card.get("format") != FORMAT:
-        raise ValueError(f"its card is not of the format {FORMAT!r}")
+        raise ValueError(f"the card is not of the format {FORMAT!r}")
     if card.get("activation") not in ACTIVATIONS:
-        raise ValueError(f"its activation must be one of {', '.join(ACTIVATIONS)}, not {card.get('activation')!r}")
+        raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, not {card.get('activation')!r}")
     if not isinstance(card.get("squashed"), bool):
         raise ValueError(f"squashed must be true or false, not {card.get('squashed')!r}")
     bound = card.get("bound", 1.0)
     if not isinstance(bound, float) or not 0.0 < bound < float("inf"):
         raise ValueError(f"bound must be a number above zero, not {bound!r}")
     if missing := [name for name in PLAIN_INTERFACE if name not in card]:
-        raise ValueError(f"its card has no {missing[0]!r}")
+        raise ValueError(f"the card has no {missing[0]!r}")
     for name, least in (("action_repeat", 1), ("history", 1), ("history_actions", 0)):
         check_int(card[name], name, least)
 
 
 def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:
     if not layers:
-        raise ValueError("it has no layers")
+        raise ValueError("there are no layers")
     inputs = layers[0][0].shape[:1]
     for i, (weights, biases) in enumerate(layers):
         if weights.ndim != 2 or weights.shape[:1] != inputs or biases.shape != weights.shape[1:]:
@@ -267,4 +265,4 @@ def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:
             raise ValueError(f"layer {i} has numbers that are not finite")
         inputs = biases.shape
     if inputs != (ACTION_SIZE,):
-        raise ValueError(f"its last layer has {inputs[0]} outputs, and an action has {ACTION_SIZE} numbers")
+        raise ValueError(f"the last layer must have {ACTION_SIZE} outputs, not {inputs[0]}")

@@ -1,4 +1,4 @@
-"""Classes, networks and files of the models of Stable-Baselines3 and sb3-contrib."""
+"""Access to models of Stable-Baselines3 and sb3-contrib: their classes, networks and files."""
 
 import json
 import zipfile
@@ -31,7 +31,7 @@ def algorithm_class(name: str) -> Any:
 
 
 def is_on_policy(model: Any) -> bool:
-    """Return whether a model is on-policy (PPO): its policy has an `action_net`, that of SAC and TQC has an `actor`."""
+    """Return whether a model is on-policy: PPO's policy has an `action_net`, the policies of SAC and TQC an `actor`."""
     return hasattr(model.policy, "action_net")
 
 
@@ -41,7 +41,7 @@ def output_layer(model: Any) -> Any:
 
 
 def start_new_episodes(model: Any) -> None:
-    """Reset the environment of a model whose training goes on, and the noise of gSDE.
+    """Reset the environment and the noise of gSDE during the training of a model.
 
     Stable-Baselines3 resets the environment only at the beginning of `learn`, and offers no public method for it later.
     Therefore this function sets the two private attributes in which a model keeps the last observation.
@@ -63,11 +63,11 @@ def read_zip(path: Path) -> Any:
         with zipfile.ZipFile(path) as archive:
             module = json.loads(archive.read("data"))["policy_class"]["__module__"]
     except (zipfile.BadZipFile, KeyError, TypeError, ValueError, OSError) as error:
-        raise ValueError(f"{path} is no model saved by Stable-Baselines3: {error}") from error
+        raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {error}") from error
     name = next((name for name in ("sac", "tqc") if f".{name}." in module), "ppo")
     try:
         return algorithm_class(name).load(path, device="cpu")
     except ImportError as error:
         raise ValueError(f"{path} needs a package that is not installed: {error}") from error
     except (TypeError, KeyError, ValueError, AttributeError, RuntimeError) as error:
-        raise ValueError(f"{path} is no model of PPO, SAC or TQC: {error}") from error
+        raise ValueError(f"{path} is not a model of PPO, SAC or TQC: {error}") from error

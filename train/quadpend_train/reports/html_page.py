@@ -25,7 +25,7 @@ from quadpend_train.reports.tables import COLUMNS, draw_errors
 from quadpend_train.studies.robustness import Robustness, format_tolerated_range
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
-_LIGHTEST, _DARKEST = 10.0, 1000.0  # mm of penalised RMSE, at which the shade of a cell begins and ends
+_LIGHTEST, _DARKEST = 10.0, 1000.0  # penalised RMSE of the lightest and of the darkest cells, mm
 
 
 class Section(NamedTuple):
@@ -65,7 +65,7 @@ def write(
         date: Date on the page; None is today in UTC.
 
     Raises:
-        ValueError: If `robustness` is about other policies.
+        ValueError: If `robustness` has other policies than `comparison`.
     """
     if robustness and robustness.policies != comparison.policies:
         raise ValueError(
@@ -126,7 +126,7 @@ def sortable(value: float) -> str:
 
 
 def shade(penalised_rmse: float) -> int:
-    """Return the strength of the colour behind a cell, %, by the logarithm of its penalised RMSE in mm."""
+    """Return the strength of a cell's background colour, %, from the logarithm of its penalised RMSE in mm."""
     share = np.log(max(penalised_rmse, _LIGHTEST) / _LIGHTEST) / np.log(_DARKEST / _LIGHTEST)
     return round(65.0 * min(float(share), 1.0))
 
@@ -137,7 +137,7 @@ def style(i: int) -> tuple[str, str]:
 
 
 def embedded(data: Any) -> Markup:
-    """Return JSON for a script element, which no string in the data can end."""
+    """Return JSON for a script element; ``<`` is escaped, so that the data cannot close the element."""
     return Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))
 
 

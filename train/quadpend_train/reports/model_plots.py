@@ -1,4 +1,4 @@
-"""Pictures of wind, sensor and actuator models.
+"""Figures of wind, sensor and actuator models.
 
 A wind is drawn as a time series, a histogram and a spectrum beside its theory. Sensors and actuators are drawn as a
 signal before and after the model.

@@ -15,7 +15,7 @@ from quadpend_train.studies import robustness
 from quadpend_train.studies.robustness import Robustness
 
 PARTS = ("provenance", "tuning", "leaderboard", "pairwise", "matrix", "robustness")  # of a document
-PAIRS = 3  # pairwise comparisons in a document: the best policy with the next ones
+PAIRS = 3  # number of pairwise comparisons in a document, of the best policy with the next ones
 
 
 def write(
@@ -65,7 +65,7 @@ def update_document(
         path: Markdown file.
 
     Raises:
-        ValueError: If the document has no place for a part.
+        ValueError: If the document does not contain the comments of a part exactly once.
     """
     best, *others = (row.policy for row in standings)
     pairs = [f"- {compare_pair(comparison, best, other).sentence()}" for other in others[:PAIRS]]

@@ -1,4 +1,4 @@
-"""A comparison as text and as a figure: tables for the terminal and in Markdown, sentences, and error curves."""
+"""Tables of a comparison for the terminal and in Markdown, sentences, and a figure of the error curves."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -14,7 +14,7 @@ from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.reports.side_by_side import SideBySideView
 
 _PALETTE_SIZE = 192  # colours of a GIF file
-_PALETTE_PICTURES = 4  # that the colours are chosen from
+_PALETTE_PICTURES = 4  # pictures from which these colours are chosen
 
 
 def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: float, rate: float) -> None:

@@ -35,7 +35,7 @@ from quadpend_train.common.files import parse_mapping, read_mapping
 
 SCENARIO_FILE = Path(__file__).with_name("scenarios.toml")
 HOVER = "QuadPendulumHover-v0"
-ENVIRONMENTS = {"QuadPendulum-v0": "track", HOVER: "hover"}  # ids of environments, and their tasks
+ENVIRONMENTS = {"QuadPendulum-v0": "track", HOVER: "hover"}  # tasks by the ids of their environments
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class Scenario:
         env_id: Id of the environment, a key of `ENVIRONMENTS`.
         sensors: Sensor models, as `SensorWrapper` takes them.
         actuators: Actuator models, as `ActuatorWrapper` takes them.
-        parameters: Ranges of the parameters of the plant, as `ParameterWrapper` takes them; None: nominal parameters.
+        parameters: Ranges of the physical parameters, as `ParameterWrapper` takes them; None: nominal parameters.
         simulation: Nominal simulation, as the keyword of `gymnasium.make`.
         output_feedback: Whether the observation has no velocities, see `OutputFeedbackWrapper`.
-        history: Number of observations in one observation, see `HistoryWrapper`.
-        history_actions: Number of actions in one observation.
+        history: Number of successive observations that are stacked into one, see `HistoryWrapper`.
+        history_actions: Number of past actions that are appended to the observation.
         task: Task, as the keyword of `gymnasium.make`; None: the task of `env_id`.
 
     Raises:
@@ -92,7 +92,7 @@ class Scenario:
         check_chain(self.actuators, self.simulation)
 
     def with_reward(self, reward: RewardWeights) -> "Scenario":
-        """Return the scenario with other weights of the reward."""
+        """Return the scenario with other reward weights."""
         task = TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
         return replace(self, task=replace(task, reward=reward))
 
@@ -134,7 +134,7 @@ SETS = {name: tuple(members) for name, members in _DATA["sets"].items()}
 
 
 def find_scenario(name: str) -> Scenario:
-    """Return the scenario that `name` stands for.
+    """Return a scenario by its name, from a file, or from JSON.
 
     Args:
         name: Key of `SCENARIOS`, path of a TOML or JSON file, or JSON that begins with a brace.
@@ -152,8 +152,8 @@ def find_scenario(name: str) -> Scenario:
     path = Path(name)
     if path.suffix not in (".toml", ".json") or not path.is_file():
         raise ValueError(
-            f"there is no scenario {name!r}; the scenarios are {', '.join(SCENARIOS)}; the path of a TOML or JSON file"
-            " with a scenario and a scenario as JSON are possible too"
+            f"there is no scenario {name!r}; the scenarios are {', '.join(SCENARIOS)}; or give the path of a TOML or"
+            " JSON file, or JSON"
         )
     return from_plain(Scenario, read_mapping(path), str(path))
 

@@ -29,7 +29,7 @@ from quadpend_train.training.environment import concatenate_scenarios
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping
 from quadpend_train.training.train import POLICY, train
 
-TIMESTEPS = 3_000_000  # of a learner without a base controller
+TIMESTEPS = 3_000_000  # of a training without a base controller
 HYBRID_TIMESTEPS = 1_000_000  # of a hybrid, which performs as well as its base controller from the start
 EPISODES = 100
 _OUTPUT_FEEDBACK = '{"wind": "breeze", "output_feedback": true}'
@@ -67,12 +67,12 @@ _RELATIVE_GAIN_SCHEDULING = _merged(_merged(_HYBRID, _GAIN_SCHEDULING), _RELATIV
 
 
 class Ablation(NamedTuple):
-    """A part of a learner, and two trainings without and with it, as changes of the demo's settings.
+    """A part of a learner, and the settings of two trainings: without and with this part.
 
     Attributes:
         part: Description of the part.
         scenario: Scenario of the evaluation, and of the training unless the settings name another one.
-        without: Changes for the training without the part.
+        without: Changes of the default settings for the training without the part.
         added: Further changes for the training with the part.
     """
 
@@ -164,7 +164,7 @@ ABLATIONS = {
         {"hybrid": {"fallback_gain": 1.0}},
     ),
 }
-# A comparison of evaluations without a training: gain scheduling against its constant mean.
+# An additional row, which needs no training: gain scheduling compared with its constant mean.
 CONSTANT = "gain scheduling by `ppo-gain-scheduling`, fully trained, instead of its constant mean"
 CONSTANT_SCENARIO = "training_upset"
 
@@ -238,7 +238,7 @@ def _train_and_evaluate(settings: TrainSettings, scenario: str, folder: Path) ->
     run_folder = folder / hashlib.sha256(key.encode()).hexdigest()[:16]
     policy = run_folder / POLICY
     if not policy.is_file():
-        shutil.rmtree(run_folder, ignore_errors=True)  # of an interrupted training
+        shutil.rmtree(run_folder, ignore_errors=True)  # removes what an interrupted training left
         train(settings, run_folder, progress=False)
     return _penalised_rmse(MlpPolicy.load(policy), scenario)
 

@@ -1,8 +1,8 @@
-"""Perturbations of growing size, along which the robustness of policies is measured.
+"""Perturbation axes, on which the robustness of policies is measured.
 
-Each axis is one kind of perturbation. It starts at its nominal value: `QuadPendulum-v0` in calm air, or hover if the
-perturbation is one of the start. The heading of a wind is drawn by the wind model; the heading of a perturbed start is
-a function of the episode's seed.
+Each axis is one kind of perturbation with values of increasing size. At its nominal value, the scenario is
+`QuadPendulum-v0` in calm air, or hover if the start is perturbed. The wind model draws the heading of a wind; the
+heading of a perturbed start is a function of the episode's seed.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ class PerturbationAxis:
         values: Values of the quantity, ascending.
         scenario: Function from a value to the scenario.
         start: Function from a value and headings (rad, shape (n,)) to fields of the state
-            (`quadpend_gym.physics.state`). The other fields are drawn as usual. None: all fields are drawn.
+            (`quadpend_gym.physics.state`). The environment draws the other fields. None: it draws all fields.
         nominal: Value without a perturbation, one of `values`. If it is not the first one, the perturbation grows in
             both directions.
         scale: Scale of the values in plots.
@@ -82,7 +82,7 @@ def _turbulence(speed: float) -> Scenario:
 
 
 def _sensor_noise(size: float) -> Scenario:
-    """White noise of `size` mm on positions and mrad on angles, and of 10 `size` mm/s and mrad/s on their rates."""
+    """White noise of `size` mm on positions and mrad on angles, and of 10 × `size` mm/s and mrad/s on their rates."""
     error, rate = 0.001 * size, 0.01 * size
     return Scenario(sensors=Noise(error, rate, error, rate, error, rate) if size else ())
 

@@ -1,8 +1,8 @@
-"""Recovery maps: from which starts on a grid a policy returns to hover in calm air (its region of attraction).
+"""Recovery maps: the starts from which a policy returns to hover in calm air (its region of attraction).
 
 An episode has *recovered* if the tracking error stays below `RECOVERY_ERROR` during its last second. The time to
-recover is then the last time at which the error is not below. The grid is symmetric about hover, and nothing is drawn
-at random: two quantities of the start are those of the grid, all others are those of hover.
+recover is then the last time at which the error is not below this limit. The grid is symmetric about hover. The grid
+sets two quantities of the start, all others are those of hover; nothing is random.
 """
 
 from collections.abc import Callable

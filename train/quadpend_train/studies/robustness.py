@@ -1,9 +1,9 @@
-"""Robustness: how survival and tracking error degrade under perturbations, and which perturbations are tolerated.
+"""Robustness: survival and tracking error under perturbations of increasing size, and the tolerated range.
 
 At every value of a perturbation axis, every policy runs through the same episodes: starts, references, headings and the
 random numbers of the noise are common, only the size of the perturbation differs. The tolerance limit of an axis is the
 value at which the estimated survival first falls below `TOLERATED_SURVIVAL`, interpolated linearly between the values
-of the axis. The ends of its interval are the limits that result from the two ends of the survival's interval.
+of the axis. The ends of its interval are computed in the same way from the two ends of the interval of the survival.
 """
 
 import json
@@ -55,7 +55,7 @@ class ToleranceLimit(NamedTuple):
 
     Attributes:
         value: Value at which survival falls below `TOLERATED_SURVIVAL`, or the last evaluated value if it does not; nan
-            if survival is below already at the nominal value.
+            if survival is below `TOLERATED_SURVIVAL` at the nominal value.
         reached: Whether survival falls below `TOLERATED_SURVIVAL`.
     """
 
@@ -204,8 +204,8 @@ def measure_robustness(
     """Evaluate every policy at all values of every perturbation axis and from all starts of every grid.
 
     Args:
-        policies: Policies by the names that they get: names as `load_policies` takes them, or sequences of policies,
-            as in `quadpend_train.evaluation.comparison.compare`.
+        policies: Policies by name: names for `load_policies`, or sequences of policies, as in
+            `quadpend_train.evaluation.comparison.compare`.
         axes: Perturbation axes by name.
         start_grids: Grids of starts by name.
         episodes: Number of episodes at each value of an axis.

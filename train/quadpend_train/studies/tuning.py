@@ -1,10 +1,9 @@
-"""Search for gains of the classical controllers on the training scenarios, by the metric of the comparisons.
+"""Tune the gains of the classical controllers in the training scenarios, by the metric of the comparisons.
 
-The score of gains is the penalised RMSE in mm, averaged over the episodes and then over the scenarios of the set
-``training``. A fall counts as 1 m, so survival matters first, then accuracy. The search (CMA-ES of Optuna) minimises a
-similar loss, which is larger the earlier a fall is, so that the search also makes progress among gains for which every
-episode ends in a fall. The gains that it finds are rounded to three digits and scored in episodes that the search has
-not used.
+The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios of the set ``training``. A
+fall counts as 1 m, so it costs more than any inaccuracy. The search (CMA-ES of Optuna) minimises a loss that adds a
+larger term for an earlier fall. So the search also makes progress between gains with which every episode ends in a
+fall. The best gains are rounded to three digits and scored in episodes that the search has not used.
 """
 
 import json
@@ -34,7 +33,7 @@ from quadpend_train.training.environment import concatenate_scenarios
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
 SCORE_EPISODES = 200
 
-# Lowest value, highest value and start of the search, which uses a logarithmic scale. All are above zero.
+# Lowest value, highest value and initial value of a gain. The search uses a logarithmic scale, so all are above zero.
 SearchRange = tuple[float, float, float]
 _LQR = {
     "position": (0.02, 2.0, 0.187),
@@ -195,7 +194,7 @@ def _objective(name: str, episodes: int) -> Callable[[optuna.Trial], float]:
 
 
 def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Search for gains, score them, write both to ``{name}.json`` in `folder`, and return them.
+    """Search for gains, score them, write gains and scores to ``{name}.json`` in `folder`, and return them.
 
     Args:
         name: Key of `SEARCH_SPACES`.

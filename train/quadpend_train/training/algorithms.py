@@ -1,4 +1,4 @@
-"""Models of PPO, SAC and TQC from training settings."""
+"""Create models of PPO, SAC and TQC from training settings."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +17,7 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
     Args:
         settings: The training settings.
         env: The training environment.
-        folder: The folder for TensorBoard's event files; None for none.
+        folder: The folder for TensorBoard's event files; None writes no event files.
     """
     special = _ppo(settings) if settings.algo == "ppo" else _sac(settings)
     policy = special.pop("policy_kwargs", {})
@@ -74,7 +74,7 @@ def _linear_schedule(initial: float, final: float) -> Callable[[float], float]:
 def _start_near_zero(model: Any, settings: TrainSettings) -> None:
     """Scale down the initial actions of a hybrid, so that it starts close to its base controller.
 
-    With a baseline-relative reward the expected return of the base controller is 0, so PPO's critic starts at 0.
+    With a baseline-relative reward, the return of the base controller is 0, so the output of PPO's critic starts at 0.
     """
     with torch.no_grad():
         layer: Any = output_layer(model)

@@ -19,19 +19,19 @@ CURVE, BEST = "curve.csv", "best.npz"
 DIVERGED = (
     "training diverged within {} steps: the weights of the networks are not finite; lower learning_rate or reward_scale"
 )
-_CHECK_INTERVAL = 256  # rollouts of a single step between two checks for divergence
+_CHECK_INTERVAL = 256  # rollouts of SAC and TQC between two checks for divergence
 
 
 def first_seed(settings: TrainSettings) -> int:
     """Return the seed of the first sub-environment of a run.
 
-    Every run has a block of 2³² seeds of its own, which no other run and no evaluation uses.
+    Runs with different `seed` use disjoint blocks of 2³² seeds. No evaluation uses these seeds.
     """
     return (1 + settings.seed) << 32
 
 
 def save_checkpoint(model: Any, folder: Path) -> None:
-    """Replace the checkpoint in `folder`; an interruption while saving leaves the old checkpoint."""
+    """Replace the checkpoint in `folder`. If saving is interrupted, the old checkpoint stays valid."""
     parts = {"checkpoint.zip": model.save}
     buffer = f"buffer_{model.num_timesteps}.pkl"
     if getattr(model, "replay_buffer", None) is not None:
@@ -83,7 +83,7 @@ class CheckpointSegments(BaseCallback):
 
 
 class StopConditions(BaseCallback):
-    """Stop training after `max_seconds`, and raise an error if it diverged; train only PPO's critic during its warm-up.
+    """Stop training after `max_seconds` or if it diverges, and freeze PPO's actor during the warm-up of the critic.
 
     Raises:
         FloatingPointError: If a weight is not finite.
@@ -114,9 +114,9 @@ class StopConditions(BaseCallback):
 
 
 class EvaluationCallback(BaseCallback):
-    """Evaluate the policy every `eval_freq` steps, save the best one, and stop early if `patience` is exceeded.
+    """Evaluate the policy every `eval_freq` steps, save the best one, and stop early as `patience` says.
 
-    ``curve.csv`` has one line per evaluation, see `Score`. Its seconds count training without evaluations.
+    ``curve.csv`` has one line per evaluation, see `Score`. The time of the evaluations does not count as training time.
     """
 
     def __init__(self, settings: TrainSettings, folder: Path) -> None:
@@ -128,7 +128,7 @@ class EvaluationCallback(BaseCallback):
 
     def _on_training_start(self) -> None:
         self.start_time = time.perf_counter()
-        # A resumed run repeats the evaluations after its checkpoint.
+        # Scores after the checkpoint are dropped: a resumed run makes these evaluations again.
         self.scores = [score for score in read_curve(self.folder) if score.steps < self.num_timesteps]
         self.seconds_before = self.scores[-1].seconds if self.scores else 0.0
 
@@ -142,7 +142,7 @@ class EvaluationCallback(BaseCallback):
             self.evaluate()
 
     def evaluate(self) -> None:
-        """Evaluate the present policy, and record its score."""
+        """Evaluate the current policy, and record its score."""
         start = time.perf_counter()
         policy = export(self.model, **self.settings.policy_interface())
         survival, rmse = validate(policy, self.settings)
@@ -208,7 +208,7 @@ class ProgressBar(BaseCallback):
 
 
 def read_curve(folder: Path) -> list[Score]:
-    """Return the scores of all evaluations of a run so far; none if it is not evaluated."""
+    """Return the scores of all evaluations of a run so far; an empty list if there are none."""
     path = folder / CURVE
     if not path.is_file():
         return []

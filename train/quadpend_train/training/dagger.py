@@ -1,8 +1,8 @@
 """Imitation of a base controller with DAgger (dataset aggregation), before training.
 
 In every round the policy acts in the environment, the base controller labels each observation with the action that it
-would apply, and the network is fitted to all labels so far. The observations therefore come from states that the
-policy reaches itself. In the first round the base controller acts.
+would apply, and the network is fitted to all labels so far. The training data therefore contain the states that the
+policy itself reaches. In the first round the base controller acts.
 
 Source: Ross, Gordon and Bagnell, A reduction of imitation learning and structured prediction to no-regret online
 learning, AISTATS 2011.
@@ -18,10 +18,10 @@ from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.training.settings import TrainSettings
 
 _ROUNDS = 10
-_EPOCHS = 4  # over all labels, after each round but the last
-_LAST_EPOCHS = 20
+_EPOCHS = 4  # over all labels, after every round except the last
+_LAST_EPOCHS = 20  # after the last round
 _BATCH_SIZE = 2048
-_LEARNING_RATES = 2e-3, 1e-4  # of Adam, in the first and in the last round; geometric in between
+_LEARNING_RATES = 2e-3, 1e-4  # of Adam in the first and in the last round, geometric interpolation in between
 _NOISE = 0.05  # standard deviation of the noise on the actions, which leads to states that need a correction
 
 

@@ -1,4 +1,4 @@
-"""The environment for training: scenarios, the hybrid, the history and the reward, as settings describe them."""
+"""Create the training environment from settings: scenarios, hybrid, history, reward and action repeat."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -40,15 +40,16 @@ def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) 
     """Wrap `env` with the hybrid and the history of the settings.
 
     Raises:
-        TypeError: If the base controller does not fit the hybrid's mode.
-        ValueError: If a scenario commands rotors, which base controllers cannot, or `env` has another observation.
+        TypeError: If the base controller does not support the hybrid's mode.
+        ValueError: If a scenario has rotors as actuators, which base controllers cannot command, or the hybrid does not
+            accept the observation of `env`.
     """
     if data := settings.hybrid.as_data():
         models = [model for name in expand_sets(settings.scenario) for model in find_scenario(name).actuators]
         if any(isinstance(model, Rotors) for model in models):
             raise ValueError(
                 f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
-                " of a hybrid in a scenario where rotors are commanded"
+                " of a hybrid in a scenario with rotors as actuators"
             )
         env = VectorHybridWrapper(env, hybrid_from_data(data))
     if settings.history > 1 or settings.history_actions:
@@ -57,7 +58,7 @@ def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) 
 
 
 def scenarios_at(settings: TrainSettings, timesteps: int) -> tuple[str, ...]:
-    """Return the training scenarios after so many timesteps: a stage of the curriculum, or the scenarios of the run."""
+    """Return the scenarios at a timestep of the training: those of a stage of the curriculum, or those of the run."""
     if timesteps >= settings.curriculum_steps:
         return settings.scenario
     return (settings.curriculum[timesteps * len(settings.curriculum) // settings.curriculum_steps],)
@@ -74,7 +75,7 @@ def check_curriculum(settings: TrainSettings) -> None:
 
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
-    """Return the training environment for Stable-Baselines3 after so many timesteps."""
+    """Return the training environment for Stable-Baselines3 at a timestep of the training."""
     names = expand_sets(scenarios_at(settings, timesteps))
     scenarios = [find_scenario(name).with_reward(settings.reward) for name in names]
     env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps), settings)
@@ -82,7 +83,7 @@ def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps)
         base_controller = controller(hybrid.base_controller, scenarios[0].simulation)
-        gamma = settings.gamma ** (1.0 / hybrid.action_repeat)  # of a control step
+        gamma = settings.gamma ** (1.0 / hybrid.action_repeat)  # discount factor of a control step
         env = BaselineRelativeReward(env, baseline, base_controller, gamma, hybrid.failure_penalty)
     if hybrid.action_repeat > 1:
         env = ActionRepeat(env, hybrid.action_repeat)

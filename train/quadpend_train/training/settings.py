@@ -1,4 +1,4 @@
-"""Training settings: dataclasses with all defaults, and the files that change some of them."""
+"""Training settings: dataclasses with the default values, and functions that read settings from files."""
 
 import json
 from dataclasses import asdict, dataclass, field, fields
@@ -25,9 +25,9 @@ class PpoSettings:
     """Settings of PPO only."""
 
     n_steps: int = 64
-    """Steps of each sub-environment in a rollout."""
+    """Steps of each sub-environment per rollout."""
     n_epochs: int = 3
-    """Epochs over each rollout."""
+    """Epochs of optimisation per rollout."""
     gae_lambda: float = 0.95
     """Factor λ of generalised advantage estimation."""
     clip_range: float = 0.2
@@ -37,7 +37,7 @@ class PpoSettings:
     log_std_init: float = 0.0
     """Initial logarithm of the standard deviation of the action noise."""
     critic_warmup_steps: int = 0
-    """Timesteps at the beginning during which only the critic is trained; for policies that are good from the start."""
+    """Timesteps at the beginning in which only the critic is trained, for policies that perform well from the start."""
 
     def __post_init__(self) -> None:
         for name in ("n_steps", "n_epochs"):
@@ -54,7 +54,7 @@ class SacSettings:
     """Settings of SAC and TQC only."""
 
     gradient_steps: int = 4
-    """Gradient steps after each step of the vector environment."""
+    """Gradient steps per step of the vector environment."""
     buffer_size: int = 300_000
     """Size of the replay buffer in transitions."""
     learning_starts: int = 10_000
@@ -62,9 +62,9 @@ class SacSettings:
     tau: float = 0.005
     """Polyak coefficient τ of the target network update."""
     ent_coef_init: float = 0.1
-    """Initial entropy coefficient; it is learned."""
+    """Initial value of the entropy coefficient, which is learned."""
     target_entropy: float = -4.0
-    """Target entropy of the policy, for which the entropy coefficient is learned."""
+    """Target entropy of the policy; the entropy coefficient is adjusted to reach it."""
 
     def __post_init__(self) -> None:
         for name in ("gradient_steps", "buffer_size", "learning_starts"):
@@ -76,10 +76,10 @@ class SacSettings:
 
 @dataclass(frozen=True)
 class HybridSettings:
-    """Settings of a hybrid, that is a policy combined with a classical base controller."""
+    """Settings of a hybrid: a learned policy combined with a classical base controller."""
 
     base_controller: str = ""
-    """Name of the base controller; empty for a policy without base controller."""
+    """Name of the base controller; empty for a policy without a base controller."""
     mode: Literal["estimate_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
     """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. residual_action: it
     is added to the base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
@@ -88,7 +88,7 @@ class HybridSettings:
     fallback_gain: float = 0.0
     """Gain γ in [0, 10] that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
     action_repeat: int = 1
-    """Control steps for which each action of the policy is repeated. Timesteps count the policy's actions."""
+    """Control steps for which each action of the policy is repeated. Timesteps count actions, not control steps."""
     baseline_relative_reward: bool = False
     """Subtract the reward that the base controller alone earns in a copy of the same episode."""
     failure_penalty: float = 0.0
@@ -108,8 +108,10 @@ class HybridSettings:
 
     def _check_combination(self) -> None:
         alone = self.mode == "estimate_only"
-        if not self.base_controller and (not alone or self.imitation_timesteps):
-            raise ValueError(f"mode {self.mode!r} and imitation_timesteps need a base_controller")
+        if not self.base_controller and not alone:
+            raise ValueError(f"mode {self.mode!r} needs a base_controller")
+        if not self.base_controller and self.imitation_timesteps:
+            raise ValueError("imitation_timesteps needs a base_controller")
         if not alone and self.imitation_timesteps:
             raise ValueError(f"imitation_timesteps must be 0 with mode {self.mode!r}, not {self.imitation_timesteps}")
         if alone and self.action_repeat > 1:
@@ -122,7 +124,7 @@ class HybridSettings:
             raise ValueError("baseline_relative_reward needs a base_controller")
 
     def as_data(self) -> dict[str, Any] | None:
-        """Return the data from which `hybrid_from_data` makes the hybrid; None without base controller."""
+        """Return the data from which `hybrid_from_data` makes the hybrid; None without a base controller."""
         if not self.base_controller:
             return None
         data = {"kind": self.mode, "base_controller": self.base_controller}
@@ -147,13 +149,13 @@ class TrainSettings:
     scenario: tuple[str, ...] = ("windy",)
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()
-    """Scenarios to train in first, one after the other, for equal parts of curriculum_steps."""
+    """Scenarios to train in first, one after the other, each for an equal part of curriculum_steps."""
     curriculum_steps: int = 0
     """Timesteps of the whole curriculum."""
     total_timesteps: int = 7_000_000
     """Timesteps of the whole training."""
     max_seconds: float = 0.0
-    """Wall-clock time in seconds after which a run, or the resumption of a run, ends; 0 for no limit."""
+    """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit."""
     seed: int = 0
     """Seed of the networks and the episodes."""
     num_envs: int = 256
@@ -165,33 +167,33 @@ class TrainSettings:
     history: int = 1
     """Number of latest observations that the policy receives."""
     history_actions: int = 0
-    """Number of its own latest actions that the policy receives as well."""
+    """Number of its own latest actions that the policy also receives."""
     batch_size: int = 1024
-    """Samples of a gradient step."""
+    """Samples per gradient step."""
     learning_rate: float = 2e-3
     """Learning rate of Adam at the beginning."""
     final_learning_rate: float = 4e-5
-    """Learning rate of Adam at the end; it decreases linearly."""
+    """Learning rate of Adam at the end; the learning rate changes linearly."""
     gamma: float = 0.995
     """Discount factor γ."""
     reward: RewardWeights = field(default_factory=RewardWeights)
-    """Reward weights for training, in place of those of the task."""
+    """Reward weights in training, which replace those of the task."""
     reward_scale: float = 0.01
-    """Factor on the rewards that the algorithm receives, to bring returns to order one."""
+    """Factor on the rewards that the algorithm receives, for discounted returns of order one."""
     net_arch: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of actor and critic."""
     activation_fn: Literal["relu", "tanh", "elu"] = "relu"
     """Activation function of the hidden layers."""
     sde_sample_freq: int = 0
-    """Steps between two samples of state-dependent exploration noise (gSDE); 0 for independent noise at every step."""
+    """Steps between two samples of the noise of gSDE (state-dependent exploration); 0 disables gSDE."""
     save_freq: int = 1_000_000
     """Timesteps between two checkpoints; all sub-environments begin new episodes at a checkpoint."""
     eval_freq: int = 0
-    """Timesteps between two evaluations in the training scenarios; 0 for none."""
+    """Timesteps between two evaluations in the training scenarios; 0 for no evaluations."""
     n_eval_episodes: int = 32
     """Episodes of each scenario in an evaluation."""
     patience: int = 0
-    """Evaluations without a better score after which training stops; 0 for no early stopping."""
+    """Number of evaluations without a better score after which training stops; 0 for no early stopping."""
     num_threads: int = 1
     """Threads of PyTorch. Two are faster on two idle cores, and many times slower on busy cores."""
     ppo: PpoSettings = field(default_factory=PpoSettings)
@@ -230,11 +232,11 @@ class TrainSettings:
         for scenarios in (self.scenario, *((item,) for item in self.curriculum)):
             if self.num_envs % len(expand_sets(scenarios)):
                 raise ValueError(
-                    f"num_envs must be a multiple of the {len(expand_sets(scenarios))} scenarios that share the"
-                    f" sub-environments, not {self.num_envs}"
+                    f"num_envs must be a multiple of the number of scenarios, {len(expand_sets(scenarios))},"
+                    f" not {self.num_envs}"
                 )
         if bool(self.curriculum) != bool(self.curriculum_steps):
-            raise ValueError("curriculum and curriculum_steps belong together: give both or neither")
+            raise ValueError("curriculum and curriculum_steps must be given together or not at all")
         if self.max_episode_steps % self.hybrid.action_repeat:
             raise ValueError(
                 f"action_repeat must divide max_episode_steps = {self.max_episode_steps}, not be"
@@ -285,14 +287,15 @@ def _scenarios(value: Any, name: str) -> tuple[str, ...]:
 
 
 def read_settings(name: str) -> TrainSettings:
-    """Return the defaults, changed by a file.
+    """Read training settings; a setting that is missing in the file has its default value.
 
     Args:
         name: The name of a preset (``"demo"``), the path of a TOML or JSON file, such as the ``settings.json`` of a
             run, or the path of a policy file, whose card has the settings of its training.
 
     Raises:
-        ValueError: If there is no such file, or it sets something unknown.
+        TypeError: If a setting has the wrong type.
+        ValueError: If the file does not exist, or has an unknown setting or a value out of range.
     """
     path = PRESETS / f"{current_name(name)}.toml"
     if not path.is_file():
@@ -309,7 +312,7 @@ def read_settings(name: str) -> TrainSettings:
 
 
 def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
-    """Return the defaults, changed by `values`.
+    """Return training settings from a mapping; a setting that is missing has its default value.
 
     Args:
         values: Settings by name, some or all. Names of version 0.1 are accepted too.
@@ -326,7 +329,9 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
         if not isinstance(given, dict):
             raise TypeError(f"{name} must be a mapping, not {given!r}")
         if unknown := [key for key in given if key not in known]:
-            raise ValueError(f"{source} sets {unknown[0]!r}, which is no setting; the settings are {', '.join(known)}")
+            raise ValueError(
+                f"{source} sets {unknown[0]!r}, which is not a setting; the settings are {', '.join(known)}"
+            )
     return TrainSettings(**values)
 
 

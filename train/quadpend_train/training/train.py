@@ -1,4 +1,4 @@
-"""Train PPO, SAC or TQC on the native vector environment.
+"""Train PPO, SAC or TQC, and resume interrupted runs.
 
 The files of a run folder:
 
@@ -47,7 +47,7 @@ from quadpend_train.training.environment import check_curriculum, make_env
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
 from quadpend_train.training.validation import validate
 
-CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card: no policy is selected on these episodes
+CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
 SETTINGS, PROVENANCE, CHECKPOINT = "settings.json", "provenance.json", "checkpoint.zip"
 MODEL, POLICY = "model.zip", "policy.npz"
 
@@ -82,6 +82,8 @@ def train(
 def resume(folder: Path, *, progress: bool = True) -> Path:
     """Continue an interrupted run from its latest checkpoint, or from scratch if it has none.
 
+    Loading a checkpoint executes code that is in it: resume only runs whose source you trust.
+
     Args:
         folder: The folder of the run.
         progress: Whether to show a progress bar.
@@ -112,7 +114,7 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
 
     Args:
         settings: The settings of the run.
-        folder: The folder for TensorBoard's event files; None for none.
+        folder: The folder for TensorBoard's event files; None writes no event files.
     """
     torch.set_num_threads(settings.num_threads)
     env = make_env(settings)
@@ -120,7 +122,7 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
         check_curriculum(settings)
     model = make_model(settings, env, folder)
     if settings.hybrid.imitation_timesteps:
-        env.seed(first_seed(settings) + 2**31)  # in the middle of the run's block: training uses the seeds before it
+        env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
         error = dagger(model, env, settings)
         print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
     return model

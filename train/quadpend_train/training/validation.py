@@ -1,4 +1,4 @@
-"""Validation: the score of a policy in its training scenarios, in episodes that are not used for training."""
+"""Validation: score a policy in its training scenarios, in episodes that are not used for training."""
 
 from typing import Any, NamedTuple
 
@@ -11,11 +11,11 @@ from quadpend_train.training.settings import TrainSettings
 
 
 class Score(NamedTuple):
-    """One point of the training curve.
+    """One point of the learning curve.
 
     Attributes:
-        steps: Number of timesteps of training so far.
-        seconds: Duration of training so far, s.
+        steps: Timesteps of training before the evaluation.
+        seconds: Duration of training before the evaluation, s.
         survival: Share of episodes without a fall, that is an early termination.
         penalised_rmse: Mean over all episodes of the root mean square of the tracking error, m; a fall counts as 1 m.
     """
@@ -30,7 +30,7 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     """Run a policy in the training scenarios of a run.
 
     Args:
-        policy: The policy; its base controller, if there is one, receives the nominal simulation of the scenarios.
+        policy: The policy. If it has a base controller, that is designed for the nominal simulation of the scenarios.
         settings: The settings of the run.
         seed: The seed of the first episode.
 
