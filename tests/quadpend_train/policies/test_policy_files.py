@@ -119,10 +119,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a number": ({**parts(), "weights_0": np.float32(1.0)}, "layer 0 .* do not fit"),
     "five actions": (
         {**parts(), "weights_2": np.zeros((6, 5), np.float32), "biases_2": np.zeros(5, np.float32)},
-        "last layer has 5 outputs, and an action has 4 numbers",
+        "last layer must have 4 outputs, not 5",
     ),
-    "another observation": (parts(inputs=30), "takes 30 numbers, not the 36 or 27"),
-    "a card for more inputs": (parts(history=2), "takes 36 numbers, not the 72 or 54"),
+    "another observation": (parts(inputs=30), "must take 36 or 27 numbers, .* not 30"),
+    "a card for more inputs": (parts(history=2), "must take 72 or 54 numbers, .* not 36"),
     "another format": (parts(format="quadpend policy 9"), "not of the format 'quadpend policy 2'"),
     "another activation": (parts(activation="gelu"), "activation must be one of relu, tanh, elu, not 'gelu'"),
     "activations": (parts(activation=["relu"]), "activation must be one of relu, tanh, elu|unhashable"),
