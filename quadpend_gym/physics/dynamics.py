@@ -2,7 +2,7 @@
 
 They need no matrix inverse and have no singularity; the paper's equations are singular when the pendulum is upright.
 With the force on the quadrotor F = u R e₃ + d_Q, the force on the bob d_B, the torque d_τ, and the acceleration
-w = (d_B/m_c − F/M) / l that r would have without the rod:
+w = (d_B/m_c − F/M) / l that r would have without the force of the rod:
 
     (1)  R e₃ = (cψ sθ cφ + sψ sφ,  sψ sθ cφ − cψ sφ,  cθ cφ)       thrust axis
     (2)  η̈    = I⁻¹ (τ + d_τ)                                       attitude
@@ -13,7 +13,8 @@ w = (d_B/m_c − F/M) / l that r would have without the rod:
 In (3) the projection onto the plane perpendicular to r removes the force of the rod. In (4) that force cancels, because
 it is internal. The equations are equivalent to the paper's Euler–Lagrange equations (7). Two tests show this:
 ``tests/quadpend_gym/physics/test_lagrangian.py`` compares them with a Lagrangian that sympy differentiates, and
-``tests/quadpend_gym/physics/test_mujoco.py`` with a rigid-body engine.
+``tests/quadpend_gym/physics/test_mujoco.py`` compares all but (2) with a rigid-body engine. Equation (2) is the paper's
+attitude model: a constant inertia multiplies the Euler-angle rates, and gyroscopic coupling is neglected.
 
 | symbol   | code name                               | unit | frame        | shape  |
 |----------|-----------------------------------------|------|--------------|--------|
@@ -108,7 +109,7 @@ def euler_acceleration(torque: Vec3, physics: Physics) -> Vec3:
 
 @inlined
 def unconstrained_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
-    """Return w = (d_B/m_c − F/M) / l, the acceleration that r would have without the rod; `force` is F."""
+    """Return w = (d_B/m_c − F/M) / l, the acceleration of r without the force of the rod; `force` is F."""
     per_bob_force = 1.0 / (physics.bob_mass * physics.rod_length)
     per_force = -1.0 / (physics.quadrotor_mass * physics.rod_length)
     return axpy(per_bob_force, bob_force, scale(per_force, force))

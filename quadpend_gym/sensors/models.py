@@ -51,7 +51,7 @@ class Channel:
 
     Raises:
         TypeError: If a value is not a number.
-        ValueError: If a value is negative or not finite.
+        ValueError: If a value is not in [0, 1e6].
     """
 
     white: float = 0.0  # standard deviation of white noise, independent at each sample

@@ -46,7 +46,9 @@ from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
-_MAX_ESTIMATE = 300.0  # SI units; the observer restarts where the absolute value of a state exceeds this bound
+_MAX_ESTIMATE = (
+    300.0  # SI units, limit of disturbance estimates; rows with a larger state estimate restart the observer
+)
 _MEASURED_COLUMNS = np.r_[POSITION, EULER, PENDULUM]  # columns of x that output feedback measures
 # Standard deviations of the estimates at the start of an episode
 _INITIAL_FORCE, _INITIAL_BOB_FORCE, _INITIAL_TORQUE = 1.0, 0.1, 0.1  # N, N, N·m

@@ -61,18 +61,20 @@ class BandwidthScheduling:
         The base controller computes its action in `act`, with the scaled bandwidths. Until then `base_action` is zero.
         """
         last, last_score = (None, None) if memory is None else (memory.controller, memory.anomaly_score)
-        known = self.base_controller.update(observation, last, episode_start)
-        estimated, disturbance = estimate(self.base_controller, observation, known)
+        controller_memory = self.base_controller.update(observation, last, episode_start)
+        estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
         score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last_score, episode_start)
-        seen = np.concatenate([magnify_state(estimated), disturbance], axis=1, dtype=np.float32)
-        return seen, HybridMemory(known, np.zeros((len(observation), ACTION_SIZE), np.float32), score)
+        policy_observation = np.concatenate([magnify_state(estimated), disturbance], axis=1, dtype=np.float32)
+        return policy_observation, HybridMemory(
+            controller_memory, np.zeros((len(observation), ACTION_SIZE), np.float32), score
+        )
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action with scaled bandwidths and the memory; see `Hybrid.act`."""
         exponent = weigh_action(self.fallback_gain, action, memory.anomaly_score).astype(np.float64)
         scales = (1.0 + self.action_scale) ** exponent
-        applied, known = self.base_controller.control(memory.controller, bandwidth_scale=scales)
-        return applied, HybridMemory(known, applied, memory.anomaly_score)
+        applied, controller_memory = self.base_controller.control(memory.controller, bandwidth_scale=scales)
+        return applied, HybridMemory(controller_memory, applied, memory.anomaly_score)
 
     def with_simulation(self, simulation: Simulation) -> "BandwidthScheduling":
         """Return this hybrid for another nominal simulation; see `Hybrid.with_simulation`."""

@@ -44,10 +44,10 @@ class EstimateOnly:
     ) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         last = None if memory is None else memory.controller
-        base_action, known = self.base_controller.predict(observation, last, episode_start)
-        estimated, disturbance = estimate(self.base_controller, observation, known)
-        seen = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
-        return seen, HybridMemory(known, base_action, np.zeros(len(observation)))
+        base_action, controller_memory = self.base_controller.predict(observation, last, episode_start)
+        estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
+        policy_observation = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
+        return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)))
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""

@@ -55,11 +55,11 @@ class ResidualAction:
     ) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         last, last_score = (None, None) if memory is None else (memory.controller, memory.anomaly_score)
-        base_action, known = self.base_controller.predict(observation, last, episode_start)
-        estimated, disturbance = estimate(self.base_controller, observation, known)
+        base_action, controller_memory = self.base_controller.predict(observation, last, episode_start)
+        estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
         score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last_score, episode_start)
         parts = [magnify_state(estimated), disturbance, MAGNIFICATION * base_action]
-        return np.concatenate(parts, axis=1, dtype=np.float32), HybridMemory(known, base_action, score)
+        return np.concatenate(parts, axis=1, dtype=np.float32), HybridMemory(controller_memory, base_action, score)
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the corrected action and the memory; see `Hybrid.act`."""

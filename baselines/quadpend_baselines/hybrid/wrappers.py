@@ -28,17 +28,17 @@ _SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 
 
 def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any]) -> Hybrid:
-    """Return the hybrid, adapted to the nominal simulation of `env` if its base controller was given by name."""
+    """Return the hybrid, instance to the nominal simulation of `env` if its base controller was given by name."""
     if getattr(space, "shape", None) not in {(size,) for size in _SIZES}:
         raise ValueError(
             f"a hybrid takes observations of {' or '.join(map(str, _SIZES))} numbers, not of {space}: put its wrapper"
             " inside the other wrappers that change the observation"
         )
-    found = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
+    instance = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
     world = getattr(env.unwrapped, "world", None)
-    if found.base_controller_name is None or world is None:
-        return found
-    return found.with_simulation(world.simulation)
+    if instance.base_controller_name is None or world is None:
+        return instance
+    return instance.with_simulation(world.simulation)
 
 
 def _check_policy_action(action: Any, shape: tuple[int, ...], memory: HybridMemory | None) -> Floats32:
@@ -90,8 +90,10 @@ class HybridWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._observe(observation, memory), reward, terminated, truncated, info
 
     def _observe(self, observation: Floats32, memory: HybridMemory | None) -> Floats32:
-        seen, self._memory = self.hybrid.observe(observation[np.newaxis], memory, np.array([memory is None]))
-        return np.asarray(seen[0])
+        policy_observation, self._memory = self.hybrid.observe(
+            observation[np.newaxis], memory, np.array([memory is None])
+        )
+        return np.asarray(policy_observation[0])
 
 
 class VectorHybridWrapper(VectorWrapper):
@@ -114,7 +116,7 @@ class VectorHybridWrapper(VectorWrapper):
         self.single_observation_space = observation_space(size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._memory: HybridMemory | None = None
-        self._seen = np.empty(0, np.float32)
+        self._policy_observation = np.empty(0, np.float32)
         self._ended = np.zeros(self.num_envs, np.bool_)
 
     @property
@@ -136,11 +138,11 @@ class VectorHybridWrapper(VectorWrapper):
         observation, info = self.env.reset(seed=seed, options=options)
         everywhere = np.ones(self.num_envs, np.bool_)
         if mask is None or self._memory is None:
-            self._seen, self._memory = self.hybrid.observe(observation, None, everywhere)
+            self._policy_observation, self._memory = self.hybrid.observe(observation, None, everywhere)
         else:
             self._restart(mask, observation)
         self._ended = self._ended & ~(everywhere if mask is None else mask)
-        return self._seen.copy(), info
+        return self._policy_observation.copy(), info
 
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:
         """Apply the hybrid's actions for the policy's `actions`, shape (num_envs, 4)."""
@@ -151,16 +153,18 @@ class VectorHybridWrapper(VectorWrapper):
         begun = np.zeros(self.num_envs, np.bool_)
         if self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP:
             begun = self._ended
-        self._seen, self._memory = self.hybrid.observe(last_observations(observation, info, ended), memory, begun)
+        self._policy_observation, self._memory = self.hybrid.observe(
+            last_observations(observation, info, ended), memory, begun
+        )
         if "final_obs" in info:
-            replace_final_observations(info, ended, self._seen)
+            replace_final_observations(info, ended, self._policy_observation)
             self._restart(ended, observation)
         self._ended = ended
-        return self._seen.copy(), reward, terminated, truncated, info
+        return self._policy_observation.copy(), reward, terminated, truncated, info
 
     def _restart(self, begun: Booleans, observation: Floats32) -> None:
         """Reset the base controller in the sub-environments whose episode begins."""
         rows = np.flatnonzero(begun)
-        seen, fresh = self.hybrid.observe(observation[rows], None, np.ones(rows.size, np.bool_))
-        self._seen[rows] = seen
+        policy_observation, fresh = self.hybrid.observe(observation[rows], None, np.ones(rows.size, np.bool_))
+        self._policy_observation[rows] = policy_observation
         self._memory = replace_rows(rows, fresh, self._memory)

@@ -91,7 +91,8 @@ class AblationResult:
     Attributes:
         survival: Share of the episodes that reach their time limit of 10 s.
         duration: Mean duration of the episodes, s.
-        rmse: Tracking error over the last 5 s of the surviving episodes, m; nan if none survives.
+        rmse: Root mean square of the tracking error over the last 5 s of the surviving episodes, m; nan if none
+            survives.
         offset_per_newton: Mean error along x per newton of steady wind, m/N; nan without steady wind.
         predicted_offset: The same error according to linear theory, m/N.
         rms_torque: Root mean square of the roll and pitch torques, N·m.

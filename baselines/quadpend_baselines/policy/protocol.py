@@ -80,22 +80,22 @@ def replace_rows(rows: Integers, part: Any, whole: Any) -> Any:
 
 
 def to_action(command: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
-    """Return the action that produces a command, after saturation, and the command that this action produces.
+    """Convert commands to actions, clipped to their range; return the actions and the commands that they produce.
 
     Args:
         command: Thrust (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).
         simulation: Defines the scale of the actions, see `Simulation.command_scale`.
 
     Returns:
-        The action, shape (n, 4), float32, clipped to [-1, 1], and its command, shape (n, 4), in N and N·m.
+        The actions, shape (n, 4), float32, in [-1, 1], and their commands, shape (n, 4), N and N·m.
     """
-    size = simulation.command_scale
-    zero = size * [1.0, 0.0, 0.0, 0.0]
-    action = np.clip((command - zero) / size, -1.0, 1.0).astype(np.float32)
+    scale = simulation.command_scale
+    hover = scale * [1.0, 0.0, 0.0, 0.0]
+    action = np.clip((command - hover) / scale, -1.0, 1.0).astype(np.float32)
     return action, to_command(action, simulation)
 
 
 def to_command(action: Floats32, simulation: Simulation) -> Floats:
     """Return the thrust (N) and torques (N·m) of actions, shape (n, 4)."""
-    size = simulation.command_scale
-    return np.asarray(size * [1.0, 0.0, 0.0, 0.0] + size * action)
+    scale = simulation.command_scale
+    return np.asarray(scale * [1.0, 0.0, 0.0, 0.0] + scale * action)
