@@ -28,7 +28,7 @@ _SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 
 
 def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any]) -> Hybrid:
-    """Return the hybrid, instance to the nominal simulation of `env` if its base controller was given by name."""
+    """Return the hybrid, designed for the simulation of `env` if its base controller was given by name."""
     if getattr(space, "shape", None) not in {(size,) for size in _SIZES}:
         raise ValueError(
             f"a hybrid takes observations of {' or '.join(map(str, _SIZES))} numbers, not of {space}: put its wrapper"
