@@ -1,4 +1,4 @@
-"""The paper's matrix form of the equations of motion, corrected. Tests use it; the simulation does not.
+"""The paper's matrix form of the equations of motion with its errors corrected, used in tests only.
 
     (7)  M(q) q̈ + C(q, q̇) q̇ + G(q) = B(q) [u τφ τθ τψ]ᵀ,        q = [x y z φ θ ψ α β]ᵀ
 

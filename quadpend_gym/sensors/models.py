@@ -1,8 +1,8 @@
 """Sensor models: they change the measured state from which the observation is computed.
 
 The measured state has the layout of `quadpend_gym.physics.state`; a sensor adds errors to ζ, ζ̇, η, η̇, r and ṙ in their
-units. The observation is computed from the measured state and the present reference. Consequently, noise of the
-direction r moves the observed bob and its tracking error, and a delayed position is compared with the present
+units. The observation is computed from the measured state and the current reference. Consequently, noise of the
+direction r also changes the observed tracking error of the bob, and a delayed position is compared with the current
 reference. Reward, termination and ``info`` use the true state.
 
 Several sensors act in the order in which they are listed: ``[Noise(position=0.002), Delay(2)]`` delays noisy samples.

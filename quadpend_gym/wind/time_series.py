@@ -31,9 +31,9 @@ def time_series(
     batch.start_episodes(
         np.arange(rows), streams, lambda model, *own: model.sample(out[0], own[0], clock, period, own[1])
     )
-    for present in out[1:]:
+    for current in out[1:]:
         clock += 1
-        _sample(batch, present, clock, period)
+        _sample(batch, current, clock, period)
     return out
 
 

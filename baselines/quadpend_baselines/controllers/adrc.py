@@ -249,7 +249,7 @@ class ADRC:
         )
 
     def _vertical_feedback(self, acceleration: Floats, estimate: Floats) -> Floats:
-        """Return the demanded acceleration of height or yaw in equations (4) and (5), shape (n,)."""
+        """Return the demanded acceleration of height (4) or yaw (5), the expression in parentheses, shape (n,)."""
         k0, k1 = self.vertical_gains
         return np.asarray(acceleration - k0 * estimate[:, _VALUE] - k1 * estimate[:, _RATE] - estimate[:, _DISTURBANCE])
 

@@ -69,7 +69,7 @@ def weights(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
 
 
 def model(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
-    """Return A and B of the model that the gain K is designed for, including the integrators of LQI."""
+    """Return A and B of the model for which the gain K is designed, including the integrators of LQI."""
     transition, input_matrix, _ = linearise(simulation)
     if gains.integral > 0.0:
         output = simulation.period * output_matrix(simulation.parameters.rod_length)

@@ -1,7 +1,7 @@
 """Extended state observers of integrator chains, discretised as current estimators.
 
-Each observer of the paper estimates a chain of four integrators, x₁⁽⁴⁾ = 0, from the output y = x₁ and a known input u
-that drives one of the states. In continuous time, with the output error e = y − x̂₁:
+Each observer of the paper estimates the states of a chain of four integrators from its output y = x₁ and a known input
+u, which drives one of the states. In continuous time, with the output error e = y − x̂₁:
 
     Luenberger stage (46)   x̂ = (F, Ḟ, F̈, F⁽³⁾),        u = F⁽⁴⁾ drives the fourth,  gains λ₃, λ₂, λ₁, λ₀
     DESO (13), (20), (47)   x̂ = (y, ẏ, ϑ̂₁, ϑ̂₂),         u drives the second,         gains λ₃, λ₂, λ₁ and ρ sign(e)

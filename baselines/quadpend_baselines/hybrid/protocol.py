@@ -35,8 +35,8 @@ class HybridMemory(NamedTuple):
     """The state of a hybrid between two calls, for n rows."""
 
     controller: Any  # memory of the base controller
-    base_action: Floats32  # action of the base controller, (n, 4); zeros where the hybrid has not computed it
-    anomaly_score: Floats  # q of equation (4), (n,); zeros if the fallback gain is zero
+    base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it only in `act`
+    anomaly_score: Floats  # q of equation (4), (n,); zeros without a fallback gain
 
 
 class Hybrid(Protocol):
