@@ -1,4 +1,4 @@
-# Start with `make demo` and `make test`. All targets run in .venv, which the first one creates.
+# Start with `make demo` and `make test`. All targets use the virtual environment .venv, which the first target creates.
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -14,7 +14,7 @@ demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and t
 SEEDS := 0 1 2 3 4
 comma := ,
 space := $(subst ,, )
-evidence: .venv/.installed  ## results table of the README: five training seeds against classical controllers
+evidence: .venv/.installed  ## table of docs/results.md: PPO after a minute of training, five seeds, and two classical controllers
 	rm -rf $(SEEDS:%=runs/demo-%)
 	$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings demo --seed $(seed) --out runs/demo-$(seed) &&) true
 	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
@@ -27,7 +27,7 @@ learners: .venv/.installed  ## train the learned policies that the package ships
 	$(foreach name,$(LEARNERS),$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings $(name) --seed $(seed) --out runs/$(name)-$(seed) && \
 		cp runs/$(name)-$(seed)/policy.npz train/quadpend_train/policies/shipped/$(name)-$(seed).npz &&)) true
 
-ablations: .venv/.installed  ## section of docs/results.md that compares training with and without each part of a learner
+ablations: .venv/.installed  ## section of docs/results.md that compares trainings with and without single settings
 	$(BIN)/quadpend ablate --document docs/results.md
 
 CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
@@ -58,7 +58,7 @@ format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: .venv/.installed  ## docs/bench.md: speed, beside other environments
+bench: .venv/.installed  ## docs/bench.md: speed of the environments, compared with others
 	$(BIN)/python -m benchmarks.speed --out docs/bench.json
 
 time-to-beat: .venv/.installed  ## docs/time_to_beat.md: training time until a policy balances and beats classical controllers

@@ -61,19 +61,19 @@ from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 
 envs = SB3VecEnv(gym.make_vec("QuadPendulum-v0", num_envs=256, wind="windy", autoreset_mode="SameStep"))
 
-# %% 7. Plain PPO. 100 000 steps take seconds; balancing takes millions
+# %% 7. Plain PPO. 100 000 steps take seconds; good tracking takes millions of steps
 from stable_baselines3 import PPO
 
 model = PPO("MlpPolicy", envs, n_steps=64, batch_size=2048, n_epochs=5, learning_rate=1e-3, device="cpu", seed=0)
 model.learn(100_000)
 model.save(FOLDER / "mine.zip")
 
-# %% 8. A policy of the package; loading it executes no code
+# %% 8. A trained policy from the package; loading it executes no code
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
 hybrid = MlpPolicy.load("ppo-gain-scheduling-0")
 settings = hybrid.card["settings"]
-print("Trained in", settings["scenario"], "for", settings["total_timesteps"], "decisions")
+print("Trained in", settings["scenario"], "for", settings["total_timesteps"], "timesteps")
 
 # %% 9. A comparison of policies in the same episodes
 from quadpend_train.evaluation.comparison import compare
@@ -88,7 +88,7 @@ policies = {
 comparison = compare(policies, {"calm": "calm", "windy": "windy"}, episodes=10, cache_folder=FOLDER / "cache")
 print(markdown(comparison))
 
-# %% 10. A video of three policies side by side
+# %% 10. A video of two policies side by side
 from quadpend_train.cli.watch import watch
 
 watch(

@@ -1,4 +1,4 @@
-"""The structure of the code: imports point one way, files and folders stay small, array layouts have no gaps."""
+"""The structure of the code: order of imports, sizes of files and folders, and array layouts without gaps."""
 
 import ast
 import subprocess
@@ -16,8 +16,8 @@ from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.common.files import read_mapping
 from tests.helpers.sources import HEAVY, ROOT
 
-# The packages and their rooms, in the order of imports: each imports only from those before it. Rooms on one line do
-# not import from each other. A module beside the rooms is a room of its own.
+# The packages and their subpackages, in the order of imports: each imports only from those before it. Subpackages on
+# one line do not import from each other. A module beside the subpackages is treated like a subpackage.
 PACKAGES = {
     "quadpend_gym": (
         ["core"],
@@ -55,13 +55,13 @@ FOLDERS = {
     "quadpend_baselines": ROOT / "baselines/quadpend_baselines",
     "quadpend_train": ROOT / "train/quadpend_train",
 }
-# Modules of this project that functions import, and the module that does it: the first import loads a heavy library.
+# (importing, imported) modules of this project where the import is inside a function, since it loads a heavy library.
 LATE_IMPORTS = {
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.window"),  # pygame
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.picture"),  # pygame
     ("quadpend_train.policies.loading", "quadpend_train.policies.export"),  # torch and Stable-Baselines3
 }
-LATE_ROOMS = ["quadpend_train.cli"]  # `quadpend --help` starts without torch, matplotlib and pygame
+LATE_SUBPACKAGES = ["quadpend_train.cli"]  # `quadpend --help` starts without torch, matplotlib and pygame
 HEAVY_LIBRARIES = HEAVY | {"PIL", "imageio", "optuna", "rich", "sb3_contrib", "sympy", "tqdm"}
 
 
@@ -116,32 +116,32 @@ IMPORTS = [item for module in MODULES for item in imports_of(module)]
 INTERNAL = [item for item in IMPORTS if item.imported in MODULES]
 
 
-def room(module: str) -> tuple[int, int, str]:
-    """Position of a module's package and room in the order of imports, and the name of the room."""
+def subpackage(module: str) -> tuple[int, int, str]:
+    """Position of a module's package and subpackage in the order of imports, and the name of the subpackage."""
     package, _, rest = module.partition(".")
     name = rest.partition(".")[0] or "__init__"
     (level,) = [level for level, names in enumerate(PACKAGES[package]) if name in names]
     return list(PACKAGES).index(package), level, name
 
 
-def test_every_module_is_in_a_known_room() -> None:
+def test_every_module_is_in_a_known_subpackage() -> None:
     for module in MODULES:
-        room(module)
+        subpackage(module)
     for item in IMPORTS:
         assert item.imported.partition(".")[0] not in PACKAGES or item in INTERNAL, f"{item} does not exist"
 
 
-def test_imports_point_one_way_between_packages_and_rooms() -> None:
+def test_packages_and_subpackages_import_only_those_before_them() -> None:
     wrong = [
         f"{item.module} imports {item.imported}"
         for item in INTERNAL
-        for here, there in ((room(item.module), room(item.imported)),)
+        for here, there in ((subpackage(item.module), subpackage(item.imported)),)
         if here != there and (there[0] > here[0] or (there[0] == here[0] and there[1] >= here[1]))
     ]
     assert not wrong
 
 
-def test_no_files_import_each_other_in_a_circle() -> None:
+def test_there_are_no_circular_imports() -> None:
     remaining = {module: {item.imported for item in INTERNAL if item.module == module} for module in MODULES}
     while free := [module for module, imported in remaining.items() if not imported & (remaining.keys() - {module})]:
         for module in free:
@@ -149,8 +149,8 @@ def test_no_files_import_each_other_in_a_circle() -> None:
     assert not remaining
 
 
-def test_functions_import_only_what_is_heavy() -> None:
-    late = [item for item in IMPORTS if item.late and not item.module.startswith(tuple(LATE_ROOMS))]
+def test_only_heavy_modules_are_imported_inside_functions() -> None:
+    late = [item for item in IMPORTS if item.late and not item.module.startswith(tuple(LATE_SUBPACKAGES))]
     internal = {(item.module, item.imported) for item in late if item in INTERNAL}
     assert internal == LATE_IMPORTS
     external = {item for item in late if item not in INTERNAL}
@@ -168,7 +168,7 @@ def test_only_the_viewer_imports_a_drawing_library_at_module_level() -> None:
     assert all(module.startswith(("quadpend_gym.viewer.", "quadpend_train.")) for module in found)
 
 
-def test_importing_the_environment_loads_nothing_heavy() -> None:
+def test_importing_the_environment_loads_no_heavy_library() -> None:
     code = "import sys, quadpend_gym, quadpend_gym.wrappers; print(*sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert not HEAVY & set(ran.stdout.split())
@@ -186,7 +186,7 @@ def test_no_file_is_longer_than_400_lines() -> None:
     assert not too_long
 
 
-def test_no_room_has_more_than_twelve_files() -> None:
+def test_no_subpackage_has_more_than_twelve_files() -> None:
     sizes = Counter(path.parent for path in MODULES.values() if path.name != "__init__.py")
     assert {folder: size for folder, size in sizes.items() if size > 12} == {}
 

@@ -1,4 +1,4 @@
-"""The benchmarks run, briefly but for real."""
+"""The benchmarks run with small sizes."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The documents agree with the code: each equation has a row, each link a target, each named function exists."""
+"""The documents agree with the code: equations, links, names of tests and functions, examples and figures."""
 
 import re
 from pathlib import Path
@@ -44,17 +44,17 @@ def test_every_test_named_exists(page: Path) -> None:
     assert {name for name in named if f"def {name}(" not in tests} == set()
 
 
-def test_every_function_of_the_map_is_in_the_file_beside_it() -> None:
+def test_every_function_in_the_map_is_defined_in_its_file() -> None:
     targets = dict(re.findall(r"^\[(`[^\]]+`)\]: (\S+)$", MAP, re.MULTILINE))
-    homes = re.findall(r"\[(`\w+\.py`)\]((?: `[\w.]+`,?)+)", MAP)
-    assert len(homes) > 50
-    for label, names in homes:
+    entries = re.findall(r"\[(`\w+\.py`)\]((?: `[\w.]+`,?)+)", MAP)
+    assert len(entries) > 50
+    for label, names in entries:
         source = (ROOT / "docs" / targets[label]).read_text(encoding="utf-8")
         for name in re.findall(r"`(?:\w+\.)?(\w+)`", names):
             assert re.search(rf"\b(def|class) {name}\b|^{name}\b|, {name} = ", source, re.MULTILINE), (label, name)
 
 
-def test_the_drawing_is_made_by_code(tmp_path: Path) -> None:
+def test_the_frames_figure_is_drawn_by_code(tmp_path: Path) -> None:
     draw(tmp_path / "frames.svg")
     assert (tmp_path / "frames.svg").read_text(encoding="utf-8").count("<path") > 50
 
@@ -71,14 +71,14 @@ def test_the_scenario_on_the_page_of_models_makes_an_environment(tmp_path: Path)
     assert env.reset(seed=0)[0].shape == (3, 4 * 27)
 
 
-def test_every_kind_of_model_has_its_picture_on_the_page() -> None:
+def test_the_page_of_models_has_a_figure_of_every_kind() -> None:
     kinds = {*wind.KINDS, *SENSORS, *ACTUATORS} - {"sum", "drawn", "still_air", "rotor_fault"}
     assert kinds <= set(GALLERY)
     assert {path.stem for path in (ROOT / "docs/models").glob("*.png")} == set(GALLERY)
     assert set(re.findall(r"models/(\w+)\.png", MODELS)) == set(GALLERY)
 
 
-def test_models_are_drawn_by_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quadpend_wind_plots_the_given_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(model_plots, "_SPECTRUM_SECONDS", 45.0)
     chosen = [f"{name}={GALLERY[name]}" for name in ("dryden", "gusts", "noise", "rotors")]
     main(["wind", "--models", *chosen, "windy", '{"kind": "delay"}', "--out", str(tmp_path)])
@@ -102,7 +102,7 @@ def test_models_are_drawn_by_the_command(tmp_path: Path, monkeypatch: pytest.Mon
         (["--seed", "-1"], "seed must be a whole number of at least 0"),
     ],
 )
-def test_a_senseless_picture_is_refused(
+def test_bad_options_of_quadpend_wind_are_refused(
     options: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):

@@ -1,4 +1,4 @@
-"""The code and the commands in the README and the guide run, and their numbers are those of the generated files."""
+"""The code and the commands in the README and the guide run, and the published tables equal the generated files."""
 
 import json
 import re
@@ -46,22 +46,22 @@ def test_the_readme_has_at_most_160_lines() -> None:
     assert len(README.split()) <= 1500
 
 
-def test_the_table_of_a_minute_of_training_is_the_one_that_make_evidence_wrote() -> None:
+def test_the_table_of_a_minute_of_training_equals_the_file_of_make_evidence() -> None:
     assert (ROOT / "docs/demo/comparison.md").read_text(encoding="utf-8").strip() in RESULTS
 
 
-def test_the_leaderboard_is_the_one_that_make_results_wrote() -> None:
+def test_the_leaderboard_of_the_readme_equals_that_of_the_results_page() -> None:
     (leaderboard,) = re.findall(r"<!-- begin leaderboard -->\n(.*?)<!-- end leaderboard -->", RESULTS, re.DOTALL)
     assert leaderboard.strip()
     assert leaderboard.strip() in README
 
 
-def test_the_speed_table_is_the_one_that_make_bench_wrote() -> None:
+def test_the_speed_table_equals_the_file_of_make_bench() -> None:
     page = (ROOT / "docs/benchmarks.md").read_text(encoding="utf-8")
     assert (ROOT / "docs/bench.md").read_text(encoding="utf-8").strip() in page
 
 
-def test_the_data_say_how_they_were_made() -> None:
+def test_result_data_contain_episodes_seed_and_scenarios() -> None:
     data = json.loads((ROOT / "docs/demo/comparison.json").read_text(encoding="utf-8"))
     assert data["episodes"] >= 100
     assert {"seed", "scenarios", "results"} <= set(data)

@@ -1,7 +1,7 @@
-"""The published tables carry the stamp of the code in this tree, so that they can be checked against it.
+"""The published tables contain the hash (stamp) of the code that computed them, which equals that of the current code.
 
-If these tests fail, code that determines results has changed since the tables were made: `make results` makes them
-again. Changes of comments and docstrings do not change the stamp.
+If these tests fail, code that determines results has changed since the tables were computed: run `make results`. Changes
+of comments and docstrings do not change the stamp.
 """
 
 import json
@@ -12,13 +12,13 @@ from quadpend_train.scenarios import SCENARIOS, SETS, scenario_hash
 from tests.helpers.sources import ROOT
 
 
-def test_the_results_page_carries_the_stamp_of_this_code() -> None:
+def test_the_results_page_contains_the_stamp_of_this_code() -> None:
     text = (ROOT / "docs/results.md").read_text(encoding="utf-8")
     (published,) = re.findall(r"<!-- begin provenance -->\n(.*?)<!-- end provenance -->", text, re.DOTALL)
     assert f"code `{code_stamp()[:12]}`" in published
 
 
-def test_the_results_file_carries_the_stamps_of_this_code_and_of_the_test_scenarios() -> None:
+def test_the_results_file_contains_the_stamps_of_this_code_and_of_the_test_scenarios() -> None:
     with (ROOT / "docs/results/comparison.csv").open(encoding="utf-8") as file:
         published = json.loads(file.readline().removeprefix("# "))
     assert published["code"] == code_stamp()[:12]

@@ -1,4 +1,4 @@
-"""The scripts in `train/` run as they stand, only for fewer steps."""
+"""The scripts in `train/` run without changes, with fewer steps."""
 
 import subprocess
 import sys

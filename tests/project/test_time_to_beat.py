@@ -1,4 +1,4 @@
-"""The benchmark of the training time runs, briefly but for real."""
+"""The benchmark of the training time runs with small sizes."""
 
 import pytest
 

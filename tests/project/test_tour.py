@@ -1,4 +1,4 @@
-"""The tour runs cell by cell and prints what its text says."""
+"""The tour runs cell by cell, with the expected output."""
 
 import re
 from pathlib import Path

@@ -51,7 +51,7 @@ def constant_actions(value: float, steps: int) -> Floats:
 
 
 def without_commands(returned: list[Any]) -> list[Any]:
-    """Remove from results of an environment the commands, which only actuators add to info."""
+    """Remove the commands from the results of an environment, since only actuators add them to info."""
     for *_, info in returned:
         del info["command"]
         info.pop("_command", None)
@@ -187,7 +187,7 @@ def test_the_rotors_range_from_no_thrust_to_twice_the_weight() -> None:
 
 
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
-def test_a_rotor_fault_reduces_the_thrust_from_its_onset_on(rotor: int) -> None:
+def test_a_rotor_fault_reduces_the_thrust_after_its_onset(rotor: int) -> None:
     onset_step, effectiveness = 6, 0.6
     actions = draw_actions(0, 20, 2).astype(np.float64)
     thrusts = 1.0 + actions  # in quarters of the weight

@@ -10,7 +10,7 @@ from tests.helpers.sources import ROOT
 SCRIPT = "from quadpend_gym import Reference; print(Reference.circle(1.0, 1.0).derivatives(0.0)[0, 1])"
 
 
-def test_an_edit_of_an_inlined_function_in_another_file_invalidates_the_cache(tmp_path: Path) -> None:
+def test_a_change_of_an_inlined_function_in_another_file_invalidates_the_cache(tmp_path: Path) -> None:
     """`references._evaluate` inlines `sincos` of `elementary.py`: adding one to every sine shifts the circle."""
     shutil.copytree(ROOT / "quadpend_gym", tmp_path / "quadpend_gym", ignore=shutil.ignore_patterns("__pycache__"))
 

@@ -1,4 +1,4 @@
-"""The hash of source code ignores docstrings, comments and layout, and depends on everything else."""
+"""The hash of source code ignores docstrings, comments and layout only."""
 
 from pathlib import Path
 
@@ -45,7 +45,7 @@ def package(folder: Path, source: str = SOURCE, file: str = "model.py") -> Path:
         ("\n\n\n", "\n\n"),
     ],
 )
-def test_an_edit_of_docstrings_comments_or_layout_keeps_the_hash(tmp_path: Path, old: str, new: str) -> None:
+def test_a_change_of_docstrings_comments_or_layout_keeps_the_hash(tmp_path: Path, old: str, new: str) -> None:
     assert old in SOURCE
     assert source_hash([package(tmp_path / "a")]) == source_hash([package(tmp_path / "b", SOURCE.replace(old, new))])
 
@@ -61,7 +61,7 @@ def test_an_edit_of_docstrings_comments_or_layout_keeps_the_hash(tmp_path: Path,
         ("float", "int"),
     ],
 )
-def test_an_edit_of_a_number_a_name_or_an_expression_changes_the_hash(tmp_path: Path, old: str, new: str) -> None:
+def test_a_change_of_a_number_a_name_or_an_expression_changes_the_hash(tmp_path: Path, old: str, new: str) -> None:
     assert old in SOURCE
     assert source_hash([package(tmp_path / "a")]) != source_hash([package(tmp_path / "b", SOURCE.replace(old, new))])
 
@@ -71,7 +71,7 @@ def test_a_renamed_file_changes_the_hash(tmp_path: Path) -> None:
     assert source_hash([one]) != source_hash([other])
 
 
-def test_a_string_that_is_a_value_counts(tmp_path: Path) -> None:
+def test_a_change_of_a_string_value_changes_the_hash(tmp_path: Path) -> None:
     one, other = (package(tmp_path / text, f"text = {text!r}") for text in ("a", "b"))
     assert source_hash([one]) != source_hash([other])
 

@@ -1,4 +1,4 @@
-"""Random streams: they read SplitMix64 by index, have the stated distributions, and are independent of each other."""
+"""Random streams: they equal SplitMix64, have the stated distributions, and are independent of each other."""
 
 import numpy as np
 import pytest

@@ -101,7 +101,7 @@ def test_a_sub_environment_is_rendered_like_the_single_environment() -> None:
 
 
 def test_the_picture_depends_only_on_the_running_episode() -> None:
-    """Neither earlier episodes nor the number of calls of `render` change it."""
+    """It does not depend on earlier episodes or on the number of calls of `render`."""
     pictures = []
     for earlier_steps, often in ((0, False), (0, True), (7, False)):
         env = make(wind=WINDY, render_mode="rgb_array")

@@ -288,7 +288,7 @@ def test_gymnasiums_dict_info_to_list_agrees() -> None:
 
 
 def test_next_step_autoreset_ignores_the_action_of_an_ended_sub_environment() -> None:
-    """Even an action that is not a number."""
+    """The ignored action may be NaN."""
     env, duplicate = (make_vec(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
     env.reset(seed=0), duplicate.reset(seed=0)
     still = np.zeros((2, 4), np.float32)

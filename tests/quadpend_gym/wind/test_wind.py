@@ -40,7 +40,7 @@ EVERYTHING = {**EXAMPLES, "windy sum": WINDY, **{name: name for name in PRESETS}
 every_wind = pytest.mark.parametrize("wind", EVERYTHING.values(), ids=EVERYTHING.keys())
 
 
-def test_every_kind_has_an_example_that_is_soon_non_zero() -> None:
+def test_every_kind_has_an_example_that_is_non_zero_after_a_few_steps() -> None:
     assert {**{name: type(model) for name, model in EXAMPLES.items()}, "still_air": StillAir} == KINDS
     for model in EXAMPLES.values():
         assert (sample_wind(model, 10, 3) != 0.0).any(axis=(0, 2)).all()
@@ -267,7 +267,7 @@ STORMY = WINDY + "storm" + Constant(velocity=(3.0, -4.0, 1.0))
 
 
 @pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])
-def test_the_disturbance_in_info_explains_the_state(wind: Any) -> None:
+def test_the_disturbance_in_info_determines_the_next_state(wind: Any) -> None:
     """The state follows from the previous state, the action and `info["disturbance"]`."""
     env = make_unwrapped(wind=wind)
     env.reset(seed=0)
@@ -281,7 +281,7 @@ def test_the_disturbance_in_info_explains_the_state(wind: Any) -> None:
 
 
 @pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])
-def test_the_disturbance_in_info_explains_momentum_and_body_rates(wind: Any) -> None:
+def test_the_disturbance_in_info_determines_momentum_and_body_rates(wind: Any) -> None:
     env = make_unwrapped(task=ENDLESS, wind=wind)
     env.reset(seed=0)
     no_thrust = (-1.0, 0.0, 0.0, 0.0)

@@ -91,7 +91,7 @@ def test_by_default_a_drawn_wind_has_any_heading_and_its_own_strength() -> None:
     assert stats.kstest(np.arctan2(velocity[:, 1], velocity[:, 0]), uniform(-np.pi, np.pi)).pvalue > 0.01
 
 
-def test_a_drawn_wind_of_fixed_strength_and_heading_equals_the_wind_within() -> None:
+def test_a_drawn_wind_of_fixed_strength_and_heading_equals_the_wrapped_wind() -> None:
     rows, time_constant, still = 5000, 0.2, {"strength": (1.0, 1.0), "heading": (0.0, 0.0)}
     assert_array_equal(sample_wind(Drawn(EVERY_LOAD, **still), 5, 3), sample_wind(EVERY_LOAD, 5, 3))
     wind = OrnsteinUhlenbeck(force=0.0, velocity=(0.5, 2.0, 1.0), time_constant=time_constant)

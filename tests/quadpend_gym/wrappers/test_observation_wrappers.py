@@ -137,7 +137,7 @@ def test_a_history_has_the_latest_observations_and_actions_oldest_first(observat
 def test_histories_of_a_vector_env_equal_those_of_single_environments(
     observations: int, actions: int, mode: str
 ) -> None:
-    """Also at the end of an episode: the last observation completes the old history, the first starts a new one."""
+    """This includes episode ends: the last observation belongs to the old history, the first one to the new history."""
     layers = [WIND, OUTPUTS, ("HistoryWrapper", observations, actions)]
     env, theirs = make_wrapped_vec(4, layers, autoreset_mode=mode, **SHORT), make_sync_vec(4, layers, mode, **SHORT)
     assert_array_equal(env.reset(seed=0)[0], theirs.reset(seed=0)[0])
