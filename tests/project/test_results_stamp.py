@@ -1,7 +1,7 @@
 """The published tables contain the hash (stamp) of the code that computed them, which equals that of the current code.
 
-If these tests fail, code that determines results has changed since the tables were computed: run `make results`. Changes
-of comments and docstrings do not change the stamp.
+If these tests fail, code that determines results has changed since the tables were computed: run `make results`. A
+change of comments or docstrings does not change the stamp.
 """
 
 import json
