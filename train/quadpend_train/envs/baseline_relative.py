@@ -8,8 +8,8 @@ classical controller acts alone. The learner's reward is
 where r is the reward of the learner's step and r_b that of the copy's step. Random influences on both cancel, so the
 variance of (1) is smaller than that of r. The copy begins a new episode whenever the learner's episode ends.
 
-A fall is an early termination. Where r < r_b, the sum of (1) would be larger with a fall than without. Therefore the
-reward of a fall is reduced by the discounted return that the copy would still earn, estimated as r_b at every further
+A fall is an early termination. Where r < r_b, it would avoid the negative rewards (1) of the steps to come. Therefore
+the reward of a fall is reduced by the discounted return that the copy would still earn, estimated as r_b at every further
 step, and each fall has a penalty c:
 
     (2)  − r_b γ/(1 − γ) − c     when the learner falls,       + c     when the copy falls.

@@ -22,7 +22,7 @@ from quadpend_train.scenarios import Scenario, find_scenario
 # `quadpend_train.training.callbacks.first_seed`.
 TEST_SEED = 1_000_000  # of the published results
 TUNING_SEED = 2_000_000  # for the tuning of the classical controllers
-VALIDATION_SEED = 3_000_000  # for daily use, and for the evaluations in a training, which select its best policy
+VALIDATION_SEED = 3_000_000  # for daily use, and for the evaluations during training, which select the best policy
 SETTLED_STEP = 500  # first step of the settled RMSE, after which the start has little influence
 FALL_ERROR = 1.0  # m, RMSE that a fall counts as, and the upper limit of the penalised RMSE
 

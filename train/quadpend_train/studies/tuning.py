@@ -1,7 +1,7 @@
 """Tune the gains of the classical controllers in the training scenarios, by the metric of the comparisons.
 
 The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios of the set ``training``. A
-fall counts as 1 m, so it costs more than any inaccuracy. The search (CMA-ES of Optuna) minimises a loss that adds a
+fall counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) minimises a loss that adds a
 larger term for an earlier fall. So the search also makes progress between gains with which every episode ends in a
 fall. The best gains are rounded to three digits and scored in episodes that the search has not used.
 """

@@ -114,7 +114,7 @@ class StopConditions(BaseCallback):
 
 
 class EvaluationCallback(BaseCallback):
-    """Evaluate the policy every `eval_freq` steps, save the best one, and stop early as `patience` says.
+    """Evaluate the policy every `eval_freq` steps, save the best one, and stop early, see `patience`.
 
     ``curve.csv`` has one line per evaluation, see `Score`. The time of the evaluations does not count as training time.
     """
