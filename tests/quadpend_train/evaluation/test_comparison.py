@@ -134,7 +134,10 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
         (["evaluate", "--policies", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),
         (["compare", "adrc-paper", "adrc-paper"], "two policies have the same name"),
         (["compare", "adrc-paper", "nix"], "there is no policy 'nix'"),
-        (["train", "--scenario", "training", "--num-envs", "12"], "num_envs must be a multiple of the 8 scenarios"),
+        (
+            ["train", "--scenario", "training", "--num-envs", "12"],
+            "num_envs must be a multiple of the number of scenarios, 8",
+        ),
         (["train", "--settings", "nix"], "settings must be the path of a file or one of demo"),
         (["train", "--scenario", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "contains no run"),

@@ -9,8 +9,8 @@ where r is the reward of the learner's step and r_b that of the copy's step. Ran
 variance of (1) is smaller than that of r. The copy begins a new episode whenever the learner's episode ends.
 
 A fall is an early termination. Where r < r_b, it would avoid the negative rewards (1) of the steps to come. Therefore
-the reward of a fall is reduced by the discounted return that the copy would still earn, estimated as r_b at every further
-step, and each fall has a penalty c:
+the reward of a fall is reduced by the discounted return that the copy would still earn, estimated as r_b at every
+further step, and each fall has a penalty c:
 
     (2)  − r_b γ/(1 − γ) − c     when the learner falls,       + c     when the copy falls.
 
