@@ -96,7 +96,7 @@ def test_metrics_agree_with_the_errors_of_the_steps() -> None:
 
 def test_evaluate_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--policies", "paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
-    main(["evaluate", *arguments, "--replay", "0", "--out", str(tmp_path), "--cache", str(tmp_path / "store")])
+    main(["evaluate", *arguments, "--replay", "0", "--out", str(tmp_path), "--cache", str(tmp_path / "cache")])
     printed = capsys.readouterr().out
     assert "adrc-matched and paper show no significant difference: RMSE where both survive lower by" in printed
     data = json.loads((tmp_path / "comparison.json").read_text())
@@ -115,8 +115,8 @@ def test_evaluate_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.Capt
 
 def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = str(tmp_path / "run")
-    folders = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "store")]
-    main(["train", "--out", run, "--total-steps", "1024", "--num-envs", "16", "--batch-size", "256"])
+    folders = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
+    main(["train", "--out", run, "--total-timesteps", "1024", "--num-envs", "16", "--batch-size", "256"])
     main(["evaluate", "--policies", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *folders])
     assert "ppo and adrc-paper show no significant difference" in capsys.readouterr().out
 

@@ -12,7 +12,7 @@ from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, format_number
-from quadpend_train.evaluation.leaderboard import LeaderboardRow
+from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
 from quadpend_train.evaluation.pairwise import PairwiseComparison, ScenarioResult, compare_pair
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures
@@ -70,18 +70,18 @@ def pairwise_table(pair: PairwiseComparison) -> Table:
     return table
 
 
-def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str:
+def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow] | None = None) -> str:
     """Return a Markdown page: the table of all metrics, a sentence for each policy and scenario, and the leaderboard.
 
     Args:
         comparison: Comparison to describe.
-        standings: Leaderboard of the comparison.
+        standings: Leaderboard of the comparison; computed if None.
     """
     text = comparison_markdown(comparison)
     if sentences := verdicts(comparison):
         text += "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
-        text += "\n\n" + leaderboard_markdown(standings)
+        text += "\n\n" + leaderboard_markdown(leaderboard(comparison) if standings is None else standings)
     return f"{text}\n"
 
 
