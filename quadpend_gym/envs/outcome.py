@@ -60,7 +60,7 @@ class StepInfo:
             (command, "command", COMMAND),
             (parameters, "parameters", PARAMETERS),
         )
-        self._optional = tuple((name, rows) for present, name, rows in optional if present)
+        self._optional = tuple((name, rows) for included, name, rows in optional if included)
         self.outcome_size: int = max((rows.stop for _, rows in self._optional), default=DISTURBANCE.stop)
 
     def read(self, outcome: Floats, scalars: Any) -> dict[str, Any]:

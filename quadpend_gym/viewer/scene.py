@@ -22,7 +22,7 @@ from quadpend_gym.viewer.snapshot import Snapshot
 ARM, ROTOR, BODY, BOB = 0.2, 0.11, 0.055, 0.045  # m: length of an arm, and radii
 METRES_PER_NEWTON = 0.7  # length of a force arrow
 _GRID_RADIUS = 12  # m
-_REFERENCE_TIME = 4.0  # s of the reference that are drawn before and after the present
+_REFERENCE_TIME = 4.0  # s, part of the reference that is drawn before and after the current time
 _HUBS = ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _ROTOR_OFFSET = np.array([0.0, 0.0, 0.03])  # m, from the end of an arm to its rotor
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
@@ -123,7 +123,7 @@ def _draw_streaks(surface: Any, view: View, snapshot: Snapshot, unit: float) -> 
 
 
 def _draw_reference(surface: Any, view: View, snapshot: Snapshot, unit: float) -> None:
-    """Draw the bob's reference path and its present position, or an arrow towards it if it is out of the picture."""
+    """Draw the bob's reference path and its current position, or an arrow towards it if it is out of the picture."""
     time = snapshot.time + np.linspace(-_REFERENCE_TIME, _REFERENCE_TIME, 81)
     path = snapshot.reference.derivatives(np.append(time, snapshot.time))[:, 0, :3]
     path[:, 2] += snapshot.rod_length  # from the quadrotor's reference to the upright bob's

@@ -107,10 +107,10 @@ class Window:
         return requested
 
     def show(self, snapshots: Callable[[], Sequence[Snapshot]]) -> None:
-        """Show the present snapshots and wait until the next ones are due.
+        """Show the current snapshots and wait until the next ones are due.
 
         Args:
-            snapshots: Function that returns the present snapshots; it is called only if a picture is drawn.
+            snapshots: Function that returns the current snapshots; it is called only if a picture is drawn.
         """
         controls = self._controls
         controls.closed |= not pygame.display.get_init()  # other code may have closed pygame's one window

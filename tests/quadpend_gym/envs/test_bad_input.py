@@ -113,7 +113,7 @@ def single() -> Any:
 
 
 @pytest.fixture
-def rows() -> Any:
+def vector() -> Any:
     """A windy vector environment during an episode."""
     env = make_vec(ROWS, wind=WINDY)
     env.reset(seed=1)
@@ -127,8 +127,8 @@ def test_a_bad_action_is_refused(single: Any, value: Any, kind: Any, names: str)
 
 
 @cases(BAD_VECTOR_ACTIONS)
-def test_a_bad_action_of_a_vector_env_is_refused(rows: Any, value: Any, kind: Any, names: str) -> None:
-    assert_refused_unchanged(rows, lambda: rows.step(value), names, kind)
+def test_a_bad_action_of_a_vector_env_is_refused(vector: Any, value: Any, kind: Any, names: str) -> None:
+    assert_refused_unchanged(vector, lambda: vector.step(value), names, kind)
 
 
 @pytest.mark.parametrize("seed", [None, 9])
@@ -139,8 +139,8 @@ def test_a_bad_option_is_refused(single: Any, seed: Any, value: Any, kind: Any, 
 
 @pytest.mark.parametrize("seed", [None, 9, [7, 8, 9]])
 @cases({**BAD_OPTIONS, **BAD_VECTOR_OPTIONS})
-def test_a_bad_option_of_a_vector_env_is_refused(rows: Any, seed: Any, value: Any, kind: Any, names: str) -> None:
-    assert_refused_unchanged(rows, lambda: rows.reset(seed=seed, options=value), names, kind)
+def test_a_bad_option_of_a_vector_env_is_refused(vector: Any, seed: Any, value: Any, kind: Any, names: str) -> None:
+    assert_refused_unchanged(vector, lambda: vector.reset(seed=seed, options=value), names, kind)
 
 
 @pytest.mark.parametrize("seed", BAD_SEEDS.values(), ids=BAD_SEEDS.keys())
@@ -150,9 +150,9 @@ def test_a_bad_seed_is_refused(single: Any, seed: Any) -> None:
 
 
 @pytest.mark.parametrize("seed", BAD_VECTOR_SEEDS.values(), ids=BAD_VECTOR_SEEDS.keys())
-def test_a_bad_seed_of_a_vector_env_is_refused(rows: Any, seed: Any) -> None:
+def test_a_bad_seed_of_a_vector_env_is_refused(vector: Any, seed: Any) -> None:
     options = {"state": {"position": (9.0, 9.0, 9.0)}}
-    assert_refused_unchanged(rows, lambda: rows.reset(seed=seed, options=options), "(?i)seed")
+    assert_refused_unchanged(vector, lambda: vector.reset(seed=seed, options=options), "(?i)seed")
 
 
 def test_a_bad_option_before_the_first_reset_changes_nothing() -> None:
@@ -260,9 +260,9 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
     assert_refused(lambda: env.step(ZEROS), "sub-environment 1 .* call reset before step", ResetNeeded)
 
 
-def test_a_step_after_wind_is_added_needs_a_reset(single: Any, rows: Any) -> None:
+def test_a_step_after_wind_is_added_needs_a_reset(single: Any, vector: Any) -> None:
     assert_refused(lambda: WindWrapper(single, Constant()).step(np.zeros(4)), "call reset before step", ResetNeeded)
-    assert_refused(lambda: VectorWindWrapper(rows, Constant()).step(ZEROS), "call reset before step", ResetNeeded)
+    assert_refused(lambda: VectorWindWrapper(vector, Constant()).step(ZEROS), "call reset before step", ResetNeeded)
 
 
 def test_wind_wrappers_accept_quadpendulum_environments_only() -> None:
@@ -270,9 +270,9 @@ def test_wind_wrappers_accept_quadpendulum_environments_only() -> None:
     assert_refused(lambda: VectorWindWrapper(gym.make_vec("CartPole-v1"), Constant()), "QuadPendulum", TypeError)
 
 
-def test_bad_wind_in_a_wrapper_changes_nothing(single: Any, rows: Any) -> None:
+def test_bad_wind_in_a_wrapper_changes_nothing(single: Any, vector: Any) -> None:
     assert_refused_unchanged(single, lambda: WindWrapper(single, "gale"), "no wind 'gale'")
-    assert_refused_unchanged(rows, lambda: VectorWindWrapper(rows, {"kind": "gale"}), "no kind 'gale'")
+    assert_refused_unchanged(vector, lambda: VectorWindWrapper(vector, {"kind": "gale"}), "no kind 'gale'")
 
 
 def test_an_ended_sub_environment_cannot_be_stepped_when_autoreset_is_disabled() -> None:
