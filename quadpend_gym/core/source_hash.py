@@ -1,7 +1,7 @@
-"""Hash of source code that ignores comments, docstrings and layout.
+"""Hash of source code that ignores comments, docstrings, messages of exceptions and layout.
 
-The names of cached results contain this hash. A change of a comment or docstring does not change it; a change of a
-number, a name, a string or an expression does.
+The names of cached results contain this hash. A change of a comment, of a docstring or of the message in a ``raise``
+statement does not change it; a change of a number, a name, another string or an expression does.
 """
 
 import ast
@@ -42,12 +42,14 @@ def _name(file: Path) -> str:
 
 
 def _dump(node: object) -> str:
-    """Return a text for a syntax tree: as `ast.dump`, but without docstrings, absent fields and empty lists.
+    """Return a text for a syntax tree: as `ast.dump`, but without docstrings, messages, absent fields and empty lists.
 
     Python versions differ in which absent fields `ast.dump` writes.
     """
     if isinstance(node, list):
         return f"[{', '.join(_dump(item) for item in node if not _is_docstring(item))}]"
+    if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+        return f"Raise({_dump(node.exc.func)})"
     if isinstance(node, ast.AST):
         present = [(name, value) for name, value in ast.iter_fields(node) if value is not None and value != []]
         return f"{type(node).__name__}({', '.join(f'{name}={_dump(value)}' for name, value in present)})"

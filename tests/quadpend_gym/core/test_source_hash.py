@@ -1,4 +1,4 @@
-"""The hash of source code ignores docstrings, comments and layout only."""
+"""The hash of source code ignores docstrings, comments, messages of exceptions and layout only."""
 
 from pathlib import Path
 
@@ -22,6 +22,13 @@ class Model:
 def empty() -> None:
     """Docstring of a function without a body."""
 '''
+
+
+REFUSAL = """
+def check(x: float) -> None:
+    if x < 0.0:
+        raise ValueError(f"x must not be negative, not {x}")
+"""
 
 
 def package(folder: Path, source: str = SOURCE, file: str = "model.py") -> Path:
@@ -85,3 +92,11 @@ def test_the_order_of_the_paths_and_a_path_given_twice_do_not_matter(tmp_path: P
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         source_hash([tmp_path / "missing.py"])
+
+
+@pytest.mark.parametrize(("old", "new", "same"), [("negative", "below zero", True), ("ValueError", "TypeError", False)])
+def test_a_change_of_a_message_keeps_the_hash_but_not_one_of_the_exception(
+    tmp_path: Path, old: str, new: str, same: bool
+) -> None:
+    changed = package(tmp_path / "b", REFUSAL.replace(old, new))
+    assert (source_hash([package(tmp_path / "a", REFUSAL)]) == source_hash([changed])) is same

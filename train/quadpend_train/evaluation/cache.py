@@ -2,7 +2,7 @@
 
 There is one file for each policy, scenario, number of episodes and seed. Its name is a hash of these, of the package
 versions and of the source code that determines the results. If one of them changes, the name changes, and the results
-are computed again. Comments and docstrings are not part of the hash of the source code.
+are computed again. Comments, docstrings and messages of exceptions are not part of the hash of the source code.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ FOLDER = Path("results/cache")
 _TRAIN = Path(__file__).parents[1]  # the folder of quadpend_train
 # Folders and files that do not influence the result of an episode.
 _EXCLUDED = {
-    quadpend_gym: ("viewer", "envs/recorder.py"),
+    quadpend_gym: ("viewer", "core/source_hash.py", "envs/recorder.py"),
     quadpend_baselines: ("paper",),
 }
 # The files of quadpend_train that influence the result of an episode.
@@ -35,9 +35,11 @@ _TRAIN_SOURCES = (
     "common/version_0_1.py",
     "evaluation/episodes.py",
     "policies/adaptation.py",
+    "policies/export.py",
     "policies/finite_differences.py",
     "policies/loading.py",
     "policies/mlp_policy.py",
+    "policies/sb3_models.py",
     "scenarios/scenario.py",
 )
 
