@@ -89,12 +89,7 @@ comparison = compare(policies, {"calm": "calm", "windy": "windy"}, episodes=10, 
 print(markdown(comparison))
 
 # %% 10. A video of two policies side by side
-from quadpend_train.cli.watch import watch
+from quadpend_train.cli.watch import VideoOptions, watch
 
-watch(
-    ("adrc-paper", "ppo-gain-scheduling-0"),
-    scenario="windy",
-    seconds=(0.0, 2.0),
-    size=(640, 360),
-    out=FOLDER / "windy.gif",
-)
+video = VideoOptions(seconds=(0.0, 2.0), size=(640, 360), out=FOLDER / "windy.gif")
+watch(("adrc-paper", "ppo-gain-scheduling-0"), scenario="windy", video=video)

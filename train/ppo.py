@@ -42,6 +42,8 @@ model = PPO(
 model.learn(args.total_timesteps, log_interval=20)
 model.save(args.out)
 
-test_envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=20, wind=args.wind, autoreset_mode="SameStep")
-mean, deviation = evaluate_policy(model, SB3VecEnv(test_envs), n_eval_episodes=20)
+envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=20, wind=args.wind, autoreset_mode="SameStep")
+test_envs = SB3VecEnv(envs)
+test_envs.seed(3_000_000)  # episodes that no training run uses
+mean, deviation = evaluate_policy(model, test_envs, n_eval_episodes=20)
 print(f"Mean return of 20 episodes: {mean:.0f} ± {deviation:.0f}; the maximum is 1000. Saved: {args.out}")

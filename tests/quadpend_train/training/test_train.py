@@ -373,6 +373,10 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
         ),
         ({"hybrid": RESIDUAL, "scenario": json.dumps({"history": 2})}, "36 or 27 numbers"),
         ({"hybrid": RESIDUAL, "scenario": json.dumps({"actuators": "rotors"})}, "with rotors as actuators"),
+        (
+            {"hybrid": RESIDUAL, "curriculum": (json.dumps({"actuators": "rotors"}),), "curriculum_steps": 256},
+            "with rotors as actuators",
+        ),
     ],
     ids=str,
 )

@@ -45,7 +45,8 @@ def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) 
             accept the observation of `env`.
     """
     if data := settings.hybrid.as_data():
-        models = [model for name in expand_sets(settings.scenario) for model in find_scenario(name).actuators]
+        names = expand_sets((*settings.curriculum, *settings.scenario))
+        models = [model for name in names for model in find_scenario(name).actuators]
         if any(isinstance(model, Rotors) for model in models):
             raise ValueError(
                 f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
