@@ -30,6 +30,7 @@ from tests.helpers.envs import assert_same
 from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, model_of, train_policy, trained_arrays
 
 RESIDUAL = HybridSettings("flatness", "residual_action", action_scale=0.3)
+ROTORS = json.dumps({"actuators": "rotors"})
 EVALUATED = replace(BRIEF, eval_freq=256)
 SAC_BRIEF = replace(BRIEF_SAC, total_timesteps=256)
 
@@ -372,11 +373,8 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
             "action_scale .* not 4.0",
         ),
         ({"hybrid": RESIDUAL, "scenario": json.dumps({"history": 2})}, "36 or 27 numbers"),
-        ({"hybrid": RESIDUAL, "scenario": json.dumps({"actuators": "rotors"})}, "with rotors as actuators"),
-        (
-            {"hybrid": RESIDUAL, "curriculum": (json.dumps({"actuators": "rotors"}),), "curriculum_steps": 256},
-            "with rotors as actuators",
-        ),
+        ({"hybrid": RESIDUAL, "scenario": ROTORS}, "with rotors as actuators"),
+        ({"hybrid": RESIDUAL, "curriculum": (ROTORS,), "curriculum_steps": 256}, "with rotors as actuators"),
     ],
     ids=str,
 )
