@@ -30,6 +30,7 @@ EVERYTHING = {
     "history": 3,
     "history_actions": 2,
     "task": {"start": {"direction": 0.2}, "references": {"height": [1.0, 3.0]}},
+    "duration": 3.0,
 }
 REAL = {"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004, "inertia_yaw": 0.008}}
 
@@ -117,6 +118,10 @@ def test_a_policy_that_does_not_fit_a_scenario_is_named_before_the_evaluation() 
         ('{"actuators": "rotor_fault"}', "a RotorFault needs rotors"),
         ('{"parameters": {"mass": [1, 2]}}', "parameters has no field 'mass'|ranges has no field 'mass'"),
         ('{"simulation": {"period": 0}}', "period must be above zero"),
+        ('{"duration": 0}', "duration must be above zero"),
+        ('{"duration": 0.015}', r"periods of 0.01 s \(simulation.period\), not 0.015 s"),
+        ('{"duration": 1e300}', "whole number from 1 to 1000000 of control periods"),
+        ('{"simulation": {"period": 0.003}}', r"periods of 0.003 s \(simulation.period\), not 10 s"),
     ],
 )
 def test_wrong_input_is_refused_with_one_sentence(scenario: str, sentence: str) -> None:
@@ -154,8 +159,25 @@ def test_the_hash_of_a_scenario_depends_on_everything_but_its_description() -> N
     assert len(set(hashes)) == len(hashes)
     calm = scenario_hash(Scenario())
     assert calm == scenario_hash(Scenario(description="still air")) == scenario_hash(find_scenario("{}"))
-    for change in ({"wind": "breeze"}, {"task": "hover"}, {"history": 2}, {"simulation": {"substeps": 3}}):
+    for change in ({"wind": "breeze"}, {"task": "hover"}, {"history": 2}, {"simulation": {"substeps": 3}}, {"duration": 3}):
         assert scenario_hash(Scenario(**change)) != calm  # type: ignore[arg-type]
+
+
+def test_the_hashes_of_the_published_results_stay_the_same() -> None:
+    assert scenario_hash(SCENARIOS["calm"]) == scenario_hash(Scenario(duration=10)) == "5f0b3427c4f8"
+    assert scenario_hash(SCENARIOS["windy"]) == "a39b74e9585a"
+    assert "duration" not in name_or_json('{"wind": "storm"}')
+    assert find_scenario(name_or_json('{"duration": 3}')).duration == 3.0
+
+
+def test_an_episode_lasts_the_duration_of_its_scenario_at_any_period() -> None:
+    for period, steps in ((0.02, 5), (0.005, 20)):
+        scenario = Scenario(simulation={"period": period}, duration=0.1)
+        env = scenario.make_vec(1, AutoresetMode.SAME_STEP)
+        env.reset(seed=0)
+        ended = [bool(env.step(np.zeros((1, 4), np.float32))[3][0]) for _ in range(steps)]
+        assert ended == [False] * (steps - 1) + [True]
+        assert scenario.steps == steps
 
 
 def test_the_steady_force_has_a_random_heading() -> None:

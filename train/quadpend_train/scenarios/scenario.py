@@ -19,10 +19,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import as_actuators, check_chain
-from quadpend_gym.core.validation import check_int, from_plain
+from quadpend_gym.core.validation import check_int, check_positive, from_plain
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors
-from quadpend_gym.tasks import EPISODE_STEPS, TASKS, RewardWeights, as_task
+from quadpend_gym.tasks import TASKS, RewardWeights, as_task
 from quadpend_gym.wind import Sum, as_wind
 from quadpend_gym.wrappers import (
     VectorActuatorWrapper,
@@ -35,6 +35,7 @@ from quadpend_train.common.files import parse_mapping, read_mapping
 
 SCENARIO_FILE = Path(__file__).with_name("scenarios.toml")
 HOVER = "QuadPendulumHover-v0"
+_MOST_STEPS = 1_000_000  # of an episode
 ENVIRONMENTS = {"QuadPendulum-v0": "track", HOVER: "hover"}  # tasks by the ids of their environments
 
 
@@ -54,6 +55,7 @@ class Scenario:
         history: Number of successive observations that are stacked into one, see `HistoryWrapper`.
         history_actions: Number of past actions that are appended to the observation.
         task: Task, as the keyword of `gymnasium.make`; None: the task of `env_id`.
+        duration: Length of an episode, s; a whole number of control periods (`simulation.period`).
 
     Raises:
         TypeError: If a value has the wrong type.
@@ -71,6 +73,7 @@ class Scenario:
     history: int = 1
     history_actions: int = 0
     task: Any = None
+    duration: float = 10.0
 
     def __post_init__(self) -> None:
         if self.env_id not in ENVIRONMENTS:
@@ -90,6 +93,18 @@ class Scenario:
         if self.task is not None:
             object.__setattr__(self, "task", as_task(self.task))
         check_chain(self.actuators, self.simulation)
+        object.__setattr__(self, "duration", check_positive(self.duration, "duration"))
+        periods = self.duration / self.simulation.period
+        if not 0.5 < periods < _MOST_STEPS + 0.5 or abs(round(periods) - periods) > 1e-9 * periods:
+            raise ValueError(
+                f"duration must be a whole number from 1 to {_MOST_STEPS} of control periods of"
+                f" {self.simulation.period:g} s (simulation.period), not {self.duration:g} s"
+            )
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps of an episode."""
+        return round(self.duration / self.simulation.period)
 
     def with_reward(self, reward: RewardWeights) -> "Scenario":
         """Return the scenario with other reward weights."""
@@ -97,14 +112,14 @@ class Scenario:
         return replace(self, task=replace(task, reward=reward))
 
     def make_vec(
-        self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int = EPISODE_STEPS
+        self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int | None = None
     ) -> VectorEnv[Any, Any, Any]:
         """Return a vector environment of the scenario.
 
         Args:
             num_envs: Number of sub-environments.
             autoreset_mode: Autoreset mode of the vector environment.
-            max_episode_steps: Control steps after which an episode is truncated.
+            max_episode_steps: Control steps after which an episode is truncated; None: `steps`.
         """
         env: VectorEnv[Any, Any, Any] = gym.make_vec(
             f"quadpend_gym:{self.env_id}",
@@ -112,7 +127,7 @@ class Scenario:
             simulation=self.simulation,
             wind=self.wind,
             autoreset_mode=autoreset_mode,
-            max_episode_steps=max_episode_steps,
+            max_episode_steps=self.steps if max_episode_steps is None else max_episode_steps,
             **({} if self.task is None else {"task": self.task}),
         )
         if self.parameters is not None:
@@ -128,6 +143,9 @@ class Scenario:
         return env
 
 
+# Fields that were added after the first published results, with their default values: they are left out of the hash of
+# a scenario that does not set them, so the hashes of older scenarios stay the same.
+_LATER_FIELDS = {"duration": 10.0}
 _DATA = read_mapping(SCENARIO_FILE)
 SCENARIOS = {name: from_plain(Scenario, fields, name) for name, fields in _DATA["scenarios"].items()}
 SETS = {name: tuple(members) for name, members in _DATA["sets"].items()}
@@ -163,14 +181,19 @@ def expand_sets(names: Sequence[str]) -> list[str]:
     return [member for name in names for member in SETS.get(name, (name,))]
 
 
+def _stored_fields(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of a scenario without those of `_LATER_FIELDS` that have their default value."""
+    return {name: value for name, value in asdict(scenario).items() if value != _LATER_FIELDS.get(name, ...)}
+
+
 def name_or_json(name: str) -> str:
     """Return `name` if it is a key of `SCENARIOS`, else the scenario as JSON, which does not depend on a file."""
-    return name if name in SCENARIOS else json.dumps(asdict(find_scenario(name)))
+    return name if name in SCENARIOS else json.dumps(_stored_fields(find_scenario(name)))
 
 
 def scenario_hash(scenario: Scenario) -> str:
     """Return twelve hexadecimal digits of the hash of a scenario without its description."""
-    data = {name: value for name, value in asdict(scenario).items() if name != "description"}
+    data = {name: value for name, value in _stored_fields(scenario).items() if name != "description"}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
 
 
