@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat golden clean
+.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat golden docs tour clean
 
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -48,15 +48,19 @@ WORKERS := auto  # processes that run the tests; 0 runs them in one process
 test: .venv/.installed  ## run the tests
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
-check: .venv/.installed  ## run what CI runs: format, lint, types, tests
+check: .venv/.installed  ## run what CI runs: format, lint, types, docs, tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(MAKE) docs
 	$(MAKE) test
 
 format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+docs: .venv/.installed  ## build the documentation site in site/; a broken link or a missing reference is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: .venv/.installed  ## docs/bench.md: speed of the environments, compared with others
 	$(BIN)/python -m benchmarks.speed --out docs/bench.json
@@ -69,10 +73,10 @@ golden: .venv/.installed  ## hashes of results: written on the first run, compar
 
 clean:  ## delete the caches of numba and of the tools
 	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
+	rm -rf site .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
 
 .venv/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed, not " + sys.version.split()[0] if sys.version_info < (3, 10) else 0)'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,view,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train,view,dev,docs]'
 	touch $@

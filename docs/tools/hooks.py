@@ -1,0 +1,64 @@
+"""Hooks of MkDocs: pages of the site that are made from files outside `docs/`.
+
+A link from a page to a source file becomes a link to a page with that source, so the site needs no server of the
+repository. The changelog becomes a page too. The links on disk stay as they are and work on any host of the repository.
+"""
+
+import posixpath
+import re
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[2]
+PAGES = {"CHANGELOG.md": "changelog.md"}  # files outside `docs/` that are pages of the site, by their path
+LINK = re.compile(r"(\]\(|^\[[^\]]+\]: )((?:\.\./|docs/)[^)#\s]+)", re.MULTILINE)
+LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", ".md": "markdown", "": "makefile"}
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the changelog and a page for every source file that a page links to."""
+    for path, uri in PAGES.items():
+        files.append(File.generated(config, uri, content=(ROOT / path).read_text(encoding="utf-8")))
+    linked = {
+        target
+        for file in files.documentation_pages()
+        for _, link in LINK.findall(file.content_string)
+        if _is_source(target := _target(file.src_uri, link))
+    }
+    for path in sorted(linked):
+        files.append(File.generated(config, f"source/{path}.md", content=_source_page(ROOT / path, path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Replace links that leave `docs/` by links to the pages of `on_files`."""
+    return LINK.sub(lambda match: match[1] + _site_link(page.file.src_uri, match[2]), markdown)
+
+
+def _target(uri: str, link: str) -> str:
+    """Return the path from the root of the repository to the target of a link on the page `uri`."""
+    source = next((path for path, name in PAGES.items() if name == uri), f"docs/{uri}")
+    return posixpath.normpath(posixpath.join(posixpath.dirname(source), link))
+
+
+def _is_source(path: str) -> bool:
+    return not path.startswith("docs/") and path not in PAGES and (ROOT / path).is_file()
+
+
+def _site_link(uri: str, link: str) -> str:
+    target = _target(uri, link)
+    if _is_source(target):
+        target = f"source/{target}.md"
+    else:
+        target = PAGES.get(target, target.removeprefix("docs/"))
+    return posixpath.relpath(target, posixpath.dirname(uri) or ".")
+
+
+def _source_page(file: Path, path: str) -> str:
+    language = LANGUAGES.get(file.suffix, "text")
+    text = file.read_text(encoding="utf-8")
+    head = f"---\nsearch:\n  exclude: true\nhide: [toc]\n---\n\n# `{file.name}`\n\n`{path}`\n\n"
+    return f"{head}`````{language} linenums=\"1\"\n{text}\n`````\n"
