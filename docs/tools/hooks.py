@@ -50,10 +50,7 @@ def _is_source(path: str) -> bool:
 
 def _site_link(uri: str, link: str) -> str:
     target = _target(uri, link)
-    if _is_source(target):
-        target = f"source/{target}.md"
-    else:
-        target = PAGES.get(target, target.removeprefix("docs/"))
+    target = f"source/{target}.md" if _is_source(target) else PAGES.get(target, target.removeprefix("docs/"))
     return posixpath.relpath(target, posixpath.dirname(uri) or ".")
 
 
@@ -61,4 +58,4 @@ def _source_page(file: Path, path: str) -> str:
     language = LANGUAGES.get(file.suffix, "text")
     text = file.read_text(encoding="utf-8")
     head = f"---\nsearch:\n  exclude: true\nhide: [toc]\n---\n\n# `{file.name}`\n\n`{path}`\n\n"
-    return f"{head}`````{language} linenums=\"1\"\n{text}\n`````\n"
+    return f'{head}`````{language} linenums="1"\n{text}\n`````\n'

@@ -159,7 +159,13 @@ def test_the_hash_of_a_scenario_depends_on_everything_but_its_description() -> N
     assert len(set(hashes)) == len(hashes)
     calm = scenario_hash(Scenario())
     assert calm == scenario_hash(Scenario(description="still air")) == scenario_hash(find_scenario("{}"))
-    for change in ({"wind": "breeze"}, {"task": "hover"}, {"history": 2}, {"simulation": {"substeps": 3}}, {"duration": 3}):
+    for change in (
+        {"wind": "breeze"},
+        {"task": "hover"},
+        {"history": 2},
+        {"simulation": {"substeps": 3}},
+        {"duration": 3},
+    ):
         assert scenario_hash(Scenario(**change)) != calm  # type: ignore[arg-type]
 
 
