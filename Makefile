@@ -9,7 +9,7 @@ TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or tr
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
 	$(BIN)/quadpend train --settings demo --out runs/demo
-	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=runs/demo --scenarios calm windy --episodes 200 --seed $(TEST_SEED) --out results/demo
+	$(BIN)/quadpend evaluate adrc-paper flatness ppo=runs/demo --scenarios calm windy --episodes 200 --seed $(TEST_SEED) --out results/demo
 
 SEEDS := 0 1 2 3 4
 comma := ,
@@ -17,7 +17,7 @@ space := $(subst ,, )
 evidence: .venv/.installed  ## table of docs/results.md: PPO after a minute of training, five seeds, and two classical controllers
 	rm -rf $(SEEDS:%=runs/demo-%)
 	$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings demo --seed $(seed) --out runs/demo-$(seed) &&) true
-	$(BIN)/quadpend evaluate --policies adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
+	$(BIN)/quadpend evaluate adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
 LEARNERS := ppo-gain-scheduling sac-gain-scheduling ppo-gain-scheduling-hover sac-gain-scheduling-hover
@@ -32,13 +32,13 @@ ablations: .venv/.installed  ## section of docs/results.md that compares trainin
 
 CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
 results: .venv/.installed  ## docs/results.md: learned policies and classical controllers in all test scenarios
-	$(BIN)/quadpend evaluate --policies ppo-gain-scheduling sac-gain-scheduling $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
+	$(BIN)/quadpend evaluate ppo-gain-scheduling sac-gain-scheduling $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
 		--robustness 50 --out docs/results --document docs/results.md
-	$(BIN)/quadpend evaluate --policies flatness adrc-paper ppo-gain-scheduling-hover sac-gain-scheduling-hover --scenarios hover hover_windy --episodes 200 \
+	$(BIN)/quadpend evaluate flatness adrc-paper ppo-gain-scheduling-hover sac-gain-scheduling-hover --scenarios hover hover_windy --episodes 200 \
 		--seed $(TEST_SEED) --out docs/hover
 
 animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
-	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenario docs/gust.toml --seconds 1.5 5 --speed 0.5 \
+	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenarios docs/gust.toml --seconds 1.5 5 --speed 0.5 \
 		--zoom 1.4 --fps 16.7 --size 960 560 --out docs/gust.gif
 
 pictures: .venv/.installed  ## figures of docs/models.md

@@ -49,7 +49,7 @@ STACKS["everything"] = tuple(layer for stack in list(STACKS.values()) for layer 
 SCENARIOS = ("windy", "lagged", "output_feedback", "storm")
 
 BRIEF: dict[str, Any] = {
-    "scenario": ["windy"],
+    "scenarios": ["windy"],
     "total_timesteps": 1024,
     "num_envs": 16,
     "batch_size": 128,
@@ -61,7 +61,7 @@ BRIEF: dict[str, Any] = {
 # Settings in which each training differs from `BRIEF`.
 TRAININGS: dict[str, dict[str, Any]] = {
     "ppo": {},
-    "ppo with evaluations": {"eval_freq": 256, "patience": 3, "scenario": ["breeze", "storm"]},
+    "ppo with evaluations": {"eval_freq": 256, "patience": 3, "scenarios": ["breeze", "storm"]},
     "ppo with gSDE": {"activation_fn": "tanh", "sde_sample_freq": 4, "reward": {"tip": 0.2}},
     "ppo with a curriculum": {"curriculum": ["calm", "breeze"], "curriculum_steps": 512, "save_freq": 256},
     "ppo on estimates": {"hybrid": {"base_controller": "adrc-matched"}, "history": 2, "history_actions": 1},

@@ -73,7 +73,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 
 hybrid = MlpPolicy.load("ppo-gain-scheduling-0")
 settings = hybrid.card["settings"]
-print("Trained in", settings["scenario"], "for", settings["total_timesteps"], "timesteps")
+print("Trained in", settings["scenarios"], "for", settings["total_timesteps"], "timesteps")
 
 # %% 9. A comparison of policies in the same episodes
 from quadpend_train.evaluation.comparison import compare
@@ -92,4 +92,4 @@ print(markdown(comparison))
 from quadpend_train.cli.watch import VideoOptions, watch
 
 video = VideoOptions(seconds=(0.0, 2.0), size=(640, 360), out=FOLDER / "windy.gif")
-watch(("adrc-paper", "ppo-gain-scheduling-0"), scenario="windy", video=video)
+watch(("adrc-paper", "ppo-gain-scheduling-0"), scenarios=("windy",), video=video)

@@ -18,7 +18,7 @@ from quadpend_train.training.settings import PpoSettings, SacSettings, TrainSett
 SHORT = json.dumps({"wind": "windy", "task": {"limits": {"pendulum_angle": 0.06}}})
 OTHER = json.dumps({"wind": "breeze", "task": {"limits": {"pendulum_angle": 0.07}}})
 BRIEF = TrainSettings(
-    scenario=(SHORT,),
+    scenarios=(SHORT,),
     total_timesteps=1024,
     num_envs=16,
     batch_size=128,

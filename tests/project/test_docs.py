@@ -81,7 +81,7 @@ def test_the_page_of_models_has_a_figure_of_every_kind() -> None:
 def test_quadpend_wind_plots_the_given_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(model_plots, "_SPECTRUM_SECONDS", 45.0)
     chosen = [f"{name}={GALLERY[name]}" for name in ("dryden", "gusts", "noise", "rotors")]
-    main(["wind", "--models", *chosen, "windy", '{"kind": "delay"}', "--out", str(tmp_path)])
+    main(["wind", *chosen, "windy", '{"kind": "delay"}', "--out", str(tmp_path)])
     assert {path.name for path in tmp_path.iterdir()} == {
         "dryden.png",
         "gusts.png",
@@ -95,9 +95,9 @@ def test_quadpend_wind_plots_the_given_models(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--models", "hurricane"], "there is no model 'hurricane'; there are calm, breeze"),
-        (["--models", "constant"], "the wind is always zero"),
-        (["--models", '{"kind": "dryden"'], "the model is not valid JSON"),
+        (["hurricane"], "there is no model 'hurricane'; there are calm, breeze"),
+        (["constant"], "the wind is always zero"),
+        (['{"kind": "dryden"'], "the model is not valid JSON"),
         (["--seconds", "0"], "seconds must be from 1"),
         (["--seed", "-1"], "seed must be a whole number of at least 0"),
     ],
@@ -106,5 +106,5 @@ def test_bad_options_of_quadpend_wind_are_refused(
     options: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        main(["wind", "--out", str(tmp_path), *options])
+        main(["wind", *options, "--out", str(tmp_path)])
     assert sentence in capsys.readouterr().err

@@ -112,7 +112,7 @@ def test_a_fallen_vehicle_stays_in_place_and_is_faded(recordings: list[Recording
 @pytest.mark.parametrize("ending", [".mp4", ".gif", ".webp"])
 def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tmp_path: Path) -> None:
     out = tmp_path / f"new/video{ending}"
-    watch(("flatness",), "windy", SEED, VideoOptions(out, SIZE, fps=20.0, speed=0.5, seconds=(1.0, 1.5)))
+    watch(("flatness",), ("windy",), SEED, VideoOptions(out, SIZE, fps=20.0, speed=0.5, seconds=(1.0, 1.5)))
     if ending == ".mp4":
         assert count_frames_and_secs(out) == (20, 1.0)
     else:
@@ -126,7 +126,7 @@ def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tm
 
 def test_a_gif_keeps_the_colours_that_have_a_meaning(tmp_path: Path) -> None:
     out = tmp_path / "video.gif"
-    watch(("adrc-paper", "flatness"), "windy", SEED, VideoOptions(out, (640, 360), fps=10.0, seconds=(2.0, 2.5)))
+    watch(("adrc-paper", "flatness"), ("windy",), SEED, VideoOptions(out, (640, 360), fps=10.0, seconds=(2.0, 2.5)))
     with Image.open(out) as video:
         video.seek(2)
         picture = np.asarray(video.convert("RGB")).astype(int)
@@ -136,7 +136,7 @@ def test_a_gif_keeps_the_colours_that_have_a_meaning(tmp_path: Path) -> None:
 
 def test_a_picture_shows_the_end_of_the_requested_part(tmp_path: Path) -> None:
     out = tmp_path / "end.png"
-    main(["watch", "flatness", "--scenario", "calm", "--seconds", "0", "2", "--size", "640", "360", "--out", str(out)])
+    main(["watch", "flatness", "--scenarios", "calm", "--seconds", "0", "2", "--size", "640", "360", "--out", str(out)])
     recorded = record_episode("flatness", load_policy("flatness"), find_scenario("calm"), SEED)
     with Image.open(out) as picture:
         assert_array_equal(
@@ -176,7 +176,7 @@ def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: p
         press.get(len(shown), lambda: None)()
 
     monkeypatch.setattr(SideBySideView, "draw", drawing)
-    watch(("flatness",), "calm", SEED, VideoOptions(size=SIZE, speed=4.0, seconds=(0.0, 0.5)))
+    watch(("flatness",), ("calm",), SEED, VideoOptions(size=SIZE, speed=4.0, seconds=(0.0, 0.5)))
     assert not pygame.display.get_init()
     assert shown[3] == shown[5], "paused"
     assert shown[6] == shown[5] + 1, "one step"
@@ -207,7 +207,8 @@ def test_without_pygame_ce_the_command_names_the_extra(
         ({"policies": ("lqr", "lqi", "mppi", "flatness")}, "policies must be one to three, not 4"),
         ({"policies": ("ppo-gain-scheduling",)}, "ppo-gain-scheduling has several training seeds: choose one of them"),
         ({"policies": ("nobody",)}, "no policy 'nobody'"),
-        ({"scenario": "nowhere"}, "nowhere"),
+        ({"scenarios": ("nowhere",)}, "nowhere"),
+        ({"scenarios": ("calm", "windy")}, "scenarios must be one scenario to watch, not 2: calm, windy"),
         ({"out": Path("video.avi")}, r"\.mp4, \.gif, \.webp, \.png, not be 'video.avi'"),
         ({"out": Path("video.mp4"), "size": (321, 180)}, "even numbers of pixels, not 321 × 180"),
         ({"size": (10, 180)}, "320 × 180 to 8000 × 8000 pixels, not 10 × 180"),
@@ -216,11 +217,11 @@ def test_without_pygame_ce_the_command_names_the_extra(
         ({"speed": 0.0}, "speed must be from 0.05 to 20, not 0"),
         ({"zoom": 9.0}, "zoom must be from 0.2 to 2.5, not 9"),
         ({"seconds": (3.0, 2.0)}, "a later end, not 3 2"),
-        ({"policies": ("adrc-paper",), "scenario": "lagged", "seconds": (5.0, 6.0)}, "over after 0.* before 5 s"),
+        ({"policies": ("adrc-paper",), "scenarios": ("lagged",), "seconds": (5.0, 6.0)}, "over after 0.* before 5 s"),
     ],
 )
 def test_wrong_options_are_errors(options: dict[str, Any], message: str) -> None:
-    chosen = {name: options[name] for name in ("policies", "scenario") if name in options}
+    chosen = {name: options[name] for name in ("policies", "scenarios") if name in options}
     video = {name: value for name, value in options.items() if name not in chosen}
 
     def call() -> None:

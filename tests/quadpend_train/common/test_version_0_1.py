@@ -24,7 +24,14 @@ from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.policies.loading import load_policy, policy_names
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weight_difference
 from quadpend_train.training import train as training
-from quadpend_train.training.settings import HybridSettings, PpoSettings, SacSettings, TrainSettings, read_settings
+from quadpend_train.training.settings import (
+    HybridSettings,
+    PpoSettings,
+    SacSettings,
+    TrainSettings,
+    from_mapping,
+    read_settings,
+)
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.policies import layers
 from tests.helpers.sources import ROOT
@@ -157,6 +164,13 @@ def test_settings_file_with_old_names_is_read(tmp_path: Path) -> None:
     )
 
 
+def test_training_scenarios_under_their_old_name_are_read() -> None:
+    assert from_mapping({"scenario": ["calm"]}, "a test") == TrainSettings(scenarios=("calm",))
+    card = MlpPolicy.load("ppo-gain-scheduling-0").card  # this file has the old name
+    assert card["settings"]["scenarios"] == ["training"]
+    assert "scenario" not in card["settings"]
+
+
 def test_settings_with_current_names_are_not_changed() -> None:
     settings = training.to_mapping(read_settings("ppo-gain-scheduling"))
     assert current_settings(settings, "a test") == settings
@@ -165,6 +179,7 @@ def test_settings_with_current_names_are_not_changed() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("scenario = 'calm'\nscenarios = 'windy'\n", "old.toml sets scenarios twice"),
         ("total_steps = 5\ntotal_timesteps = 6\n", "old.toml sets total_timesteps twice"),
         ("companion = 'lqr'\n[hybrid]\nbase_controller = 'lqi'\n", "old.toml sets hybrid.base_controller twice"),
         ("[ppo]\nepochs = 5\nn_epochs = 6\n", "old.toml sets n_epochs twice"),

@@ -28,7 +28,7 @@ GAMMA, PENALTY = 0.9, 2.0
 def test_base_controller_alone_has_exactly_zero_reward(scenario: str, mode: Any, action_repeat: int) -> None:
     """In every episode: the copy has the same start, reference, wind, noise and parameters."""
     hybrid = replace(HYBRID, mode=mode, action_repeat=action_repeat)
-    env = make_env(replace(SETTINGS, scenario=(scenario,), hybrid=hybrid))
+    env = make_env(replace(SETTINGS, scenarios=(scenario,), hybrid=hybrid))
     env.seed(7)
     env.reset()
     ends = 0

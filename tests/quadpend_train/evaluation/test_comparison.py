@@ -95,7 +95,7 @@ def test_metrics_agree_with_the_errors_of_the_steps() -> None:
 
 
 def test_evaluate_writes_table_data_and_plot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--policies", "paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
+    arguments = ["paper=adrc-paper", "adrc-matched", "--scenarios", "windy", "--episodes", "5"]
     main(["evaluate", *arguments, "--replay", "0", "--out", str(tmp_path), "--cache", str(tmp_path / "cache")])
     printed = capsys.readouterr().out
     assert "adrc-matched and paper show no significant difference: RMSE where both survive lower by" in printed
@@ -117,32 +117,32 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
     run = str(tmp_path / "run")
     folders = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     main(["train", "--out", run, "--total-timesteps", "1024", "--num-envs", "16", "--batch-size", "256"])
-    main(["evaluate", "--policies", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *folders])
+    main(["evaluate", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *folders])
     assert "ppo and adrc-paper show no significant difference" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["evaluate", "--policies", "nix"], "there is no policy 'nix'"),
+        (["evaluate", "nix"], "there is no policy 'nix'"),
         (["evaluate", "--scenarios", "nix"], "there is no scenario 'nix'"),
         (["evaluate", "--episodes", "0"], "episodes must be a whole number of at least 1, not 0"),
         (["evaluate", "--jobs", "0"], "jobs must be a whole number of at least 1, not 0"),
         (["evaluate", "--replay", "-1"], "replay must be a whole number of at least 0, not -1"),
         (["evaluate", "--seed", "-1"], "seed must be a whole number of at least 0, not -1"),
         (["evaluate", "--scenarios", "calm", "calm=windy"], "two scenarios have the same name"),
-        (["evaluate", "--policies", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),
+        (["evaluate", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),
         (["compare", "adrc-paper", "adrc-paper"], "two policies have the same name"),
         (["compare", "adrc-paper", "nix"], "there is no policy 'nix'"),
         (
-            ["train", "--scenario", "training", "--num-envs", "12"],
+            ["train", "--scenarios", "training", "--num-envs", "12"],
             "num_envs must be a multiple of the number of scenarios, 8",
         ),
         (["train", "--settings", "nix"], "settings must be the path of a file or one of demo"),
-        (["train", "--scenario", "nix"], "there is no scenario 'nix'"),
+        (["train", "--scenarios", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "contains no run"),
         (["train", "--resume", "nowhere", "--seed", "9"], "give no other options with it"),
-        (["evaluate", "--policies", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
+        (["evaluate", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
     ],
 )
 def test_wrong_input_ends_with_one_sentence_and_status_2(

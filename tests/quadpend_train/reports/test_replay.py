@@ -166,7 +166,7 @@ def test_missing_values_differ_from_zero() -> None:
 
 
 def test_the_option_replay_sets_the_number_of_episodes(tmp_path: Path) -> None:
-    command = ["evaluate", "--policies", "adrc-paper", "--scenarios", "calm", "--episodes", "2", "--out", str(tmp_path)]
+    command = ["evaluate", "adrc-paper", "--scenarios", "calm", "--episodes", "2", "--out", str(tmp_path)]
     command += ["--cache", str(tmp_path / "cache")]
     for count in (0, 1):
         main([*command, "--replay", str(count)])

@@ -26,7 +26,7 @@ def test_evaluate_writes_the_same_files_every_time(tmp_path: Path, brief_axes: N
     document = tmp_path / "results.md"
     empty = "".join(f"<!-- begin {part} -->\n<!-- end {part} -->\n" for part in PARTS)
     document.write_text(f"# Title\n{empty}The end\n", encoding="utf-8")
-    command = ["evaluate", "--policies", "adrc-paper", "lqr", "--scenarios", "calm", "steady", "--episodes", "4"]
+    command = ["evaluate", "adrc-paper", "lqr", "--scenarios", "calm", "steady", "--episodes", "4"]
     command += ["--robustness", "4", "--replay", "1", "--document", str(document), "--cache", str(tmp_path / "cache")]
     folder = tmp_path / "out"
     written = []
@@ -58,7 +58,7 @@ def test_evaluate_writes_the_same_files_every_time(tmp_path: Path, brief_axes: N
 def test_a_document_without_a_place_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = tmp_path / "results.md"
     document.write_text("nothing\n", encoding="utf-8")
-    command = ["evaluate", "--policies", "adrc-paper", "lqr", "--scenarios", "calm", "--episodes", "2"]
+    command = ["evaluate", "adrc-paper", "lqr", "--scenarios", "calm", "--episodes", "2"]
     command += ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out"), "--document", str(document)]
     with pytest.raises(SystemExit):
         main(command)

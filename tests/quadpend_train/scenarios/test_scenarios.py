@@ -60,7 +60,7 @@ def test_a_settings_file_can_contain_a_scenario(tmp_path: Path) -> None:
     text = 'num_envs = 16\n[scenario]\nwind = "storm"\noutput_feedback = true\n'
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     settings = read_settings(str(tmp_path / "mine.toml"))
-    (scenario,) = settings.scenario
+    (scenario,) = settings.scenarios
     assert find_scenario(scenario) == Scenario(wind="storm", output_feedback=True)
     assert make_env(settings).observation_space.shape == (27,)
 
@@ -68,7 +68,7 @@ def test_a_settings_file_can_contain_a_scenario(tmp_path: Path) -> None:
 def test_settings_store_the_scenario_and_not_the_path_of_its_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('wind = "windy"\n', encoding="utf-8")
-    (scenario,) = TrainSettings(scenario=(str(path),)).scenario
+    (scenario,) = TrainSettings(scenarios=(str(path),)).scenarios
     path.unlink()
     assert find_scenario(scenario) == Scenario(wind="windy")
     assert name_or_json("windy") == "windy"
@@ -85,8 +85,8 @@ def test_a_controller_gets_rotor_allocation_and_the_nominal_simulation() -> None
 
 def test_evaluate_takes_names_for_scenarios(tmp_path: Path) -> None:
     (tmp_path / "gale.toml").write_text('wind = "storm"\n', encoding="utf-8")
-    options = ["--episodes", "2", "--policies", "adrc-paper", "--out", str(tmp_path), "--cache", str(tmp_path)]
-    main(["evaluate", *options, "--scenarios", 'light={"wind": "dryden"}', str(tmp_path / "gale.toml")])
+    options = ["--episodes", "2", "--out", str(tmp_path), "--cache", str(tmp_path)]
+    main(["evaluate", "adrc-paper", *options, "--scenarios", 'light={"wind": "dryden"}', str(tmp_path / "gale.toml")])
     results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     assert list(results["scenarios"]) == ["light", "gale"]
     assert results["scenarios"]["light"]["wind"]["models"][0]["kind"] == "dryden"

@@ -29,7 +29,7 @@ RUNS: dict[str, TrainSettings] = {
     "ppo, history": replace(SEGMENTS, history=2, history_actions=1),
     "ppo, gSDE": replace(SEGMENTS, sde_sample_freq=4),
     "ppo, evaluated": replace(SEGMENTS, eval_freq=256, save_freq=256),
-    "ppo, mixed": replace(SEGMENTS, scenario=(SHORT, OTHER)),
+    "ppo, mixed": replace(SEGMENTS, scenarios=(SHORT, OTHER)),
     "ppo, critic first": replace(SEGMENTS, ppo=replace(SEGMENTS.ppo, critic_warmup_steps=700), save_freq=256),
     "ppo, imitation": replace(SEGMENTS, hybrid=HybridSettings("adrc-matched", imitation_timesteps=320)),
     "ppo, long rollouts": replace(SEGMENTS, ppo=PpoSettings(n_steps=24, n_epochs=2), total_timesteps=1200),

@@ -25,7 +25,7 @@ from tests.helpers.policies import RESIDUAL_ACTION, mlp_policy
 
 EVERYTHING = TrainSettings(
     algo="tqc",
-    scenario=("training", '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'),
+    scenarios=("training", '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'),
     curriculum=("calm", '{"wind": "breeze"}'),
     curriculum_steps=5000,
     num_envs=9,
@@ -53,7 +53,7 @@ def test_settings_survive_json(settings: TrainSettings) -> None:
 def test_presets_are_valid_and_use_no_held_out_scenario(path: Path) -> None:
     assert read_settings(path.stem) == read_settings(str(path))
     held_out = set(SETS["test"]) - set(SETS["training"])
-    assert not held_out & set(expand_sets([*read_settings(path.stem).scenario, *read_settings(path.stem).curriculum]))
+    assert not held_out & set(expand_sets([*read_settings(path.stem).scenarios, *read_settings(path.stem).curriculum]))
 
 
 def test_files_change_the_defaults_and_errors_name_the_setting(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_files_change_the_defaults_and_errors_name_the_setting(tmp_path: Path) -
     )
     assert read_settings(str(path)) == expected
     for text, message in (
-        ("sead = 7\n", "mine.toml sets 'sead', which is not a setting; the settings are algo, scenario"),
+        ("sead = 7\n", "mine.toml sets 'sead', which is not a setting; the settings are algo, scenarios"),
         ("[ppo]\nepoch = 7\n", "mine.toml sets 'epoch', which is not a setting; the settings are n_steps"),
         ("[sac]\nn_steps = 7\n", "mine.toml sets 'n_steps', which is not a setting"),
         ("[hybrid]\nmodus = 7\n", "mine.toml sets 'modus', which is not a setting; the settings are base_controller"),
@@ -95,13 +95,13 @@ def test_settings_are_read_from_the_card_of_a_policy(tmp_path: Path) -> None:
 def test_scenario_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('wind = "storm"\n')
-    assert TrainSettings(scenario="calm") == TrainSettings(scenario=("calm",)) == TrainSettings(scenario=["calm"])  # type: ignore[arg-type]
-    assert TrainSettings(scenario="training").scenario == ("training",)  # type: ignore[arg-type]
+    assert TrainSettings(scenarios="calm") == TrainSettings(scenarios=("calm",)) == TrainSettings(scenarios=["calm"])  # type: ignore[arg-type]
+    assert TrainSettings(scenarios="training").scenarios == ("training",)  # type: ignore[arg-type]
     given: Any
-    (whole,) = TrainSettings(scenario=(str(path),)).scenario
+    (whole,) = TrainSettings(scenarios=(str(path),)).scenarios
     path.unlink()  # the settings have the contents of the file
     for given in ('{"wind": "storm"}', {"wind": "storm"}, [{"wind": "storm"}], whole):
-        assert TrainSettings(scenario=given).scenario == (whole,)
+        assert TrainSettings(scenarios=given).scenarios == (whole,)
     assert json.loads(whole)["wind"]
 
 
@@ -173,17 +173,17 @@ RESIDUAL = {"base_controller": "flatness", "mode": "residual_action"}
         ({"curriculum": ("calm",)}, "curriculum and curriculum_steps must be given together"),
         ({"curriculum_steps": 100}, "curriculum and curriculum_steps must be given together"),
         ({"batch_size": 1000}, r"batch_size must divide num_envs \* ppo.n_steps = 16384, not be 1000"),
-        ({"scenario": ()}, "scenario must name at least one"),
-        ({"scenario": "nix"}, "no scenario 'nix'"),
-        ({"scenario": "test"}, "scenario cannot be .test., which is held out"),
-        ({"scenario": 5}, "scenario must be one scenario or a list of scenarios, not 5"),
-        ({"scenario": (5,)}, "scenario"),
+        ({"scenarios": ()}, "scenarios must name at least one"),
+        ({"scenarios": "nix"}, "no scenario 'nix'"),
+        ({"scenarios": "test"}, "scenarios cannot be .test., which is held out"),
+        ({"scenarios": 5}, "scenarios must be one scenario or a list of scenarios, not 5"),
+        ({"scenarios": (5,)}, "scenarios"),
         ({"curriculum": ("nix",), "curriculum_steps": 10}, "no scenario 'nix'"),
         (
-            {"scenario": ("calm", "windy", "breeze")},
+            {"scenarios": ("calm", "windy", "breeze")},
             "num_envs must be a multiple of the number of scenarios, 3, not 256",
         ),
-        ({"scenario": "training", "num_envs": 12}, "num_envs must be a multiple of the number of scenarios, 8,"),
+        ({"scenarios": "training", "num_envs": 12}, "num_envs must be a multiple of the number of scenarios, 8,"),
         (
             {"curriculum": ("training",), "curriculum_steps": 8, "num_envs": 4, "batch_size": 256},
             "of the number of scenarios, 8,",

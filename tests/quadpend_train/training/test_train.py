@@ -70,7 +70,7 @@ def test_same_settings_give_the_same_weights_and_other_seeds_give_others(algo: s
 
 
 def test_card_records_how_the_policy_was_trained(tmp_path: Path) -> None:
-    settings = replace(EVALUATED, scenario=(SHORT, OTHER), seed=3)
+    settings = replace(EVALUATED, scenarios=(SHORT, OTHER), seed=3)
     policy = train_policy(settings, tmp_path)
     card = json.loads(json.dumps(policy.card))
     assert card["settings"] == json.loads((tmp_path / "settings.json").read_text())
@@ -80,7 +80,7 @@ def test_card_records_how_the_policy_was_trained(tmp_path: Path) -> None:
     assert {name: card[name] for name in PLAIN_INTERFACE} == settings.policy_interface()
     assert card["provenance"] == json.loads((tmp_path / "provenance.json").read_text())
     assert card["curve"] == [list(score) for score in read_curve(tmp_path)]
-    assert card["scenarios"] == {name: scenario_hash(find_scenario(name)) for name in settings.scenario}
+    assert card["scenarios"] == {name: scenario_hash(find_scenario(name)) for name in settings.scenarios}
     survival, rmse = validate(policy, settings)
     assert card["score"] == {"survival": survival, "penalised_rmse": rmse}
     assert card["score"]["penalised_rmse"] == min(score[3] for score in card["curve"])
@@ -151,17 +151,17 @@ def test_evaluations_use_the_training_scenarios(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(validation, "rollout", record_seed)
     third = json.dumps({**json.loads(SHORT), "wind": "storm"})
     settings = replace(
-        EVALUATED, scenario=(SHORT, OTHER), curriculum=(third,), curriculum_steps=512, total_timesteps=512
+        EVALUATED, scenarios=(SHORT, OTHER), curriculum=(third,), curriculum_steps=512, total_timesteps=512
     )
     train_policy(settings, tmp_path)
     assert len(evaluated) == 4
-    expected = [find_scenario(name) for name in settings.scenario]
+    expected = [find_scenario(name) for name in settings.scenarios]
     assert all(scenarios == expected and rows == 4 for scenarios, rows in evaluated)
     assert seeds == {VALIDATION_SEED, training.CARD_SEED}
 
 
 def test_validation_gives_the_metrics_of_run_episodes() -> None:
-    settings = replace(BRIEF, scenario=("hover",), seed=4)
+    settings = replace(BRIEF, scenarios=("hover",), seed=4)
     policy = training.export(training.initial_model(settings, None), **settings.policy_interface())
     results = run_episodes([policy], "hover", 2)
     assert validate(policy, settings) == (results.survived.mean(), results.penalised_rmse.mean())
@@ -177,7 +177,7 @@ def test_base_controller_has_the_same_simulation_in_training_and_validation(monk
 
     monkeypatch.setattr(validation, "rollout", record_simulation)
     heavy = json.dumps({**json.loads(SHORT), "simulation": {"parameters": {"bob_mass": 0.35}}})
-    settings = replace(BRIEF, hybrid=RESIDUAL, scenario=(heavy,))
+    settings = replace(BRIEF, hybrid=RESIDUAL, scenarios=(heavy,))
     model = training.initial_model(settings, None)
     validate(training.export(model, **settings.policy_interface()), settings)
     assert model.get_env().env.hybrid.base_controller.simulation == find_scenario(heavy).simulation
@@ -243,9 +243,9 @@ def test_only_the_critic_learns_during_its_warm_up(tmp_path: Path) -> None:
 
 
 def test_stages_of_the_curriculum_come_in_order() -> None:
-    settings = replace(BRIEF, scenario=(SHORT,), curriculum=("calm", "breeze", OTHER), curriculum_steps=300)
+    settings = replace(BRIEF, scenarios=(SHORT,), curriculum=("calm", "breeze", OTHER), curriculum_steps=300)
     stages = [scenarios_at(settings, steps) for steps in (0, 99, 100, 199, 200, 299, 300, 10**6)]
-    assert stages == [("calm",)] * 2 + [("breeze",)] * 2 + [(settings.curriculum[2],)] * 2 + [settings.scenario] * 2
+    assert stages == [("calm",)] * 2 + [("breeze",)] * 2 + [(settings.curriculum[2],)] * 2 + [settings.scenarios] * 2
 
 
 @pytest.mark.parametrize("save_freq", [256, 1_000_000])
@@ -259,7 +259,7 @@ def test_every_stage_of_the_curriculum_has_its_share_of_the_steps(save_freq: int
     tasks = [json.dumps({"task": {"limits": {"pendulum_angle": angle}}}) for angle in (0.03, 0.04, 0.05)]
     settings = replace(
         BRIEF,
-        scenario=tasks[2:],  # type: ignore[arg-type]
+        scenarios=tasks[2:],  # type: ignore[arg-type]
         curriculum=tasks[:2],  # type: ignore[arg-type]
         curriculum_steps=512,
         save_freq=save_freq,
@@ -323,7 +323,7 @@ def test_imitation_reduces_the_error_in_every_round(algo: str, monkeypatch: pyte
         replace(
             BRIEF,
             algo=algo,
-            scenario=("calm",),
+            scenarios=("calm",),
             hybrid=HybridSettings("lqr", imitation_timesteps=640),
             net_arch=(32,),
         ),
@@ -363,7 +363,7 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"scenario": ("calm", "output_feedback")}, "same observation space"),
+        ({"scenarios": ("calm", "output_feedback")}, "same observation space"),
         (
             {"hybrid": {"base_controller": "lqr", "mode": "bandwidth_scheduling"}},
             "only the flatness-based controller has",
@@ -372,8 +372,8 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
             {"hybrid": {"base_controller": "lqr", "mode": "residual_action", "action_scale": 4.0}},
             "action_scale .* not 4.0",
         ),
-        ({"hybrid": RESIDUAL, "scenario": json.dumps({"history": 2})}, "36 or 27 numbers"),
-        ({"hybrid": RESIDUAL, "scenario": ROTORS}, "with rotors as actuators"),
+        ({"hybrid": RESIDUAL, "scenarios": json.dumps({"history": 2})}, "36 or 27 numbers"),
+        ({"hybrid": RESIDUAL, "scenarios": ROTORS}, "with rotors as actuators"),
         ({"hybrid": RESIDUAL, "curriculum": (ROTORS,), "curriculum_steps": 256}, "with rotors as actuators"),
     ],
     ids=str,

@@ -17,7 +17,7 @@ _MOST_SENTENCES, _MOST_ROWS = 16, 40  # largest numbers that are printed; the fi
 
 
 def evaluate(
-    policies: tuple[str, ...] = ("adrc-paper", "adrc-matched"),
+    policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "adrc-matched"),
     scenarios: tuple[str, ...] = ("calm", "windy"),
     episodes: int = 100,
     seed: int = VALIDATION_SEED,

@@ -66,7 +66,7 @@ def ablate(
 
 
 def wind(
-    models: tuple[str, ...] = (),
+    models: tyro.conf.Positional[tuple[str, ...]] = (),
     out: Path = Path("results/wind"),
     seconds: float = 10.0,
     seed: int = 1,

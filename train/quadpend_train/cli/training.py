@@ -42,7 +42,7 @@ def train(
     print(f"Trained policy: {policy}")
 
 
-def export(model: Path, out: Path | None = None) -> None:
+def export(model: tyro.conf.Positional[Path], out: Path | None = None) -> None:
     """Convert a model saved by Stable-Baselines3 or sb3-contrib to a policy file, which executes no code when loaded.
 
     Loading the model executes code that it contains: export only files that you trust.

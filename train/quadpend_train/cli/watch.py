@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from quadpend_train.cli.options import named_policies
+from quadpend_train.cli.options import named_policies, named_scenarios
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 FORMATS = (".mp4", ".gif", ".webp", ".png")
@@ -61,7 +61,7 @@ class VideoOptions:
 
 def watch(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-gain-scheduling-0"),
-    scenario: str = "windy",
+    scenarios: tuple[str, ...] = ("windy",),
     seed: int = VALIDATION_SEED,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = VideoOptions(),
 ) -> None:
@@ -69,7 +69,7 @@ def watch(
 
     Args:
         policies: One to three policies, as in evaluate; NAME=POLICY gives a policy a name.
-        scenario: Scenario: a name, a TOML or JSON file, or JSON, as in evaluate.
+        scenarios: One scenario: a name, a TOML or JSON file, or JSON, as in evaluate.
         seed: Seed of the episode.
         video: Options of the picture and of the video.
     """
@@ -79,12 +79,15 @@ def watch(
 
     if not 1 <= len(policies) <= 3:
         raise ValueError(f"policies must be one to three, not {len(policies)}")
+    chosen = list(named_scenarios(scenarios).values())
+    if len(chosen) != 1:
+        raise ValueError(f"scenarios must be one scenario to watch, not {len(chosen)}: {', '.join(chosen)}")
     check_pygame()
     from quadpend_train.evaluation.recording import record_episode
     from quadpend_train.reports.side_by_side import SideBySideView
     from quadpend_train.reports.video import write_video
 
-    found = find_scenario(scenario)
+    found = find_scenario(chosen[0])
     loaded = [(name, load_policies(policy)) for name, policy in named_policies(policies).items()]
     if several := [name for name, seeds in loaded if len(seeds) > 1]:
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")

@@ -16,6 +16,7 @@ PROVENANCE = "origin.json"
 # Table of the current settings: {name in version 0.1: current name}
 _NAMES = {
     "": {
+        "scenario": "scenarios",
         "total_steps": "total_timesteps",
         "episode_steps": "max_episode_steps",
         "discount": "gamma",
@@ -93,12 +94,16 @@ def current_settings(values: dict[str, Any], source: str) -> dict[str, Any]:
 
 
 def current_card(card: Any) -> Any:
-    """Return the card of a policy file in the current format; other cards than those of version 0.1 are not changed.
+    """Return the card of a policy file in the current format, with the current names of its training settings.
 
     Raises:
         ValueError: If a card of version 0.1 has no valid entry ``view``.
     """
-    if not isinstance(card, dict) or card.get("format") != POLICY_FORMAT:
+    if not isinstance(card, dict):
+        return card
+    if isinstance(settings := card.get("settings"), dict):
+        card = {**card, "settings": current_settings(settings, "the card")}
+    if card.get("format") != POLICY_FORMAT:
         return card
     view = card.get("view")
     # the first cards of version 0.1 have no caution
@@ -115,8 +120,6 @@ def current_card(card: Any) -> Any:
                 "history": view["history"],
                 "history_actions": view["history_actions"],
             }
-        elif name == "settings" and isinstance(value, dict):
-            out[name] = current_settings(value, "the card")
         else:
             out["provenance" if name == "origin" else name] = value
     return out

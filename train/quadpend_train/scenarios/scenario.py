@@ -4,7 +4,7 @@ The file `scenarios.toml` defines the scenarios of this package, so that a name 
 names two sets of scenarios: `training`, for training and tuning, and `test`, which is held out. Users write their own
 scenarios as TOML or JSON files with the fields of `Scenario`, or as JSON on the command line:
 
-    quadpend train --scenario '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'
+    quadpend train --scenarios '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'
 """
 
 import hashlib

@@ -114,8 +114,8 @@ ABLATIONS = {
     "domain-randomization": Ablation(
         "domain randomization of the parameters",
         "training_uncertain",
-        {"scenario": ("breeze",)},
-        {"scenario": ("training_uncertain",)},
+        {"scenarios": ("breeze",)},
+        {"scenarios": ("training_uncertain",)},
     ),
     "history": Ablation(
         "history of four observations and three actions, without velocities",
@@ -159,7 +159,7 @@ ABLATIONS = {
         {
             **_merged(_RELATIVE_GAIN_SCHEDULING, {"hybrid": {**_ACTION_REPEAT["hybrid"], "failure_penalty": 100.0}}),
             **{name: value for name, value in _ACTION_REPEAT.items() if name != "hybrid"},
-            "scenario": ("training",),
+            "scenarios": ("training",),
         },
         {"hybrid": {"fallback_gain": 1.0}},
     ),
@@ -179,7 +179,7 @@ class AblationResult(NamedTuple):
 
 def settings_pair(ablation: Ablation, seed: int) -> tuple[TrainSettings, TrainSettings]:
     """Return the settings of the two trainings of an ablation: without and with its part."""
-    base = {"scenario": (ablation.scenario,), "total_timesteps": TIMESTEPS, "seed": seed}
+    base = {"scenarios": (ablation.scenario,), "total_timesteps": TIMESTEPS, "seed": seed}
     without = _merged(base, ablation.without)
     added = _merged(without, ablation.added)
     return from_mapping(without, ablation.part), from_mapping(added, ablation.part)

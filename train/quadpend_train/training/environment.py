@@ -45,7 +45,7 @@ def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) 
             accept the observation of `env`.
     """
     if data := settings.hybrid.as_data():
-        names = expand_sets((*settings.curriculum, *settings.scenario))
+        names = expand_sets((*settings.curriculum, *settings.scenarios))
         models = [model for name in names for model in find_scenario(name).actuators]
         if any(isinstance(model, Rotors) for model in models):
             raise ValueError(
@@ -61,7 +61,7 @@ def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) 
 def scenarios_at(settings: TrainSettings, timesteps: int) -> tuple[str, ...]:
     """Return the scenarios at a timestep of the training: those of a stage of the curriculum, or those of the run."""
     if timesteps >= settings.curriculum_steps:
-        return settings.scenario
+        return settings.scenarios
     return (settings.curriculum[timesteps * len(settings.curriculum) // settings.curriculum_steps],)
 
 
@@ -71,7 +71,7 @@ def check_curriculum(settings: TrainSettings) -> None:
     Raises:
         ValueError: If the stages have different observations or different nominal simulations.
     """
-    names = expand_sets((*settings.curriculum, *settings.scenario))
+    names = expand_sets((*settings.curriculum, *settings.scenarios))
     concatenate_scenarios([find_scenario(name) for name in names], len(names))
 
 

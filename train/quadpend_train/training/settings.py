@@ -146,7 +146,7 @@ class TrainSettings:
 
     algo: Literal["ppo", "sac", "tqc"] = "ppo"
     """Algorithm; TQC comes from sb3-contrib."""
-    scenario: tuple[str, ...] = ("windy",)
+    scenarios: tuple[str, ...] = ("windy",)
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()
     """Scenarios to train in first, one after the other, each for an equal part of curriculum_steps."""
@@ -204,7 +204,7 @@ class TrainSettings:
     def __post_init__(self) -> None:
         for name, kind in _TABLES.items():
             object.__setattr__(self, name, from_plain(kind, getattr(self, name), name))
-        for name in ("scenario", "curriculum"):
+        for name in ("scenarios", "curriculum"):
             object.__setattr__(self, name, _scenarios(getattr(self, name), name))
         if not isinstance(self.net_arch, tuple | list):
             raise TypeError(f"net_arch must be a list of widths, not {self.net_arch!r}")
@@ -227,9 +227,9 @@ class TrainSettings:
         self._check_combination()
 
     def _check_combination(self) -> None:
-        if not self.scenario:
-            raise ValueError("scenario must name at least one scenario")
-        for scenarios in (self.scenario, *((item,) for item in self.curriculum)):
+        if not self.scenarios:
+            raise ValueError("scenarios must name at least one scenario")
+        for scenarios in (self.scenarios, *((item,) for item in self.curriculum)):
             if self.num_envs % len(expand_sets(scenarios)):
                 raise ValueError(
                     f"num_envs must be a multiple of the number of scenarios, {len(expand_sets(scenarios))},"

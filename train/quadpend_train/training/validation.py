@@ -37,7 +37,7 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     Returns:
         Survival and penalised RMSE (m), see `Score`; means over `n_eval_episodes` episodes of each scenario.
     """
-    scenarios = [find_scenario(name) for name in expand_sets(settings.scenario)]
+    scenarios = [find_scenario(name) for name in expand_sets(settings.scenarios)]
     env = concatenate_scenarios(scenarios, settings.n_eval_episodes * len(scenarios))
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
