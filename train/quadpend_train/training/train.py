@@ -179,7 +179,8 @@ def _final_policy(model: Any, settings: TrainSettings, folder: Path, seconds: fl
         "score": {"survival": survival, "penalised_rmse": rmse},
         "curve": [list(score) for score in curve],
         "scenarios": {
-            name: scenario_hash(find_scenario(name)) for name in expand_sets((*settings.scenarios, *settings.curriculum))
+            name: scenario_hash(find_scenario(name))
+            for name in expand_sets((*settings.scenarios, *settings.curriculum))
         },
         "provenance": json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8")),
     }
