@@ -6,12 +6,13 @@ specification of an environment contains a model as a mapping of its settings, w
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import from_plain
 
@@ -61,6 +62,7 @@ class Registry:
         protocol: Runtime-checkable protocol of the models.
         kinds: Model classes by their ``kind``.
         presets: Values that `parse` accepts, by name.
+        from_factory: Model class that stands for a text ``"module:factory"``; None if such texts are not accepted.
     """
 
     name: str
@@ -68,6 +70,10 @@ class Registry:
     protocol: Any
     kinds: dict[str, type[Any]] = field(default_factory=dict)
     presets: dict[str, Any] = field(default_factory=dict)
+    from_factory: type[Any] | None = None
+
+    def __post_init__(self) -> None:
+        _REGISTRIES.append(self)
 
     def parse(self, value: Any) -> tuple[Any, ...]:
         """Convert `value` to a tuple of models and keep their order.
@@ -85,16 +91,18 @@ class Registry:
         if isinstance(value, str):
             if value in self.presets:
                 return self.parse(self.presets[value])
-            if value not in self.kinds:
+            if self._class(value) is None:
                 known = ", ".join([*self.presets, *self.kinds])
-                raise ValueError(f"there is no {self.name} {value!r}; there are {known}")
+                own = "; or give 'module:factory'" if self.from_factory else ""
+                raise ValueError(f"there is no {self.name} {value!r}; there are {known}{own}")
             value = {"kind": value}
         if isinstance(value, Mapping):
             data = dict(value)
-            kind = data.pop("kind", None)
-            if not isinstance(kind, str) or kind not in self.kinds:
-                raise ValueError(f"{self.name} has no kind {kind!r}; the kinds are {', '.join(self.kinds)}")
-            value = from_plain(self.kinds[kind], data, self.name)
+            if (kind := self._class(data.get("kind"))) is None:
+                raise ValueError(f"{self.name} has no kind {data.get('kind')!r}; the kinds are {', '.join(self.kinds)}")
+            if kind is not self.from_factory:
+                del data["kind"]
+            value = from_plain(kind, data, self.name)
         if isinstance(value, list | tuple):
             return tuple(model for item in value for model in self.parse(item))
         if not isinstance(value, type):
@@ -103,6 +111,40 @@ class Registry:
             if isinstance(value, self.protocol):
                 return (value,)
         raise TypeError(f"{self.name} must be {self.noun} or a mapping with its kind, not {value!r}")
+
+    def _class(self, kind: Any) -> type[Any] | None:
+        """Return the model class of a kind or of a text ``"module:factory"``; None if there is none."""
+        if isinstance(kind, str) and kind in self.kinds:
+            return self.kinds[kind]
+        return self.from_factory if is_factory(kind) else None
+
+
+_REGISTRIES: list[Registry] = []
+
+
+def to_plain_data(value: Any, otherwise: Callable[[Any], Any]) -> Any:
+    """Return models and settings as data that can be written as JSON and read again.
+
+    Args:
+        value: Dataclasses of this project, models of a registered class, mappings, sequences, texts and numbers, nested
+            to any depth.
+        otherwise: Converts each object that is none of these, such as a wind model whose class is in no registry.
+    """
+    if isinstance(value, Mapping):
+        return {key: to_plain_data(item, otherwise) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain_data(item, otherwise) for item in value]
+    if value is None or isinstance(value, str | int | float):
+        return value
+    kinds = [kind for registry in _REGISTRIES for kind in registry.kinds.values()]
+    if is_dataclass(value) and (is_project_class(type(value)) or type(value) in kinds):
+        return {item.name: to_plain_data(getattr(value, item.name), otherwise) for item in fields(value)}
+    return otherwise(value)
+
+
+def is_project_class(kind: type[Any]) -> bool:
+    """Return whether a class is defined in one of the packages of this project."""
+    return kind.__module__.partition(".")[0] in ("quadpend_gym", "quadpend_baselines", "quadpend_train")
 
 
 class ModelBatch:

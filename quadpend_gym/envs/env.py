@@ -11,6 +11,7 @@ from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
+from quadpend_gym.envs.specification import Specification
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, State
@@ -68,8 +69,9 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     - `task`: ``"track"``, ``"hover"``, a `Task`, or a mapping of its fields.
     - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, command limits, control period,
       substeps.
-    - `wind`: a model of `quadpend_gym.wind`, a sum of models, the name of a preset (``"windy"``), or a mapping with a
-      ``kind``. None means no wind and no drag. Sensors, actuators and uncertain parameters are added by wrappers, see
+    - `wind`: a model of `quadpend_gym.wind` or of your own, a sum of models, the name of a preset (``"windy"``), a
+      mapping with a ``kind``, or a text ``"module:factory"`` that names a function of your own which returns a model.
+      None means no wind and no drag. Sensors, actuators and uncertain parameters are added by wrappers, see
       `quadpend_gym.wrappers`.
     - `render_mode`: ``"human"`` opens a window that runs in real time (the key H lists its keys); with ``"rgb_array"``
       the method `render` returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs
@@ -81,6 +83,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     """
 
     metadata: dict[str, Any] = _METADATA
+    spec: Any = Specification()
 
     def __init__(
         self, task: Any = "track", simulation: Any = None, wind: Any = None, render_mode: str | None = None

@@ -21,6 +21,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.core.models import Model, Registry
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import as_vector, to_plain_fields
@@ -57,9 +58,6 @@ class Wind(Model, Protocol):
         """
 
 
-WINDS = Registry("wind", "a wind model, the name of a wind", Wind)  # `registry` adds the kinds and presets
-
-
 class Addable:
     """Mixin that adds models with ``+`` and `sum`."""
 
@@ -68,6 +66,68 @@ class Addable:
 
     def __radd__(self, other: Any) -> "Sum":
         return Sum((self,) if isinstance(other, int) and other == 0 else (other, self))
+
+
+@dataclass(frozen=True)
+class WindFromFactory(Addable):
+    """The wind that a function or class of the user's own code returns.
+
+    It is the same wind as the returned model. Unlike that model, it can be written as JSON and sent to other processes.
+
+    Raises:
+        ValueError: If there is no such factory, it fails, or it returns no wind.
+    """
+
+    kind: str  # "module:factory"; the factory takes no arguments
+
+    def __post_init__(self) -> None:
+        _ = self._models
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return WindFromFactory, (self.kind,)
+
+    @cached_property
+    def _models(self) -> tuple[Any, ...]:
+        value = call_factory(self.kind, find_factory(self.kind))
+        try:
+            return WINDS.parse(value)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{self.kind} must return a wind model: {error}") from error
+
+    @property
+    def moves_air(self) -> bool:
+        """Whether the wind can set a wind velocity."""
+        return any(model.moves_air for model in self._models)
+
+    @property
+    def memory_size(self) -> int:
+        """Number of floats of all its models."""
+        return sum(self._sizes)
+
+    @cached_property
+    def _sizes(self) -> Sequence[int]:
+        return [model.memory_size for model in self._models]
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Return the initial memories of its models side by side."""
+        memories = [model.initial_memory(self._streams(i, streams)) for i, model in enumerate(self._models)]
+        return np.hstack([np.zeros((streams.keys.size, 0)), *memories])
+
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Add the winds of its models."""
+        first = 0
+        for i, (model, size) in enumerate(zip(self._models, self._sizes, strict=True)):
+            model.sample(out, memory[:, first : first + size], step, period, self._streams(i, streams))
+            first += size
+
+    def _streams(self, i: int, streams: Streams) -> Streams:
+        """Return the streams of model i: its own in a sum, and those of the whole if it is the only model."""
+        return streams if len(self._models) == 1 else streams.derive(i)
+
+
+WINDS = Registry(  # `registry` adds the kinds and presets
+    "wind", "a wind model, the name of a wind", Wind, from_factory=WindFromFactory
+)
 
 
 @dataclass(frozen=True)

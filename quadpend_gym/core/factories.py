@@ -1,0 +1,80 @@
+"""Objects of the user's own code, named by a text ``"module:factory"``.
+
+The module is importable from the working directory or from the environment, and the factory is a function or class of
+it. Finding a factory executes the code of its module.
+"""
+
+import importlib
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable
+from difflib import get_close_matches
+from typing import Any
+
+_NAME = r"[^\W\d]\w*(?:\.[^\W\d]\w*)*"
+_FACTORY = re.compile(f"{_NAME}:{_NAME}")
+
+
+def is_factory(value: Any) -> bool:
+    """Return whether `value` is a text of the form ``"module:factory"``, where both may contain dots."""
+    return isinstance(value, str) and _FACTORY.fullmatch(value) is not None
+
+
+def find_factory(name: str) -> Callable[..., Any]:
+    """Return the function or class with a name.
+
+    Args:
+        name: Text of the form ``"module:factory"``.
+
+    Raises:
+        ValueError: If the module cannot be imported, or has no such function or class.
+    """
+    module_name, _, attribute = name.partition(":")
+    if "" not in sys.path and os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())  # as with `python -m`; the installed command `quadpend` does not add it
+    try:
+        found: Any = importlib.import_module(module_name)
+    except Exception as error:  # the module may raise exceptions of any type
+        missing = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
+        if missing and f"{module_name}.".startswith(f"{missing}."):
+            raise ValueError(
+                f"there is no module {missing!r} for {name!r}: it must be importable from the working directory"
+                f" {os.getcwd()} or be installed"
+            ) from error
+        raise ValueError(f"the module of {name!r} cannot be imported: {describe_error(error)}") from error
+    module = found
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            similar = get_close_matches(part, dir(module), 1)
+            hint = f"; did you mean {similar[0]!r}?" if similar else ""
+            raise ValueError(f"the module {module_name!r} has no {attribute!r}{hint}")
+        found = getattr(found, part)
+    if not callable(found):
+        raise ValueError(f"{name} must be a function or a class, not {found!r}")
+    return found  # type: ignore[no-any-return]
+
+
+def call_factory(name: str, factory: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a factory returns.
+
+    Args:
+        name: Name of the factory for error messages.
+        factory: The function or class.
+        arguments: Its arguments.
+
+    Raises:
+        ValueError: If the factory raises an exception.
+    """
+    try:
+        return factory(*arguments)
+    except Exception as error:  # the factory may raise exceptions of any type
+        raise ValueError(f"{name} failed: {describe_error(error)}") from error
+
+
+def describe_error(error: BaseException) -> str:
+    """Return type, message and place of an exception, such as "KeyError: 'x' (mine.py, line 7)"."""
+    frames = traceback.extract_tb(error.__traceback__)
+    place = f" ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}" + ("" if isinstance(error, SyntaxError) else place)
