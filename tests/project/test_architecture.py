@@ -60,9 +60,11 @@ LATE_IMPORTS = {
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.window"),  # pygame
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.picture"),  # pygame
     ("quadpend_train.policies.loading", "quadpend_train.policies.export"),  # torch and Stable-Baselines3
+    ("quadpend_train.policies.conversion", "quadpend_train.policies.export"),  # torch and Stable-Baselines3
+    ("quadpend_train.policies.conversion", "quadpend_train.policies.torch_policy"),  # torch
 }
 LATE_SUBPACKAGES = ["quadpend_train.cli"]  # `quadpend --help` starts without torch, matplotlib and pygame
-HEAVY_LIBRARIES = HEAVY | {"PIL", "imageio", "optuna", "rich", "sb3_contrib", "sympy", "tqdm"}
+HEAVY_LIBRARIES = HEAVY | {"PIL", "imageio", "onnxruntime", "optuna", "rich", "sb3_contrib", "sympy", "tqdm"}
 
 
 class Import(NamedTuple):

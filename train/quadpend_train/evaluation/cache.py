@@ -35,11 +35,15 @@ _TRAIN_SOURCES = (
     "common/version_0_1.py",
     "evaluation/episodes.py",
     "policies/adaptation.py",
+    "policies/conversion.py",
     "policies/export.py",
     "policies/finite_differences.py",
     "policies/loading.py",
     "policies/mlp_policy.py",
+    "policies/network_policy.py",
+    "policies/normalization.py",
     "policies/sb3_models.py",
+    "policies/torch_policy.py",
     "scenarios/scenario.py",
 )
 

@@ -10,7 +10,6 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
-from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import Scenario
 
 
@@ -20,14 +19,18 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     - A classical controller, also the base controller of a hybrid, receives the scenario's nominal simulation.
     - Where the action commands rotors, a classical controller receives a `RotorAllocation`.
     - Where velocities are not observed, a learned policy that needs them receives finite differences.
+
+    A learned policy has the attribute `observation_sizes`, the sizes of the observations that it accepts. Its actions
+    are those of the environment.
     """
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
         policy = adaptable.with_simulation(scenario.simulation)
-    if not isinstance(policy, MlpPolicy):
+    sizes = getattr(policy, "observation_sizes", None)
+    if sizes is None:
         rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]
         return RotorAllocation(policy, rotors[0], scenario.simulation) if rotors and policy is not adaptable else policy
-    if scenario.output_feedback and policy.observation_sizes == (OBSERVATION_SIZE,):
+    if scenario.output_feedback and tuple(sizes) == (OBSERVATION_SIZE,):
         return FiniteDifferencePolicy(policy, scenario.simulation.period)
     return policy
 

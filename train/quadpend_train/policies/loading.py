@@ -7,6 +7,8 @@ from quadpend_baselines import CONTROLLERS, Policy, controller
 from quadpend_baselines.gains import GAINS
 from quadpend_train.common.version_0_1 import current_name
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
+from quadpend_train.policies.network_policy import policy_from_onnx
+from quadpend_train.policies.normalization import statistics_file
 
 
 def load_policies(names: str) -> list[Policy]:
@@ -42,8 +44,10 @@ def load_policy(name: str) -> Policy:
             - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
             - the name of a learned policy of this package, with its seed (``"ppo-gain-scheduling-0"``);
             - the path of a run folder or of a policy file (.npz);
-            - the path of a model (.zip) saved by PPO, SAC or TQC of Stable-Baselines3. Loading a model executes code
-              that is in the file: load only files whose source you trust.
+            - the path of an ONNX file (.onnx), see `quadpend_train.policies.network_policy.policy_from_onnx`;
+            - the path of a model (.zip) saved by Stable-Baselines3 or sb3-contrib, or of a run folder of RL Baselines3
+              Zoo. Loading a model, or the statistics of `VecNormalize` beside it, executes code that is in the file:
+              load only files whose source you trust.
 
     Raises:
         ValueError: If `name` is none of these.
@@ -51,11 +55,13 @@ def load_policy(name: str) -> Policy:
     if name in CONTROLLERS:
         return controller(name)
     path = policy_file(name)
+    if path.suffix == ".onnx":
+        return policy_from_onnx(path)
     if path.suffix != ".zip":
         return MlpPolicy.load(path)
-    from quadpend_train.policies.export import export_zip
+    from quadpend_train.policies.export import policy_from_zip
 
-    return export_zip(path)
+    return policy_from_zip(path)
 
 
 def policy_fingerprints(names: str) -> list[str]:
@@ -74,7 +80,10 @@ def policy_fingerprint(name: str) -> str:
     """
     if name in CONTROLLERS:
         return f"{name} {GAINS[name]!r}"
-    return hashlib.sha256(policy_file(name).read_bytes()).hexdigest()
+    path = policy_file(name)
+    # An ONNX model can have its weights in another file, and a zip the statistics of VecNormalize.
+    parts = [path, path.with_name(f"{path.name}.data"), *([statistics_file(path)] if path.suffix == ".zip" else [])]
+    return hashlib.sha256(b"".join(part.read_bytes() for part in parts if part and part.is_file())).hexdigest()
 
 
 def policy_file(name: str) -> Path:
@@ -88,7 +97,8 @@ def policy_file(name: str) -> Path:
     """
     path = Path(name)
     if path.is_dir():
-        path = path / "policy.npz"
+        zoo = path / f"{path.name.rpartition('_')[0]}.zip"  # RL Baselines3 Zoo saves models as ID_1/ID.zip
+        path = zoo if zoo.is_file() else path / "policy.npz"
     if not path.is_file():
         path = SHIPPED / f"{current_name(name)}.npz"
     if not path.is_file():

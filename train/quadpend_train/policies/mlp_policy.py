@@ -15,6 +15,7 @@ Fields of a card that determine the policy:
 | `activation`      | activation function of the hidden layers, one of `ACTIVATIONS`                                   |
 | `squashed`        | whether the output goes through tanh; otherwise it is clipped to [−1, 1]                         |
 | `bound`           | limit of the output before tanh; optional                                                        |
+| `normalization`   | mean, standard deviation and limit of the normalised inputs, see `Normalization`; optional       |
 | `hybrid`          | data for `quadpend_baselines.hybrid.hybrid_from_data`; null for a policy without base controller |
 | `action_repeat`   | control steps for which each output of the network is used                                       |
 | `history`         | number of latest observations that the network receives, oldest first                            |
@@ -40,6 +41,7 @@ from quadpend_gym.core.validation import check_int
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_train.common.version_0_1 import current_card, current_name
+from quadpend_train.policies.normalization import normalization_from_data
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
@@ -95,6 +97,9 @@ class MlpPolicy:
         self._stateless = self.hybrid is None and self._history == 1 and not self._history_actions
         _check_layers(self.layers)
         inputs = self.layers[0][0].shape[0]
+        self._normalization = (
+            normalization_from_data(card["normalization"], inputs) if "normalization" in card else None
+        )
         self.observation_sizes = tuple(size for size in OBSERVATION_SIZES if self._input_size(size) == inputs)
         if not self.observation_sizes:
             sizes = " or ".join(str(self._input_size(size)) for size in OBSERVATION_SIZES)
@@ -176,6 +181,8 @@ class MlpPolicy:
 
     def forward(self, inputs: Floats32) -> Floats32:
         """Return the network's output for inputs of shape (m,) or (n, m), shape (4,) or (n, 4)."""
+        if self._normalization is not None:
+            inputs = self._normalization.apply(inputs)
         for weights, biases in self.layers[:-1]:
             inputs = self._activation(inputs @ weights + biases)
         weights, biases = self.layers[-1]

@@ -8,26 +8,41 @@ from typing import Any
 import torch
 
 ACTIVATION_MODULES = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
+# Algorithms by the part of its module that names the policy class of a saved model
+_BY_MODULE = {
+    "recurrent": "RecurrentPPO",
+    "maskable": "MaskablePPO",
+    "tqc": "TQC",
+    "crossq": "CrossQ",
+    "ars": "ARS",
+    "qrdqn": "QRDQN",
+    "dqn": "DQN",
+    "td3": "TD3",  # and DDPG
+    "sac": "SAC",
+}
+# Algorithms by a setting that only they have, for the policy classes that algorithms share and those of users
+_BY_SETTING = {"cg_max_steps": "TRPO", "clip_range": "PPO", "gae_lambda": "A2C", "target_policy_noise": "TD3"}
 
 
 def algorithm_class(name: str) -> Any:
     """Return the class of an algorithm.
 
     Args:
-        name: ``"ppo"``, ``"sac"`` or ``"tqc"``.
+        name: The name of the class in Stable-Baselines3 or sb3-contrib, or ``"ppo"``, ``"sac"`` or ``"tqc"``.
 
     Raises:
         ValueError: If the package of the algorithm is not installed.
     """
-    if name == "tqc":
-        try:
-            from sb3_contrib import TQC
-        except ImportError as error:
-            raise ValueError("TQC needs sb3-contrib: pip install 'quadpend-gym[train]'") from error
-        return TQC
-    from stable_baselines3 import PPO, SAC
+    import stable_baselines3
 
-    return {"ppo": PPO, "sac": SAC}[name]
+    name = name.upper() if name.islower() else name
+    if hasattr(stable_baselines3, name):
+        return getattr(stable_baselines3, name)
+    try:
+        import sb3_contrib
+    except ImportError as error:
+        raise ValueError(f"{name} needs sb3-contrib: pip install 'quadpend-gym[train]'") from error
+    return getattr(sb3_contrib, name)
 
 
 def is_on_policy(model: Any) -> bool:
@@ -53,21 +68,43 @@ def start_new_episodes(model: Any) -> None:
         (model.policy if is_on_policy(model) else model.actor).reset_noise(env.num_envs)
 
 
+def actor_modules(model: Any) -> list[torch.nn.Module]:
+    """Return the modules between a model's observation and its deterministic action, in order.
+
+    Raises:
+        ValueError: If the model has no such sequence of modules.
+    """
+    policy = model.policy
+    if hasattr(policy, "mlp_extractor") and not hasattr(policy, "lstm_actor"):  # PPO, A2C, TRPO
+        return [policy.mlp_extractor.policy_net, policy.action_net]
+    if hasattr(policy, "actor") and hasattr(policy.actor, "latent_pi"):  # SAC, TQC
+        return [policy.actor.latent_pi, policy.actor.mu, torch.nn.Tanh()]
+    if hasattr(policy, "actor"):  # TD3, DDPG
+        return [policy.actor.mu]
+    if hasattr(policy, "action_net") and not hasattr(policy, "lstm_actor"):  # ARS
+        return [policy.action_net]
+    raise ValueError(f"the policy of {type(model).__name__} is not a feedforward network")
+
+
 def read_zip(path: Path) -> Any:
-    """Load a model from a file saved by PPO, SAC or TQC. Loading executes code that is in the file.
+    """Load a model from a file saved by Stable-Baselines3 or sb3-contrib. Loading executes code that is in the file.
 
     Raises:
         ValueError: If `path` is not such a file.
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            module = json.loads(archive.read("data"))["policy_class"]["__module__"]
-    except (zipfile.BadZipFile, KeyError, TypeError, ValueError, OSError) as error:
+            data = json.loads(archive.read("data"))
+        module = data["policy_class"]["__module__"].split(".")
+    except (zipfile.BadZipFile, KeyError, TypeError, ValueError, AttributeError, OSError) as error:
         raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {error}") from error
-    name = next((name for name in ("sac", "tqc") if f".{name}." in module), "ppo")
+    names = [name for part, name in _BY_MODULE.items() if part in module]
+    names += [name for setting, name in _BY_SETTING.items() if setting in data]
+    name = names[0] if names else "SAC" if "target_entropy" in data else "PPO"
     try:
-        return algorithm_class(name).load(path, device="cpu")
+        # Running a model needs no replay buffer, which could be larger than the memory.
+        return algorithm_class(name).load(path, device="cpu", custom_objects={"buffer_size": 1})
     except ImportError as error:
         raise ValueError(f"{path} needs a package that is not installed: {error}") from error
-    except (TypeError, KeyError, ValueError, AttributeError, RuntimeError) as error:
-        raise ValueError(f"{path} is not a model of PPO, SAC or TQC: {error}") from error
+    except Exception as error:  # a model can contain any code
+        raise ValueError(f"{path} is not a model of {name}: {error}") from error
