@@ -1,4 +1,15 @@
-"""A spherical inverted pendulum balanced on a quadrotor, as Gymnasium environments."""
+"""A spherical inverted pendulum balanced on a quadrotor in the wind, as Gymnasium environments.
+
+    import gymnasium as gym
+    import quadpend_gym
+
+    env = gym.make("QuadPendulum-v0")
+
+The import registers the environments `QuadPendulum-v0` and `QuadPendulumHover-v0`. A line
+``gym.register_envs(quadpend_gym)`` after it has no effect, but linters then do not report an unused import. The id
+``"quadpend_gym:QuadPendulum-v0"`` needs no import, for example in worker processes and on command lines.
+`QuadPendulumEnv` describes action, observation, reward and episode.
+"""
 
 from typing import Any
 

@@ -32,7 +32,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     ## Action Space
     `Box(-1, 1, (4,), float32)`; the zero action is hover. An action that is out of range or not finite raises
-    ValueError.
+    ValueError. A component that is outside [−1, 1] by at most 10⁻⁶, the rounding of float32, counts as −1 or 1.
 
     | action | command                       | unit | range at ±1    |
     |--------|-------------------------------|------|----------------|

@@ -6,9 +6,13 @@ Compiled code cannot raise an exception with a message that depends on array val
 
 from typing import Any
 
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.jit import inlined
 
 NO_ERROR = -1
+ROUNDING = 1e-6  # by how much an action may exceed ±1: a few units in the last place of float32
 
 
 @inlined
@@ -26,6 +30,12 @@ def wind_error(row: int) -> int:
 def decode_error(code: int) -> tuple[str, int]:
     """Return the wrong input, ``"action"`` or ``"wind"``, and its row, for an error code other than `NO_ERROR`."""
     return ("action", code) if code > NO_ERROR else ("wind", -2 - code)
+
+
+def clip_rounding(action: Floats32) -> Floats32:
+    """Return the actions; clipped to [−1, 1] if the largest is outside, but by at most `ROUNDING`."""
+    largest = np.abs(action).max()
+    return np.clip(action, -1.0, 1.0) if 1.0 < largest <= 1.0 + ROUNDING else action
 
 
 def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> None:

@@ -39,7 +39,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             the value, which is a string, can the specification be converted to JSON.
         render_mode: As in `QuadPendulumEnv`. With ``"rgb_array"`` the method `render` returns a tuple of one array for
             each sub-environment, with ``"mosaic"`` one array that shows the first 64 as tiles; ``"human"`` shows these
-            tiles in a window.
+            tiles in a window. Gymnasium's vector `RecordVideo` needs one array for each sub-environment: use it with
+            ``"rgb_array"``.
 
     Raises:
         TypeError: If an argument has the wrong type.

@@ -33,7 +33,7 @@ from quadpend_gym.envs.kernel_layout import (
 )
 from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_errors import NO_ERROR, raise_step_error
+from quadpend_gym.envs.step_errors import NO_ERROR, clip_rounding, raise_step_error
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
@@ -42,6 +42,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import draw_references
 from quadpend_gym.tasks.starts import draw_starts
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
+from quadpend_gym.wind.strength import warn_if_too_strong
 
 
 class World:
@@ -118,6 +119,7 @@ class World:
         settings = make_settings(self.task, self.simulation, self._moves_air, self.simulation.substeps)
         self._settings = pack_settings(settings)
         self._wind_columns = np.zeros((WIND_SIZE, self.num_envs))
+        warn_if_too_strong(all_models, self.simulation)
         self._require_reset()
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
@@ -281,7 +283,8 @@ class World:
         """Advance every sub-environment by one control period.
 
         Args:
-            action: Shape (n, 4), float32, components in [−1, 1].
+            action: Shape (n, 4), float32, components in [−1, 1]. A component that is outside by at most 10⁻⁶, the
+                rounding of float32, is clipped.
 
         Returns:
             The observation, shape (n, 36), and the outcome, shape (k, n), whose rows `quadpend_gym.envs.outcome` names.
@@ -294,20 +297,30 @@ class World:
             where = "" if self.num_envs == 1 else f"sub-environment {self._needs_reset.argmax()} has no episode: "
             raise ResetNeeded(f"{where}call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
-        action_name = "action"
         if self._actuators.models:
-            raise_step_error(step_kernel.check_inputs(action, self._wind_columns), action, self.wind, action_name)
-            action, action_name = self._actuate(action), "action after the actuators"
+            error = step_kernel.check_inputs(action, self._wind_columns)
+            if error != NO_ERROR:
+                return self._step_clipped(error, action)
+            action = self._actuate(action)
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
         if self._sensors.models:
             error = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
         else:
             error = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)
         if error != NO_ERROR:
-            raise_step_error(error, action, self.wind, action_name)
+            if self._actuators.models:
+                raise_step_error(error, action, self.wind, "action after the actuators")
+            return self._step_clipped(error, action)
         if self._sensors.models:
             self._sense()
             step_kernel.observe_sensed(self._sensed, observation)
         if self._wind_models.models:
             self._sample_wind()
         return observation, outcome[:, : self.num_envs] if self._padded else outcome
+
+    def _step_clipped(self, error: int, action: Floats32) -> tuple[Floats32, Floats]:
+        """Repeat a refused step with the action clipped if the action exceeds ±1 by rounding only; else raise."""
+        clipped = clip_rounding(action)
+        if clipped is action:
+            raise_step_error(error, action, self.wind, "action")
+        return self.step(clipped)

@@ -20,6 +20,7 @@ from quadpend_baselines.hybrid.registry import hybrid_from_data
 from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.spaces import check_action, observation_space
+from quadpend_gym.envs.step_errors import clip_rounding
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
@@ -45,7 +46,7 @@ def _check_policy_action(action: Any, shape: tuple[int, ...], memory: HybridMemo
     """Return the policy's action as float32 after the checks that the environment makes of its own action."""
     if memory is None:
         raise ResetNeeded("reset must be called before step")
-    checked = check_action(action, shape)
+    checked = clip_rounding(check_action(action, shape))
     if not (np.abs(checked) <= 1.0).all():
         raise ValueError(f"action must be four numbers in [-1, 1], not {checked.tolist()}")
     return checked

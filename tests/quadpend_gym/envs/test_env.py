@@ -13,7 +13,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_with_sb3
 
 from quadpend_gym import OBSERVATION_FIELDS, Parameters, QuadPendulumVectorEnv, Reference, read_observation
+from quadpend_gym.actuators import MotorLag
 from quadpend_gym.physics.state import STATE_FIELDS
+from quadpend_gym.wrappers import ActuatorWrapper
 from tests.helpers.envs import (
     AT_REST,
     AUTORESET_MODES,
@@ -135,6 +137,15 @@ def test_full_action_commands_the_documented_torque(component: int, full_torque:
     expected = np.zeros(3)
     expected[component - 1] = -full_torque / 0.1 * 0.01  # τ / I · period
     assert_allclose(env.state.euler_rate, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("actuators", [(), MotorLag(0.02)], ids=["direct", "lagged"])
+def test_an_action_that_exceeds_one_by_rounding_counts_as_one(actuators: Any) -> None:
+    rounded, exact = (ActuatorWrapper(make(), actuators) for _ in range(2))
+    assert_same(rounded.reset(seed=1), exact.reset(seed=1))
+    assert_same(rounded.step([1.0000001, -1.0000009, 0.5, 0.0]), exact.step([1.0, -1.0, 0.5, 0.0]))
+    with pytest.raises(ValueError, match=r"action must be four numbers in \[-1, 1\], not \[1.00000"):
+        rounded.step([1.000002, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("name", STATE_FIELDS)

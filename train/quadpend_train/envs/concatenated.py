@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.envs.spaces import check_action
+from quadpend_gym.envs.step_errors import ROUNDING
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
@@ -74,7 +75,7 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step every sub-environment."""
         actions = check_action(actions, (self.num_envs, ACTION_SIZE))
-        if not (np.abs(actions) <= 1.0).all():  # before the first environment moves
+        if not (np.abs(actions) <= 1.0 + ROUNDING).all():  # before the first environment moves
             raise ValueError(f"action must be {ACTION_SIZE} numbers in [-1, 1] for every sub-environment")
         results = [env.step(actions[rows]) for env, rows in zip(self.envs, self._rows, strict=True)]
         observation, reward, terminated, truncated = (
