@@ -9,7 +9,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import check_interval, check_number, from_plain, to_plain_fields
+from quadpend_gym.core.validation import check_interval, check_number, from_plain, suggest, to_plain_fields
 from quadpend_gym.physics.parameters import PARAMETER_NAMES, Parameters
 
 Interval = tuple[float, float] | None  # (lowest, highest) of a uniform distribution, or None for the nominal value
@@ -86,7 +86,10 @@ class Around:
             raise TypeError(f"names must be a sequence of names of parameters, not {self.names!r}")
         for name in self.names:
             if name not in PARAMETER_NAMES:
-                raise ValueError(f"there is no parameter {name!r}; there are {', '.join(PARAMETER_NAMES)}")
+                raise ValueError(
+                    f"there is no parameter {name!r}{suggest(name, PARAMETER_NAMES)}; there are"
+                    f" {', '.join(PARAMETER_NAMES)}"
+                )
 
     def ranges(self, parameters: Parameters) -> ParameterRanges:
         """Return the intervals around these nominal parameters."""

@@ -14,7 +14,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import from_plain
+from quadpend_gym.core.validation import from_plain, suggest
 
 
 class Model(Protocol):
@@ -92,14 +92,20 @@ class Registry:
             if value in self.presets:
                 return self.parse(self.presets[value])
             if self._class(value) is None:
-                known = ", ".join([*self.presets, *self.kinds])
+                known = [*self.presets, *self.kinds]
                 own = "; or give 'module:factory'" if self.from_factory else ""
-                raise ValueError(f"there is no {self.name} {value!r}; there are {known}{own}")
+                raise ValueError(
+                    f"there is no {self.name} {value!r}{suggest(value, known)}; there are {', '.join(known)}{own}"
+                )
             value = {"kind": value}
         if isinstance(value, Mapping):
             data = dict(value)
             if (kind := self._class(data.get("kind"))) is None:
-                raise ValueError(f"{self.name} has no kind {data.get('kind')!r}; the kinds are {', '.join(self.kinds)}")
+                given = data.get("kind")
+                raise ValueError(
+                    f"{self.name} has no kind {given!r}{suggest(given, self.kinds)}; the kinds are"
+                    f" {', '.join(self.kinds)}"
+                )
             if kind is not self.from_factory:
                 del data["kind"]
             value = from_plain(kind, data, self.name)

@@ -5,8 +5,9 @@ converts them back and raises an error for unknown fields, missing fields and wr
 sentence that names the argument, its value and the permitted values.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
 from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
@@ -33,7 +34,9 @@ def from_plain(kind: type[Dataclass], value: Any, name: str) -> Dataclass:
         raise TypeError(f"{name} must be a {kind.__name__} or a mapping of its fields, not {value!r}")
     known = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
     if unknown := sorted(set(value) - set(known), key=str):
-        raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(known)}")
+        raise ValueError(
+            f"{name} has no field {unknown[0]!r}{suggest(unknown[0], known)}; its fields are {', '.join(known)}"
+        )
     for field in known.values():
         if field.name not in value and field.default is MISSING and field.default_factory is MISSING:
             raise TypeError(f"{name} lacks the field {field.name!r}")
@@ -61,6 +64,17 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     return tuple(_plain(item) for item in value) if isinstance(value, list | tuple) else value
+
+
+def suggest(value: Any, known: Iterable[str]) -> str:
+    """Return " (did you mean 'windy'?)" with the known name that is most similar to `value`, or "" if none is similar.
+
+    Args:
+        value: Unknown name, of any type.
+        known: Known names.
+    """
+    similar = get_close_matches(str(value), list(known), 1)
+    return f" (did you mean {similar[0]!r}?)" if similar else ""
 
 
 def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> float:

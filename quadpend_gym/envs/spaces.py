@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium import spaces
 
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.core.validation import as_float_array
+from quadpend_gym.core.validation import as_float_array, suggest
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
@@ -36,7 +36,9 @@ def check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dic
     if not isinstance(options, dict):
         raise TypeError(f"options must be a dict, not {options!r}")
     if unknown := [key for key in options if key not in known]:
-        raise ValueError(f"there is no option {unknown[0]!r}; the options are {', '.join(known)}")
+        raise ValueError(
+            f"there is no option {unknown[0]!r}{suggest(unknown[0], known)}; the options are {', '.join(known)}"
+        )
     return options
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import check_interval, check_number, from_plain
+from quadpend_gym.core.validation import check_interval, check_number, from_plain, suggest
 
 EPISODE_STEPS = 1000  # control steps after which an episode is truncated: 10 s at the default control period
 Interval = tuple[float, float]
@@ -132,7 +132,7 @@ def as_task(value: Any) -> Task:
     """
     if isinstance(value, str):
         if value not in TASKS:
-            raise ValueError(f"there is no task {value!r}; the tasks are {', '.join(TASKS)}")
+            raise ValueError(f"there is no task {value!r}{suggest(value, TASKS)}; the tasks are {', '.join(TASKS)}")
         return TASKS[value]
     return from_plain(Task, value, "task")
 

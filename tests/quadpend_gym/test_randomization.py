@@ -242,7 +242,10 @@ BAD = {
     "share of 1": (lambda: Around(1.0), "share .* not 1.0"),
     "negative share": (lambda: Around(-0.1), "share .* not -0.1"),
     "text as share": (lambda: Around("much"), "share must be a number, not 'much'"),  # type: ignore[arg-type]
-    "unknown name": (lambda: Around(0.1, ("mass",)), "no parameter 'mass'; there are quadrotor_mass"),
+    "unknown name": (
+        lambda: Around(0.1, ("mass",)),
+        "no parameter 'mass' .did you mean 'bob_mass'..; there are quadrotor_mass",
+    ),
 }
 
 

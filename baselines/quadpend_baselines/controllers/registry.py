@@ -12,6 +12,7 @@ from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym import Simulation
+from quadpend_gym.core.validation import suggest
 
 # Each factory makes a controller from its gains and the nominal simulation (None: the default).
 CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
@@ -25,6 +26,16 @@ CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "mppi": partial(OutputFeedback, Mppi),
 }
 CONTROLLERS = tuple(CONTROLLER_FACTORIES)
+DESCRIPTIONS = {
+    "adrc-paper": "the paper's ADRC with discontinuous observers (ADRC-DESO), its control law and its gains",
+    "adrc-matched": "adrc-paper, with the disturbance also compensated where the wind enters",
+    "adrc-tuned": "adrc-matched with tuned gains",
+    "adrc-linear": "adrc-tuned with linear observers",
+    "lqr": "linear-quadratic regulator around hover, with feedforward of the reference",
+    "lqi": "lqr with integrators",
+    "flatness": "nonlinear, flatness-based cascade; the best classical controller",
+    "mppi": "model-predictive control with sampled trajectories (MPPI) around a linear feedback",
+}
 
 
 def controller(name: str, simulation: Simulation | None = None) -> Policy:
@@ -39,5 +50,7 @@ def controller(name: str, simulation: Simulation | None = None) -> Policy:
         ValueError: If no controller has this name.
     """
     if name not in CONTROLLER_FACTORIES:
-        raise ValueError(f"there is no controller {name!r}; there are {', '.join(CONTROLLERS)}")
+        raise ValueError(
+            f"there is no controller {name!r}{suggest(name, CONTROLLERS)}; there are {', '.join(CONTROLLERS)}"
+        )
     return CONTROLLER_FACTORIES[name](GAINS[name], simulation)

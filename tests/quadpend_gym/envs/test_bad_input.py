@@ -250,7 +250,7 @@ def test_weights_must_not_all_be_zero(kind: Any, weights: dict[str, float]) -> N
 
 def test_a_sum_accepts_wind_models_only() -> None:
     assert_refused(lambda: Sum((Constant(), 3.0)), "wind must be a wind model,.* not 3.0", TypeError)
-    assert_refused(lambda: Constant() + "gust", "no wind 'gust'; there are calm", ValueError)
+    assert_refused(lambda: Constant() + "gust", "no wind 'gust' .did you mean 'gusts'..; there are calm", ValueError)
 
 
 def test_a_step_before_the_first_reset_is_refused() -> None:

@@ -70,10 +70,19 @@ def test_files_change_the_defaults_and_errors_name_the_setting(tmp_path: Path) -
     )
     assert read_settings(str(path)) == expected
     for text, message in (
-        ("sead = 7\n", "mine.toml sets 'sead', which is not a setting; the settings are algo, scenarios"),
-        ("[ppo]\nepoch = 7\n", "mine.toml sets 'epoch', which is not a setting; the settings are n_steps"),
+        (
+            "sead = 7\n",
+            "mine.toml sets 'sead', which is not a setting .did you mean 'seed'..; the settings are algo, scenarios",
+        ),
+        (
+            "[ppo]\nepoch = 7\n",
+            "mine.toml sets 'epoch', which is not a setting .did you mean 'n_epochs'..; the settings are n_steps",
+        ),
         ("[sac]\nn_steps = 7\n", "mine.toml sets 'n_steps', which is not a setting"),
-        ("[hybrid]\nmodus = 7\n", "mine.toml sets 'modus', which is not a setting; the settings are base_controller"),
+        (
+            "[hybrid]\nmodus = 7\n",
+            "mine.toml sets 'modus', which is not a setting .did you mean 'mode'..; the settings are base_controller",
+        ),
         ("[reward]\nfun = 7\n", "mine.toml sets 'fun', which is not a setting; the settings are tracking"),
         ("ppo = 7\n", "ppo"),
         ("hybrid = 7\n", "hybrid"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from quadpend_baselines import CONTROLLERS, Policy, controller
 from quadpend_baselines.gains import GAINS
+from quadpend_gym.core.validation import suggest
 from quadpend_train.common.version_0_1 import current_name
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.policies.network_policy import policy_from_onnx
@@ -102,8 +103,9 @@ def policy_file(name: str) -> Path:
     if not path.is_file():
         path = SHIPPED / f"{current_name(name)}.npz"
     if not path.is_file():
-        known = ", ".join([*CONTROLLERS, *shipped_policies()])
+        known = [*CONTROLLERS, *shipped_policies()]
         raise ValueError(
-            f"there is no policy {name!r}; there are {known}; or give the path of a finished run or a policy file"
+            f"there is no policy {name!r}{suggest(name, known)}; there are {', '.join(known)}; or give the path of a"
+            " finished run or a policy file"
         )
     return path

@@ -18,6 +18,7 @@ from quadpend_gym.actuators import as_actuators
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
+from quadpend_gym.core.validation import suggest
 from quadpend_gym.physics.drag import AIR_DENSITY
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_SIZE, State
@@ -91,8 +92,10 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
     for category, (kinds, as_models) in _CATEGORIES.items():
         if data.get("kind") in kinds:
             return category, as_models(data)
-    known = ", ".join([*PRESETS, *(kind for kinds, _ in _CATEGORIES.values() for kind in kinds if kind != "sum")])
-    raise ValueError(f"there is no model {name!r}; there are {known}; or give JSON with a kind")
+    known = [*PRESETS, *(kind for kinds, _ in _CATEGORIES.values() for kind in kinds if kind != "sum")]
+    raise ValueError(
+        f"there is no model {name!r}{suggest(name, known)}; there are {', '.join(known)}; or give JSON with a kind"
+    )
 
 
 def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:

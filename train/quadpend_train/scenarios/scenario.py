@@ -19,7 +19,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import as_actuators, check_chain
-from quadpend_gym.core.validation import check_int, check_positive, from_plain
+from quadpend_gym.core.validation import check_int, check_positive, from_plain, suggest
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.tasks import TASKS, RewardWeights, as_task
@@ -170,8 +170,8 @@ def find_scenario(name: str) -> Scenario:
     path = Path(name)
     if path.suffix not in (".toml", ".json") or not path.is_file():
         raise ValueError(
-            f"there is no scenario {name!r}; the scenarios are {', '.join(SCENARIOS)}; or give the path of a TOML or"
-            " JSON file, or JSON"
+            f"there is no scenario {name!r}{suggest(name, [*SCENARIOS, *SETS])}; the scenarios are"
+            f" {', '.join(SCENARIOS)}; or give the path of a TOML or JSON file, or JSON"
         )
     return from_plain(Scenario, read_mapping(path), str(path))
 

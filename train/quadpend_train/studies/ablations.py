@@ -16,6 +16,7 @@ import numpy as np
 
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.validation import suggest
 from quadpend_train.common import documents
 from quadpend_train.common.files import to_json_data
 from quadpend_train.common.provenance import versions
@@ -197,7 +198,9 @@ def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS))
         ValueError: If a name is unknown.
     """
     if unknown := [name for name in names if name not in ABLATIONS]:
-        raise ValueError(f"there is no ablation {unknown[0]!r}; there are {', '.join(ABLATIONS)}")
+        raise ValueError(
+            f"there is no ablation {unknown[0]!r}{suggest(unknown[0], ABLATIONS)}; there are {', '.join(ABLATIONS)}"
+        )
     results = {}
     for name in names:
         pairs = [settings_pair(ABLATIONS[name], seed) for seed in range(seeds)]

@@ -23,7 +23,7 @@ from quadpend_baselines import Policy
 from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.rollout import rollout
-from quadpend_gym.core.validation import check_int
+from quadpend_gym.core.validation import check_int, suggest
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
@@ -207,7 +207,10 @@ def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict
         ValueError: If the controller has no search space, or a number is out of range.
     """
     if name not in SEARCH_SPACES:
-        raise ValueError(f"there is no controller {name!r} to tune; there are {', '.join(SEARCH_SPACES)}")
+        raise ValueError(
+            f"there is no controller {name!r} to tune{suggest(name, SEARCH_SPACES)}; there are"
+            f" {', '.join(SEARCH_SPACES)}"
+        )
     check_int(trials, "trials", 1)
     check_int(episodes, "episodes", 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)

@@ -10,7 +10,7 @@ from quadpend_baselines.hybrid import HYBRIDS
 from quadpend_baselines.hybrid.base_controller import check_action_scale
 from quadpend_baselines.hybrid.fallback import check_fallback_gain
 from quadpend_gym import RewardWeights
-from quadpend_gym.core.validation import check_int, check_number, check_positive, from_plain
+from quadpend_gym.core.validation import check_int, check_number, check_positive, from_plain, suggest
 from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
@@ -272,7 +272,9 @@ _TABLES: dict[str, Any] = {
 
 def _check_choice(value: Any, name: str, known: tuple[str, ...]) -> None:
     if value not in known:
-        raise ValueError(f"{name} must be one of {', '.join(filter(None, known))}, not {value!r}")
+        raise ValueError(
+            f"{name} must be one of {', '.join(filter(None, known))}, not {value!r}{suggest(value, known)}"
+        )
 
 
 def _scenarios(value: Any, name: str) -> tuple[str, ...]:
@@ -306,8 +308,10 @@ def read_settings(name: str) -> TrainSettings:
             raise ValueError(f"the card of {path} has no settings")
         return from_mapping(card["settings"], f"the card of {path}")
     if not path.is_file():
-        known = ", ".join(sorted(item.stem for item in PRESETS.glob("*.toml")))
-        raise ValueError(f"settings must be the path of a file or one of {known}, not {name!r}")
+        known = sorted(item.stem for item in PRESETS.glob("*.toml"))
+        raise ValueError(
+            f"settings must be the path of a file or one of {', '.join(known)}, not {name!r}{suggest(name, known)}"
+        )
     return from_mapping(read_mapping(path), str(path))
 
 
@@ -330,7 +334,8 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
             raise TypeError(f"{name} must be a mapping, not {given!r}")
         if unknown := [key for key in given if key not in known]:
             raise ValueError(
-                f"{source} sets {unknown[0]!r}, which is not a setting; the settings are {', '.join(known)}"
+                f"{source} sets {unknown[0]!r}, which is not a setting{suggest(unknown[0], known)}; the settings are"
+                f" {', '.join(known)}"
             )
     return TrainSettings(**values)
 
