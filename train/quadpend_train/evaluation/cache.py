@@ -18,7 +18,6 @@ import numpy as np
 import quadpend_baselines
 import quadpend_gym
 from quadpend_gym.core.source_hash import source_hash
-from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.common.provenance import versions
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.scenarios import Scenario, scenario_hash
@@ -82,15 +81,21 @@ def has(folder: Path, name: str) -> bool:
     return _path(folder, name).exists()
 
 
-def load(folder: Path, name: str) -> EpisodeResults | None:
-    """Return the cached results with this name; None if there are none, or, with a warning, if the file is damaged."""
+def load(folder: Path, name: str, steps: int) -> EpisodeResults | None:
+    """Return the cached results with this name; None if there are none, or, with a warning, if the file is damaged.
+
+    Args:
+        folder: Folder of the cached results.
+        name: Name, see `key`.
+        steps: Number of control steps of an episode.
+    """
     if not has(folder, name):
         return None
     path = _path(folder, name)
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             results = EpisodeResults(**{field: data[field] for field in EpisodeResults._fields})
-        if results.error.shape != (*results.survived.shape, EPISODE_STEPS):
+        if results.error.shape != (*results.survived.shape, steps):
             raise ValueError("the shapes of its arrays do not match")
     except Exception as error:  # readers of a damaged archive raise exceptions of many types
         warnings.warn(f"{path} is damaged and its results are computed again: {error}", stacklevel=2)

@@ -14,7 +14,6 @@ from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
-from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, find_scenario
 
@@ -23,14 +22,14 @@ from quadpend_train.scenarios import Scenario, find_scenario
 TEST_SEED = 1_000_000  # of the published results
 TUNING_SEED = 2_000_000  # for the tuning of the classical controllers
 VALIDATION_SEED = 3_000_000  # for daily use, and for the evaluations during training, which select the best policy
-SETTLED_STEP = 500  # first step of the settled RMSE, after which the start has little influence
 FALL_ERROR = 1.0  # m, RMSE that a fall counts as, and the upper limit of the penalised RMSE
 
 
 class EpisodeResults(NamedTuple):
     """Metrics of n episodes for s policies: the training seeds of one learner, or one controller.
 
-    A fall is an early termination. An episode without a fall is survived: it lasts 1000 steps.
+    A fall is an early termination. An episode without a fall is survived: it lasts for the duration of the scenario,
+    which is `Scenario.steps` control steps (T).
 
     Attributes:
         survived: Whether the episode was survived, shape (s, n).
@@ -38,11 +37,13 @@ class EpisodeResults(NamedTuple):
         rmse: Root mean square of the norm of the tracking error over these steps, m, shape (s, n).
         penalised_rmse: `rmse`, but at most 1 m, and 1 m for a fall, so that falling is never better than surviving; m,
             shape (s, n).
-        settled_rmse: Root mean square of the error from step 500 on, m; nan for a fall; shape (s, n).
+        settled_rmse: Root mean square of the error over the second half of the episode, in which the start has little
+            influence, m; nan for a fall; shape (s, n).
         largest_tilt: Largest angle of the pendulum from upright, rad, shape (s, n).
         effort: Root mean square of the norm of the action, shape (s, n).
-        episode_return: Sum of the rewards, shape (s, n).
-        error: Norm of the tracking error after each step, m; nan after a fall; shape (s, n, 1000).
+        episode_return: Sum of the rewards times the control period divided by 0.01 s, shape (s, n). So it is at most
+            100 for each second of an episode at any control period, and the plain sum at the default control period.
+        error: Norm of the tracking error after each step, m; nan after a fall; shape (s, n, T).
     """
 
     survived: Booleans
@@ -73,26 +74,29 @@ def run_episodes(
         options: Options of the environment's reset, such as a start for each episode.
 
     Raises:
-        ValueError: If the scenario is unknown, or its control period is not 0.01 s.
+        ValueError: If the scenario is unknown.
     """
     if isinstance(scenario, str):
         scenario = find_scenario(scenario)
-    if scenario.simulation.period != CONTROL_PERIOD:
-        raise ValueError(
-            f"the control period of an evaluated scenario must be {CONTROL_PERIOD:g} s, not"
-            f" {scenario.simulation.period:g} s: the metrics are defined for {EPISODE_STEPS} steps of that period"
-        )
-    results = []
+    results, lengths = [], np.full(episodes, scenario.steps)
     for policy in policies:
         env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
-        results.append(collect_results(rollout(adapt_policy(policy, scenario), env, seed, options), episodes))
+        steps = rollout(adapt_policy(policy, scenario), env, seed, options)
+        results.append(collect_results(steps, lengths, scenario.simulation.period))
     return EpisodeResults(*(np.stack(parts) for parts in zip(*results, strict=True)))
 
 
-def collect_results(rollout_steps: Iterable[RolloutStep], episodes: int) -> EpisodeResults:
-    """Compute the metrics of a rollout of `episodes` sub-environments; the arrays have no axis for training seeds."""
+def collect_results(rollout_steps: Iterable[RolloutStep], lengths: Integers, period: float) -> EpisodeResults:
+    """Compute the metrics of a rollout; the arrays have no axis for training seeds.
+
+    Args:
+        rollout_steps: Steps of n sub-environments.
+        lengths: Steps after which their episodes are truncated, shape (n,).
+        period: Control period, s.
+    """
+    episodes = len(lengths)
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
-    error = np.full((EPISODE_STEPS, episodes), np.nan)
+    error = np.full((lengths.max(), episodes), np.nan)
     tilt, effort, episode_return = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     for number, step in enumerate(rollout_steps):
         running = step.active
@@ -103,7 +107,10 @@ def collect_results(rollout_steps: Iterable[RolloutStep], episodes: int) -> Epis
         steps += running
         survived |= step.survived
     rmse = np.sqrt(np.nansum(error**2, axis=0) / steps)
-    settled = np.sqrt(np.mean(error[SETTLED_STEP:] ** 2, axis=0))
+    settled = np.empty(episodes)
+    for length in np.unique(lengths):
+        rows = lengths == length
+        settled[rows] = np.sqrt(np.mean(np.compress(rows, error[length // 2 : length], axis=1) ** 2, axis=0))
     return EpisodeResults(
         survived,
         steps,
@@ -112,6 +119,6 @@ def collect_results(rollout_steps: Iterable[RolloutStep], episodes: int) -> Epis
         np.where(survived, settled, np.nan),
         tilt,
         np.sqrt(effort / steps),
-        episode_return,
+        episode_return * (period / CONTROL_PERIOD),
         np.ascontiguousarray(error.T, np.float32),
     )

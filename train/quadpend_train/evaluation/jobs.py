@@ -70,10 +70,12 @@ def run_jobs(
         ValueError: If a policy is unknown, does not fit a scenario, or its file changes while the job runs.
     """
     keys = {name: key for name, job in jobs.items() if cache_folder and (key := job.cache_key())}
-    cached = (
-        {} if recompute or not cache_folder else {name: cache.load(cache_folder, key) for name, key in keys.items()}
-    )
-    results = {name: found for name, found in cached.items() if found is not None}
+    cached = {} if recompute else keys
+    results = {
+        name: found
+        for name, key in cached.items()
+        if cache_folder and (found := cache.load(cache_folder, key, jobs[name].scenario.steps)) is not None
+    }
     missing = {name: job for name, job in jobs.items() if name not in results}
     with (
         tqdm(total=len(jobs), initial=len(results), unit="job", leave=False) as bar,

@@ -1,9 +1,9 @@
 """Episodes of a comparison that the HTML page can replay in 3-D: their selection, recording and storage.
 
 `templates/replay.html` is the page's section, which reads the data that `record_replay` returns. An episode is stored
-as samples at 25 Hz and the last step. Each channel of the samples is an array of 16-bit integers; an integer times the
-scale of the channel is the value. The arrays are concatenated and encoded in base64. A channel with the scale 0 is 0
-throughout and is not stored.
+as samples at about 25 Hz and the last step. Each channel of the samples is an array of 16-bit integers; an integer
+times the scale of the channel is the value. The arrays are concatenated and encoded in base64. A channel with the scale
+0 is 0 throughout and is not stored.
 """
 
 import base64
@@ -15,16 +15,15 @@ from markupsafe import Markup
 from tqdm.auto import tqdm
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
-from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports.html_page import Section, embedded, environment, style
+from quadpend_train.scenarios import Scenario
 
-SAMPLE_INTERVAL = 4  # control steps
+SAMPLE_PERIOD = 0.04  # s, rounded to whole control periods
 # Channels of a sample and their numbers of components: m, rad, unit vector, N, N, N, m; all vectors in the world frame.
 CHANNELS = {"position": 3, "euler": 3, "direction": 3, "force": 3, "bob_force": 3, "estimate": 3, "error": 1}
 MISSING, _LARGEST = -32768, 32767  # the integer that stands for nan, and the largest integer
@@ -92,19 +91,17 @@ def record_replay(
     with tqdm(total=len(names) * sum(map(len, choices.values())), unit="recording", leave=False) as bar:
         for scenario, chosen in choices.items():
             for title, episode in chosen:
-                recordings = []
+                recordings, settings = [], comparison.scenarios[scenario]
                 seed = comparison.seed + episode
                 for name, seeds in loaded.items():
-                    recordings.append(record_episode(name, seeds[0], comparison.scenarios[scenario], seed))
+                    recordings.append(record_episode(name, seeds[0], settings, seed))
                     bar.update()
-                scenarios.setdefault(scenario, []).append({"title": title, "seed": seed, **_episode_data(recordings)})
+                data = _episode_data(recordings, settings)
+                scenarios.setdefault(scenario, []).append({"title": title, "seed": seed, **data})
     if not scenarios:
         return None
     return {
         "policies": [_appearance(name, seeds, comparison.policies.index(name)) for name, seeds in loaded.items()],
-        "rate": 1.0 / (SAMPLE_INTERVAL * CONTROL_PERIOD),
-        "start": CONTROL_PERIOD,
-        "duration": EPISODE_STEPS * CONTROL_PERIOD,
         "missing": MISSING,
         "channels": CHANNELS,
         "scenarios": scenarios,
@@ -128,22 +125,39 @@ def encode(values: Floats) -> dict[str, Any]:
     return {"scales": scales.tolist(), "samples": base64.b64encode(integers.T.tobytes()).decode("ascii")}
 
 
-def sampled_steps(steps: int) -> Integers:
-    """Return the indices of the stored steps of an episode, from 0."""
-    return np.append(np.arange(0, steps - 1, SAMPLE_INTERVAL), steps - 1)
+def sampled_steps(steps: int, period: float) -> Integers:
+    """Return the indices of the stored steps of an episode, from 0, at a control period in s."""
+    return np.append(np.arange(0, steps - 1, _sample_interval(period)), steps - 1)
 
 
-def _episode_data(recordings: list[Recording]) -> dict[str, Any]:
-    """Return the data of one episode: rod length, reference of the bob at 25 Hz, and the samples of each policy."""
-    first = recordings[0].snapshots[0]
-    times = np.asarray(CONTROL_PERIOD * (sampled_steps(EPISODE_STEPS) + 1.0), np.float64)
+def _sample_interval(period: float) -> int:
+    """Return the number of control steps between two samples."""
+    return max(round(SAMPLE_PERIOD / period), 1)
+
+
+def _episode_data(recordings: list[Recording], scenario: Scenario) -> dict[str, Any]:
+    """Return the data of one episode: times, rod length, samples of the bob's reference and of each policy.
+
+    The times are the sampling rate (Hz), the time of the first sample (s) and the duration of the episode (s).
+    """
+    first, period = recordings[0].snapshots[0], scenario.simulation.period
+    times = np.asarray(period * (sampled_steps(scenario.steps, period) + 1.0), np.float64)
     reference = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length]
-    fell = [recording.fell_at and round(recording.fell_at, 2) for recording in recordings]
-    episodes = [{"fell": at, **encode(_samples(recording))} for at, recording in zip(fell, recordings, strict=True)]
-    return {"rod_length": first.rod_length, "reference": encode(reference), "episodes": episodes}
+    fell = [recording.fell_at and round(recording.fell_at, 6) for recording in recordings]
+    episodes = [
+        {"fell": at, **encode(_samples(recording, period))} for at, recording in zip(fell, recordings, strict=True)
+    ]
+    return {
+        "rate": 1.0 / (_sample_interval(period) * period),
+        "start": period,
+        "duration": scenario.steps * period,
+        "rod_length": first.rod_length,
+        "reference": encode(reference),
+        "episodes": episodes,
+    }
 
 
-def _samples(recording: Recording) -> Floats:
+def _samples(recording: Recording, period: float) -> Floats:
     """Return the samples of all `CHANNELS`, shape (T, 19)."""
     states = [snapshot.state for snapshot in recording.snapshots]
     channels = [
@@ -154,7 +168,7 @@ def _samples(recording: Recording) -> Floats:
         recording.estimate[:, :3],
         recording.error[:, np.newaxis],
     ]
-    return np.concatenate(channels, axis=1)[sampled_steps(len(states))]
+    return np.concatenate(channels, axis=1)[sampled_steps(len(states), period)]
 
 
 def _appearance(name: str, seeds: list[Any], index: int) -> dict[str, str]:

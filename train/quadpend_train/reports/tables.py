@@ -7,8 +7,6 @@ import numpy as np
 from rich.table import Table
 
 from quadpend_baselines.gains import TUNED
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
-from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, format_number
@@ -30,7 +28,7 @@ PAIRWISE_COLUMNS = (
     "penalised rmse (mm)",
     "improvement",
 )
-_INTERVAL = 10  # steps between two points of an error curve
+_POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
 
 
@@ -151,17 +149,18 @@ def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
         comparison: Comparison to draw.
         scenario: Name of the scenario.
     """
-    lowest = np.inf
+    length, period = comparison.scenarios[scenario].steps, comparison.scenarios[scenario].simulation.period
+    interval, lowest = max(length // _POINTS, 1), np.inf
     for i, policy in enumerate(comparison.policies):
-        every = comparison.results[scenario, policy].error[..., _INTERVAL - 1 :: _INTERVAL]
+        every = comparison.results[scenario, policy].error[..., interval - 1 :: interval]
         error = 1000.0 * np.fmin(np.nan_to_num(every.reshape(-1, every.shape[-1]), nan=FALL_ERROR), FALL_ERROR)
         low, middle, high = np.quantile(error, [0.1, 0.5, 0.9], axis=0)
-        times = CONTROL_PERIOD * _INTERVAL * np.arange(1, error.shape[-1] + 1)
+        times = period * interval * np.arange(1, error.shape[-1] + 1)
         figures.draw_curve(axis, i, times, low, middle, high)
         lowest = min(lowest, low.min())
     figures.set_log_scale(axis, max(lowest, _SMALLEST), 1000.0 * FALL_ERROR)
     axis.grid(alpha=0.25)
-    axis.set(xlim=(0.0, CONTROL_PERIOD * EPISODE_STEPS), xlabel="time (s)", ylabel="tracking error (mm)")
+    axis.set(xlim=(0.0, period * length), xlabel="time (s)", ylabel="tracking error (mm)")
 
 
 def _heading(name: str) -> str:

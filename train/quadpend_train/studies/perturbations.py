@@ -1,26 +1,28 @@
 """Perturbation axes, on which the robustness of policies is measured.
 
 Each axis is one kind of perturbation with values of increasing size. At its nominal value, the scenario is
-`QuadPendulum-v0` in calm air, or hover if the start is perturbed. The wind model draws the heading of a wind; the
-heading of a perturbed start is a function of the episode's seed.
+`QuadPendulum-v0` in calm air, or hover if the start is perturbed. Vehicle, control period and duration are those of a
+base scenario. The wind model draws the heading of a wind; the heading of a perturbed start is a function of the
+episode's seed.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
+from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, PAPER
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wind import Constant, Drawn, Dryden, StillAir
-from quadpend_train.scenarios import Scenario
-from quadpend_train.studies.recovery import CALM_HOVER, HOVER_HEIGHT
+from quadpend_train.scenarios import HOVER, Scenario
+from quadpend_train.studies.recovery import CALM, HOVER_HEIGHT
 
 _GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)  # rad; its multiples are evenly distributed on the circle
 _MILLI = 0.001
+Fields = dict[str, Any]  # of a `Scenario`
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class PerturbationAxis:
         title: Name of the quantity that is varied.
         unit: Unit of the values; empty for factors.
         values: Values of the quantity, ascending.
-        scenario: Function from a value to the scenario.
+        fields: Function from a value and the nominal simulation to the changed fields of the scenario.
         start: Function from a value and headings (rad, shape (n,)) to fields of the state
             (`quadpend_gym.physics.state`). The environment draws the other fields. None: it draws all fields.
         nominal: Value without a perturbation, one of `values`. If it is not the first one, the perturbation grows in
@@ -42,7 +44,7 @@ class PerturbationAxis:
     title: str
     unit: str
     values: tuple[float, ...]
-    scenario: Callable[[float], Scenario]
+    fields: Callable[[float, Simulation], Fields]
     start: Callable[[float, Floats], dict[str, Floats]] | None = None
     nominal: float = 0.0
     scale: Literal["linear", "symlog"] = "linear"
@@ -51,6 +53,10 @@ class PerturbationAxis:
     def label(self) -> str:
         """Title and unit."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
+
+    def scenario(self, value: float, base: Scenario = CALM) -> Scenario:
+        """Return `base` with the perturbation of a value."""
+        return replace(base, **self.fields(value, base.simulation))
 
     def options(self, value: float, episodes: int, seed: int) -> dict[str, Any] | None:
         """Return the options of `reset` at a value, for `episodes` consecutive seeds from `seed` on."""
@@ -73,36 +79,42 @@ def _displaced(distance: float, heading: Floats) -> dict[str, Floats]:
     return {"position": _cylindrical(distance, heading, HOVER_HEIGHT)}
 
 
-def _steady_force(force: float) -> Scenario:
-    return Scenario(wind=Drawn(Constant((1.0, 0.0, 0.0)), strength=(force, force)))
+def _hover(_: float, simulation: Simulation) -> Fields:
+    return {"env_id": HOVER}
 
 
-def _turbulence(speed: float) -> Scenario:
-    return Scenario(wind=Drawn(Dryden(speed)) if speed else StillAir())
+def _steady_force(force: float, simulation: Simulation) -> Fields:
+    return {"wind": Drawn(Constant((1.0, 0.0, 0.0)), strength=(force, force))}
 
 
-def _sensor_noise(size: float) -> Scenario:
+def _turbulence(speed: float, simulation: Simulation) -> Fields:
+    return {"wind": Drawn(Dryden(speed)) if speed else StillAir()}
+
+
+def _sensor_noise(size: float, simulation: Simulation) -> Fields:
     """White noise of `size` mm on positions and mrad on angles, and of 10 × `size` mm/s and mrad/s on their rates."""
     error, rate = 0.001 * size, 0.01 * size
-    return Scenario(sensors=Noise(error, rate, error, rate, error, rate) if size else ())
+    return {"sensors": Noise(error, rate, error, rate, error, rate) if size else ()}
 
 
-def _action_delay(delay: float) -> Scenario:
-    return Scenario(actuators=ActionDelay(round(_MILLI * delay / CONTROL_PERIOD)) if delay else ())
+def _action_delay(delay: float, simulation: Simulation) -> Fields:
+    """Delay in ms, rounded to whole control periods."""
+    steps = round(_MILLI * delay / simulation.period)
+    return {"actuators": ActionDelay(steps) if steps else ()}
 
 
-def _motor_lag(time_constant: float) -> Scenario:
-    return Scenario(actuators=MotorLag(_MILLI * time_constant) if time_constant else ())
+def _motor_lag(time_constant: float, simulation: Simulation) -> Fields:
+    return {"actuators": MotorLag(_MILLI * time_constant) if time_constant else ()}
 
 
-def _parameter_factor(*names: str) -> Callable[[float], Scenario]:
-    """Return a function from a factor to a scenario whose true parameters are the nominal ones times the factor."""
+def _parameter_factor(*names: str) -> Callable[[float, Simulation], Fields]:
+    """Return a function from a factor to true parameters that are the nominal ones times the factor."""
 
-    def scenario(factor: float) -> Scenario:
-        values = {name: factor * getattr(PAPER, name) for name in names}
-        return Scenario(parameters={name: (value, value) for name, value in values.items()})
+    def fields(factor: float, simulation: Simulation) -> Fields:
+        values = {name: factor * getattr(simulation.parameters, name) for name in names}
+        return {"parameters": {name: (value, value) for name, value in values.items()}}
 
-    return scenario
+    return fields
 
 
 _TILTS, _DISTANCES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6), (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
@@ -111,8 +123,8 @@ _ERRORS, _DELAYS = (0.0, 0.02, 0.05, 0.2, 0.5, 2.0, 5.0), (0.0, 10.0, 20.0, 30.0
 _LAGS, _FACTORS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 60.0), (0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0)
 _MASSES, _ROD = _parameter_factor("quadrotor_mass", "bob_mass"), _parameter_factor("rod_length")
 PERTURBATION_AXES = {
-    "tilt": PerturbationAxis("initial tilt", "rad", _TILTS, lambda _: CALM_HOVER, _tilted),
-    "offset": PerturbationAxis("initial distance", "m", _DISTANCES, lambda _: CALM_HOVER, _displaced),
+    "tilt": PerturbationAxis("initial tilt", "rad", _TILTS, _hover, _tilted),
+    "offset": PerturbationAxis("initial distance", "m", _DISTANCES, _hover, _displaced),
     "wind": PerturbationAxis("steady force", "N", _FORCES, _steady_force),
     "turbulence": PerturbationAxis("Dryden turbulence, W₂₀", "m/s", _SPEEDS, _turbulence),
     "noise": PerturbationAxis("sensor noise", "mm, mrad", _ERRORS, _sensor_noise, scale="symlog"),

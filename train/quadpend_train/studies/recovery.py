@@ -13,15 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
-from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.scenarios import HOVER, Scenario
 
 RECOVERY_ERROR = 0.05  # m
 HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
-CALM_HOVER = Scenario("hover in calm air", env_id=HOVER)
-_LAST_SECOND = round(1.0 / CONTROL_PERIOD)  # steps
+CALM, CALM_HOVER = Scenario(), Scenario("hover in calm air", env_id=HOVER)
 
 
 class RecoveryOutcome(IntEnum):
@@ -123,16 +120,22 @@ START_GRIDS = {
 }
 
 
-def classify_recovery(results: EpisodeResults, grid: StartGrid) -> RecoveryMap:
-    """Return the outcomes of the episodes of a grid, which are in the order of `StartGrid.options`."""
+def classify_recovery(results: EpisodeResults, grid: StartGrid, period: float) -> RecoveryMap:
+    """Return the outcomes of the episodes of a grid.
+
+    Args:
+        results: Results of the episodes, in the order of `StartGrid.options`.
+        grid: Grid of the starts.
+        period: Control period, s.
+    """
     outside = ~(results.error < RECOVERY_ERROR)
-    recovered = results.survived & ~outside[..., -_LAST_SECOND:].any(axis=-1)
+    recovered = results.survived & ~outside[..., -round(1.0 / period) :].any(axis=-1)
     outcome = np.where(
         recovered,
         RecoveryOutcome.RECOVERED,
         np.where(results.survived, RecoveryOutcome.UNSETTLED, RecoveryOutcome.FELL),
     )
     # Number of steps up to the last one outside.
-    steps = np.where(outside.any(axis=-1), EPISODE_STEPS - np.argmax(outside[..., ::-1], axis=-1), 0)
+    steps = np.where(outside.any(axis=-1), outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1), 0)
     shape = (len(outcome), grid.y.values.size, grid.x.values.size)
-    return RecoveryMap(outcome.reshape(shape), np.where(recovered, CONTROL_PERIOD * steps, np.nan).reshape(shape))
+    return RecoveryMap(outcome.reshape(shape), np.where(recovered, period * steps, np.nan).reshape(shape))

@@ -8,7 +8,7 @@ of the axis. The ends of its interval are computed in the same way from the two 
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,9 +21,10 @@ from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
+from quadpend_train.scenarios import HOVER, Scenario
 from quadpend_train.studies.perturbations import PERTURBATION_AXES, PerturbationAxis
 from quadpend_train.studies.recovery import (
-    CALM_HOVER,
+    CALM,
     START_GRIDS,
     RecoveryMap,
     RecoveryOutcome,
@@ -200,6 +201,7 @@ def measure_robustness(
     cache_folder: Path | None = None,
     recompute: bool = False,
     jobs: int = 1,
+    base: Scenario = CALM,
 ) -> Robustness:
     """Evaluate every policy at all values of every perturbation axis and from all starts of every grid.
 
@@ -213,6 +215,8 @@ def measure_robustness(
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results.
         jobs: Number of processes.
+        base: Scenario whose nominal simulation (vehicle and control period) and duration are used; its other fields
+            have no effect.
 
     Raises:
         ValueError: If there is no policy, one is unknown, or a number is out of range.
@@ -221,14 +225,18 @@ def measure_robustness(
         raise ValueError("policies must have at least one entry")
     for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
         check_int(value, name, least)
+    base = Scenario(simulation=base.simulation, duration=base.duration)
     on_axes = {
-        (name, policy, value): Job(members, axis.scenario(value), episodes, seed, axis.options(value, episodes, seed))
+        (name, policy, value): Job(
+            members, axis.scenario(value, base), episodes, seed, axis.options(value, episodes, seed)
+        )
         for name, axis in axes.items()
         for policy, members in policies.items()
         for value in axis.values
     }
+    hover = replace(base, env_id=HOVER)
     on_grids = {
-        (name, policy): Job(members, CALM_HOVER, grid.x.values.size * grid.y.values.size, seed, grid.options())
+        (name, policy): Job(members, hover, grid.x.values.size * grid.y.values.size, seed, grid.options())
         for name, grid in start_grids.items()
         for policy, members in policies.items()
     }
@@ -245,7 +253,10 @@ def measure_robustness(
             for name, axis in axes.items()
             for policy in policies
         },
-        {(name, policy): classify_recovery(results[name, policy], start_grids[name]) for name, policy in on_grids},
+        {
+            (name, policy): classify_recovery(results[name, policy], start_grids[name], base.simulation.period)
+            for name, policy in on_grids
+        },
     )
 
 

@@ -1,14 +1,16 @@
-"""Tune the gains of the classical controllers in the training scenarios, by the metric of the comparisons.
+"""Tune the gains of the classical controllers by the metric of the comparisons.
 
-The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios of the set ``training``. A
-fall counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) minimises a loss that adds a
+The score is the penalised RMSE in mm, averaged over the episodes and then over the scenarios, by default those of the
+set ``training``. The scenarios must have the same nominal simulation, for which the controllers are designed. A fall
+counts as 1 m, the largest possible value of an episode. The search (CMA-ES of Optuna) minimises a loss that adds a
 larger term for an earlier fall. So the search also makes progress between gains with which every episode ends in a
 fall. The best gains are rounded to three digits and scored in episodes that the search has not used.
 """
 
 import json
+import shlex
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,14 +26,14 @@ from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.validation import check_int, suggest
-from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
-from quadpend_train.scenarios import SETS, find_scenario, scenario_hash
+from quadpend_train.scenarios import Scenario, expand_sets, find_scenario, scenario_hash
 from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
 SCORE_EPISODES = 200
+SCENARIOS = ("training",)  # default
 
 # Lowest value, highest value and initial value of a gain. The search uses a logarithmic scale, so all are above zero.
 SearchRange = tuple[float, float, float]
@@ -114,43 +116,57 @@ def replace_gains(gains: Any, values: dict[str, float]) -> Any:
 
 def loss(results: EpisodeResults) -> float:
     """Return the mean penalised RMSE in mm, with up to 1 m added for each fall, the more the earlier it is."""
-    remaining = 1.0 - results.steps / EPISODE_STEPS
+    remaining = 1.0 - results.steps / results.error.shape[-1]
     return 1000.0 * float(np.mean(results.penalised_rmse + np.where(results.survived, 0.0, remaining)))
 
 
-def score(policy: Policy, episodes: int = SCORE_EPISODES, seed: int = SCORE_SEED) -> dict[str, tuple[float, float]]:
-    """Return survival (%) and mean penalised RMSE (mm) in each training scenario."""
-    results = run_training_scenarios(policy, training_scenarios(episodes), seed)
-    parts = (np.split(array, len(SETS["training"])) for array in (results.survived, results.penalised_rmse))
+def score(
+    policy: Policy, episodes: int = SCORE_EPISODES, seed: int = SCORE_SEED, scenarios: Sequence[str] = SCENARIOS
+) -> dict[str, tuple[float, float]]:
+    """Return survival (%) and mean penalised RMSE (mm) in each scenario."""
+    results = run_training_scenarios(policy, training_scenarios(episodes, scenarios), seed, scenarios)
+    names = expand_sets(scenarios)
+    parts = (np.split(array, len(names)) for array in (results.survived, results.penalised_rmse))
     return {
         name: (100.0 * float(survived.mean()), 1000.0 * float(rmse.mean()))
-        for name, survived, rmse in zip(SETS["training"], *parts, strict=True)
+        for name, survived, rmse in zip(names, *parts, strict=True)
     }
 
 
-def training_scenarios(episodes: int) -> VectorEnv[Any, Any, Any]:
-    """Return one vector environment with `episodes` sub-environments of each training scenario."""
-    scenarios = [find_scenario(name) for name in SETS["training"]]
-    return concatenate_scenarios(scenarios, episodes * len(scenarios))
+def training_scenarios(episodes: int, scenarios: Sequence[str] = SCENARIOS) -> VectorEnv[Any, Any, Any]:
+    """Return one vector environment with `episodes` sub-environments of each scenario."""
+    found = _find_all(scenarios)
+    return concatenate_scenarios(found, episodes * len(found))
 
 
-def run_training_scenarios(policy: Policy, env: VectorEnv[Any, Any, Any], seed: int) -> EpisodeResults:
-    """Run a policy through the same seeds in every training scenario.
+def _find_all(scenarios: Sequence[str]) -> list[Scenario]:
+    return [find_scenario(name) for name in expand_sets(scenarios)]
+
+
+def run_training_scenarios(
+    policy: Policy, env: VectorEnv[Any, Any, Any], seed: int, scenarios: Sequence[str] = SCENARIOS
+) -> EpisodeResults:
+    """Run a policy through the same seeds in every scenario.
 
     Args:
         policy: Policy to run.
         env: Environment of `training_scenarios`.
         seed: Seed of the first episode of each scenario.
+        scenarios: Names of the scenarios and of sets of scenarios.
 
     Returns:
         Results of shape (scenarios · episodes,), the episodes of one scenario after those of another.
     """
-    count = len(SETS["training"])
-    seeds = [seed + episode for _ in range(count) for episode in range(env.num_envs // count)]
-    return collect_results(rollout(policy, env, seeds), env.num_envs)
+    found = _find_all(scenarios)
+    episodes = env.num_envs // len(found)
+    seeds = [seed + episode for _ in found for episode in range(episodes)]
+    lengths = np.repeat([scenario.steps for scenario in found], episodes)
+    return collect_results(rollout(policy, env, seeds), lengths, found[0].simulation.period)
 
 
-def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> optuna.Study:
+def search(
+    name: str, trials: int, episodes: int, seed: int, folder: Path, scenarios: Sequence[str] = SCENARIOS
+) -> optuna.Study:
     """Search for gains of a controller; continue the search in `folder` if the code has not changed since.
 
     Args:
@@ -159,10 +175,11 @@ def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> op
         episodes: Number of episodes in each scenario.
         seed: Seed of the search.
         folder: Folder of the journal of the trials.
+        scenarios: Names of the scenarios and of sets of scenarios.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = JournalFileBackend(str(folder / f"{name}.log"))
-    hashes = [scenario_hash(find_scenario(scenario)) for scenario in SETS["training"]]
+    hashes = [scenario_hash(scenario) for scenario in _find_all(scenarios)]
     start = {path: first for path, (_, _, first) in SEARCH_SPACES[name].items()}
     with warnings.catch_warnings():  # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
         warnings.simplefilter("ignore", FutureWarning)
@@ -176,24 +193,26 @@ def search(name: str, trials: int, episodes: int, seed: int, folder: Path) -> op
     if not study.trials:
         study.enqueue_trial(start)
     done = sum(trial.state.is_finished() for trial in study.trials)
-    study.optimize(_objective(name, episodes), n_trials=max(trials - done, 0), show_progress_bar=True)
+    study.optimize(_objective(name, episodes, scenarios), n_trials=max(trials - done, 0), show_progress_bar=True)
     return study
 
 
-def _objective(name: str, episodes: int) -> Callable[[optuna.Trial], float]:
-    env = training_scenarios(episodes)
+def _objective(name: str, episodes: int, scenarios: Sequence[str]) -> Callable[[optuna.Trial], float]:
+    env, simulation = training_scenarios(episodes, scenarios), _find_all(scenarios)[0].simulation
 
     def objective(trial: optuna.Trial) -> float:
         values = {
             path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SEARCH_SPACES[name].items()
         }
-        policy = CONTROLLER_FACTORIES[name](replace_gains(GAINS[name], values), None)
-        return loss(run_training_scenarios(policy, env, TUNING_SEED))
+        policy = CONTROLLER_FACTORIES[name](replace_gains(GAINS[name], values), simulation)
+        return loss(run_training_scenarios(policy, env, TUNING_SEED, scenarios))
 
     return objective
 
 
-def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict[str, Any]:
+def tune(
+    name: str, trials: int, episodes: int, seed: int, folder: Path, scenarios: Sequence[str] = SCENARIOS
+) -> dict[str, Any]:
     """Search for gains, score them, write gains and scores to ``{name}.json`` in `folder`, and return them.
 
     Args:
@@ -202,9 +221,11 @@ def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict
         episodes: Number of episodes in each scenario.
         seed: Seed of the search.
         folder: Folder of the results and of the journal of the trials.
+        scenarios: Names of scenarios, as for `find_scenario`, and of sets of scenarios.
 
     Raises:
-        ValueError: If the controller has no search space, or a number is out of range.
+        ValueError: If the controller has no search space, a scenario is unknown, the scenarios have different nominal
+            simulations or observations, or a number is out of range.
     """
     if name not in SEARCH_SPACES:
         raise ValueError(
@@ -214,13 +235,16 @@ def tune(name: str, trials: int, episodes: int, seed: int, folder: Path) -> dict
     check_int(trials, "trials", 1)
     check_int(episodes, "episodes", 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = search(name, trials, episodes, seed, folder)
+    study = search(name, trials, episodes, seed, folder, scenarios)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
+    simulation = _find_all(scenarios)[0].simulation
     before, after = (
-        score(CONTROLLER_FACTORIES[name](gains, None)) for gains in (GAINS[name], replace_gains(GAINS[name], values))
+        score(CONTROLLER_FACTORIES[name](gains, simulation), scenarios=scenarios)
+        for gains in (GAINS[name], replace_gains(GAINS[name], values))
     )
+    command = f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}"
     found = {
-        "command": f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}",
+        "command": command if tuple(scenarios) == SCENARIOS else f"{command} --scenarios {shlex.join(scenarios)}",
         "gains": values,
         "score": round(float(np.mean([rmse for _, rmse in after.values()])), 2),
         "score of the gains in baselines/quadpend_baselines/gains.py": round(

@@ -11,6 +11,7 @@ from tqdm.auto import tqdm
 
 from quadpend_train.policies.export import export
 from quadpend_train.policies.sb3_models import start_new_episodes
+from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import make_env, scenarios_at
 from quadpend_train.training.settings import TrainSettings
 from quadpend_train.training.validation import Score, validate
@@ -185,6 +186,8 @@ class ProgressBar(BaseCallback):
 
     def _on_training_start(self) -> None:
         total = self.settings.total_timesteps
+        scenario = find_scenario(expand_sets(self.settings.scenario)[0])
+        self.action_period = scenario.simulation.period * self.settings.hybrid.action_repeat  # s
         self.bar = tqdm(total=total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5)
 
     def _on_rollout_end(self) -> None:
@@ -192,7 +195,9 @@ class ProgressBar(BaseCallback):
             return
         parts = list(scenarios_at(self.settings, self.num_timesteps)) if self.settings.curriculum else []
         if episodes := self.model.ep_info_buffer:
-            parts.append(f"episodes of {sum(item['l'] for item in episodes) / len(episodes):.0f} steps")
+            parts.append(
+                f"episodes of {self.action_period * sum(item['l'] for item in episodes) / len(episodes):.1f} s"
+            )
             parts.append(f"return {sum(item['r'] for item in episodes) / len(episodes):.0f}")
         if self.evaluation.scores:
             parts.append(f"penalised RMSE {1e3 * self.evaluation.scores[-1].penalised_rmse:.0f} mm")

@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from quadpend_baselines import controller
 from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym.actuators import Rotors
-from quadpend_gym.tasks.task import EPISODE_STEPS
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
@@ -19,14 +19,14 @@ from quadpend_train.training.settings import TrainSettings
 
 
 def concatenate_scenarios(
-    scenarios: Sequence[Scenario], num_envs: int, max_episode_steps: int = EPISODE_STEPS
+    scenarios: Sequence[Scenario], num_envs: int, max_episode_steps: int | None = None
 ) -> VectorEnv[Any, Any, Any]:
     """Return one vector environment with an equal number of sub-environments of each scenario and same-step autoreset.
 
     Args:
         scenarios: The scenarios.
         num_envs: Number of sub-environments in all, a multiple of the number of scenarios.
-        max_episode_steps: Control steps after which an episode is truncated.
+        max_episode_steps: Control steps after which an episode is truncated; None: those of each scenario.
 
     Raises:
         ValueError: If the scenarios have different observations or different nominal simulations.
@@ -79,13 +79,15 @@ def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3 at a timestep of the training."""
     names = expand_sets(scenarios_at(settings, timesteps))
     scenarios = [find_scenario(name).with_reward(settings.reward) for name in names]
-    env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps), settings)
-    hybrid = settings.hybrid
+    steps, hybrid = settings.max_episode_steps or None, settings.hybrid
+    env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, steps), settings)
     if hybrid.baseline_relative_reward:
-        baseline = concatenate_scenarios(scenarios, settings.num_envs, settings.max_episode_steps)
-        base_controller = controller(hybrid.base_controller, scenarios[0].simulation)
+        baseline, simulation = concatenate_scenarios(scenarios, settings.num_envs, steps), scenarios[0].simulation
+        base_controller = controller(hybrid.base_controller, simulation)
         gamma = settings.gamma ** (1.0 / hybrid.action_repeat)  # discount factor of a control step
-        env = BaselineRelativeReward(env, baseline, base_controller, gamma, hybrid.failure_penalty)
+        # A penalty of c is the largest return of c steps of the default period: of the same time at any period.
+        penalty = hybrid.failure_penalty * (CONTROL_PERIOD / simulation.period)
+        env = BaselineRelativeReward(env, baseline, base_controller, gamma, penalty)
     if hybrid.action_repeat > 1:
         env = ActionRepeat(env, hybrid.action_repeat)
     return SB3VecEnv(env, settings.reward_scale)

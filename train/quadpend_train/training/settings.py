@@ -14,7 +14,7 @@ from quadpend_gym.core.validation import check_int, check_number, check_positive
 from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
-from quadpend_train.scenarios import SETS, expand_sets, name_or_json
+from quadpend_train.scenarios import SETS, expand_sets, find_scenario, name_or_json
 
 PRESETS = Path(__file__).with_name("presets")
 ALGORITHMS = ("ppo", "sac", "tqc")
@@ -92,7 +92,8 @@ class HybridSettings:
     baseline_relative_reward: bool = False
     """Subtract the reward that the base controller alone earns in a copy of the same episode."""
     failure_penalty: float = 0.0
-    """Penalty for a fall (early termination) with a baseline-relative reward."""
+    """Penalty for a fall (early termination) with a baseline-relative reward, in rewards of steps of 0.01 s. It is
+    multiplied by 0.01 s / control period, so that it has the same weight at any control period."""
     imitation_timesteps: int = 0
     """Timesteps before training in which the policy imitates the base controller (DAgger)."""
 
@@ -160,8 +161,8 @@ class TrainSettings:
     """Seed of the networks and the episodes."""
     num_envs: int = 256
     """Number of sub-environments of the vector environment."""
-    max_episode_steps: int = 1000
-    """Control steps after which a training episode is truncated."""
+    max_episode_steps: int = 0
+    """Control steps after which a training episode is truncated; 0 for the duration of the scenario."""
     hybrid: HybridSettings = field(default_factory=HybridSettings)
     """Settings of a hybrid."""
     history: int = 1
@@ -209,11 +210,13 @@ class TrainSettings:
         if not isinstance(self.net_arch, tuple | list):
             raise TypeError(f"net_arch must be a list of widths, not {self.net_arch!r}")
         object.__setattr__(self, "net_arch", tuple(self.net_arch))
-        for name in ("total_timesteps", "num_envs", "max_episode_steps", "history", "batch_size", "save_freq"):
+        for name in ("total_timesteps", "num_envs", "history", "batch_size", "save_freq"):
             check_int(getattr(self, name), name, 1)
         for name in ("n_eval_episodes", "num_threads"):
             check_int(getattr(self, name), name, 1)
-        for name in ("seed", "curriculum_steps", "history_actions", "sde_sample_freq", "eval_freq", "patience"):
+        for name in ("seed", "max_episode_steps", "curriculum_steps", "history_actions", "sde_sample_freq"):
+            check_int(getattr(self, name), name, 0)
+        for name in ("eval_freq", "patience"):
             check_int(getattr(self, name), name, 0)
         for i, width in enumerate(self.net_arch):
             check_int(width, f"net_arch[{i}]", 1)
@@ -237,11 +240,7 @@ class TrainSettings:
                 )
         if bool(self.curriculum) != bool(self.curriculum_steps):
             raise ValueError("curriculum and curriculum_steps must be given together or not at all")
-        if self.max_episode_steps % self.hybrid.action_repeat:
-            raise ValueError(
-                f"action_repeat must divide max_episode_steps = {self.max_episode_steps}, not be"
-                f" {self.hybrid.action_repeat}"
-            )
+        self._check_action_repeat()
         if self.hybrid.baseline_relative_reward and self.gamma == 1.0:
             raise ValueError("baseline_relative_reward needs a gamma below 1")
         if self.patience and not self.eval_freq:
@@ -251,6 +250,14 @@ class TrainSettings:
                 f"batch_size must divide num_envs * ppo.n_steps = {self.num_envs * self.ppo.n_steps},"
                 f" not be {self.batch_size}"
             )
+
+    def _check_action_repeat(self) -> None:
+        repeat = self.hybrid.action_repeat
+        if self.max_episode_steps % repeat:
+            raise ValueError(f"action_repeat must divide max_episode_steps = {self.max_episode_steps}, not be {repeat}")
+        for name in () if self.max_episode_steps else expand_sets((*self.curriculum, *self.scenario)):
+            if (steps := find_scenario(name).steps) % repeat:
+                raise ValueError(f"action_repeat must divide the {steps} control steps of an episode, not be {repeat}")
 
     def policy_interface(self) -> dict[str, Any]:
         """Return the fields of a policy's card that say what the policy observes and how its action is applied."""

@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, collect_results
@@ -42,5 +44,6 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
         policy = adaptable.with_simulation(scenarios[0].simulation)
-    results = collect_results(rollout(policy, env, seed), env.num_envs)
+    lengths = np.repeat([scenario.steps for scenario in scenarios], settings.n_eval_episodes)
+    results = collect_results(rollout(policy, env, seed), lengths, scenarios[0].simulation.period)
     return float(results.survived.mean()), float(results.penalised_rmse.mean())
