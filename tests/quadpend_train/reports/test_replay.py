@@ -116,7 +116,7 @@ def test_policies_have_the_same_style_as_in_the_legend_of_the_page() -> None:
 
 
 def test_every_fourth_step_and_the_last_are_stored() -> None:
-    assert [sampled_steps(steps).tolist() for steps in (1, 2, 9, 10)] == [[0], [0, 1], [0, 4, 8], [0, 4, 8, 9]]
+    assert [sampled_steps(steps, 0.01).tolist() for steps in (1, 2, 9, 10)] == [[0], [0, 1], [0, 4, 8], [0, 4, 8, 9]]
 
 
 def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison, dict[str, Any]]) -> None:
@@ -128,7 +128,7 @@ def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison
             for policy, run in zip(NAMES, scene["episodes"], strict=True):
                 results = comparison.results[name, policy]
                 error, steps = decoded(run)[:, -1], int(results.steps[0, episode])
-                exact = results.error[0, episode, sampled_steps(steps)]
+                exact = results.error[0, episode, sampled_steps(steps, 0.01)]
                 np.testing.assert_allclose(error, exact, atol=0.51 * run["scales"][-1] + 1e-7)
                 assert run["fell"] == (None if results.survived[0, episode] else pytest.approx(0.01 * steps))
     assert any(run["fell"] for scene in data["scenarios"]["storm"] for run in scene["episodes"])
@@ -137,7 +137,7 @@ def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison
 def test_samples_equal_the_recorded_numbers_within_rounding(replayed: tuple[Comparison, dict[str, Any]]) -> None:
     scene = replayed[1]["scenarios"]["windy"][0]
     recording: Recording = record_episode("", load_policy("adrc-matched"), SCENARIOS["windy"], scene["seed"])
-    steps = sampled_steps(EPISODE_STEPS)
+    steps = sampled_steps(EPISODE_STEPS, CONTROL_PERIOD)
     snapshots, run = [recording.snapshots[step] for step in steps], scene["episodes"][1]
     found = dict(zip(CHANNELS, np.split(decoded(run), np.cumsum([*CHANNELS.values()])[:-1], axis=1), strict=True))
     for name, exact, finest in (
@@ -150,7 +150,7 @@ def test_samples_equal_the_recorded_numbers_within_rounding(replayed: tuple[Comp
         ("error", [[snapshot.error] for snapshot in snapshots], 1e-4),
     ):
         np.testing.assert_allclose(found[name], exact, atol=finest, err_msg=name)
-    times = np.minimum(replayed[1]["start"] + np.arange(len(snapshots)) / replayed[1]["rate"], replayed[1]["duration"])
+    times = np.minimum(scene["start"] + np.arange(len(snapshots)) / scene["rate"], scene["duration"])
     np.testing.assert_allclose(times, [snapshot.time for snapshot in snapshots])
     bob = snapshots[-1].reference.derivatives(times[-1])[0, :3] + [0.0, 0.0, scene["rod_length"]]
     np.testing.assert_allclose(decoded(scene["reference"])[-1], bob, atol=1e-4)
@@ -293,7 +293,7 @@ def test_the_time_of_a_fall_is_shown(page: Browser, replayed: tuple[Comparison, 
     heading = page.run("document.getElementById('replay-one').closest('tr').cells[0].textContent")
     assert f"fell at {fell:.1f} s" in heading
     samples = decoded(replayed[1]["scenarios"]["storm"][1]["episodes"][0])
-    last = CONTROL_PERIOD * (sampled_steps(round(fell / CONTROL_PERIOD))[-2:] + 1)
+    last = CONTROL_PERIOD * (sampled_steps(round(fell / CONTROL_PERIOD), CONTROL_PERIOD)[-2:] + 1)
     for at, sample in ((last.mean(), samples[-2:].mean(axis=0)), (fell, samples[-1]), (10.0, samples[-1])):
         page.run(f"replay.seek({at})")
         assert_shown(page, sample)

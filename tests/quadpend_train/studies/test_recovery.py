@@ -33,7 +33,7 @@ def test_starts_are_classified_and_have_their_time_to_recover() -> None:
     results = EpisodeResults(**{**empty, "survived": np.array([[True, True, False]]), "error": error})
     grid = START_GRIDS["tilt_rate"]
     x, y = grid.x._replace(values=np.arange(3.0)), grid.y._replace(values=np.zeros(1))
-    found = classify_recovery(results, replace(grid, x=x, y=y))
+    found = classify_recovery(results, replace(grid, x=x, y=y), 0.01)
     assert found.outcome.tolist() == [[[RecoveryOutcome.UNSETTLED, RecoveryOutcome.RECOVERED, RecoveryOutcome.FELL]]]
     np.testing.assert_allclose(found.time, [[[np.nan, 2.5, np.nan]]])
     assert found.recovered == pytest.approx(1 / 3)

@@ -56,11 +56,11 @@ def test_the_tolerance_limit_is_interpolated_where_survival_first_falls_below_90
 
 
 def test_a_tolerated_range_shows_its_intervals_and_the_end_of_the_axis() -> None:
-    one_sided = PerturbationAxis("tilt", "rad", (0.0, 0.2, 0.4), lambda _: CALM_HOVER)
+    one_sided = PerturbationAxis("tilt", "rad", (0.0, 0.2, 0.4), lambda *_: {})
     assert format_tolerated_range(one_sided, points(one_sided, [1.0, 1.0, 0.8])) == "0.3 [0.25, 0.35]"
     assert format_tolerated_range(one_sided, points(one_sided, [1.0, 1.0, 1.0])) == "> 0.4"
     assert format_tolerated_range(one_sided, points(one_sided, [0.5, 0.2, 0.0])) == "– [–, –]"
-    two_sided = PerturbationAxis("mass", "", (0.5, 1.0, 1.5), lambda _: CALM_HOVER, nominal=1.0)
+    two_sided = PerturbationAxis("mass", "", (0.5, 1.0, 1.5), lambda *_: {}, nominal=1.0)
     lower, upper = tolerance_limits(two_sided, points(two_sided, [0.8, 1.0, 1.0]))
     assert lower == pytest.approx((0.75, True))
     assert upper == (1.5, False)

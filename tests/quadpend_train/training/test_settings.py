@@ -140,7 +140,7 @@ RESIDUAL = {"base_controller": "flatness", "mode": "residual_action"}
         ({"num_envs": 1.5}, "num_envs must be a whole number of at least 1, not 1.5"),
         ({"seed": -1}, "seed must be a whole number of at least 0, not -1"),
         ({"total_timesteps": 0}, "total_timesteps must be a whole number of at least 1, not 0"),
-        ({"max_episode_steps": 0}, "max_episode_steps must be"),
+        ({"max_episode_steps": -1}, "max_episode_steps must be"),
         ({"history": 0}, "history must be a whole number of at least 1, not 0"),
         ({"history_actions": -1}, "history_actions must be a whole number of at least 0, not -1"),
         ({"hybrid": {"imitation_timesteps": -1}}, "imitation_timesteps must be"),
@@ -215,7 +215,10 @@ RESIDUAL = {"base_controller": "flatness", "mode": "residual_action"}
         ({"reward": {"tip": 2.0}}, "tip must be a finite number"),
         ({"reward": {"fun": 2.0}}, "reward has no field 'fun'"),
         ({"hybrid": {"action_repeat": 2}}, "action_repeat must be 1 with mode 'estimate_only', not 2"),
-        ({"hybrid": {"action_repeat": 7, **RESIDUAL}}, "action_repeat must divide max_episode_steps = 1000, not be 7"),
+        (
+            {"hybrid": {"action_repeat": 7, **RESIDUAL}},
+            "action_repeat must divide the 1000 control steps of an episode, not be 7",
+        ),
         ({"hybrid": {"baseline_relative_reward": True}}, "baseline_relative_reward needs a base_controller"),
         ({"hybrid": {"failure_penalty": 3.0, **RESIDUAL}}, "failure_penalty needs baseline_relative_reward"),
         (

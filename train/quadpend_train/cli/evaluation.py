@@ -43,7 +43,8 @@ def evaluate(
         cache: Folder of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.
         robustness: Episodes at each value of the perturbation axes, see train/quadpend_train/studies; 0 omits the
-            robustness curves and the recovery maps. Of a learner with several training seeds, the first is evaluated.
+            robustness curves and the recovery maps. Vehicle, control period and duration are those of the first
+            scenario. Of a learner with several training seeds, the first is evaluated.
         replay: Episodes of each scenario that the report can replay; 0 omits the replay.
         document: Markdown file in which to update the generated parts.
     """
@@ -65,7 +66,13 @@ def evaluate(
     if robustness:
         first_seeds = {name: policy_names(policy)[0] for name, policy in named.items()}
         measured = measure_robustness(
-            first_seeds, episodes=robustness, seed=seed, cache_folder=cache, recompute=recompute, jobs=jobs
+            first_seeds,
+            episodes=robustness,
+            seed=seed,
+            cache_folder=cache,
+            recompute=recompute,
+            jobs=jobs,
+            base=next(iter(comparison.scenarios.values())),
         )
     standings = leaderboard(comparison)
     curves = learning_curves.collect({name: load_policies(policy) for name, policy in named.items()})

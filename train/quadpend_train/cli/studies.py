@@ -19,6 +19,7 @@ def tune(
     episodes: int = 48,
     seed: int = 0,
     out: Path = Path("results/tune"),
+    scenarios: tuple[str, ...] = ("training",),
 ) -> None:
     """Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.
 
@@ -31,11 +32,13 @@ def tune(
         episodes: Episodes in each scenario.
         seed: Seed of the search.
         out: Folder for the journal of the search and for the gains that it finds, NAME.json.
+        scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
+            TOML or JSON files, or JSON. "training" stands for all training scenarios.
     """
     from quadpend_train.studies import tuning
 
     for name in controllers:
-        print(json.dumps(tuning.tune(name, trials, episodes, seed, out), indent=1))
+        print(json.dumps(tuning.tune(name, trials, episodes, seed, out, scenarios), indent=1))
 
 
 def ablate(

@@ -31,8 +31,8 @@ class VideoOptions:
     """Pictures per second of a video. GIF files round the time between pictures to hundredths of a second."""
     speed: float = 1.0
     """Playback speed; 1 is real time."""
-    seconds: tuple[float, float] = (0.0, 10.0)
-    """Begin and end of the shown part of the episode, s."""
+    seconds: tuple[float, float] = (0.0, float("inf"))
+    """Begin and end of the shown part of the episode, s; by default the whole episode."""
     zoom: float = 1.0
     """Magnification."""
 

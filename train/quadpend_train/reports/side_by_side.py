@@ -68,7 +68,7 @@ class SideBySideView:
     def __init__(self, recordings: Sequence[Recording], period: float, seconds: tuple[float, float]) -> None:
         """Prepare the charts."""
         longest = max(len(recording.snapshots) for recording in recordings)
-        self.steps = range(round(seconds[0] / period), min(round(seconds[1] / period), longest))
+        self.steps = range(round(seconds[0] / period), round(min(seconds[1] / period, longest)))
         if not self.steps:
             raise ValueError(f"the episode is over after {longest * period:g} s, before {seconds[0]:g} s")
         self.picture = Picture()

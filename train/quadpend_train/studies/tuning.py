@@ -232,6 +232,8 @@ def tune(
             f"there is no controller {name!r} to tune{suggest(name, SEARCH_SPACES)}; there are"
             f" {', '.join(SEARCH_SPACES)}"
         )
+    if not scenarios or "test" in scenarios:
+        raise ValueError("scenarios must be at least one, and not 'test', which is held out")
     check_int(trials, "trials", 1)
     check_int(episodes, "episodes", 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)

@@ -186,7 +186,7 @@ class ProgressBar(BaseCallback):
 
     def _on_training_start(self) -> None:
         total = self.settings.total_timesteps
-        scenario = find_scenario(expand_sets(self.settings.scenario)[0])
+        scenario = find_scenario(expand_sets(self.settings.scenarios)[0])
         self.action_period = scenario.simulation.period * self.settings.hybrid.action_repeat  # s
         self.bar = tqdm(total=total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5)
 

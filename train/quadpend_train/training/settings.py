@@ -255,7 +255,7 @@ class TrainSettings:
         repeat = self.hybrid.action_repeat
         if self.max_episode_steps % repeat:
             raise ValueError(f"action_repeat must divide max_episode_steps = {self.max_episode_steps}, not be {repeat}")
-        for name in () if self.max_episode_steps else expand_sets((*self.curriculum, *self.scenario)):
+        for name in () if self.max_episode_steps else expand_sets((*self.curriculum, *self.scenarios)):
             if (steps := find_scenario(name).steps) % repeat:
                 raise ValueError(f"action_repeat must divide the {steps} control steps of an episode, not be {repeat}")
 
