@@ -53,7 +53,7 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     return policy
 
 
-def export_zip(path: Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
+def export_zip(path: str | Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     """Return the policy of a saved model; its only input must be the latest observation.
 
     Loading a model executes code that is in its file: export only files whose source you trust.
@@ -67,9 +67,9 @@ def export_zip(path: Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     Raises:
         ValueError: If `path` is not such a file, or `export` refuses the model.
     """
-    model = read_zip(path)
+    model = read_zip(Path(path))
     try:
-        return export(model, _statistics(model, path, vec_normalize), **card)
+        return export(model, _statistics(model, Path(path), vec_normalize), **card)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

@@ -71,7 +71,7 @@ def from_vec_normalize(vec_normalize: Any, size: int) -> Normalization | None:
     source = "vec_normalize"
     if isinstance(vec_normalize, str | Path):
         source, vec_normalize = str(vec_normalize), _read_statistics(Path(vec_normalize))
-    if not all(hasattr(vec_normalize, name) for name in ("norm_obs", "obs_rms", "epsilon", "clip_obs")):
+    if not hasattr(vec_normalize, "norm_obs"):
         raise ValueError(f"{source} must be a VecNormalize of Stable-Baselines3, not {type(vec_normalize).__name__}")
     if not vec_normalize.norm_obs:
         return None
