@@ -3,7 +3,7 @@
 import gymnasium as gym
 import pytest
 
-from quadpend_gym import PAPER, Constant, Drawn, PaperGusts, Parameters, Simulation
+from quadpend_gym import PAPER, Constant, Drawn, Parameters, Simulation
 from quadpend_gym.wind import as_wind
 from quadpend_gym.wind.strength import largest_force
 from quadpend_gym.wrappers import WindWrapper

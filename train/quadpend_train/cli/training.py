@@ -81,6 +81,7 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     """
     from quadpend_train.policies.loading import policy_file
     from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
+    from quadpend_train.training import start
     from quadpend_train.training import train as training
 
     original = MlpPolicy.load(policy_file(policy))
@@ -89,6 +90,7 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     for name, trained_in in original.card["scenarios"].items():
         if scenario_hash(find_scenario(name)) != trained_in:
             raise ValueError(f"the scenario {name} has changed since {policy} was trained in it")
+    start.check_reproducible(original.card, policy)
     settings = from_mapping(original.card["settings"], f"the card of {policy}")
     reproduced = MlpPolicy.load(training.train(settings, out))
     if largest := weight_difference(original, reproduced):

@@ -130,12 +130,13 @@ class EvaluationCallback(BaseCallback):
     def _on_training_start(self) -> None:
         self.start_time = time.perf_counter()
         # Scores after the checkpoint are dropped: a resumed run makes these evaluations again.
-        self.scores = [score for score in read_curve(self.folder) if score.steps < self.num_timesteps]
+        self.scores = [score for score in read_curve(self.folder) if score.steps <= self.num_timesteps]
+        self.stop = self._out_of_patience()
         self.seconds_before = self.scores[-1].seconds if self.scores else 0.0
 
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq
-        if every and self.num_timesteps >= len(self.scores) * every:
+        if every and self.num_timesteps >= (self.scores[-1].steps // every + 1 if self.scores else 0) * every:
             self.evaluate()
 
     def _on_training_end(self) -> None:
@@ -156,10 +157,12 @@ class EvaluationCallback(BaseCallback):
         for name, value in score._asdict().items():
             if name != "steps":
                 self.logger.record(f"evaluation/{name}", value)
-        best = min(range(len(self.scores)), key=lambda i: self.scores[i].penalised_rmse)
-        patience = self.settings.patience
-        self.stop |= bool(patience) and len(self.scores) - 1 - best >= patience
+        self.stop = self._out_of_patience()
         self.evaluation_seconds += time.perf_counter() - start
+
+    def _out_of_patience(self) -> bool:
+        patience, scores = self.settings.patience, [score.penalised_rmse for score in self.scores]
+        return bool(patience and scores) and len(scores) - 1 - scores.index(min(scores)) >= patience
 
     def _on_step(self) -> bool:
         return not self.stop

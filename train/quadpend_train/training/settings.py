@@ -155,6 +155,9 @@ class TrainSettings:
     """Timesteps of the whole curriculum."""
     total_timesteps: int = 7_000_000
     """Timesteps of the whole training."""
+    start_from: str = ""
+    """Learned policy whose network training starts from: the name of a policy of this package, a run folder, or a file
+    (.npz or .zip). Its network, hybrid and history must be those of the settings. The critic starts untrained."""
     max_seconds: float = 0.0
     """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit."""
     seed: int = 0
@@ -203,6 +206,8 @@ class TrainSettings:
     """Settings of SAC and TQC only."""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.start_from, str):
+            raise TypeError(f"start_from must be the name or the path of a policy, not {self.start_from!r}")
         for name, kind in _TABLES.items():
             object.__setattr__(self, name, from_plain(kind, getattr(self, name), name))
         for name in ("scenarios", "curriculum"):
@@ -241,6 +246,8 @@ class TrainSettings:
         if bool(self.curriculum) != bool(self.curriculum_steps):
             raise ValueError("curriculum and curriculum_steps must be given together or not at all")
         self._check_action_repeat()
+        if self.start_from and self.hybrid.imitation_timesteps:
+            raise ValueError("imitation_timesteps must be 0 with start_from, which replaces the imitation")
         if self.hybrid.baseline_relative_reward and self.gamma == 1.0:
             raise ValueError("baseline_relative_reward needs a gamma below 1")
         if self.patience and not self.eval_freq:

@@ -3,26 +3,31 @@
 The files of a run folder:
 
 - ``settings.json``: all settings;
+- ``start.npz``: the policy that training starts from, if any;
 - ``provenance.json``: package versions, commit and machine;
 - ``events*``: TensorBoard's event files;
 - ``checkpoint.zip``: the latest checkpoint, for SAC and TQC with ``buffer_*.pkl``; deleted when the run is finished;
 - ``curve.csv`` and ``best.npz``: scores and best policy, if the run is evaluated;
 - ``model.zip``: the final model;
-- ``policy.npz``: the best policy, or the final one if the run is not evaluated.
+- ``policy.npz``: the best policy, or the final one if the run is not evaluated; of a continued run, ``policy_*.npz`` is
+  the policy after its first part.
 
-An interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run.
+An interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run. A finished run
+continues from its model, see `extend`.
 """
 
 import json
 import signal
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
+from quadpend_gym.core.validation import check_int
 from quadpend_train.common.provenance import provenance
 from quadpend_train.common.version_0_1 import provenance_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -41,10 +46,12 @@ from quadpend_train.training.callbacks import (
     StopConditions,
     first_seed,
     read_curve,
+    save_checkpoint,
 )
 from quadpend_train.training.dagger import dagger
 from quadpend_train.training.environment import check_curriculum, make_env
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
+from quadpend_train.training.start import START, load_actor, start_policy, start_provenance
 from quadpend_train.training.validation import validate
 
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
@@ -74,8 +81,10 @@ def train(
         raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
     model = initial_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
+    if settings.start_from:
+        start_policy(settings).save(folder / START)
     _write_json(folder / SETTINGS, to_mapping(settings))
-    _write_json(folder / PROVENANCE, provenance())
+    _write_json(folder / PROVENANCE, {**provenance(), **start_provenance(settings)})
     return _learn(model, settings, folder, progress, callbacks)
 
 
@@ -109,8 +118,50 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
     return _learn(model, settings, folder, progress)
 
 
+def extend(folder: Path, more_steps: int, *, progress: bool = True) -> Path:
+    """Continue a finished run for more timesteps, with its networks and the state of its optimizers.
+
+    The run then has ``total_timesteps`` equal to its timesteps so far plus `more_steps`, and no ``patience``. The
+    learning rate is linear over this new total: it starts between its initial and its final value. The replay buffer of
+    SAC and TQC was deleted at the end of the run, so they fill a new one with ``learning_starts`` random actions. The
+    learning curve continues. An interrupted continuation is resumed by `resume`.
+
+    Loading a model executes code that is in it: extend only runs whose source you trust.
+
+    Args:
+        folder: The folder of the run.
+        more_steps: Number of timesteps.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The path of the trained policy.
+
+    Raises:
+        FileNotFoundError: If the folder contains no finished run.
+        FloatingPointError: If training diverged.
+        ValueError: If `more_steps` is not a whole number of at least 1.
+    """
+    check_int(more_steps, "more_steps", 1)
+    if not (folder / SETTINGS).is_file():
+        raise FileNotFoundError(f"{folder} contains no run")
+    if not (folder / POLICY).is_file() or not (folder / MODEL).is_file():
+        raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
+    settings = read_settings(str(folder / SETTINGS))
+    torch.set_num_threads(settings.num_threads)
+    model = algorithm_class(settings.algo).load(folder / MODEL, env=make_env(settings), device="cpu")
+    steps = model.num_timesteps
+    if settings.algo != "ppo":
+        model.learning_starts = steps + settings.sac.learning_starts
+    save_checkpoint(model, folder)
+    made = json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8"))
+    _write_json(folder / PROVENANCE, {**made, "continued_at": [*made.get("continued_at", []), steps]})
+    _write_json(folder / SETTINGS, to_mapping(replace(settings, total_timesteps=steps + more_steps, patience=0)))
+    (folder / POLICY).replace(folder / f"policy_{steps}.npz")
+    return resume(folder, progress=progress)
+
+
 def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
-    """Return the model with which a run starts: untrained, or after imitation of the base controller.
+    """Return the model with which a run starts: untrained, from a policy, or after imitation of the base controller.
 
     Args:
         settings: The settings of the run.
@@ -121,6 +172,8 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
     if settings.curriculum:
         check_curriculum(settings)
     model = make_model(settings, env, folder)
+    if settings.start_from:
+        load_actor(model, settings, folder)
     if settings.hybrid.imitation_timesteps:
         env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
         error = dagger(model, env, settings)

@@ -1,0 +1,162 @@
+"""Training starts from the network of another policy, and a finished run goes on."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numpy.testing import assert_array_equal
+
+from quadpend_train.cli.main import main
+from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
+from quadpend_train.training import train as training
+from quadpend_train.training.callbacks import read_curve
+from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import assert_same
+from tests.helpers.policies import mlp_policy
+from tests.helpers.training import BRIEF, BRIEF_SAC, interrupt_at, model_of, train_policy, trained_arrays
+
+SHORTER = replace(BRIEF, total_timesteps=512, save_freq=256)
+SHORTER_SAC = replace(BRIEF_SAC, total_timesteps=256, save_freq=128)
+RESIDUAL = HybridSettings("flatness", "residual_action", action_scale=0.3)
+each_algorithm = pytest.mark.parametrize("settings", [SHORTER, SHORTER_SAC], ids=["ppo", "sac"])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [SHORTER, replace(SHORTER, hybrid=RESIDUAL, history=2), SHORTER_SAC, replace(SHORTER_SAC, sde_sample_freq=4)],
+    ids=["ppo", "residual action", "sac", "sac, gSDE"],
+)
+def test_training_starts_with_the_network_of_the_policy(settings: TrainSettings, tmp_path: Path) -> None:
+    """The rest of the model is the untrained model of the settings."""
+    start, fresh = train_policy(settings, tmp_path), training.initial_model(replace(settings, seed=1), None)
+    model = training.initial_model(replace(settings, start_from=str(tmp_path), seed=1), None)
+    assert weight_difference(training.export(model, **settings.policy_interface()), start) == 0.0
+    arrays, others = model.policy.state_dict(), fresh.policy.state_dict()
+    changed = {name for name in arrays if not bool((arrays[name] == others[name]).all())}
+    actor = ("mlp_extractor.policy_net", "action_net") if settings.algo == "ppo" else ("actor.latent_pi", "actor.mu")
+    assert changed == {name for name in arrays if name.startswith(actor)}
+
+
+@each_algorithm
+def test_interrupted_fine_tuning_equals_an_uninterrupted_one(
+    settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also after the policy from which it started has been deleted."""
+    start = tmp_path / "start.npz"
+    training.export(training.initial_model(settings, None)).save(start)
+    tuned = replace(settings, start_from=str(start))
+    policy = train_policy(tuned, tmp_path / "whole")
+    assert policy.card["settings"]["start_from"] == str(start)
+    recorded = policy.card["provenance"]["start_from"]
+    assert recorded["policy"] == str(start)
+    assert len(recorded["sha256"]) == 64
+    for steps in (64, settings.save_freq + 64):
+        broken = tmp_path / f"broken_{steps}"
+        training.export(training.initial_model(settings, None)).save(start)
+        with monkeypatch.context() as patch:
+            interrupt_at(steps, patch)
+            with pytest.raises(KeyboardInterrupt):
+                train_policy(tuned, broken)
+        start.unlink()
+        assert weight_difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
+
+
+def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start = tmp_path / "start.npz"
+    training.export(training.initial_model(SHORTER, None)).save(start)
+    train_policy(replace(SHORTER, start_from=str(start)), tmp_path / "run")
+    main(["reproduce", str(tmp_path / "run"), "--out", str(tmp_path / "again")])
+    assert "The weights are the same." in capsys.readouterr().out
+    training.export(training.initial_model(replace(SHORTER, seed=1), None)).save(start)
+    for change, message in ((lambda: None, "start.npz has changed since"), (start.unlink, "there is no policy")):
+        change()
+        with pytest.raises(SystemExit):
+            main(["reproduce", str(tmp_path / "run"), "--out", str(tmp_path / "third")])
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"net_arch": (8, 7)}, r"widths \[36, 8, 6, 4\], but the settings have \[36, 8, 7, 4\]"),
+        ({"activation_fn": "tanh"}, "has activation 'relu', but the settings have 'tanh'"),
+        ({"history": 2}, "has history 1, but the settings have 2"),
+        ({"hybrid": RESIDUAL}, "has hybrid None, but the settings have {'kind': 'residual_action'"),
+        ({"algo": "sac"}, "has squashed False, but the settings have True"),
+        ({"start_from": "adrc-paper"}, "must be a learned policy with a feedforward network, not adrc-paper"),
+        ({"start_from": "nix"}, "there is no policy 'nix'"),
+        ({"start_from": "ppo-gain-scheduling-0"}, "ppo-gain-scheduling-0 has .*, but the settings have"),
+        ({"hybrid": HybridSettings("lqr", imitation_timesteps=64)}, "imitation_timesteps must be 0 with start_from"),
+        ({"start_from": 3}, "start_from must be the name or the path of a policy, not 3"),
+    ],
+    ids=str,
+)
+def test_policy_that_does_not_fit_the_settings_is_refused(changes: Any, message: str, tmp_path: Path) -> None:
+    mlp_policy(36).save(tmp_path / "start.npz")
+    given = {"net_arch": (8, 6), "start_from": str(tmp_path / "start.npz"), **changes}
+    assert_refused(lambda: train_policy(replace(BRIEF, **given), tmp_path / "run"), message, (ValueError, TypeError))
+    assert not (tmp_path / "run").exists()
+
+
+@each_algorithm
+def test_finished_run_goes_on_from_its_model(
+    settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Optimizers and curve go on; the new total and the steps of the first part are recorded."""
+    settings = replace(settings, eval_freq=96, patience=1000)
+    first, steps = train_policy(settings, tmp_path), settings.total_timesteps
+    before, curve = trained_arrays(model_of(tmp_path, settings)), read_curve(tmp_path)
+    with monkeypatch.context() as patch:  # the continuation is a run that was interrupted after the first part
+        patch.setattr(training, "resume", lambda folder, progress: folder)
+        training.extend(tmp_path, 300, progress=False)
+    assert_same(trained_arrays(checkpoint(tmp_path, settings)), before)
+    policy = MlpPolicy.load(training.resume(tmp_path, progress=False))
+    assert model_of(tmp_path, settings).num_timesteps >= steps + 300
+    assert policy.card["settings"] == json.loads((tmp_path / "settings.json").read_text())
+    assert read_settings(str(tmp_path / "settings.json")) == replace(settings, total_timesteps=steps + 300, patience=0)
+    assert policy.card["provenance"]["continued_at"] == [steps]
+    assert read_curve(tmp_path)[: len(curve)] == curve
+    assert len(read_curve(tmp_path)) > len(curve)
+    assert weight_difference(MlpPolicy.load(tmp_path / f"policy_{steps}.npz"), first) == 0.0
+    assert not list(tmp_path.glob("checkpoint*")) + list(tmp_path.glob("buffer*"))
+
+
+def checkpoint(folder: Path, settings: TrainSettings) -> Any:
+    return training.algorithm_class(settings.algo).load(folder / "checkpoint.zip", device="cpu")
+
+
+@each_algorithm
+def test_interrupted_continuation_equals_an_uninterrupted_one(
+    settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("whole", "broken"):
+        train_policy(settings, tmp_path / name)
+    whole = MlpPolicy.load(training.extend(tmp_path / "whole", 512, progress=False))
+    steps = settings.total_timesteps
+    with monkeypatch.context() as patch:
+        interrupt_at(steps + settings.save_freq + 32, patch)
+        with pytest.raises(KeyboardInterrupt):
+            training.extend(tmp_path / "broken", 512, progress=False)
+    resumed = MlpPolicy.load(training.resume(tmp_path / "broken", progress=False))
+    assert weight_difference(resumed, whole) == 0.0
+    arrays = [trained_arrays(model_of(tmp_path / name, settings)) for name in ("whole", "broken")]
+    for one, other in zip(*arrays, strict=True):
+        assert_array_equal(one, other)
+
+
+def test_run_that_cannot_go_on_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert_refused(lambda: training.extend(tmp_path, 10), "contains no run", FileNotFoundError)
+    train_policy(SHORTER, tmp_path)
+    assert_refused(lambda: training.extend(tmp_path, 0), "more_steps must be .* at least 1, not 0", ValueError)
+    (tmp_path / "policy.npz").rename(tmp_path / "away.npz")
+    assert_refused(lambda: training.extend(tmp_path, 10), "is not finished: resume it without", FileNotFoundError)
+    (tmp_path / "away.npz").rename(tmp_path / "policy.npz")
+    training.extend(tmp_path, 128, progress=False)
+    with pytest.raises(SystemExit):
+        main(["reproduce", str(tmp_path)])
+    assert "was continued after 512 steps" in capsys.readouterr().err
