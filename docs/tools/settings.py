@@ -1,0 +1,61 @@
+"""Write the tables of training settings and of presets in `docs/training.md`: ``python -m docs.tools.settings``."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import griffe
+
+from quadpend_train.common import documents
+from quadpend_train.common.files import read_mapping
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.training import settings as module
+from quadpend_train.training.settings import PRESETS, HybridSettings, PpoSettings, SacSettings, TrainSettings
+
+PAGE = Path(__file__).parents[1] / "training.md"
+GROUPS = {"settings": TrainSettings, "hybrid": HybridSettings, "ppo": PpoSettings, "sac": SacSettings}
+
+
+def settings_of(kind: type) -> Iterator[tuple[str, str, str]]:
+    """Yield name, default value as JSON, and description of each field; a nested table has no value here."""
+    attributes = griffe.load(kind.__module__)[kind.__name__].attributes
+    for name, value in vars(kind()).items():
+        default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
+        yield name, default, " ".join(attributes[name].docstring.value.split())
+
+
+def settings_table(kind: type) -> str:
+    """Return the table of a settings class."""
+    rows = [f"| `{name}` | {default} | {text} |" for name, default, text in settings_of(kind)]
+    return "\n".join(["| setting | default | meaning |", "|---|---|---|", *rows])
+
+
+def presets_table() -> str:
+    """Return the table of the presets, with the durations that the cards of their trained policies state."""
+    lines = ["| preset | algorithm | timesteps | duration | description |", "|---|---|---|---|---|"]
+    for path in sorted(PRESETS.glob("*.toml")):
+        data = read_mapping(path)
+        comments = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
+        description = " ".join(line.removeprefix("# ") for line in comments)
+        steps = data.get("total_timesteps", module.TrainSettings().total_timesteps)
+        algorithm = data.get("algo", "ppo").upper()
+        lines.append(f"| `{path.stem}` | {algorithm} | {steps:,} | {_duration(path.stem)} | {description} |")
+    return "\n".join(lines)
+
+
+def _duration(preset: str) -> str:
+    """Return the range of the training times of the five shipped policies of a preset, if there are any."""
+    try:
+        seconds = [float(MlpPolicy.load(f"{preset}-{seed}").card["seconds"]) for seed in range(5)]
+    except ValueError:
+        return "–"
+    return f"{min(seconds):.0f}–{max(seconds):.0f} s"
+
+
+def tables() -> dict[str, str]:
+    """Return the generated parts of the page by name."""
+    return {**{name: settings_table(kind) for name, kind in GROUPS.items()}, "presets": presets_table()}
+
+
+if __name__ == "__main__":
+    documents.fill(PAGE, tables())
