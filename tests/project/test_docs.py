@@ -59,11 +59,6 @@ def test_the_frames_figure_is_drawn_by_code(tmp_path: Path) -> None:
     assert (tmp_path / "frames.svg").read_text(encoding="utf-8").count("<path") > 50
 
 
-@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", MODELS, re.DOTALL))
-def test_python_on_the_page_of_models_runs(block: str) -> None:
-    exec(compile(block, "docs/models.md", "exec"), {})
-
-
 def test_the_scenario_on_the_page_of_models_makes_an_environment(tmp_path: Path) -> None:
     (block,) = re.findall(r"```toml\n(.*?)```", MODELS, re.DOTALL)
     (tmp_path / "mine.toml").write_text(block, encoding="utf-8")

@@ -15,17 +15,6 @@ GUIDE = (ROOT / "docs/guide.md").read_text(encoding="utf-8")
 RESULTS = (ROOT / "docs/results.md").read_text(encoding="utf-8")
 
 
-def python_blocks(text: str) -> list[str]:
-    """The Python code of a document."""
-    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-
-
-@pytest.mark.parametrize("block", [*python_blocks(README), *python_blocks(GUIDE)])
-def test_python_in_the_readme_and_the_guide_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    exec(compile(re.sub(r"total_timesteps=[\d_]+", "total_timesteps=64", block), "README.md", "exec"), {})
-
-
 @pytest.mark.parametrize("text", [README, GUIDE], ids=["README", "guide"])
 def test_the_commands_in_the_readme_and_the_guide_run(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
