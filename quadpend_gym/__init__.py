@@ -22,6 +22,7 @@ from quadpend_gym.physics.state import Disturbance, State
 from quadpend_gym.tasks import EPISODE_STEPS, Limits, ReferenceSettings, RewardWeights, StartSettings, Task
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.tasks.references import Reference
+from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
 from quadpend_gym.wind import (
     Constant,
     Drawn,
@@ -55,11 +56,14 @@ __all__ = [
     "RewardWeights",
     "Simulation",
     "Sinusoid",
+    "SinusoidTerm",
+    "Sinusoids",
     "StartSettings",
     "State",
     "StillAir",
     "Task",
     "VonKarman",
+    "Waypoints",
     "read_observation",
 ]
 

@@ -126,7 +126,10 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             ValueError: If an option is unknown, or has a wrong shape or value.
         """
         options = check_options(options, ("state", "reference"))
-        checked = check_reset_options(options.get("state"), options.get("reference"), 1)
+        world = self.world
+        checked = check_reset_options(
+            options.get("state"), options.get("reference"), 1, world.simulation, world.task.limits
+        )
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             self.world.seed(_ROW, [self.np_random_seed])

@@ -15,7 +15,6 @@ from quadpend_gym.envs.outcome import COMMAND, DISTURBANCE, OUTCOME_SIZE, REWARD
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.parameters import ROD_LENGTH
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, THRUST, Disturbance, State
-from quadpend_gym.tasks.references import Reference
 from quadpend_gym.viewer import check_pygame
 from quadpend_gym.viewer.snapshot import Snapshot
 
@@ -100,7 +99,7 @@ class Recorder:
             clock * period,
             State(states[-1].copy()),
             rod_length,
-            Reference.from_array(world.reference[row]),
+            world.trajectory(row),
             outcome[DISTURBANCE].copy(),
             thrust,
             float(np.linalg.norm(outcome[TRACKING_ERROR])),

@@ -6,10 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import as_float_array, from_plain
+from quadpend_gym.core.validation import as_float_array
 from quadpend_gym.physics.kernel import DIVERGENCE_LIMIT
+from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import STATE_FIELDS
-from quadpend_gym.tasks.references import Reference
+from quadpend_gym.tasks import Limits
+from quadpend_gym.tasks.feasibility import check_feasible
+from quadpend_gym.tasks.trajectories import Trajectory, as_trajectory
 
 
 class ResetOptions(NamedTuple):
@@ -17,29 +20,35 @@ class ResetOptions(NamedTuple):
 
     Attributes:
         state: Fixed fields of the state by name, each of shape (3,) or (m, 3).
-        reference: Fixed reference as an array of shape (20,) or (m, 20), or None.
+        references: Fixed references: one for all sub-environments or one for each; empty: they are not fixed.
     """
 
     state: dict[str, Floats]
-    reference: Floats | None
+    references: tuple[Trajectory, ...]
 
 
-NO_OPTIONS = ResetOptions({}, None)
+NO_OPTIONS = ResetOptions({}, ())
 
 
-def check_reset_options(state: Any, reference: Any, count: int) -> ResetOptions:
+def check_reset_options(state: Any, reference: Any, count: int, simulation: Simulation, limits: Limits) -> ResetOptions:
     """Check the options of a reset before the reset changes anything.
 
     Args:
         state: A mapping from names in `STATE_FIELDS` to arrays of shape (3,) or (count, 3), or None.
-        reference: A `Reference`, a mapping of its fields, a sequence of `count` of these, or None.
+        reference: Anything that `as_trajectory` accepts, a sequence of `count` of these, or None.
         count: Number of sub-environments that are reset.
+        simulation: Simulation settings, for `check_feasible`.
+        limits: Termination limits, for `check_feasible`.
 
     Raises:
         TypeError: If `state` or `reference` has the wrong type.
-        ValueError: If `state` or `reference` has an unknown field, a wrong shape or a value out of range.
+        ValueError: If `state` or `reference` has an unknown field, a wrong shape or a value out of range, or a
+            reference cannot be flown.
     """
-    return ResetOptions(_check_state(state, count), _check_reference(reference, count))
+    references = _check_references(reference, count)
+    for item in dict.fromkeys(references):
+        check_feasible(item, simulation, limits)
+    return ResetOptions(_check_state(state, count), references)
 
 
 def _check_state(state: Any, count: int) -> dict[str, Floats]:
@@ -64,11 +73,11 @@ def _check_state(state: Any, count: int) -> dict[str, Floats]:
     return checked
 
 
-def _check_reference(reference: Any, count: int) -> Floats | None:
+def _check_references(reference: Any, count: int) -> tuple[Trajectory, ...]:
     if reference is None:
-        return None
+        return ()
     if isinstance(reference, Sequence) and not isinstance(reference, str):
         if len(reference) != count:
             raise ValueError(f"options['reference'] must be one reference or {count} references, not {len(reference)}")
-        return np.array([from_plain(Reference, item, "reference").as_array() for item in reference])
-    return from_plain(Reference, reference, "reference").as_array()
+        return tuple(as_trajectory(item, "reference") for item in reference)
+    return (as_trajectory(reference, "reference"),)

@@ -82,8 +82,9 @@ from quadpend_gym.tasks.observation import (
     store_target,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import REFERENCE_SIZE, reference_point
+from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.rewards import reward_terms
+from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis, the action,
 # the reference and the time.
@@ -199,7 +200,15 @@ def check_inputs(action: Floats32, wind: Floats) -> int:
 
 @inlined
 def _step(
-    memory: Any, clock: Any, wind: Any, action: Any, settings: Any, observation: Any, outcome: Any, sensed: Any
+    memory: Any,
+    clock: Any,
+    wind: Any,
+    action: Any,
+    settings: Any,
+    observation: Any,
+    outcome: Any,
+    sensed: Any,
+    trajectories: Any,
 ) -> int:
     error = _check_inputs(action, wind)
     if error != NO_ERROR:
@@ -235,7 +244,7 @@ def _step(
                     state_lanes[field, lane] = state[first + lane, field]
                 store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
         for lane in range(lanes):
-            point = reference_point(reference_lanes, lane, time[lane])
+            point = point_at(trajectories, first + lane, reference_lanes, lane, time[lane])
             observe_reference(point, lane, observation_lanes)
             target = Target(point.d0, point.d1, point.yaw)
             store_target(target, sensed_lanes, lane)
@@ -289,7 +298,7 @@ def step(
     Returns:
         `NO_ERROR`, or the error code that `check_inputs` returns; with an error, no array is changed.
     """
-    return _step(memory, clock, wind, action, settings, observation, outcome, outcome[:, :0])
+    return _step(memory, clock, wind, action, settings, observation, outcome, outcome[:, :0], None)
 
 
 @compiled
@@ -307,7 +316,28 @@ def step_sensed(
 
     `observe_sensed` writes the other part once the sensors have changed the state in `sensed`.
     """
-    return _step(memory, clock, wind, action, settings, observation, outcome, sensed)
+    return _step(memory, clock, wind, action, settings, observation, outcome, sensed, None)
+
+
+@compiled
+def step_trajectories(
+    memory: Floats,
+    clock: Integers,
+    wind: Floats,
+    action: Floats32,
+    settings: Floats,
+    observation: Floats32,
+    outcome: Floats,
+    sensed: Floats,
+    numbers: Floats,
+    first: Integers,
+) -> int:
+    """As `step`, or as `step_sensed` if `sensed` has n columns, where some sub-environments follow a trajectory.
+
+    `numbers` and `first` are the fields of `PackedTrajectories`.
+    """
+    trajectories = PackedTrajectories(numbers, first)
+    return _step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories)
 
 
 @compiled

@@ -110,7 +110,10 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         options = check_options(options, ("state", "reference", "reset_mask"))
         mask = self._check_mask(options.get("reset_mask"))
         rows = np.flatnonzero(mask)
-        checked = check_reset_options(options.get("state"), options.get("reference"), rows.size)
+        world = self.world
+        checked = check_reset_options(
+            options.get("state"), options.get("reference"), rows.size, world.simulation, world.task.limits
+        )
         self._seed(seed, mask)
         self.world.start_episodes(rows, checked)
         self._ended &= ~mask

@@ -34,13 +34,16 @@ from quadpend_gym.envs.kernel_layout import (
 from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.step_errors import NO_ERROR, clip_rounding, raise_step_error
+from quadpend_gym.envs.trajectory_table import TrajectoryTable
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.tasks import Task, flatten
+from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
-from quadpend_gym.tasks.references import draw_references
+from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
 from quadpend_gym.tasks.starts import draw_starts
+from quadpend_gym.tasks.trajectories import Trajectory
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
 from quadpend_gym.wind.strength import warn_if_too_strong
 
@@ -68,7 +71,13 @@ class World:
     """
 
     def __init__(self, num_envs: int, task: Task, simulation: Simulation, wind: Any = None) -> None:
-        """Allocate the arrays; every sub-environment needs `seed` and `start_episodes` before `step`."""
+        """Allocate the arrays; every sub-environment needs `seed` and `start_episodes` before `step`.
+
+        Raises:
+            ValueError: If the trajectory of the task cannot be flown.
+        """
+        if task.trajectory is not None:
+            check_feasible(task.trajectory, simulation, task.limits)
         self.task = task
         self.simulation = simulation
         self.num_envs = num_envs
@@ -82,6 +91,7 @@ class World:
         self._observe_settings = pack_settings(make_settings(task, simulation, False, 0))
         self._reference_ranges = flatten(task.references)
         self._start_ranges = flatten(task.start)
+        self._trajectories = TrajectoryTable(num_envs)
         self._parameter_ranges: ParameterRanges | None = None
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(as_wind(wind))
@@ -98,8 +108,12 @@ class World:
 
     @property
     def reference(self) -> Floats:
-        """View of the references, shape (n, 20), see `Reference.as_array`."""
+        """View of the references, shape (n, 20), see `Reference.as_array`; zero where `trajectory` is another one."""
         return self._memory[:, MEMORY_REFERENCE]
+
+    def trajectory(self, row: int) -> Trajectory:
+        """Return the reference of a sub-environment."""
+        return self._trajectories.find(row) or Reference.from_array(self.reference[row])
 
     @property
     def wind(self) -> Floats:
@@ -204,11 +218,10 @@ class World:
 
     def _set_start(self, rows: Integers, options: ResetOptions) -> None:
         """Set reference and state of new episodes."""
-        if options.reference is None:
-            draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
-        else:
-            self.reference[rows] = options.reference
-        draw_starts(rows, self._seeds, self.episode, self._start_ranges, self.parameters, self.reference, self.state)
+        self._set_reference(rows, options.references)
+        keys, table = (self._seeds, self.episode), self._trajectories
+        arrays = self.parameters, self.reference, self.state, table.numbers, table.first
+        draw_starts(rows, *keys, self._start_ranges, *arrays)
         for name, value in options.state.items():
             self.state[rows, STATE_FIELDS[name]] = value
         if "direction" in options.state or "direction_rate" in options.state:
@@ -217,6 +230,17 @@ class World:
             along = np.sum(view.direction * view.direction_rate, axis=-1, keepdims=True)
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
+
+    def _set_reference(self, rows: Integers, fixed: tuple[Trajectory, ...]) -> None:
+        """Set the references of new episodes: one for all, one for each, or, if `fixed` is empty, those of the task."""
+        if not fixed and self.task.trajectory is not None:
+            fixed = (self.task.trajectory,)
+        if fixed:
+            arrays = [item.as_array() if isinstance(item, Reference) else np.zeros(REFERENCE_SIZE) for item in fixed]
+            self.reference[rows] = arrays
+        else:
+            draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
+        self._trajectories.assign(rows, [None if isinstance(item, Reference) else item for item in fixed or (None,)])
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
         """Draw the wind over the first control period of new episodes."""
@@ -270,11 +294,15 @@ class World:
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
         arguments = memory, clock, calm, action, self._observe_settings, observation, outcome
-        if not self._sensors.models:
+        sensed = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0))
+        if self._trajectories.in_use:
+            first = self._trajectories.first[rows]
+            step_kernel.step_trajectories(*arguments, sensed, self._trajectories.numbers, first)
+        elif not self._sensors.models:
             step_kernel.step(*arguments)
         else:
-            sensed = np.empty((SENSED_SIZE, rows.size))
             step_kernel.step_sensed(*arguments, sensed)
+        if self._sensors.models:
             sensed[SENSED_STATE] = self._sensed[SENSED_STATE, rows]
             step_kernel.observe_sensed(sensed, observation)
         return observation, outcome
@@ -303,7 +331,11 @@ class World:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
-        if self._sensors.models:
+        if self._trajectories.in_use:
+            arguments = memory, clock, wind, action, settings, observation, outcome, self._sensed
+            table = self._trajectories
+            error = step_kernel.step_trajectories(*arguments, table.numbers, table.first)
+        elif self._sensors.models:
             error = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
         else:
             error = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)

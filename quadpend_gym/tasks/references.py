@@ -89,12 +89,8 @@ class ReferencePoint(NamedTuple):
 
 
 @inlined
-def reference_point(lanes: Any, lane: int, time: float) -> ReferencePoint:
-    """Return the reference in column `lane` of a (20, n) buffer at `time` (s)."""
-    x = channel_derivatives(lanes, _X, lane, time)
-    y = channel_derivatives(lanes, _Y, lane, time)
-    z = channel_derivatives(lanes, _Z, lane, time)
-    yaw = channel_derivatives(lanes, _YAW, lane, time)
+def channels_to_point(x: Derivatives, y: Derivatives, z: Derivatives, yaw: Derivatives) -> ReferencePoint:
+    """Return the point of a reference with these channels."""
     return ReferencePoint(
         Vec3(x.d0, y.d0, z.d0),
         Vec3(x.d1, y.d1, z.d1),
@@ -106,6 +102,17 @@ def reference_point(lanes: Any, lane: int, time: float) -> ReferencePoint:
         yaw.d0,
         yaw.d1,
         yaw.d2,
+    )
+
+
+@inlined
+def reference_point(lanes: Any, lane: int, time: float) -> ReferencePoint:
+    """Return the reference in column `lane` of a (20, n) buffer at `time` (s)."""
+    return channels_to_point(
+        channel_derivatives(lanes, _X, lane, time),
+        channel_derivatives(lanes, _Y, lane, time),
+        channel_derivatives(lanes, _Z, lane, time),
+        channel_derivatives(lanes, _YAW, lane, time),
     )
 
 

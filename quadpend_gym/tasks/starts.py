@@ -19,7 +19,8 @@ from quadpend_gym.core.streams import START_STREAM, Keys, derive, uniform_betwee
 from quadpend_gym.physics.dynamics import Physics, load_physics
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, norm, scale, store
-from quadpend_gym.tasks.references import ReferencePoint, reference_point
+from quadpend_gym.tasks.references import ReferencePoint
+from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
 
 
 class StartRanges(NamedTuple):
@@ -89,6 +90,8 @@ def draw_starts(
     parameters: Floats,
     reference: Floats,
     state: Floats,
+    numbers: Floats,
+    first: Integers,
 ) -> None:
     """Draw a random start near the reference for some of n sub-environments.
 
@@ -100,9 +103,12 @@ def draw_starts(
         parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
         reference: References, shape (n, 20), see `Reference.as_array`.
         state: States, shape (n, 18), changed in place.
+        numbers: Packed trajectories, see `PackedTrajectories`.
+        first: Position of the trajectory of each sub-environment in `numbers`, shape (n,); −1: it has a reference.
     """
+    trajectories = PackedTrajectories(numbers, first)
     bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
     for row in rows:
         key = derive(derive(seeds[row], episodes[row]), START_STREAM)
-        point = reference_point(reference.T, row, 0.0)
+        point = point_at(trajectories, row, reference.T, row, 0.0)
         draw_start(key, bounds, point, load_physics(parameters.T, row), state.T, row)

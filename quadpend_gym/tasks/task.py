@@ -1,4 +1,4 @@
-"""Settings of a task: random references, random starts, termination limits and reward weights.
+"""Settings of a task: references, random starts, termination limits and reward weights.
 
 `gym.make` accepts a task as a name, a `Task`, or a mapping of its fields. Environment specifications store it as JSON.
 """
@@ -10,6 +10,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import check_interval, check_number, from_plain, suggest
+from quadpend_gym.tasks.trajectories import as_trajectory
 
 EPISODE_STEPS = 1000  # control steps after which an episode is truncated: 10 s at the default control period
 Interval = tuple[float, float]
@@ -98,16 +99,30 @@ class RewardWeights:
 
 @dataclass(frozen=True)
 class Task:
-    """Task: random references, random starts, termination limits and reward weights."""
+    """Task: references, random starts, termination limits and reward weights.
+
+    Attributes:
+        references: Random references.
+        start: Random starts.
+        limits: Termination limits.
+        reward: Weights of the reward.
+        trajectory: Reference of every episode: `Reference`, `Waypoints`, `Sinusoids`, or a mapping as `as_trajectory`
+            takes it; None: each episode draws one from `references`.
+    """
 
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
     start: StartSettings = field(default_factory=StartSettings)
     limits: Limits = field(default_factory=Limits)
     reward: RewardWeights = field(default_factory=RewardWeights)
+    trajectory: Any = None
 
     def __post_init__(self) -> None:
+        if self.trajectory is not None:
+            object.__setattr__(self, "trajectory", as_trajectory(self.trajectory, "trajectory"))
         for item in fields(self):
-            object.__setattr__(self, item.name, from_plain(item.default_factory, getattr(self, item.name), item.name))  # type: ignore[arg-type]
+            if item.name != "trajectory":
+                kind: Any = item.default_factory
+                object.__setattr__(self, item.name, from_plain(kind, getattr(self, item.name), item.name))
 
 
 TASKS = {

@@ -6,7 +6,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
-from quadpend_gym.tasks.references import Reference
+from quadpend_gym.tasks.trajectories import Trajectory
 
 
 class Snapshot(NamedTuple):
@@ -16,7 +16,7 @@ class Snapshot(NamedTuple):
         time: Time since the episode began, s.
         state: State, see `quadpend_gym.physics.state`.
         rod_length: Length of the rod, m.
-        reference: Reference, see `quadpend_gym.tasks.references`.
+        reference: Reference, see `quadpend_gym.tasks.references` and `quadpend_gym.tasks.trajectories`.
         disturbance: Disturbance during the last step, shape (9,), see `quadpend_gym.physics.state.Disturbance`.
         thrust: Thrust of the last step divided by the weight.
         error: Norm of the tracking error, m.
@@ -32,7 +32,7 @@ class Snapshot(NamedTuple):
     time: float
     state: State
     rod_length: float
-    reference: Reference
+    reference: Trajectory
     disturbance: Floats
     thrust: float
     error: float

@@ -23,6 +23,7 @@ from quadpend_gym.core.validation import check_int, check_positive, from_plain, 
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.tasks import TASKS, RewardWeights, as_task
+from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.wind import Sum, as_wind
 from quadpend_gym.wrappers import (
     VectorActuatorWrapper,
@@ -92,6 +93,8 @@ class Scenario:
         object.__setattr__(self, "simulation", from_plain(Simulation, self.simulation, "simulation"))
         if self.task is not None:
             object.__setattr__(self, "task", as_task(self.task))
+            if self.task.trajectory is not None:
+                check_feasible(self.task.trajectory, self.simulation, self.task.limits)
         check_chain(self.actuators, self.simulation)
         object.__setattr__(self, "duration", check_positive(self.duration, "duration"))
         periods = self.duration / self.simulation.period
@@ -183,7 +186,10 @@ def expand_sets(names: Sequence[str]) -> list[str]:
 
 def _stored_fields(scenario: Scenario) -> dict[str, Any]:
     """Return the fields of a scenario without those of `_LATER_FIELDS` that have their default value."""
-    return {name: value for name, value in asdict(scenario).items() if value != _LATER_FIELDS.get(name, ...)}
+    data = {name: value for name, value in asdict(scenario).items() if value != _LATER_FIELDS.get(name, ...)}
+    if scenario.task is not None and scenario.task.trajectory is None:
+        del data["task"]["trajectory"]  # a later field of `Task`
+    return data
 
 
 def name_or_json(name: str) -> str:

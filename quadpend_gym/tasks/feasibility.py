@@ -1,0 +1,122 @@
+"""What a trajectory demands of the vehicle: thrust, tilt of the pendulum and of the body, and height.
+
+Exact tracking in calm air, with the bob's horizontal position F and the quadrotor's height z (world frame):
+
+    (1)  r = L/|L|,    L = (F̈_x, F̈_y, g + z̈)
+    (2)  ṙ = (L̇ − n₁ r)/|L|,    n₁ = r·L̇
+    (3)  r̈ = (L̈ − 2 n₁ ṙ − n₂ r)/|L|,    n₂ = ṙ·L̇ + r·L̈
+    (4)  u b = (M + m_c)(F̈_x, F̈_y, g + z̈) + l (−M r̈_x, −M r̈_y, m_c r̈_z)
+
+Equation (1) leaves out the vertical acceleration l r̈_z of the bob relative to the quadrotor, which is of second order
+in the tilt and zero on circles; (2) to (4) follow from it exactly. Drag and the torques are not considered.
+
+| symbol | code name   | unit | frame | shape  |
+|--------|-------------|------|-------|--------|
+| r      | `direction` | 1    | world | (k, 3) |
+| L      | `lift`      | m/s² | world | (k, 3) |
+| u b    | `thrust`    | N    | world | (k, 3) |
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from gymnasium import logger
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.parameters import Parameters, Simulation
+from quadpend_gym.tasks.task import Limits
+from quadpend_gym.tasks.trajectories import Sinusoids, Trajectory, Waypoints
+
+
+class Demand(NamedTuple):
+    """What exact tracking demands at k times.
+
+    Attributes:
+        thrust: Thrust u, N, shape (k,).
+        pendulum_angle: Angle of the pendulum from upright, rad, shape (k,).
+        body_angle: Angle of the thrust axis from vertical, rad, shape (k,).
+        height: Height of the lower of quadrotor and bob, m, shape (k,).
+    """
+
+    thrust: Floats
+    pendulum_angle: Floats
+    body_angle: Floats
+    height: Floats
+
+
+def demand(trajectory: Trajectory, parameters: Parameters, times: Floats) -> Demand:
+    """Return what tracking a trajectory exactly in calm air demands, equations (1) to (4).
+
+    Args:
+        trajectory: Trajectory.
+        parameters: Physical parameters.
+        times: Times, s, shape (k,).
+    """
+    p = parameters
+    derivatives = trajectory.derivatives(times)[:, :, :3]
+    lift, lift_rate, lift_acceleration = derivatives[:, 2] + [0.0, 0.0, p.gravity], derivatives[:, 3], derivatives[:, 4]
+    size = np.linalg.norm(lift, axis=-1, keepdims=True)
+    direction = lift / size
+    first = _dot(direction, lift_rate)
+    rate = (lift_rate - first * direction) / size
+    second = _dot(rate, lift_rate) + _dot(direction, lift_acceleration)
+    acceleration = (lift_acceleration - 2.0 * first * rate - second * direction) / size
+    weights = p.rod_length * np.array([-p.quadrotor_mass, -p.quadrotor_mass, p.bob_mass])
+    thrust = p.total_mass * lift + weights * acceleration
+    size = np.linalg.norm(thrust, axis=-1)
+    height = derivatives[:, 0, 2] + np.minimum(p.rod_length * direction[:, 2], 0.0)
+    return Demand(size, np.arccos(direction[:, 2]), np.arccos(thrust[:, 2] / size), height)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.sum(a * b, axis=-1, keepdims=True))
+
+
+@lru_cache(maxsize=64)
+def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limits) -> None:
+    """Check waypoints or sinusoids against the thrust and the termination limits; a `Reference` is not checked.
+
+    A trajectory is checked once: later calls with equal arguments do nothing.
+
+    Args:
+        trajectory: Trajectory.
+        simulation: Nominal parameters and thrust limit.
+        limits: Limits at which an episode terminates; exceeding one of them gives a warning.
+
+    Raises:
+        ValueError: If the thrust would have to exceed its maximum or to point downwards.
+    """
+    if not isinstance(trajectory, Waypoints | Sinusoids):
+        return
+    times = trajectory.sample_times()
+    needed = demand(trajectory, simulation.parameters, times)
+    largest = 2.0 * float(simulation.command_scale[0])
+    refuse = "the trajectory cannot be flown: it needs"
+    for what, angle in (("a pendulum", needed.pendulum_angle), ("a body", needed.body_angle)):
+        at = int(angle.argmax())
+        if angle[at] >= 0.5 * np.pi:
+            raise ValueError(
+                f"{refuse} {what} tilt of {np.degrees(angle[at]):.1f}° at {times[at]:.2f} s, where it must be below 90°"
+            )
+    at = int(needed.thrust.argmax())
+    if needed.thrust[at] > largest:
+        raise ValueError(
+            f"{refuse} a thrust of {needed.thrust[at]:.2f} N at {times[at]:.2f} s, but the largest is {largest:.2f} N"
+        )
+    for what, angle, limit in (
+        ("a pendulum", needed.pendulum_angle, limits.pendulum_angle),
+        ("a body", needed.body_angle, limits.body_angle),
+    ):
+        at = int(angle.argmax())
+        if angle[at] > limit:
+            logger.warn(
+                f"the trajectory needs {what} tilt of {np.degrees(angle[at]):.1f}° at {times[at]:.2f} s; episodes"
+                f" terminate at {np.degrees(limit):.1f}°"
+            )
+    at = int(needed.height.argmin())
+    if needed.height[at] <= limits.ground:
+        logger.warn(
+            f"the trajectory reaches a height of {needed.height[at]:.2f} m at {times[at]:.2f} s; episodes terminate at"
+            f" {limits.ground:.2f} m"
+        )

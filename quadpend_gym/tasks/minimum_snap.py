@@ -1,0 +1,91 @@
+"""Minimum-snap splines: smooth curves through given points at given times.
+
+A piece is a polynomial of degree 13 in u = (t − tᵢ)/hᵢ, hᵢ = tᵢ₊₁ − tᵢ. Its values and its derivatives of order 1 to 6
+at both ends determine it:
+
+    (1)  p(u) = Σ cₖ uᵏ,    c = B d,    d = (p(0), p′(0), …, p⁽⁶⁾(0), p(1), p′(1), …, p⁽⁶⁾(1))
+
+Neighbouring pieces share the derivatives x with respect to time at the point between them, dⱼ = hᵢʲ xⱼ, so the
+derivatives of order 0 to 6 are continuous. The observation and the state that follows a reference need these orders.
+The spline is the one with the smallest integral of the squared snap, the fourth derivative:
+
+    (2)  J = Σ ∫ (d⁴p/dt⁴)² dt = Σ hᵢ⁻⁷ dᵢᵀ Q dᵢ,    Q = Bᵀ G B,    Gₖₗ = ∫₀¹ (uᵏ)⁗ (uˡ)⁗ du
+    (3)  ∂J/∂x = 0 for the derivatives that are not given
+
+The derivatives at the first and the last point are zero; in a closed spline both points are the same one, and its
+derivatives are free as well. A spline of degree 7, the usual choice, cannot begin at rest in the derivatives of order 4
+to 6. Minimising a higher derivative instead gives larger swings between the points.
+
+| symbol | code name      | unit         | shape            |
+|--------|----------------|--------------|------------------|
+| tᵢ, hᵢ | `times`, `h`   | s            | (m + 1,), (m,)   |
+| x      | `derivatives`  | m, m/s, …    | (m + 1, 7, c)    |
+| B      | `_COEFFICIENTS`| 1            | (14, 14)         |
+| Q      | `_COST`        | 1            | (14, 14)         |
+| c      | `coefficients` | m, m/s, …    | (m, c, 14)       |
+"""
+
+from math import perm
+
+import numpy as np
+from scipy.linalg import solve
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.tasks.references import ORDERS
+
+COEFFICIENTS = 2 * ORDERS  # of a piece
+_SNAP = 4  # order of the derivative whose square is minimised
+
+
+def _coefficient_matrix() -> Floats:
+    """Return B, whose entries are multiples of 1/6!."""
+    ends = [[perm(k, j) * u ** max(k - j, 0) for k in range(COEFFICIENTS)] for u in (0, 1) for j in range(ORDERS)]
+    return np.asarray(np.rint(720.0 * np.linalg.inv(np.array(ends, np.float64))) / 720.0)
+
+
+def _snap_matrix() -> Floats:
+    """Return G."""
+    gram = np.zeros((COEFFICIENTS, COEFFICIENTS))
+    for k in range(_SNAP, COEFFICIENTS):
+        for n in range(_SNAP, COEFFICIENTS):
+            gram[k, n] = perm(k, _SNAP) * perm(n, _SNAP) / (k + n - 2 * _SNAP + 1)
+    return gram
+
+
+_COEFFICIENTS = _coefficient_matrix()
+_COST = _COEFFICIENTS.T @ _snap_matrix() @ _COEFFICIENTS
+
+
+def minimum_snap(times: Floats, points: Floats, closed: bool) -> Floats:
+    """Return the coefficients of the pieces of a minimum-snap spline.
+
+    Args:
+        times: Times of the points, increasing, shape (m + 1,).
+        points: Points, shape (m + 1, c).
+        closed: Whether the spline is periodic; the last point must then equal the first.
+
+    Returns:
+        Coefficients of the powers of t − tᵢ, shape (m, c, 14).
+    """
+    h = np.diff(times)
+    pieces = len(h)
+    scale = h[:, np.newaxis] ** np.tile(np.arange(ORDERS), 2)  # hᵢʲ
+    point_of_piece = np.column_stack([np.arange(pieces), np.arange(1, pieces + 1)])
+    if closed:
+        point_of_piece[-1, 1] = 0
+    unknowns = (point_of_piece[:, :, np.newaxis] * ORDERS + np.arange(ORDERS)).reshape(pieces, COEFFICIENTS)
+    hessian = np.zeros((ORDERS * len(times), ORDERS * len(times)))
+    for i in range(pieces):  # (2)
+        hessian[np.ix_(unknowns[i], unknowns[i])] += np.outer(scale[i], scale[i]) * _COST / h[i] ** 7
+    derivatives = np.zeros((len(times), ORDERS, points.shape[1]))
+    derivatives[:, 0] = points
+    flat = derivatives.reshape(-1, points.shape[1])
+    free_points = np.arange(0 if closed else 1, pieces)
+    free = (free_points[:, np.newaxis] * ORDERS + np.arange(1, ORDERS)).ravel()
+    if free.size:  # (3), with unknowns scaled so that the diagonal is 1
+        unit = 1.0 / np.sqrt(np.diag(hessian)[free])
+        matrix = hessian[np.ix_(free, free)] * np.outer(unit, unit)
+        flat[free] = unit[:, np.newaxis] * solve(matrix, -unit[:, np.newaxis] * (hessian[free] @ flat), assume_a="pos")
+    ends = flat[unknowns] * scale[..., np.newaxis]
+    coefficients = np.einsum("kj,ijc->ick", _COEFFICIENTS, ends)
+    return np.asarray(coefficients / h[:, np.newaxis, np.newaxis] ** np.arange(COEFFICIENTS))
