@@ -1,6 +1,7 @@
 """The vector environment: equal to single environments to the last bit, in every autoreset mode."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -11,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 from numpy.testing import assert_array_equal
 
-from quadpend_gym import Limits, Task
+from quadpend_gym import Limits, Task, Waypoints
 from quadpend_gym.core.arrays import Booleans, Floats32
 from tests.helpers.envs import (
     AUTORESET_MODES,
@@ -26,12 +27,17 @@ from tests.helpers.envs import (
 )
 
 SEED, STEPS, MAX_ROWS = 100, 45, 200
-WINDS = {"calm": None, "windy": WINDY}
 # Limits with which some episodes terminate, others are truncated, and every sub-environment has several episodes.
 SHORT: dict[str, Any] = {"task": Task(limits=Limits(body_angle=0.5)), "max_episode_steps": 20}
+TRAJECTORY = Waypoints((0, 0.15, 0.4), ((0, 0, 2), (0.01, 0, 2, 0.01), (0.1, 0.1, 2.1)))
+CASES: dict[str, dict[str, Any]] = {
+    "calm": SHORT,
+    "windy": {**SHORT, "wind": WINDY},
+    "waypoints": {**SHORT, "task": replace(SHORT["task"], trajectory=TRAJECTORY)},
+}
 
 modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
-winds = pytest.mark.parametrize("wind", WINDS)
+cases = pytest.mark.parametrize("case", CASES)
 
 
 def biased_actions(rows: int) -> Floats32:
@@ -44,12 +50,12 @@ def biased_actions(rows: int) -> Floats32:
 
 
 @cache
-def single_steps(row: int, mode: str, wind: str) -> list[Any]:
+def single_steps(row: int, mode: str, case: str) -> list[Any]:
     """Return what the single environment with the seed and actions of one sub-environment returns, with autoreset.
 
     Each entry holds the five return values of a step and, if an episode ended, the two of the reset.
     """
-    env = make(wind=WINDS[wind], **SHORT)
+    env = make(**CASES[case])
     steps: list[Any] = [env.reset(seed=SEED + row)]
     over = False
     for action in biased_actions(MAX_ROWS)[:, row]:
@@ -88,12 +94,12 @@ def without_masks(info: dict[str, Any], mask: Booleans) -> dict[str, Any]:
     }
 
 
-@winds
+@cases
 @modes
 @pytest.mark.parametrize("rows", [1, 3, 64, 65, MAX_ROWS])
-def test_every_sub_environment_equals_the_single_environment(rows: int, mode: str, wind: str) -> None:
-    env = make_vec(rows, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
-    first, *later = zip(*(single_steps(row, mode, wind) for row in range(rows)), strict=True)
+def test_every_sub_environment_equals_the_single_environment(rows: int, mode: str, case: str) -> None:
+    env = make_vec(rows, autoreset_mode=mode, **CASES[case])
+    first, *later = zip(*(single_steps(row, mode, case) for row in range(rows)), strict=True)
     every_row = np.ones(rows, np.bool_)
     observation, info = env.reset(seed=SEED)
     assert_same((observation, without_masks(info, every_row)), across_rows(first))
@@ -138,17 +144,16 @@ def assert_same_info(ours: dict[str, Any], theirs: dict[str, Any], mask: Boolean
             assert_same(ours[key][ours[f"_{key}"]], theirs[key][theirs[f"_{key}"]])
 
 
-@winds
+@cases
 @modes
-def test_the_vector_env_equals_gymnasiums_sync_vector_env(mode: str, wind: str) -> None:
-    env = make_vec(3, wind=WINDS[wind], autoreset_mode=mode, **SHORT)
+def test_the_vector_env_equals_gymnasiums_sync_vector_env(mode: str, case: str) -> None:
+    env = make_vec(3, autoreset_mode=mode, **CASES[case])
     theirs = gym.make_vec(
         "QuadPendulum-v0",
         num_envs=3,
         vectorization_mode="sync",
         vector_kwargs={"autoreset_mode": AutoresetMode(mode)},
-        wind=WINDS[wind],
-        **SHORT,
+        **CASES[case],
     )
     assert env.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
     assert env.observation_space == theirs.observation_space

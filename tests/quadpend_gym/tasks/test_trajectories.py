@@ -1,0 +1,164 @@
+"""Waypoints and sinusoids: exact derivatives, continuity, minimum snap, and what a trajectory demands."""
+
+import json
+import pickle
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.interpolate import BPoly
+
+from quadpend_gym import Limits, Parameters, Reference, Simulation, Sinusoids, Waypoints
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.tasks.feasibility import check_feasible, demand
+from quadpend_gym.tasks.trajectories import as_trajectory
+
+TOUR = Waypoints((0, 2, 3.5, 6), ((0, 0, 2), (0.5, 0.2, 2.5, 0.4), (1.0, 1.0, 2.0), (0.0, 1.0, 1.8, -0.5)))
+LAP = Waypoints((0, 2, 4, 6, 8), ((1, 0, 2), (0, 1, 2, 0.3), (-1, 0, 2.2), (0, -1, 2), (1, 0, 2)), closed=True)
+CHORD = Sinusoids(
+    offset=(0.1, -0.2, 2.5, 0.3),
+    rate=(0.5, 0.05, -0.1, 0.02),
+    terms=(
+        {"amplitude": (0.5, -0.4, 0.1, 0.2), "frequency": (1.0, 2.0, -1.5, 0.7), "phase": (0.1, 2.2, -0.3, 5.0)},
+        {"amplitude": (0.1, 0.2, 0.0, 0.1), "frequency": 3.0},
+    ),
+)
+TRAJECTORIES = {"waypoints": TOUR, "closed waypoints": LAP, "sinusoids": CHORD}
+each = pytest.mark.parametrize("trajectory", TRAJECTORIES.values(), ids=TRAJECTORIES.keys())
+NOW_AND_THEN = np.array([-1.3, 0.1, 1.9, 3.1, 5.0, 7.7, 12.4])
+
+
+def difference(trajectory: Any, times: Floats, order: int, step: float = 1e-3) -> Floats:
+    """The derivative of the given order as a central difference of order 4 of the derivative below."""
+    below = [trajectory.derivatives(times + k * step)[:, order - 1] for k in (-2, -1, 1, 2)]
+    return np.asarray((below[0] - 8.0 * below[1] + 8.0 * below[2] - below[3]) / (12.0 * step))
+
+
+@each
+@pytest.mark.parametrize("order", range(1, 7))
+def test_every_derivative_is_that_of_the_one_below(trajectory: Any, order: int) -> None:
+    derivatives = trajectory.derivatives(NOW_AND_THEN)
+    assert derivatives.shape == (7, 7, 4)
+    assert_allclose(derivatives[:, order], difference(trajectory, NOW_AND_THEN, order), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("trajectory", [TOUR, LAP])
+def test_waypoints_are_met_and_all_derivatives_are_continuous_there(trajectory: Waypoints) -> None:
+    times = np.array(trajectory.times)
+    assert_allclose(trajectory.derivatives(times)[:, 0], trajectory.points, atol=1e-12)
+    before, after = trajectory.derivatives(times - 1e-10), trajectory.derivatives(times + 1e-10)
+    assert_allclose(before, after, atol=1e-5)
+
+
+def test_waypoints_rest_before_the_first_and_after_the_last_time() -> None:
+    at = TOUR.derivatives(np.array([-5.0, -0.1, 6.0, 6.1, 1000.0]))
+    assert_array_equal(at[:, 0], np.array(TOUR.points)[[0, 0, 3, 3, 3]])
+    assert_array_equal(at[:, 1:], 0.0)
+
+
+def test_closed_waypoints_repeat_without_stopping() -> None:
+    times = np.linspace(0.1, 7.9, 20)
+    assert_allclose(LAP.derivatives(times + 16.0), LAP.derivatives(times), rtol=1e-9, atol=1e-9)
+    assert np.abs(LAP.derivatives(8.0)[1]).max() > 0.3
+
+
+def snap_cost(times: Floats, derivatives: Floats) -> tuple[float, Any]:
+    """The integral of the squared snap of the Hermite spline of degree 13 with these derivatives, and the spline."""
+    spline = BPoly.from_derivatives(times, derivatives)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    h = np.diff(times)[:, np.newaxis]
+    snap = spline.derivative(4)(times[:-1, np.newaxis] + 0.5 * h * (nodes + 1.0))
+    return float(np.sum(0.5 * h * weights * snap**2)), spline
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_no_other_spline_of_this_kind_through_the_points_has_less_snap(channel: int) -> None:
+    times = np.array(TOUR.times)
+    derivatives = TOUR.derivatives(times)[:, :, channel]
+    cost, spline = snap_cost(times, derivatives)
+    between = np.linspace(0.0, 6.0, 50)
+    assert_allclose(TOUR.derivatives(between)[:, 0, channel], spline(between), atol=1e-9)
+    generator = np.random.default_rng(0)
+    for _ in range(5):
+        change = np.zeros(derivatives.shape)
+        change[1:-1, 1:] = 0.01 * generator.standard_normal((2, 6))
+        more, less = (snap_cost(times, derivatives + sign * change)[0] for sign in (1.0, -1.0))
+        assert min(more, less) > cost
+        assert_allclose(more, less, rtol=1e-5)  # the cost is quadratic about its minimum
+
+
+def test_one_sinusoid_is_a_reference_to_the_last_bit() -> None:
+    one = Sinusoids((0.1, 0.2, 2.0, 0.0), 0.1, [{"amplitude": 0.3, "frequency": (1, 2, 3, 4), "phase": 0.5}])
+    like = Reference((0.1, 0.2, 2.0, 0.0), 0.1, 0.3, (1, 2, 3, 4), 0.5)  # type: ignore[arg-type]
+    assert_array_equal(one.derivatives(NOW_AND_THEN), like.derivatives(NOW_AND_THEN))
+
+
+@each
+def test_a_trajectory_survives_json_and_pickle_and_is_hashable(trajectory: Any) -> None:
+    assert as_trajectory(json.loads(json.dumps(asdict(trajectory))), "trajectory") == trajectory
+    copied = pickle.loads(pickle.dumps(trajectory))
+    assert copied == trajectory
+    assert hash(copied) == hash(trajectory)
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        ({"kind": "spline"}, "trajectory has no kind 'spline'; the kinds are waypoints, sinusoids"),
+        ({"kind": "waypoints", "times": [0, 1]}, "trajectory lacks the field 'points'"),
+        ({"times": 3.0}, "times must be 2 to 200 numbers, not 3.0"),
+        ({"times": [0.0, 1.0, 0.5]}, "times must increase by at least 0.01 s, not by -0.5 s at 0.5"),
+        ({"times": [1.0, 2.0, 3.0]}, "times must begin with 0, not 1"),
+        ({"times": [0.0, "a", 3.0]}, r"times\[1\] must be a number, not 'a'"),
+        ({"times": [0.0, 1.0, np.inf]}, r"times\[2\] must be a finite number in \[0, 1000\], not inf"),
+        ({"times": [0.0, 0.01, 100.0]}, "at most 1000 times the shortest, not 99.99 s and 0.01 s"),
+        ({"points": [[0, 0, 2], [1, 0, 2]]}, "points must be 3 points, as many as the times, not 2 points"),
+        ({"points": [[0, 0, 2], [1, 0], [0, 0, 2]]}, r"points\[1\] must be three or four numbers .* not \(1, 0\)"),
+        ({"points": [[0, 0, 2], [1, 0, np.nan], [0, 0, 2]]}, r"points\[1\] must be a finite number .* not nan"),
+        ({"points": [[0, 0, 2], [1, 0, 2], [0, 1, 2]], "closed": True}, "last point of closed waypoints must equal"),
+        ({"closed": 1}, "closed must be true or false, not 1"),
+        ({"speed": 1}, "trajectory has no field 'speed'; its fields are times, points, closed"),
+        ({"kind": "sinusoids"}, r"terms must be 1 to 100 sinusoids, not \(\)"),
+        ({"kind": "sinusoids", "terms": [{"amplitude": [1, 2]}]}, "amplitude must be a number or 4 numbers"),
+        ({"kind": "sinusoids", "terms": [{"radius": 1}]}, r"terms\[0\] has no field 'radius'"),
+        ({"kind": "sinusoids", "terms": [{}], "rate": 2000}, r"rate must be a finite number in \[-1000, 1000\]"),
+    ],
+)
+def test_a_wrong_trajectory_is_refused_with_one_sentence(data: dict[str, Any], sentence: str) -> None:
+    good = {"kind": "waypoints", "times": [0, 1, 2], "points": [[0, 0, 2], [1, 0, 2], [0, 0, 2]]}
+    with pytest.raises((TypeError, ValueError), match=sentence):
+        as_trajectory(data if "kind" in data else {**good, **data}, "trajectory")
+
+
+def test_hovering_demands_the_weight_and_no_tilt() -> None:
+    still = Sinusoids(terms=[{"amplitude": 0.0}])
+    needed = demand(still, Parameters(), np.array([0.0, 1.0]))
+    assert_allclose(needed.thrust, Parameters().hover_thrust, rtol=1e-14)
+    assert_array_equal(needed.pendulum_angle, 0.0)
+    assert_array_equal(needed.body_angle, 0.0)
+    assert_array_equal(needed.height, 2.0)
+
+
+def circle(acceleration: float) -> Sinusoids:
+    """Return a circle of 1 m radius with the given horizontal acceleration, m/s²."""
+    return Sinusoids(
+        terms=[{"amplitude": (1, 1, 0, 0), "frequency": (np.sqrt(acceleration),) * 4, "phase": (np.pi / 2, 0, 0, 0)}]
+    )
+
+
+def test_a_trajectory_beyond_the_thrust_is_refused_with_time_and_number() -> None:
+    with pytest.raises(ValueError, match=r"needs a thrust of 18.0\d N at \d+\.\d\d s, but the largest is 13.72 N"):
+        check_feasible(circle(20.0), Simulation(), Limits())
+    drop = Waypoints((0, 0.9), ((0, 0, 4), (0, 0, 1)))
+    with pytest.raises(ValueError, match=r"needs a pendulum tilt of 180.0° at 0.\d\d s, where it must be below 90°"):
+        check_feasible(drop, Simulation(), Limits())
+
+
+def test_a_trajectory_beyond_a_limit_gives_one_warning_with_time_and_number() -> None:
+    limits = Limits(pendulum_angle=0.3)
+    with pytest.warns(UserWarning, match=r"a pendulum tilt of 27.\d° at \d+.\d\d s; episodes terminate at 17.2°"):
+        check_feasible(circle(5.0), Simulation(), limits)
+    with pytest.warns(UserWarning, match=r"a height of -0.20 m at 4.00 s; episodes terminate at 0.00 m"):
+        check_feasible(Waypoints((0, 4), ((0, 0, 2), (0, 0, -0.2))), Simulation(), Limits())
