@@ -99,7 +99,7 @@ class MppiGains:
     feedback: LqrGains = field(default_factory=LqrGains)  # weights of the cost, and of the linear feedback
     samples: int = 33  # sampled trajectories of each row, odd
     horizon: int = 20  # periods
-    steps_per_period: int = 2  # control steps of a period
+    steps_per_period: int = 2  # integration steps of 0.01 s of a period
     knots: int = 5  # knots of the piecewise linear perturbation
     spread: float = 0.3  # standard deviation of the perturbation, share of the range of the action
     temperature: float = 0.1  # λ

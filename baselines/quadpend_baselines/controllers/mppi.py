@@ -1,7 +1,8 @@
 """Sampling-based model-predictive control: MPPI (Williams, Aldrich & Theodorou, JGCD 2017) around a linear feedback.
 
 At every control step, the compiled rollout of `mppi_kernel` simulates `samples` trajectories of each row with the
-kernel of the environment and the estimated disturbance, over `horizon` periods of `steps_per_period` control steps:
+kernel of the environment and the estimated disturbance, over `horizon` periods of `steps_per_period` · 0.01 s. So the
+horizon has the same length in seconds at any control period.
 
     (1)  u_j = sat(u_d − K (x_j − x_d) + δ_j),         δ piecewise linear between `knots`, δᵏ = δ + εᵏ
     (2)  Jᵏ  = ½ Σ ((x_j − x_d)ᵀ Q (x_j − x_d) + (u_j − u_d)ᵀ R (u_j − u_d)) + barrier + ½ (x_H − x_d)ᵀ P (x_H − x_d)
@@ -29,6 +30,7 @@ from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_stat
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.validation import check_int
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, State
 
 _TABLES = 64  # number of tables of perturbations, used in turn
@@ -84,8 +86,8 @@ class Mppi:
     @cached_property
     def horizon_simulation(self) -> Simulation:
         """The simulation with the period of the horizon."""
-        sim, steps = self.simulation, self.gains.steps_per_period
-        return replace(sim, period=sim.period * steps, substeps=max(1, sim.substeps * steps // 2))
+        steps = self.gains.steps_per_period
+        return replace(self.simulation, period=CONTROL_PERIOD * steps, substeps=steps)
 
     @cached_property
     def perturbations(self) -> Floats:

@@ -7,6 +7,7 @@ import numpy as np
 from quadpend_baselines.hybrid.base_controller import (
     change_simulation,
     check_action_scale,
+    control_period,
     estimate,
     estimate_size,
     find_base_controller,
@@ -63,7 +64,8 @@ class BandwidthScheduling:
         last, last_score = (None, None) if memory is None else (memory.controller, memory.anomaly_score)
         controller_memory = self.base_controller.update(observation, last, episode_start)
         estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
-        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last_score, episode_start)
+        period = control_period(self.base_controller)
+        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last_score, episode_start, period)
         policy_observation = np.concatenate([magnify_state(estimated), disturbance], axis=1, dtype=np.float32)
         return policy_observation, HybridMemory(
             controller_memory, np.zeros((len(observation), ACTION_SIZE), np.float32), score

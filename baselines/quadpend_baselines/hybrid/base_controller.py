@@ -16,6 +16,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
 LARGEST_ACTION_SCALE = 3.0
 MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation
 
+_DEFAULT = Simulation()
 HybridType = TypeVar("HybridType", bound=Hybrid)
 
 
@@ -46,6 +47,11 @@ def check_action_scale(value: Any) -> float:
     if check_number(value, "action_scale", 0.0, LARGEST_ACTION_SCALE) == 0.0:
         raise ValueError("action_scale must be above zero, not 0")
     return float(value)
+
+
+def control_period(base_controller: Any) -> float:
+    """Return the control period for which a controller is designed, s; the default if it has no nominal simulation."""
+    return float(getattr(base_controller, "simulation", _DEFAULT).period)
 
 
 def change_simulation(hybrid: HybridType, simulation: Simulation) -> HybridType:

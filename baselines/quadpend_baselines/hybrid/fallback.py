@@ -3,9 +3,9 @@
 With a fallback gain γ > 0 the hybrid uses c a instead of the policy's action a. The weight c decreases with the torque
 that the observer estimates and with the tilt of the pendulum. The torque indicates delayed or slow actuators: the
 observer attributes their effect to a torque, and the wind models exert almost none. The anomaly score q decays with a
-time constant of 1 s; the policy does not observe it. In control step k of 10 ms
+time constant of 1 s; the policy does not observe it. In control step k of the period T
 
-    (4)  c_k = 1/(1 + γ² q_k²),    q_k = max(|τ̂_k|/(0.5 N·m), |r_xy|/0.2, 0.99 q_{k−1}).
+    (4)  c_k = 1/(1 + γ² q_k²),    q_k = max(|τ̂_k|/(0.5 N·m), |r_xy|/0.2, 0.99^(T/10 ms) q_{k−1}).
 
 | symbol | code name       | unit | frame        | shape  |
 |--------|-----------------|------|--------------|--------|
@@ -22,11 +22,12 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.validation import check_number
+from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.tasks.observation import read_observation
 
 LARGEST_GAIN = 10.0
-_TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # N·m, 1, per control step
+_TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # N·m, 1, per 10 ms
 
 
 def check_fallback_gain(value: Any) -> float:
@@ -40,7 +41,12 @@ def check_fallback_gain(value: Any) -> float:
 
 
 def update_anomaly_score(
-    fallback_gain: float, observation: Floats32, disturbance: Floats, last_score: Floats | None, episode_start: Any
+    fallback_gain: float,
+    observation: Floats32,
+    disturbance: Floats,
+    last_score: Floats | None,
+    episode_start: Any,
+    period: float = CONTROL_PERIOD,
 ) -> Floats:
     """Return q_k of equation (4), shape (n,); zeros if the fallback gain is zero.
 
@@ -50,13 +56,15 @@ def update_anomaly_score(
         disturbance: Estimated disturbance, shape (n, 9).
         last_score: q_{k−1}, shape (n,); None at the first step.
         episode_start: Mask of the rows whose episode begins, shape (n,).
+        period: T, s.
     """
     if not fallback_gain:
         return np.zeros(len(observation))
     tilt = np.linalg.norm(read_observation(observation, "direction")[:, :2], axis=1) / _TILT
     score = np.maximum(np.linalg.norm(Disturbance(disturbance).torque, axis=1) / _TORQUE, tilt)
     if last_score is not None:
-        score = np.where(episode_start, score, np.maximum(score, _DECAY * last_score))
+        decay = _DECAY ** (period / CONTROL_PERIOD)
+        score = np.where(episode_start, score, np.maximum(score, decay * last_score))
     return np.asarray(score)
 
 

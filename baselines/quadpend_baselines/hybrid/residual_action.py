@@ -8,6 +8,7 @@ from quadpend_baselines.hybrid.base_controller import (
     MAGNIFICATION,
     change_simulation,
     check_action_scale,
+    control_period,
     estimate,
     estimate_size,
     find_base_controller,
@@ -57,7 +58,8 @@ class ResidualAction:
         last, last_score = (None, None) if memory is None else (memory.controller, memory.anomaly_score)
         base_action, controller_memory = self.base_controller.predict(observation, last, episode_start)
         estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
-        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last_score, episode_start)
+        period = control_period(self.base_controller)
+        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last_score, episode_start, period)
         parts = [magnify_state(estimated), disturbance, MAGNIFICATION * base_action]
         return np.concatenate(parts, axis=1, dtype=np.float32), HybridMemory(controller_memory, base_action, score)
 
