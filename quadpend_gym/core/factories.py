@@ -10,8 +10,9 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
-from difflib import get_close_matches
 from typing import Any
+
+from quadpend_gym.core.validation import suggest
 
 _NAME = r"[^\W\d]\w*(?:\.[^\W\d]\w*)*"
 _FACTORY = re.compile(f"{_NAME}:{_NAME}")
@@ -47,9 +48,7 @@ def find_factory(name: str) -> Callable[..., Any]:
     module = found
     for part in attribute.split("."):
         if not hasattr(found, part):
-            similar = get_close_matches(part, dir(module), 1)
-            hint = f"; did you mean {similar[0]!r}?" if similar else ""
-            raise ValueError(f"the module {module_name!r} has no {attribute!r}{hint}")
+            raise ValueError(f"the module {module_name!r} has no {attribute!r}{suggest(part, dir(module))}")
         found = getattr(found, part)
     if not callable(found):
         raise ValueError(f"{name} must be a function or a class, not {found!r}")

@@ -11,7 +11,7 @@ added to other models with ``+``. `base` defines the interface and the units.
 | `KINDS` and `PRESETS` (as in ``wind="windy"``)  | `registry`   |
 """
 
-from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, Sum, Wind
+from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, Sum, Wind, WindFromFactory
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
 from quadpend_gym.wind.registry import KINDS, PRESETS, as_wind
 from quadpend_gym.wind.steady import Constant, Drawn, Sinusoid, StillAir
@@ -34,6 +34,7 @@ __all__ = [
     "Sum",
     "VonKarman",
     "Wind",
+    "WindFromFactory",
     "as_wind",
     "time_series",
 ]

@@ -78,7 +78,7 @@ def test_the_specification_is_never_written_without_the_class_of_a_wind(wrapped:
     [
         ("number", "number must return a wind model: wind must be .*, not 3"),
         ("failing", r"failing failed: KeyError: 'x' \(own_code_\d+\.py, line 14\)"),
-        ("sevral", "has no 'sevral'; did you mean 'several'"),
+        ("sevral", r"has no 'sevral' \(did you mean 'several'\?\)"),
         ("table", "table must be a function or a class, not {}"),
     ],
 )

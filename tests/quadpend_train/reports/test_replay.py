@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quadpend_baselines import ADRC
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.tasks import EPISODE_STEPS
@@ -37,10 +38,10 @@ from tests.helpers.policies import synthetic_results
 NAMES = {"paper": "adrc-paper", "matched": "adrc-matched"}
 
 
-def constructed(rmse: dict[str, Any], given: tuple[str, ...] | None = None) -> Comparison:
-    """A comparison with the given penalised RMSE (m) in one scenario; `given` are the policies given by name."""
+def constructed(rmse: dict[str, Any]) -> Comparison:
+    """A comparison with the given penalised RMSE (m) in one scenario."""
     results = {("calm", name): synthetic_results(values) for name, values in rmse.items()}
-    known: dict[str, list[str]] = {name: [] for name in (rmse if given is None else given)}
+    known: dict[str, list[str]] = {name: [] for name in rmse}
     scenarios, episodes = {"calm": SCENARIOS["calm"]}, results["calm", next(iter(rmse))].rmse.shape[1]
     return Comparison(tuple(rmse), scenarios, episodes, 0, results, known)
 
@@ -76,9 +77,12 @@ def test_the_replay_contains_the_first_policy_and_the_two_best_others() -> None:
     assert policies_of(constructed({"best": [0.1], "other": [0.2]})) == ["best", "other"]
 
 
-def test_the_replay_contains_only_policies_given_by_name() -> None:
-    assert policies_of(constructed({"first": [0.5], "good": [0.2], "best": [0.1]}, ("good",))) == ["good"]
-    assert replay_of(constructed({"mine": [0.5]}, ()), {}, 2) is None
+def test_the_replay_contains_policies_given_as_objects() -> None:
+    comparison = compare({"object": ADRC(), "name": "adrc-paper"}, ["calm"], episodes=1)
+    data = record_replay(comparison, leaderboard(comparison), {"object": [ADRC()], "name": "adrc-paper"}, 1)
+    assert data is not None
+    one, other = data["scenarios"]["calm"][0]["episodes"]
+    assert one == other
 
 
 def test_the_median_episode_comes_first_and_then_the_hardest() -> None:

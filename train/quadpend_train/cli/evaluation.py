@@ -8,7 +8,6 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_gym.core.validation import check_int
 from quadpend_train.cli.options import make_console, named_policies, named_scenarios
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -32,10 +31,12 @@ def evaluate(
     """Evaluate policies in the same episodes and compare them with the first policy.
 
     Args:
-        policies: Classical controllers (adrc-paper, …), run folders or policy files. NAME=POLICY gives a policy a name;
+        policies: Classical controllers (adrc-paper, …), run folders, policy files, installed plug-ins, or
+            module:factory, a function of your own that returns a controller. NAME=POLICY gives a policy a name;
             NAME=POLICY,POLICY,… combines the training seeds of one learner under a name.
-        scenarios: Scenarios: names, TOML or JSON files, or JSON, see train/quadpend_train/scenarios. NAME=SCENARIO
-            gives a scenario a name; "test" and "training" stand for all scenarios of these sets.
+        scenarios: Scenarios: names, TOML or JSON files, JSON, or module:factory, a function of your own that returns
+            a wind or a Scenario. NAME=SCENARIO gives a scenario a name; "test" and "training" stand for all scenarios
+            of these sets.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
         out: Folder for report.html, comparison.json, .csv, .md and .png, and figures of robustness.
@@ -49,38 +50,25 @@ def evaluate(
         document: Markdown file in which to update the generated parts.
     """
     from quadpend_train.common import documents
-    from quadpend_train.evaluation.comparison import compare
-    from quadpend_train.evaluation.leaderboard import leaderboard
-    from quadpend_train.policies.loading import load_policies, policy_names
-    from quadpend_train.reports import learning_curves, results, tables
-    from quadpend_train.reports.replay import record_replay
-    from quadpend_train.studies.robustness import measure_robustness
+    from quadpend_train.reports import report, results, tables
 
-    check_int(replay, "replay", 0)
-    check_int(robustness, "robustness", 0)
-    named = named_policies(policies)
     if document:
         documents.check(document, results.PARTS)
-    comparison = compare(named, named_scenarios(scenarios), episodes, seed, cache, recompute, jobs)
-    measured = None
-    if robustness:
-        first_seeds = {name: policy_names(policy)[0] for name, policy in named.items()}
-        measured = measure_robustness(
-            first_seeds,
-            episodes=robustness,
-            seed=seed,
-            cache_folder=cache,
-            recompute=recompute,
-            jobs=jobs,
-            base=next(iter(comparison.scenarios.values())),
-        )
-    standings = leaderboard(comparison)
-    curves = learning_curves.collect({name: load_policies(policy) for name, policy in named.items()})
-    files = results.write(
-        comparison, standings, measured, out, curves, record_replay(comparison, standings, named, replay)
+    made = report.evaluate(
+        named_policies(policies),
+        named_scenarios(scenarios),
+        out,
+        episodes=episodes,
+        seed=seed,
+        jobs=jobs,
+        cache_folder=cache,
+        recompute=recompute,
+        robustness=robustness,
+        replay=replay,
     )
+    comparison, standings = made.comparison, made.leaderboard
     if document:
-        results.update_document(comparison, standings, measured, document)
+        results.update_document(comparison, standings, made.robustness, document)
     console = make_console()
     if len(comparison.results) <= _MOST_ROWS:
         console.print(tables.comparison_table(comparison))
@@ -89,7 +77,7 @@ def evaluate(
             console.print(f"• {sentence}", highlight=False)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         console.print(tables.leaderboard_table(standings))
-    console.print(f"Written: {out}/{', '.join(files)}", highlight=False)
+    console.print(f"Written: {out}/{', '.join(made.files)}", highlight=False)
 
 
 def compare(

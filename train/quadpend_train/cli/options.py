@@ -58,4 +58,4 @@ def make_console() -> Any:
     """Return a console for tables; it is 150 characters wide if the output is not a terminal."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 150)
+    return Console(width=None if sys.stdout.isatty() else 150, emoji=False)

@@ -41,6 +41,7 @@ _TRAIN_SOURCES = (
     "policies/mlp_policy.py",
     "policies/network_policy.py",
     "policies/normalization.py",
+    "policies/own.py",
     "policies/sb3_models.py",
     "policies/torch_policy.py",
     "scenarios/scenario.py",

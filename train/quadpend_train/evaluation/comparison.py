@@ -3,13 +3,12 @@
 import csv
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.validation import check_int
@@ -19,11 +18,22 @@ from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
-from quadpend_train.policies.adaptation import adapt_policy
+from quadpend_train.policies.adaptation import check_policy
 from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
-from quadpend_train.scenarios import Scenario, find_scenario, scenario_file_hash, scenario_hash
+from quadpend_train.scenarios import (
+    SCENARIOS,
+    SETS,
+    Scenario,
+    as_scenario,
+    check_own_models,
+    scenario_data,
+    scenario_file_hash,
+    scenario_hash,
+)
 
 Cell = tuple[str, str]  # names of a scenario and of a policy
+Policies = Mapping[str, str | Policy | list[Policy] | tuple[Policy, ...]] | Sequence[str | Policy]
+Scenarios = Mapping[str, Any] | Sequence[Any]  # values as for `as_scenario`
 
 
 class Metric(NamedTuple):
@@ -133,7 +143,7 @@ class Comparison:
         return {
             **self.provenance(),
             "units": {name: metric.unit for name, metric in METRICS.items()},
-            "scenarios": {name: asdict(scenario) for name, scenario in self.scenarios.items()},
+            "scenarios": {name: scenario_data(scenario) for name, scenario in self.scenarios.items()},
             "results": {
                 scenario: {
                     policy: {
@@ -173,8 +183,8 @@ class Comparison:
 
 
 def compare(
-    policies: Mapping[str, str | Policy | list[Policy] | tuple[Policy, ...]],
-    scenarios: Sequence[str] | Mapping[str, str],
+    policies: Policies,
+    scenarios: Scenarios,
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
     cache_folder: Path | None = None,
@@ -184,10 +194,13 @@ def compare(
     """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
 
     Args:
-        policies: Mapping from names in the comparison to policies. A value is a policy, a list of policies (the
-            training seeds of one learner), or a name for `load_policies`. Policies that are given as objects run in
+        policies: Mapping from names in the comparison to policies, or a sequence of policies. A policy is an object
+            with the `predict` protocol, a list of such objects (the training seeds of one learner), or a name for
+            `load_policies`. Policies that are given as objects run in this process, and their results are cached only
+            if they have a `fingerprint`, see `quadpend_train.policies.own`.
+        scenarios: Mapping from names in the comparison to scenarios, or a sequence of scenarios, each as for
+            `as_scenario`: a `Scenario`, its name, or a wind model. Scenarios with models of the user's own code run in
             this process, and their results are not cached.
-        scenarios: Names of scenarios, see `find_scenario`; or a mapping from names in the comparison to these.
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
@@ -195,23 +208,52 @@ def compare(
         jobs: Number of processes.
 
     Raises:
-        ValueError: If there is no policy or no scenario, one is unknown, a policy does not fit a scenario, two learners
-            have different numbers of training seeds, or a number is out of range.
+        TypeError: If a policy or a scenario has the wrong type.
+        ValueError: If there is no policy or no scenario, two have the same name, one is unknown, a policy fails or does
+            not fit a scenario, two learners have different numbers of training seeds, or a number is out of range.
     """
     if not policies or not scenarios:
         raise ValueError("policies and scenarios must each have at least one entry")
     for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
         check_int(value, name, least)
-    compared: dict[str, str | Sequence[Policy]] = {
-        name: policy if isinstance(policy, str | list | tuple) else [policy] for name, policy in policies.items()
-    }
+    compared = named_policies(policies)
     _check_training_seeds(compared)
-    named = scenarios if isinstance(scenarios, Mapping) else {name: name for name in scenarios}
-    found = {name: find_scenario(scenario) for name, scenario in named.items()}
-    cells = {(s, p): Job(compared[p], found[s], episodes, seed) for s in found for p in policies}
+    found = {name: as_scenario(scenario) for name, scenario in _named_scenarios(scenarios).items()}
+    cells = {(s, p): Job(compared[p], found[s], episodes, seed) for s in found for p in compared}
     _check_policies({cell: job for cell, job in cells.items() if recompute or not _is_cached(job, cache_folder)})
     known = {name: policy_fingerprints(policy) for name, policy in compared.items() if isinstance(policy, str)}
-    return Comparison(tuple(policies), found, episodes, seed, run_jobs(cells, cache_folder, recompute, jobs), known)
+    return Comparison(tuple(compared), found, episodes, seed, run_jobs(cells, cache_folder, recompute, jobs), known)
+
+
+def named_policies(policies: Policies) -> dict[str, str | Sequence[Policy]]:
+    """Return policies by their names in a comparison, each as a name for `load_policies` or as a list of objects.
+
+    Args:
+        policies: As for `compare`. In a sequence, the name of an object is that of its class.
+
+    Raises:
+        ValueError: If two policies have the same name.
+    """
+    if not isinstance(policies, Mapping):
+        members = [policies] if isinstance(policies, str) else list(policies)
+        names = [item if isinstance(item, str) else type(item).__name__ for item in members]
+        if len(set(names)) < len(names):
+            raise ValueError("two policies have the same name: give a mapping from names to policies")
+        policies = dict(zip(names, members, strict=True))
+    return {name: item if isinstance(item, str | list | tuple) else [item] for name, item in policies.items()}
+
+
+def _named_scenarios(scenarios: Scenarios) -> Mapping[str, Any]:
+    """Return scenarios by their names in a comparison; in a sequence, those without a name are numbered."""
+    if isinstance(scenarios, Mapping):
+        return scenarios
+    given = [scenarios] if isinstance(scenarios, str) else scenarios
+    members = [member for item in given for member in (SETS.get(item, (item,)) if isinstance(item, str) else (item,))]
+    own = {name: scenario for name, scenario in SCENARIOS.items() if scenario in members}
+    return {
+        item if isinstance(item, str) else next((n for n, s in own.items() if s == item), f"scenario {i}"): item
+        for i, item in enumerate(members, 1)
+    }
 
 
 def _is_cached(job: Job, cache_folder: Path | None) -> bool:
@@ -230,15 +272,11 @@ def _check_training_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> Non
 
 
 def _check_policies(cells: Mapping[Cell, Job]) -> None:
-    """Run every policy for one step of its scenarios, so that a mismatch is found before the long evaluation."""
+    """Run every scenario and every policy for two steps, so that a mismatch is found before the long evaluation."""
+    for name, scenario in {scenario: job.scenario for (scenario, _), job in cells.items()}.items():
+        check_own_models(name, scenario)
     given = {name: job.policies for (_, name), job in cells.items()}
     loaded = {name: load_policies(policy) if isinstance(policy, str) else policy for name, policy in given.items()}
     for (scenario, name), job in cells.items():
-        env = job.scenario.make_vec(1, AutoresetMode.SAME_STEP)
-        try:
-            for policy in loaded[name]:
-                observation, _ = env.reset(seed=0)
-                action, _ = adapt_policy(policy, job.scenario).predict(observation, None, np.ones(1, np.bool_))
-                env.step(action)
-        except ValueError as error:
-            raise ValueError(f"{name} does not fit the scenario {scenario}: {error}") from error
+        for policy in loaded[name]:
+            check_policy(name, policy, scenario, job.scenario)

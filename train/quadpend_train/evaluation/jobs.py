@@ -13,10 +13,11 @@ from typing import Any, NamedTuple, TypeVar
 from tqdm.auto import tqdm
 
 from quadpend_baselines import Policy
+from quadpend_gym.wind import WindFromFactory
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
-from quadpend_train.policies.loading import load_policies, policy_fingerprints
-from quadpend_train.scenarios import Scenario
+from quadpend_train.policies.loading import cache_fingerprints, load_policies
+from quadpend_train.scenarios import Scenario, own_models
 
 Name = TypeVar("Name", bound=Hashable)
 
@@ -26,7 +27,7 @@ class Job(NamedTuple):
 
     Attributes:
         policies: A name for `load_policies`, or a list of policies. Policies that are given as objects run in this
-            process, and their results are not cached.
+            process, and their results are cached only if they have a `fingerprint`.
         scenario: Scenario of the episodes.
         episodes: Number of episodes.
         seed: Seed of the first episode.
@@ -45,14 +46,22 @@ class Job(NamedTuple):
         return run_episodes(policies, self.scenario, self.episodes, self.seed, self.options)
 
     def cache_key(self) -> str | None:
-        """Return the name under which the results are cached, see `cache.key`; None if they are not cached."""
-        if not isinstance(self.policies, str):
+        """Return the name under which the results are cached, see `cache.key`.
+
+        None if they are not cached: a policy has no fingerprint, or the scenario has own models.
+        """
+        policies = cache_fingerprints(self.policies)
+        if policies is None or own_models(self.scenario):
             return None
-        policies = policy_fingerprints(self.policies)
         if self.options is not None:
             options = json.dumps(self.options, sort_keys=True, default=lambda array: array.tolist())
             policies.append(hashlib.sha256(options.encode()).hexdigest())
         return cache.key(policies, self.scenario, self.episodes, self.seed)
+
+    def runs_elsewhere(self) -> bool:
+        """Return whether another process can run the job: it consists of names and data only."""
+        own = own_models(self.scenario)
+        return isinstance(self.policies, str) and all(isinstance(model, WindFromFactory) for model in own)
 
 
 def run_jobs(
@@ -94,8 +103,8 @@ def run_jobs(
 
 
 def _run_as_completed(jobs: Mapping[Name, Job], processes: int) -> Generator[tuple[Name, EpisodeResults], None, None]:
-    """Yield results as soon as they are ready; policies given by name run in other processes if there are several."""
-    remote = {name: job for name, job in jobs.items() if processes > 1 and isinstance(job.policies, str)}
+    """Yield results as soon as they are ready; jobs of names and data run in other processes if there are several."""
+    remote = {name: job for name, job in jobs.items() if processes > 1 and job.runs_elsewhere()}
     if remote:
         pool = ProcessPoolExecutor(min(processes, len(remote)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
         try:

@@ -3,21 +3,26 @@
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy, RotorAllocation
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.factories import describe_error
+from quadpend_gym.core.models import is_project_class
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
+from quadpend_train.policies.own import PROTOCOL, FactoryPolicy, check_predict
 from quadpend_train.scenarios import Scenario
 
 
 def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     """Return the policy for a scenario.
 
-    - A classical controller, also the base controller of a hybrid, receives the scenario's nominal simulation.
-    - Where the action commands rotors, a classical controller receives a `RotorAllocation`.
+    - A policy with the method `with_simulation` receives the scenario's nominal simulation: a classical controller,
+      also as base controller of a hybrid, and an own policy whose factory takes the simulation.
+    - Where the action commands rotors, such a policy, if it is not learned, receives a `RotorAllocation`.
     - Where velocities are not observed, a learned policy that needs them receives finite differences.
 
     A learned policy has the attribute `observation_sizes`, the sizes of the observations that it accepts. Its actions
@@ -42,8 +47,39 @@ def estimated_disturbance(policy: Policy, memory: Any) -> Floats:
         policy: A policy, adapted by `adapt_policy` or not.
         memory: The memory that its `predict` returned.
     """
-    inner, inner_memory = getattr(policy, "policy", policy), memory
-    if isinstance(policy, FiniteDifferencePolicy):
-        inner_memory = memory.policy
-    estimate: Any = getattr(inner, "estimated_disturbance", None)
-    return np.full((1, DISTURBANCE_SIZE), np.nan) if estimate is None else np.asarray(estimate(inner_memory))
+    while isinstance(policy, RotorAllocation | FiniteDifferencePolicy | FactoryPolicy):
+        memory = memory.policy if isinstance(policy, FiniteDifferencePolicy) else memory
+        policy = policy.policy
+    estimate: Any = getattr(policy, "estimated_disturbance", None)
+    return np.full((1, DISTURBANCE_SIZE), np.nan) if estimate is None else np.asarray(estimate(memory))
+
+
+def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenario) -> None:
+    """Fly a policy for two steps in two sub-environments of a scenario, so that a mismatch is found early.
+
+    Args:
+        name: Name of the policy for error messages.
+        policy: The policy.
+        scenario_name: Name of the scenario for error messages.
+        scenario: The scenario.
+
+    Raises:
+        ValueError: If the policy fails, does not fit the scenario, or returns no valid action.
+    """
+    env, memory = scenario.make_vec(2, AutoresetMode.SAME_STEP), None
+    observation, _ = env.reset(seed=0)
+    own = not is_project_class(type(getattr(policy, "policy", policy)))
+    try:
+        adapted = check_predict(name, adapt_policy(check_predict(name, policy), scenario))
+        for started in ([True, True], [True, False]):
+            returned: Any = adapted.predict(observation, memory, np.array(started), deterministic=True)
+            if not isinstance(returned, tuple) or len(returned) != 2:
+                raise ValueError(f"predict returned {type(returned).__name__}, not a tuple of actions and memory")
+            action, memory = returned
+            observation, *_ = env.step(action)
+    except Exception as error:  # own code may raise exceptions of any type
+        if not own and not isinstance(error, ValueError):
+            raise
+        what = str(error) if isinstance(error, ValueError) else describe_error(error)
+        rule = f"; {PROTOCOL}" if own and PROTOCOL not in what else ""
+        raise ValueError(f"{name} does not fit the scenario {scenario_name}: {what}{rule}") from error

@@ -1,6 +1,7 @@
 """Load policies by name or path, as on the command line."""
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 
 from quadpend_baselines import CONTROLLERS, Policy, controller
@@ -10,6 +11,7 @@ from quadpend_train.common.version_0_1 import current_name
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.policies.network_policy import policy_from_onnx
 from quadpend_train.policies.normalization import statistics_file
+from quadpend_train.policies.own import fingerprint, make_policy, own_factory, plugins, source
 
 
 def load_policies(names: str) -> list[Policy]:
@@ -44,6 +46,7 @@ def load_policy(name: str) -> Policy:
 
             - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
             - the name of a learned policy of this package, with its seed (``"ppo-gain-scheduling-0"``);
+            - ``"module:factory"``, or the name of an installed plug-in, see `quadpend_train.policies.own`;
             - the path of a run folder or of a policy file (.npz);
             - the path of an ONNX file (.onnx), see `quadpend_train.policies.network_policy.policy_from_onnx`;
             - the path of a model (.zip) saved by Stable-Baselines3 or sb3-contrib, or of a run folder of RL Baselines3
@@ -55,6 +58,8 @@ def load_policy(name: str) -> Policy:
     """
     if name in CONTROLLERS:
         return controller(name)
+    if factory := own_policy(name):
+        return make_policy(factory)
     path = policy_file(name)
     if path.suffix == ".onnx":
         return policy_from_onnx(path)
@@ -70,6 +75,29 @@ def policy_fingerprints(names: str) -> list[str]:
     return [policy_fingerprint(name) for name in policy_names(names)]
 
 
+def cache_fingerprints(policies: str | Sequence[Policy]) -> list[str] | None:
+    """Return a text for each policy that determines what it does; None if there is none for one of them.
+
+    Args:
+        policies: Policies as objects, or their names as for `load_policies`. Objects and own policies have a text only
+            if they have a `fingerprint`, see `quadpend_train.policies.own`.
+    """
+    if isinstance(policies, str):
+        names = policy_names(policies)
+        found = [fingerprint(load_policy(name)) if own_policy(name) else policy_fingerprint(name) for name in names]
+    else:
+        found = [fingerprint(policy) for policy in policies]
+    known = [text for text in found if text is not None]
+    return known if len(known) == len(found) else None
+
+
+def own_policy(name: str) -> str | None:
+    """Return the text ``"module:factory"`` of an own policy or plug-in; None for the policies of this package."""
+    shipped = shipped_policies()
+    built_in = {*CONTROLLERS, *shipped, *(single for seeds in shipped.values() for single in seeds)}
+    return None if name in built_in else own_factory(name, built_in)
+
+
 def policy_fingerprint(name: str) -> str:
     """Return a text that differs for different policies: a controller's name and gains, or the hash of a file.
 
@@ -81,6 +109,8 @@ def policy_fingerprint(name: str) -> str:
     """
     if name in CONTROLLERS:
         return f"{name} {GAINS[name]!r}"
+    if factory := own_policy(name):
+        return source(factory)
     path = policy_file(name)
     # An ONNX model can have its weights in another file, and a zip the statistics of VecNormalize.
     parts = [path, path.with_name(f"{path.name}.data"), *([statistics_file(path)] if path.suffix == ".zip" else [])]
@@ -103,9 +133,9 @@ def policy_file(name: str) -> Path:
     if not path.is_file():
         path = SHIPPED / f"{current_name(name)}.npz"
     if not path.is_file():
-        known = [*CONTROLLERS, *shipped_policies()]
+        known = [*CONTROLLERS, *shipped_policies(), *plugins()]
         raise ValueError(
             f"there is no policy {name!r}{suggest(name, known)}; there are {', '.join(known)}; or give the path of a"
-            " finished run or a policy file"
+            " finished run or a policy file, or 'module:factory'"
         )
     return path

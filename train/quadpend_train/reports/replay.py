@@ -14,6 +14,7 @@ import numpy as np
 from markupsafe import Markup
 from tqdm.auto import tqdm
 
+from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
@@ -43,7 +44,7 @@ class Choice(NamedTuple):
 
 
 def choose_policies(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> list[str]:
-    """Return the first policy and the best others of the leaderboard, among the policies that were given by name.
+    """Return the first policy and the best others of the leaderboard.
 
     Args:
         comparison: Comparison.
@@ -51,7 +52,7 @@ def choose_policies(comparison: Comparison, standings: Sequence[LeaderboardRow])
     """
     first = comparison.policies[0]
     others = [row.policy for row in standings if row.policy != first]
-    return [name for name in (first, *others) if name in comparison.fingerprints][: 1 + _OTHERS]
+    return [first, *others][: 1 + _OTHERS]
 
 
 def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], count: int) -> list[Choice]:
@@ -74,18 +75,23 @@ def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], 
 
 
 def record_replay(
-    comparison: Comparison, standings: Sequence[LeaderboardRow], policies: Mapping[str, str], count: int
+    comparison: Comparison,
+    standings: Sequence[LeaderboardRow],
+    policies: Mapping[str, str | Sequence[Policy]],
+    count: int,
 ) -> dict[str, Any] | None:
     """Run the chosen episodes again, and return their recordings as data for JSON, or None if there are none.
 
     Args:
         comparison: Comparison of the episodes.
         standings: Leaderboard of the comparison.
-        policies: Policies as for `load_policies`, by their names in the comparison.
+        policies: Policies by their names in the comparison, each as a name for `load_policies` or as a list of
+            policies, of which the first is recorded.
         count: Episodes of each scenario.
     """
     names = choose_policies(comparison, standings) if count else []
-    loaded = {name: load_policies(policies[name]) for name in names}
+    given = {name: policies[name] for name in names}
+    loaded = {name: load_policies(policy) if isinstance(policy, str) else policy for name, policy in given.items()}
     choices = {name: choose_episodes(comparison, name, names, count) for name in comparison.scenarios if names}
     scenarios: dict[str, list[dict[str, Any]]] = {}
     with tqdm(total=len(names) * sum(map(len, choices.values())), unit="recording", leave=False) as bar:
@@ -171,13 +177,13 @@ def _samples(recording: Recording, period: float) -> Floats:
     return np.concatenate(channels, axis=1)[sampled_steps(len(states), period)]
 
 
-def _appearance(name: str, seeds: list[Any], index: int) -> dict[str, str]:
+def _appearance(name: str, seeds: Sequence[Any], index: int) -> dict[str, str]:
     """Return label, colour and dash pattern of a policy, from its index in the comparison."""
     colour, dashes = style(index)
     return {"name": _label(name, seeds), "colour": colour, "dashes": dashes}
 
 
-def _label(name: str, seeds: list[Any]) -> str:
+def _label(name: str, seeds: Sequence[Any]) -> str:
     """Return the name of a policy and, if it has several training seeds, which of them is shown."""
     if len(seeds) == 1:
         return name

@@ -9,22 +9,25 @@ scenarios as TOML or JSON files with the fields of `Scenario`, or as JSON on the
 
 import hashlib
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import as_actuators, check_chain
+from quadpend_gym.core.factories import call_factory, describe_error, find_factory, is_factory
+from quadpend_gym.core.models import is_project_class, to_plain_data
 from quadpend_gym.core.validation import check_int, check_positive, from_plain, suggest
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.tasks import TASKS, RewardWeights, as_task
 from quadpend_gym.tasks.feasibility import check_feasible
-from quadpend_gym.wind import Sum, as_wind
+from quadpend_gym.wind import Sum, WindFromFactory, as_wind
 from quadpend_gym.wrappers import (
     VectorActuatorWrapper,
     VectorHistoryWrapper,
@@ -155,14 +158,16 @@ SETS = {name: tuple(members) for name, members in _DATA["sets"].items()}
 
 
 def find_scenario(name: str) -> Scenario:
-    """Return a scenario by its name, from a file, or from JSON.
+    """Return a scenario by its name, from a file, from JSON, or from the user's own code.
 
     Args:
-        name: Key of `SCENARIOS`, path of a TOML or JSON file, or JSON that begins with a brace.
+        name: Key of `SCENARIOS`, path of a TOML or JSON file, JSON that begins with a brace, or ``"module:factory"``: a
+            function of the user's own code that returns a `Scenario`, or a wind model for the scenario without other
+            changes.
 
     Raises:
         TypeError: If a field has the wrong type.
-        ValueError: If `name` is none of these, or a field is unknown or out of range.
+        ValueError: If `name` is none of these, a field is unknown or out of range, or the factory fails.
     """
     if name in SCENARIOS:
         return SCENARIOS[name]
@@ -170,13 +175,47 @@ def find_scenario(name: str) -> Scenario:
         raise ValueError(f"{name!r} is a set of scenarios: choose one of {', '.join(SETS[name])}")
     if name.lstrip().startswith("{"):
         return from_plain(Scenario, parse_mapping(name, "the scenario"), "scenario")
+    if is_factory(name):
+        made = call_factory(name, find_factory(name))
+        return made if isinstance(made, Scenario) else Scenario(wind=_checked_wind(name, made))
     path = Path(name)
     if path.suffix not in (".toml", ".json") or not path.is_file():
         raise ValueError(
             f"there is no scenario {name!r}{suggest(name, [*SCENARIOS, *SETS])}; the scenarios are"
-            f" {', '.join(SCENARIOS)}; or give the path of a TOML or JSON file, or JSON"
+            f" {', '.join(SCENARIOS)}; or give the path of a TOML or JSON file, JSON, or 'module:factory'"
         )
     return from_plain(Scenario, read_mapping(path), str(path))
+
+
+def _checked_wind(name: str, made: Any) -> WindFromFactory:
+    """Return the wind of a factory as data, after checking that what the factory returned is a wind."""
+    try:
+        as_wind(made)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must return a Scenario or a wind model, not {made!r}") from error
+    return WindFromFactory(name)
+
+
+def as_scenario(value: Any) -> Scenario:
+    """Convert `value` to a scenario.
+
+    Args:
+        value: A `Scenario`, a name as for `find_scenario`, a mapping of the fields of a scenario, or a wind model.
+
+    Raises:
+        TypeError: If `value` is none of these.
+        ValueError: If a name or a field is unknown, or a value is out of range.
+    """
+    if isinstance(value, str):
+        return find_scenario(value)
+    if isinstance(value, Scenario | Mapping):
+        return from_plain(Scenario, value, "scenario")
+    try:
+        return Scenario(wind=value)
+    except TypeError as error:
+        raise TypeError(
+            f"a scenario must be a Scenario, its name, its fields or a wind model, not {value!r}"
+        ) from error
 
 
 def expand_sets(names: Sequence[str]) -> list[str]:
@@ -184,21 +223,67 @@ def expand_sets(names: Sequence[str]) -> list[str]:
     return [member for name in names for member in SETS.get(name, (name,))]
 
 
+def scenario_data(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of a scenario as data for JSON; an object of the user's own class becomes its `repr`."""
+    return {item.name: to_plain_data(getattr(scenario, item.name), repr) for item in fields(scenario)}
+
+
+def own_models(value: Any) -> list[Any]:
+    """Return all objects in a scenario that are made by the user's own code, which no hash of a scenario covers."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [model for item in value for model in own_models(item)]
+    if value is None or isinstance(value, str | int | float):
+        return []
+    if isinstance(value, WindFromFactory) or not is_project_class(type(value)) or not is_dataclass(value):
+        return [value]
+    return own_models([getattr(value, item.name) for item in fields(value)])
+
+
+def check_own_models(name: str, scenario: Scenario) -> None:
+    """Run a scenario with own models for two steps, so that their errors are found before a long evaluation.
+
+    Args:
+        name: Name of the scenario for the error message.
+        scenario: The scenario.
+
+    Raises:
+        ValueError: If a model fails or returns values that are not finite.
+    """
+    if not own_models(scenario):
+        return
+    try:
+        env = scenario.make_vec(2, AutoresetMode.SAME_STEP)
+        env.reset(seed=0)
+        for _ in range(2):
+            env.step(np.zeros(env.action_space.shape, np.float32))  # type: ignore[arg-type]
+    except Exception as error:  # own code may raise exceptions of any type
+        raise ValueError(f"the scenario {name} does not run: {describe_error(error)}") from error
+
+
 def _stored_fields(scenario: Scenario) -> dict[str, Any]:
     """Return the fields of a scenario without those of `_LATER_FIELDS` that have their default value."""
-    data = {name: value for name, value in asdict(scenario).items() if value != _LATER_FIELDS.get(name, ...)}
+    data = {name: value for name, value in scenario_data(scenario).items() if value != _LATER_FIELDS.get(name, ...)}
     if scenario.task is not None and scenario.task.trajectory is None:
         del data["task"]["trajectory"]  # a later field of `Task`
     return data
 
 
 def name_or_json(name: str) -> str:
-    """Return `name` if it is a key of `SCENARIOS`, else the scenario as JSON, which does not depend on a file."""
-    return name if name in SCENARIOS else json.dumps(_stored_fields(find_scenario(name)))
+    """Return the scenario as JSON, which does not depend on a file.
+
+    A key of `SCENARIOS` and a text ``"module:factory"`` are returned as they are.
+    """
+    found = find_scenario(name)
+    return name if name in SCENARIOS or is_factory(name) else json.dumps(_stored_fields(found))
 
 
 def scenario_hash(scenario: Scenario) -> str:
-    """Return twelve hexadecimal digits of the hash of a scenario without its description."""
+    """Return twelve hexadecimal digits of the hash of a scenario without its description.
+
+    The hash covers objects of the user's own code by their names only.
+    """
     data = {name: value for name, value in _stored_fields(scenario).items() if name != "description"}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
 
