@@ -133,11 +133,12 @@ class MlpPolicy:
         except Exception as error:  # a broken archive can raise nearly any exception
             raise ValueError(f"{path} is not a policy file: {error}") from error
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the policy to a file. If writing is interrupted, an older file is not changed."""
         arrays: dict[str, Any] = {"card": np.array(json.dumps(self.card))}
         for i, (weights, biases) in enumerate(self.layers):
             arrays |= {f"weights_{i}": weights, f"biases_{i}": biases}
+        path = Path(path)
         unfinished = path.with_suffix(".tmp")
         with unfinished.open("wb") as file:
             np.savez_compressed(file, **arrays)
