@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
 from quadpend_gym.core.arrays import Floats32
+from quadpend_train.cli.main import main
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.policies.conversion import as_policy
@@ -151,8 +152,9 @@ def test_normalised_observations_are_part_of_the_policy(zoo: Any, tmp_path: Path
     inputs = normalized.normalize_obs(rows)
     assert (np.abs(inputs) == 2.0).any()
     expected, _ = model.predict(inputs, deterministic=True)
-    statistics = folder / "QuadPendulum-v0/vecnormalize.pkl"
-    export_zip(folder / "QuadPendulum-v0.zip", statistics).save(tmp_path / "policy.npz")
+    (statistics := tmp_path / "statistics.pkl").write_bytes((folder / "QuadPendulum-v0/vecnormalize.pkl").read_bytes())
+    (zipped := tmp_path / "model.zip").write_bytes((folder / "QuadPendulum-v0.zip").read_bytes())
+    main(["export", str(zipped), "--vec-normalize", str(statistics), "--out", str(tmp_path / "policy.npz")])
     for policy in (export(model), load_policy(str(folder)), MlpPolicy.load(tmp_path / "policy.npz")):
         assert isinstance(policy, MlpPolicy)
         assert_allclose(policy.predict(rows)[0], expected, atol=1e-6)

@@ -68,8 +68,11 @@ def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     start = tmp_path / "start.npz"
-    training.export(training.initial_model(SHORTER, None)).save(start)
-    train_policy(replace(SHORTER, start_from=str(start)), tmp_path / "run")
+    train_policy(SHORTER, tmp_path / "first")
+    start.write_bytes((tmp_path / "first/policy.npz").read_bytes())
+    main(["train", "--start-from", str(start), "--seed", "4", "--out", str(tmp_path / "run")])
+    settings = read_settings(str(tmp_path / "run/settings.json"))
+    assert settings == replace(SHORTER, start_from=str(start), seed=4)  # other settings are those of the policy
     main(["reproduce", str(tmp_path / "run"), "--out", str(tmp_path / "again")])
     assert "The weights are the same." in capsys.readouterr().out
     training.export(training.initial_model(replace(SHORTER, seed=1), None)).save(start)
@@ -152,11 +155,15 @@ def test_interrupted_continuation_equals_an_uninterrupted_one(
 def test_run_that_cannot_go_on_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert_refused(lambda: training.extend(tmp_path, 10), "contains no run", FileNotFoundError)
     train_policy(SHORTER, tmp_path)
+    with pytest.raises(SystemExit):
+        main(["train", "--more-steps", "10"])
+    assert "--more-steps continues a finished run: give its folder with --resume" in capsys.readouterr().err
     assert_refused(lambda: training.extend(tmp_path, 0), "more_steps must be .* at least 1, not 0", ValueError)
     (tmp_path / "policy.npz").rename(tmp_path / "away.npz")
     assert_refused(lambda: training.extend(tmp_path, 10), "is not finished: resume it without", FileNotFoundError)
     (tmp_path / "away.npz").rename(tmp_path / "policy.npz")
-    training.extend(tmp_path, 128, progress=False)
+    main(["train", "--resume", str(tmp_path), "--more-steps", "128"])
+    assert model_of(tmp_path, SHORTER).num_timesteps >= 640
     with pytest.raises(SystemExit):
         main(["reproduce", str(tmp_path)])
     assert "was continued after 512 steps" in capsys.readouterr().err

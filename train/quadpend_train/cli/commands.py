@@ -23,8 +23,9 @@ def run(arguments: list[str]) -> None:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--settings")
     first.add_argument("--algo", choices=ALGORITHMS)
+    first.add_argument("--start-from")
     known = first.parse_known_args(arguments)[0]
-    default = known.settings or known.algo or training.DEFAULT_SETTINGS
+    default = known.settings or known.algo or training.settings_of(known.start_from)
     settings = read_settings(default)
 
     tyro.extras.subcommand_cli_from_dict(

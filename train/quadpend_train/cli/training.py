@@ -18,11 +18,31 @@ DEFAULT_SETTINGS = "demo"
 DEFAULT_OUT = Path("runs/latest")
 
 
+def settings_of(start_from: str | None) -> str:
+    """Return the settings of a training that starts from a policy: the file of the policy, whose card has them.
+
+    Args:
+        start_from: The policy as for `load_policy`, or None.
+
+    Returns:
+        A name for `read_settings`; the default settings for a policy that was not trained by `quadpend train`.
+    """
+    from quadpend_train.policies.loading import policy_file
+    from quadpend_train.policies.mlp_policy import MlpPolicy
+
+    try:
+        path = policy_file(start_from) if start_from else None
+        return str(path) if path and "settings" in MlpPolicy.load(path).card else DEFAULT_SETTINGS
+    except ValueError:  # training refuses the policy with its own message
+        return DEFAULT_SETTINGS
+
+
 def train(
     run: Annotated[TrainSettings, tyro.conf.arg(name="")],
     settings: str = DEFAULT_SETTINGS,
     out: Path = DEFAULT_OUT,
     resume: Path | None = None,
+    more_steps: int | None = None,
 ) -> None:
     """Train PPO, SAC or TQC.
 
@@ -30,33 +50,41 @@ def train(
         run: Settings that replace those of the file.
         settings: Settings file: the name of a preset in train/quadpend_train/training/presets, the path of a TOML or
             JSON file, or a policy file (.npz), whose card contains the settings of its training. Without it, --algo
-            selects the preset ppo, sac or tqc.
+            selects the preset ppo, sac or tqc, and --start-from the settings of its policy.
         out: Folder of the run.
         resume: Folder of an interrupted run to continue, with the settings in that folder.
+        more_steps: Timesteps by which the finished run in the folder given by --resume is continued.
     """
     from quadpend_train.training import train as training
 
     if resume and (out != DEFAULT_OUT or run != read_settings(settings)):
         raise ValueError("--resume uses the settings and the folder of the run: give no other options with it")
-    policy = training.resume(resume) if resume else training.train(run, out)
+    if more_steps is not None:
+        if not resume:
+            raise ValueError("--more-steps continues a finished run: give its folder with --resume")
+        policy = training.extend(resume, more_steps)
+    else:
+        policy = training.resume(resume) if resume else training.train(run, out)
     print(f"Trained policy: {policy}")
 
 
-def export(model: tyro.conf.Positional[Path], out: Path | None = None) -> None:
+def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_normalize: Path | None = None) -> None:
     """Convert a model saved by Stable-Baselines3 or sb3-contrib to a policy file, which executes no code when loaded.
 
     Loading the model executes code that it contains: export only files that you trust.
 
     Args:
-        model: File (.zip) saved by PPO, SAC or TQC, whose policy takes the observation without normalisation.
+        model: File (.zip) saved by an algorithm with a feedforward network, such as PPO, A2C, SAC, TQC or TD3.
         out: Policy file; the default is the path of the model with the suffix .npz.
+        vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is a file
+            vecnormalize.pkl beside the model. Loading it executes code that it contains.
     """
     from quadpend_train.policies.export import export_zip
 
     path = out or model.with_suffix(".npz")
     if path.exists():
         raise FileExistsError(f"{path} exists already: choose another file with --out")
-    export_zip(model, source=model.name).save(path)
+    export_zip(model, vec_normalize, source=model.name).save(path)
     print(f"Written: {path}")
 
 
