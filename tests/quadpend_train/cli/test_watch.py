@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 from quadpend_baselines import controller
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
 from quadpend_gym.viewer.palette import BLUE, GREEN, VERMILLION, VIOLET
 from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.cli.main import main
@@ -85,6 +85,13 @@ def test_the_thrust_of_rotor_actuators_is_recorded() -> None:
     assert len(recorded.snapshots) > 50
     assert np.isfinite(recorded.estimate).all()
     assert_allclose(np.mean([snapshot.thrust for snapshot in recorded.snapshots]), 1.0, atol=0.1)
+
+
+def test_the_whole_episode_is_shown_at_any_control_period() -> None:
+    scenario = Scenario(simulation=Simulation(period=0.005), duration=0.5)
+    recorded = record_episode("adrc", controller("adrc-matched"), scenario, SEED)
+    assert recorded.snapshots[-1].time == pytest.approx(0.5)
+    assert SideBySideView([recorded], 0.005, VideoOptions().seconds).steps == range(100)
 
 
 def test_each_policy_has_its_part_of_the_view_and_its_colour(recordings: list[Recording]) -> None:
