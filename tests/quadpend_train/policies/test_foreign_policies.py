@@ -17,6 +17,7 @@ from torch import nn
 from quadpend_gym.core.arrays import Floats32
 from quadpend_train.cli.main import main
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.evaluation.comparison import named_policies
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.policies.conversion import as_policy
 from quadpend_train.policies.export import ModelPolicy, export, export_zip
@@ -28,6 +29,7 @@ from quadpend_train.policies.torch_policy import policy_from_torch
 from quadpend_train.scenarios import Scenario
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
+from tests.helpers.own_code import write_module
 from tests.helpers.policies import BANDWIDTH_SCHEDULING, mlp_policy
 
 OBSERVATIONS = np.random.default_rng(1).normal(size=(50, 36)).astype(np.float32)
@@ -278,6 +280,17 @@ def test_bad_onnx_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert_refused(lambda: load_policy(str(path)), r"needs onnxruntime: pip install 'quadpend-gym\[onnx\]'", ValueError)
 
 
-def test_hybrid_and_controller_are_policies_already() -> None:
+def test_object_with_predict_is_a_policy_already() -> None:
     policy = mlp_policy(45, hybrid=BANDWIDTH_SCHEDULING)
     assert as_policy(policy) is policy
+
+
+def test_factories_and_comparisons_take_torch_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = (
+        "from torch import nn\n\ndef make():\n    return nn.Linear(36, 4)\n\ndef wrong():\n    return nn.Linear(3, 4)\n"
+    )
+    module = write_module(tmp_path, monkeypatch, code)
+    assert isinstance(load_policy(f"{module}:make"), MlpPolicy)
+    assert_refused(lambda: load_policy(f"{module}:wrong"), f"{module}:wrong: the first layer must take 36", ValueError)
+    ((policy,),) = named_policies([nn.Linear(36, 4)]).values()
+    assert isinstance(policy, MlpPolicy)

@@ -19,6 +19,7 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
 from quadpend_train.policies.adaptation import check_policy
+from quadpend_train.policies.conversion import convert
 from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
 from quadpend_train.scenarios import (
     SCENARIOS,
@@ -229,7 +230,8 @@ def named_policies(policies: Policies) -> dict[str, str | Sequence[Policy]]:
     """Return policies by their names in a comparison, each as a name for `load_policies` or as a list of objects.
 
     Args:
-        policies: As for `compare`. In a sequence, the name of an object is that of its class.
+        policies: As for `compare`. In a sequence, the name of an object is that of its class. Models of
+            Stable-Baselines3 and torch modules are converted to policies.
 
     Raises:
         ValueError: If two policies have the same name.
@@ -240,7 +242,8 @@ def named_policies(policies: Policies) -> dict[str, str | Sequence[Policy]]:
         if len(set(names)) < len(names):
             raise ValueError("two policies have the same name: give a mapping from names to policies")
         policies = dict(zip(names, members, strict=True))
-    return {name: item if isinstance(item, str | list | tuple) else [item] for name, item in policies.items()}
+    lists = {name: item if isinstance(item, str | list | tuple) else [item] for name, item in policies.items()}
+    return {name: item if isinstance(item, str) else [convert(one) for one in item] for name, item in lists.items()}
 
 
 def _named_scenarios(scenarios: Scenarios) -> Mapping[str, Any]:

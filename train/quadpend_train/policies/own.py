@@ -2,9 +2,9 @@
 
 A factory is a function or class. It is called with the nominal `Simulation` if it has one required argument or its
 first argument is called ``simulation``, otherwise without arguments. It returns an object with the method `predict` of
-`quadpend_baselines.Policy`. A factory that takes the simulation is called again for every scenario with its simulation.
-If the factory takes none, the object may have a method ``with_simulation(simulation)`` that returns the policy for a
-scenario.
+`quadpend_baselines.Policy`, a torch module or a model of Stable-Baselines3. A factory that takes the simulation is
+called again for every scenario with its simulation. If the factory takes none, the object may have a method
+``with_simulation(simulation)`` that returns the policy for a scenario.
 
 A package installs plug-ins by entry points of the group `PLUGINS`, each a name and a factory:
 
@@ -29,6 +29,7 @@ from typing import Any
 from quadpend_baselines import Policy
 from quadpend_gym import Simulation
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory
+from quadpend_train.policies.conversion import convert
 
 PLUGINS = "quadpend.policies"
 PROTOCOL = (
@@ -56,9 +57,14 @@ class FactoryPolicy:
         """The attribute `fingerprint` of the policy, or None."""
         return getattr(self.policy, "fingerprint", None)
 
+    @property
+    def observation_sizes(self) -> Any:
+        """The attribute `observation_sizes` of the policy, which learned policies have, or None."""
+        return getattr(self.policy, "observation_sizes", None)
+
     def with_simulation(self, simulation: Simulation) -> "FactoryPolicy":
         """Return the policy for another nominal simulation."""
-        policy = check_predict(self.name, call_factory(self.name, self.factory, simulation))
+        policy = _made(self.name, call_factory(self.name, self.factory, simulation))
         return FactoryPolicy(self.name, self.factory, policy)
 
     def predict(
@@ -114,9 +120,17 @@ def make_policy(factory_name: str) -> Policy:
     """
     factory = find_factory(factory_name)
     if not _takes_simulation(factory_name, factory):
-        return check_predict(factory_name, call_factory(factory_name, factory))
-    policy = check_predict(factory_name, call_factory(factory_name, factory, Simulation()))
+        return _made(factory_name, call_factory(factory_name, factory))
+    policy = _made(factory_name, call_factory(factory_name, factory, Simulation()))
     return FactoryPolicy(factory_name, factory, policy)
+
+
+def _made(name: str, value: Any) -> Any:
+    """Return what a factory made as a policy, after checking it."""
+    try:
+        return check_predict(name, convert(value))
+    except ValueError as error:
+        raise error if name in str(error) else ValueError(f"{name}: {error}") from error
 
 
 def check_predict(name: str, policy: Any) -> Any:
