@@ -1,5 +1,6 @@
 """Pairwise comparisons find known differences, and equal policies have no winner."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,8 @@ from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.leaderboard import leaderboard
-from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair
-from quadpend_train.reports.tables import leaderboard_table
+from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair, episodes_needed
+from quadpend_train.reports.tables import leaderboard_note, leaderboard_table, verdicts
 from quadpend_train.scenarios import Scenario
 from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_results
 
@@ -185,3 +186,22 @@ def test_the_compare_command_prints_one_sentence(tmp_path: Path, capsys: pytest.
         " overall, its penalised RMSE is lower by"
     )
     assert "Holm" in printed
+
+
+def test_too_few_episodes_are_said_in_words() -> None:
+    """With fewer than `episodes_needed` episodes no difference of the RMSE can be significant, with as many it can."""
+    assert episodes_needed(2) == 10
+    needed = episodes_needed(12)
+    assert needed > 10
+    for episodes in (5, needed - 1, needed):
+        base = np.linspace(0.1, 0.2, episodes)
+        results = {"worse": base + 0.01, "better": base, "best": base - 0.01}
+        three = compared(**{name: [synthetic_results(values)] * 2 for name, values in results.items()})
+        three = replace(three, episodes=episodes)
+        assert (leaderboard(three)[0].wins > 0) == (episodes == needed)
+        note = f"{episodes} episodes are too few for wins by RMSE with 12 tests: use at least {needed} episodes."
+        assert leaderboard_note(three) == (note if episodes < needed else "")
+    few = compared(first=[synthetic_results([0.1] * 5)], other=[synthetic_results([0.2] * 5)])
+    (verdict,) = verdicts(few)
+    assert verdict.endswith("; 5 episodes are too few to show a difference, use at least 10.")
+    assert "; 5 episodes are too few to show a difference" in compare_pair(few, "first", "other").sentence()

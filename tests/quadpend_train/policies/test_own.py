@@ -108,7 +108,8 @@ def test_a_factory_may_take_the_simulation_and_then_learns_that_of_each_scenario
 
 def test_an_own_controller_flies_as_the_same_controller_of_this_package(module: str) -> None:
     own_policy, expected = load_policy(f"{module}:Lqr"), controller("lqr")
-    one, other = run_episodes([own_policy], "windy", 2), run_episodes([expected], "windy", 2)
+    brief = Scenario(wind="windy", duration=1.0)
+    one, other = run_episodes([own_policy], brief, 2), run_episodes([expected], brief, 2)
     np.testing.assert_array_equal(one.error, other.error)
     memory = own_policy.predict(np.zeros((2, 36), np.float32))[1]
     assert estimated_disturbance(own_policy, memory).shape == (2, 9)
@@ -138,13 +139,13 @@ def test_an_installed_plug_in_is_a_policy_and_never_hides_one_of_this_package(
 
 
 def test_one_command_ranks_an_own_controller_in_a_report_with_a_replay(module: str, tmp_path: Path) -> None:
-    arguments = ["--scenarios", "calm", "--episodes", "2", "--replay", "1"]
+    arguments = ["--scenarios", 'brief={"duration": 1.0}', "--episodes", "2", "--replay", "1"]
     main(["evaluate", "lqr", f"mine={module}:Lqr", *arguments, "--out", "out", "--cache", "cache"])
     page = (tmp_path / "out/report.html").read_text(encoding="utf-8")
     assert page.count('"fell": null') == 2
     data = json.loads((tmp_path / "out/comparison.json").read_text(encoding="utf-8"))
     assert data["policies"]["mine"] == [policy_fingerprint(f"{module}:Lqr")]
-    assert data["results"]["calm"]["mine"]["metrics"]["survival"]["value"] == 100.0
+    assert data["results"]["brief"]["mine"]["metrics"]["survival"]["value"] == 100.0
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,8 @@ def evaluate(
             console.print(f"• {sentence}", highlight=False)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         console.print(tables.leaderboard_table(standings))
+        if note := tables.leaderboard_note(comparison):
+            console.print(note, highlight=False)
     console.print(f"Written: {out}/{', '.join(made.files)}", highlight=False)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import tyro
 
+from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.validation import check_int
 from quadpend_train.cli.options import named_model
 
@@ -78,8 +79,8 @@ def wind(
 
     Args:
         models: Presets or kinds of wind, kinds of sensors or actuators, JSON with a kind and its settings, or a
-            scenario file, whose wind is plotted. NAME=MODEL gives a model a name. The default is one model of each
-            kind, as in docs/models.md.
+            scenario file or module:factory of your own, whose wind is plotted. NAME=MODEL gives a model a name. The
+            default is one model of each kind, as in docs/models.md.
         out: Folder for the figures, one PNG file for each model.
         seconds: Length of the time series, s.
         seed: Seed of the episode in the time series.
@@ -90,7 +91,8 @@ def wind(
         raise ValueError(f"seconds must be from 1 to 3600, not {seconds:g}")
     check_int(seed, "seed", 0)
     named = [named_model(model) for model in models] or list(model_plots.GALLERY.items())
-    names = [name if name.isidentifier() else f"model_{number}" for number, (name, _) in enumerate(named)]
+    plain = [name.replace(":", "_").replace(".", "_") if is_factory(name) else name for name, _ in named]
+    names = [name if name.isidentifier() else f"model_{number}" for number, name in enumerate(plain)]
     if len(set(names)) < len(names):
         raise ValueError("two models have the same name: give each its own, as NAME=MODEL")
     out.mkdir(parents=True, exist_ok=True)

@@ -74,8 +74,9 @@ def watch(
         video: Options of the picture and of the video.
     """
     from quadpend_gym.viewer import check_pygame
+    from quadpend_train.policies.adaptation import check_policy
     from quadpend_train.policies.loading import load_policies
-    from quadpend_train.scenarios import find_scenario
+    from quadpend_train.scenarios import check_own_models, find_scenario
 
     if not 1 <= len(policies) <= 3:
         raise ValueError(f"policies must be one to three, not {len(policies)}")
@@ -91,6 +92,9 @@ def watch(
     loaded = [(name, load_policies(policy)) for name, policy in named_policies(policies).items()]
     if several := [name for name, seeds in loaded if len(seeds) > 1]:
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")
+    check_own_models(chosen[0], found)
+    for name, seeds in loaded:
+        check_policy(name, seeds[0], chosen[0], found)
     screen = _open_window(video.size) if video.out is None else None
     period = found.simulation.period
     recordings = [record_episode(name, seeds[0], found, seed) for name, seeds in loaded]

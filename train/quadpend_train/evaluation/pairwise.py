@@ -7,6 +7,8 @@ one family are corrected together by Holm's method: the probability that at leas
 is at most 5 %, if the level of each single test is correct. The family of `compare_pair` is one pair, that of
 `compare_all_pairs` and of the leaderboard is all pairs, so the latter report slightly fewer wins.
 
+Few episodes cannot give a win by RMSE, however different the policies are: `episodes_needed` is the fewest that can.
+
 The penalised RMSE (a fall counts as 1 m) is reported but does not decide who wins: falls that are rarer than about 3/n
 may not be among n episodes, and then neither the mean nor its interval accounts for them.
 """
@@ -14,6 +16,7 @@ may not be among n episodes, and then neither the mean nor its interval accounts
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -89,12 +92,14 @@ class PairwiseComparison:
         second: Name of the second policy.
         results: Result of each scenario, by the scenario's name.
         rmse_differences: First policy's penalised RMSE minus the second's in each scenario, mm, shape (s, n) each.
+        episodes_needed: Fewest episodes of a scenario that can give a win by RMSE, see `episodes_needed`.
     """
 
     first: str
     second: str
     results: dict[str, ScenarioResult]
     rmse_differences: dict[str, Floats]
+    episodes_needed: int
 
     @property
     def won(self) -> list[str]:
@@ -126,7 +131,17 @@ class PairwiseComparison:
         if undecided:
             other = "" if won else f" from {self.second}"
             parts.append(f"is not distinguishable{other} in {len(undecided)}{_listed(undecided)}")
-        return f"{self.first} {_joined(parts)}; overall, its penalised RMSE is {self._overall_difference()}."
+        few = f"; {self.too_few}" if undecided and self.too_few else ""
+        return f"{self.first} {_joined(parts)}; overall, its penalised RMSE is {self._overall_difference()}{few}."
+
+    @property
+    def too_few(self) -> str:
+        """Sentence part about too few episodes for a win by RMSE and how many it needs; empty if there are enough."""
+        episodes = next(iter(self.rmse_differences.values())).shape[1]
+        if episodes >= self.episodes_needed:
+            return ""
+        few = "1 episode is" if episodes == 1 else f"{episodes} episodes are"
+        return f"{few} too few to show a difference, use at least {self.episodes_needed}"
 
     def reversed(self) -> "PairwiseComparison":
         """Return the comparison with the policies in the opposite order."""
@@ -135,6 +150,7 @@ class PairwiseComparison:
             self.first,
             {name: result.reversed() for name, result in self.results.items()},
             {name: -difference for name, difference in self.rmse_differences.items()},
+            self.episodes_needed,
         )
 
     def _overall_difference(self) -> str:
@@ -183,6 +199,21 @@ def compare_all_pairs(comparison: Comparison) -> dict[tuple[str, str], PairwiseC
     return _compare_pairs(comparison, list(itertools.combinations(comparison.policies, 2)))
 
 
+@lru_cache(maxsize=64)
+def episodes_needed(tests: int, seeds: int = 1) -> int:
+    """Return the fewest episodes in which the RMSE of two policies can differ significantly.
+
+    It is the smallest number, at least 10, for which the smallest possible p-value, that of a difference that is the
+    same in all episodes, is below 5 % after Holm's correction.
+
+    Args:
+        tests: Number of tests that are corrected together.
+        seeds: Number of training seeds.
+    """
+    numbers = itertools.count(_MIN_COMMON_SURVIVALS)
+    return next(n for n in numbers if tests * p_value(np.ones((seeds, n))) < 1.0 - CONFIDENCE)
+
+
 def _compare_pairs(
     comparison: Comparison, pairs: Sequence[tuple[str, str]]
 ) -> dict[tuple[str, str], PairwiseComparison]:
@@ -191,13 +222,16 @@ def _compare_pairs(
         for pair in pairs
         for name in comparison.scenarios
     }
-    corrected = iter(holm([p for both in episodes.values() for p in _p_values(*both)]))
+    p_values = [p for both in episodes.values() for p in _p_values(*both)]
+    corrected = iter(holm(p_values))
     results = {key: _scenario_result(*both, next(corrected), next(corrected)) for key, both in episodes.items()}
+    differences = {key: 1000.0 * _penalised_rmse_difference(*both) for key, both in episodes.items()}
     return {
         pair: PairwiseComparison(
             *pair,
             {name: results[pair, name] for name in comparison.scenarios},
-            {name: 1000.0 * _penalised_rmse_difference(*episodes[pair, name]) for name in comparison.scenarios},
+            {name: differences[pair, name] for name in comparison.scenarios},
+            episodes_needed(len(p_values), max(len(differences[pair, name]) for name in comparison.scenarios)),
         )
         for pair in pairs
     }

@@ -16,6 +16,7 @@ from quadpend_gym import Simulation
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.actuators import as_actuators
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import suggest
@@ -60,7 +61,7 @@ def draw(title: str, name: str, seconds: float, seed: int, path: Path) -> None:
     Args:
         title: Title of the picture.
         name: Preset or kind of wind, kind of sensor or actuator (with default settings), JSON with a ``kind``, or the
-            file of a scenario, whose wind is drawn.
+            file of a scenario or ``"module:factory"``, whose wind is drawn.
         seconds: Length of the time series, s.
         seed: Seed of the episode in the time series.
         path: Path of the picture.
@@ -85,7 +86,7 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
         data = parse_mapping(name, "the model")
     elif name in PRESETS:
         return "wind", as_wind(name)
-    elif Path(name).suffix in (".toml", ".json"):
+    elif is_factory(name) or Path(name).suffix in (".toml", ".json"):
         return "wind", find_scenario(name).wind.models
     else:
         data = {"kind": name}

@@ -11,7 +11,7 @@ from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
-from quadpend_train.evaluation.pairwise import PairwiseComparison, ScenarioResult, compare_pair
+from quadpend_train.evaluation.pairwise import PairwiseComparison, ScenarioResult, compare_pair, episodes_needed
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures
 
@@ -80,7 +80,19 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow] | None 
         text += "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         text += "\n\n" + leaderboard_markdown(leaderboard(comparison) if standings is None else standings)
+        text += f"\n\n{leaderboard_note(comparison)}" if leaderboard_note(comparison) else ""
     return f"{text}\n"
+
+
+def leaderboard_note(comparison: Comparison) -> str:
+    """Return that there are too few episodes for wins by RMSE on the leaderboard; empty if there are enough."""
+    pairs = len(comparison.policies) * (len(comparison.policies) - 1) // 2
+    tests = 2 * pairs * len(comparison.scenarios)
+    needed = episodes_needed(tests, max(len(results.survived) for results in comparison.results.values()))
+    if not pairs or comparison.episodes >= needed:
+        return ""
+    few = f"{comparison.episodes} episode{'s are' if comparison.episodes > 1 else ' is'}"
+    return f"{few} too few for wins by RMSE with {tests} tests: use at least {needed} episodes."
 
 
 def comparison_markdown(comparison: Comparison) -> str:
@@ -206,9 +218,10 @@ def _verdict(scenario: str, pair: PairwiseComparison, result: ScenarioResult) ->
     beats = f"{pair.first} beats {pair.second}"
     loses = f"{pair.first} loses to {pair.second}"
     neither = f"{pair.first} and {pair.second} show no significant difference"
+    few = f"; {pair.too_few}" if result.winner == 0 and pair.too_few else ""
     return (
         f"In {scenario}, {[neither, beats, loses][result.winner]}: RMSE where both survive"
-        f" {_describe(result.rmse, 'mm')}, survival {_describe(result.survival, 'points')}."
+        f" {_describe(result.rmse, 'mm')}, survival {_describe(result.survival, 'points')}{few}."
     )
 
 

@@ -9,6 +9,7 @@ scenarios as TOML or JSON files with the fields of `Scenario`, or as JSON on the
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
@@ -224,8 +225,15 @@ def expand_sets(names: Sequence[str]) -> list[str]:
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of a scenario as data for JSON; an object of the user's own class becomes its `repr`."""
-    return {item.name: to_plain_data(getattr(scenario, item.name), repr) for item in fields(scenario)}
+    """Return the fields of a scenario as data for JSON.
+
+    An object of the user's own class becomes its `repr` without its address in memory.
+    """
+    return {item.name: to_plain_data(getattr(scenario, item.name), _name) for item in fields(scenario)}
+
+
+def _name(item: Any) -> str:
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(item))
 
 
 def own_models(value: Any) -> list[Any]:
@@ -282,7 +290,7 @@ def name_or_json(name: str) -> str:
 def scenario_hash(scenario: Scenario) -> str:
     """Return twelve hexadecimal digits of the hash of a scenario without its description.
 
-    The hash covers objects of the user's own code by their names only.
+    The hash covers objects of the user's own code only as `scenario_data` shows them.
     """
     data = {name: value for name, value in _stored_fields(scenario).items() if name != "description"}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]

@@ -7,6 +7,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_baselines import controller
 from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
+from quadpend_gym import RewardWeights
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.wrappers import VectorHistoryWrapper
@@ -75,10 +76,15 @@ def check_curriculum(settings: TrainSettings) -> None:
     concatenate_scenarios([find_scenario(name) for name in names], len(names))
 
 
+def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
+    """Return the scenario with the reward weights of the settings; the default weights keep those of the scenario."""
+    return scenario if reward == RewardWeights() else scenario.with_reward(reward)
+
+
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3 at a timestep of the training."""
     names = expand_sets(scenarios_at(settings, timesteps))
-    scenarios = [find_scenario(name).with_reward(settings.reward) for name in names]
+    scenarios = [_with_reward(find_scenario(name), settings.reward) for name in names]
     steps, hybrid = settings.max_episode_steps or None, settings.hybrid
     env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, steps), settings)
     if hybrid.baseline_relative_reward:

@@ -181,7 +181,7 @@ class TrainSettings:
     gamma: float = 0.995
     """Discount factor γ."""
     reward: RewardWeights = field(default_factory=RewardWeights)
-    """Reward weights in training, which replace those of the task."""
+    """Reward weights in training. Weights other than the default replace those of the scenarios' tasks."""
     reward_scale: float = 0.01
     """Factor on the rewards that the algorithm receives, for discounted returns of order one."""
     net_arch: tuple[int, ...] = (64, 64)

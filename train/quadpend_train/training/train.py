@@ -34,7 +34,7 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.sb3_models import algorithm_class
-from quadpend_train.scenarios import expand_sets, find_scenario, scenario_hash
+from quadpend_train.scenarios import check_own_models, expand_sets, find_scenario, scenario_hash
 from quadpend_train.training.algorithms import make_model
 from quadpend_train.training.callbacks import (
     BEST,
@@ -168,6 +168,8 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
         folder: The folder for TensorBoard's event files; None writes no event files.
     """
     torch.set_num_threads(settings.num_threads)
+    for name in expand_sets((*settings.scenarios, *settings.curriculum)):
+        check_own_models(name, find_scenario(name))
     env = make_env(settings)
     if settings.curriculum:
         check_curriculum(settings)
