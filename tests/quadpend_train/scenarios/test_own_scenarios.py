@@ -143,5 +143,5 @@ def test_the_reward_of_a_scenario_is_used_unless_the_settings_give_another() -> 
 
 def test_quadpend_wind_draws_an_own_wind(module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(model_plots, "_SPECTRUM_SECONDS", 45.0)
-    main(["wind", f"{module}:Push", "--out", "out"])
-    assert (tmp_path / f"out/{module}_Push.png").stat().st_size > 1000
+    main(["wind", f"{module}:noisy", "--out", "out"])
+    assert (tmp_path / f"out/{module}_noisy.png").stat().st_size > 1000
