@@ -141,7 +141,8 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
         (["train", "--settings", "nix"], "settings must be the path of a file or one of demo"),
         (["train", "--scenarios", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "contains no run"),
-        (["train", "--resume", "nowhere", "--seed", "9"], "give no other options with it"),
+        (["train", "--resume", "nowhere", "--out", "x"], "give no --out with it"),
+        (["train", "--resume", "nowhere", "--settings", "demo"], "give no --settings with it"),
         (["evaluate", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
     ],
 )

@@ -1,13 +1,76 @@
-"""The table of commands, and the parser of their options."""
+"""The table of commands, and the function that runs one of them."""
 
-import argparse
 from functools import partial
+from importlib import import_module
+from typing import Any, NamedTuple
 
-import tyro
+_RESULTS_ARE_CACHED = "finished results are cached, and the same command continues"
 
-from quadpend_train.cli import evaluation, studies, training
-from quadpend_train.cli.watch import watch
-from quadpend_train.training.settings import ALGORITHMS, read_settings
+
+class Command(NamedTuple):
+    """A command of `quadpend`.
+
+    Attributes:
+        function: Module in this folder and name of the function, whose parameters are the options of the command.
+        summary: First line of the docstring of the function.
+        interrupted: What happens to the results after Ctrl-C; empty if the command prints it itself or has none.
+    """
+
+    function: str
+    summary: str
+    interrupted: str = ""
+
+
+COMMANDS = {
+    "list": Command("listing.list_names", "List policies, scenarios, settings, tasks, and models of wind and sensors."),
+    "train": Command("training.train", "Train PPO, SAC or TQC."),
+    "evaluate": Command(
+        "evaluation.evaluate",
+        "Evaluate policies in the same episodes and compare them with the first policy.",
+        _RESULTS_ARE_CACHED,
+    ),
+    "compare": Command(
+        "evaluation.compare",
+        "Compare two policies: print in which scenarios each of them wins, by how much, and how certain that is.",
+        _RESULTS_ARE_CACHED,
+    ),
+    "watch": Command("watch.watch", "Show policies side by side in the same episode, in a window or in a file."),
+    "card": Command("cards.card", "Describe a policy: what it observes, how it was trained, and how good it is."),
+    "export": Command("training.export", "Convert a model to a policy file, which executes no code when loaded."),
+    "reproduce": Command(
+        "training.reproduce", "Train a learned policy again from its card, and report whether the weights are the same."
+    ),
+    "tune": Command(
+        "studies.tune",
+        "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",
+        "finished trials are saved, and the same command continues",
+    ),
+    "ablate": Command(
+        "studies.ablate",
+        "Train with and without each part of a learner, and tabulate the differences.",
+        "finished runs are saved, and the same command continues",
+    ),
+    "wind": Command("studies.wind", "Plot models of wind, and the effects of sensors and actuators."),
+    "paper": Command("studies.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
+}
+
+
+def overview() -> str:
+    """Return the text of `quadpend --help`."""
+    lines = "\n".join(f"  {name:<11}{command.summary}" for name, command in COMMANDS.items())
+    return f"""usage: quadpend COMMAND [OPTIONS]
+
+A spherical inverted pendulum on a quadrotor in the wind: train policies and compare them.
+
+commands:
+{lines}
+
+options:
+  --help     `quadpend COMMAND --help` describes the options of a command.
+  --version  Print the version.
+  --traceback
+             Print the Python traceback of an error, with any command.
+"""
 
 
 def run(arguments: list[str]) -> None:
@@ -17,32 +80,31 @@ def run(arguments: list[str]) -> None:
         arguments: Command and its options.
 
     Raises:
-        Exception: If an option is wrong; see the functions of the commands.
+        Exception: If there is no such command, or an option is wrong; see the functions of the commands.
     """
-    # The settings file determines the defaults of the other options, so it is read before tyro parses them.
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--settings")
-    first.add_argument("--algo", choices=ALGORITHMS)
-    first.add_argument("--start-from")
-    known = first.parse_known_args(arguments)[0]
-    default = known.settings or known.algo or training.settings_of(known.start_from)
-    settings = read_settings(default)
+    name, *options = arguments or ["--help"]
+    if name in ("--help", "-h"):
+        print(overview(), end="")
+    elif name == "--version":
+        from quadpend_gym import __version__
 
-    tyro.extras.subcommand_cli_from_dict(
-        {
-            "train": partial(training.train, run=settings, settings=default),
-            "export": training.export,
-            "card": training.card,
-            "reproduce": training.reproduce,
-            "evaluate": evaluation.evaluate,
-            "compare": evaluation.compare,
-            "watch": watch,
-            "tune": studies.tune,
-            "ablate": studies.ablate,
-            "wind": studies.wind,
-            "paper": studies.paper,
-        },
-        prog="quadpend",
-        description="A spherical inverted pendulum on a quadrotor: train policies and compare them.",
-        args=arguments,
-    )
+        print(f"quadpend {__version__}")
+    elif name in COMMANDS:
+        _execute(name, options)
+    else:
+        from quadpend_gym.core.validation import suggest
+
+        raise ValueError(
+            f"there is no command {name!r}{suggest(name, COMMANDS)}; the commands are {', '.join(COMMANDS)}"
+        )
+
+
+def _execute(name: str, options: list[str]) -> None:
+    import tyro
+
+    module, function = COMMANDS[name].function.split(".")
+    found = import_module(f"quadpend_train.cli.{module}")
+    execute: Any = getattr(found, function)
+    if name == "train":  # the settings file determines the defaults of the other options
+        execute = partial(execute, **found.default_settings(options))
+    tyro.cli(execute, prog=f"quadpend {name}", args=options)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_train.cli.options import make_console, named_policies, named_scenarios
+from quadpend_train.cli.options import make_console, named_policies, named_scenarios, writable_folder
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -54,6 +54,8 @@ def evaluate(
 
     if document:
         documents.check(document, results.PARTS)
+    writable_folder(out)
+    writable_folder(cache, "cache")
     made = report.evaluate(
         named_policies(policies),
         named_scenarios(scenarios),
@@ -110,6 +112,7 @@ def compare(
     from quadpend_train.evaluation.pairwise import compare_pair
     from quadpend_train.reports import tables
 
+    writable_folder(cache, "cache")
     named = named_policies(policies)
     comparison = compare_policies(named, named_scenarios(scenarios), episodes, seed, cache, recompute, jobs)
     pair = compare_pair(comparison, *named)

@@ -1,40 +1,70 @@
-"""The command `quadpend`: train, evaluate, compare and more. `python -m quadpend_train` is the same."""
+"""The command `quadpend`: train, evaluate, compare and more. `python -m quadpend_train` is the same.
 
+This module and `commands` import no library at module level, so that `quadpend --help` starts at once.
+"""
+
+import os
 import sys
+import traceback
 from concurrent.futures.process import BrokenProcessPool
 from typing import NoReturn
 
-from gymnasium.error import Error
+from quadpend_train.cli.commands import COMMANDS, run
+
+_EXTRAS = {
+    "train": (
+        *("tyro", "torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm", "rich", "matplotlib", "jinja2"),
+        *("optuna", "cmaes", "tomli"),
+    ),
+    "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
+    "onnx": ("onnxruntime",),
+}
+_TRACEBACK = "--traceback"
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line. Wrong input ends with one sentence on stderr and exit status 2.
 
+    The option ``--traceback``, anywhere on the command line, prints the traceback before the sentence. The exit status
+    is 130 after Ctrl-C, and 141 if the reader of the output, such as ``head``, has closed it.
+
     Args:
         arguments: Command and its options; None takes those of the process.
     """
+    given = sys.argv[1:] if arguments is None else arguments
+    command = [argument for argument in given if argument != _TRACEBACK]
     try:
-        from quadpend_train.cli.commands import run
-    except ModuleNotFoundError as error:
-        if (error.name or "").startswith("quadpend"):
-            raise
-        _exit(f"{error}: pip install 'quadpend-gym[train,view]' installs what the commands need")
-    try:
-        run(sys.argv[1:] if arguments is None else arguments)
-    except (
-        ValueError,
-        TypeError,
-        FloatingPointError,
-        FileNotFoundError,
-        FileExistsError,
-        BrokenProcessPool,
-        Error,
-    ) as error:
-        _exit(str(error))
+        try:
+            run(command)
+        finally:
+            sys.stdout.flush()
     except KeyboardInterrupt:
+        if note := COMMANDS[command[0]].interrupted:
+            print(f"Interrupted: {note}", file=sys.stderr)
         sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit
+        sys.exit(141)
+    except Exception as error:
+        if not (sentence := _sentence(error)):
+            raise
+        if _TRACEBACK in given:
+            traceback.print_exc()
+        _exit(sentence)
 
 
-def _exit(message: str) -> NoReturn:
-    print(f"quadpend: {message}", file=sys.stderr)
+def _sentence(error: Exception) -> str:
+    """Return the sentence about wrong input or about a missing package; empty for errors of the program."""
+    if isinstance(error, ModuleNotFoundError):
+        name = (error.name or "").partition(".")[0]
+        extra = next((extra for extra, modules in _EXTRAS.items() if name in modules), "")
+        return extra and f"this command needs {name}, which is not installed: pip install 'quadpend-gym[{extra}]'"
+    from gymnasium.error import Error
+
+    reported = (ValueError, TypeError, FloatingPointError, OSError, BrokenProcessPool, Error)
+    return str(error) if isinstance(error, reported) else ""
+
+
+def _exit(sentence: str) -> NoReturn:
+    print(f"quadpend: {sentence}", file=sys.stderr)
     sys.exit(2)

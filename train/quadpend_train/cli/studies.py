@@ -11,7 +11,7 @@ import tyro
 
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.validation import check_int
-from quadpend_train.cli.options import named_model
+from quadpend_train.cli.options import named_model, writable_folder
 
 
 def tune(
@@ -38,6 +38,8 @@ def tune(
     """
     from quadpend_train.studies import tuning
 
+    tuning.check_names(controllers)
+    writable_folder(out)
     for name in controllers:
         print(json.dumps(tuning.tune(name, trials, episodes, seed, out, scenarios), indent=1))
 
@@ -64,6 +66,7 @@ def ablate(
         raise ValueError("a document needs all ablations: give no names with --document")
     if document:
         documents.check(document, ["ablations"])
+    writable_folder(out)
     outcomes = ablations.run(out, seeds, names or tuple(ablations.ABLATIONS))
     if document:
         ablations.document(outcomes, document)
@@ -75,7 +78,7 @@ def wind(
     seconds: float = 10.0,
     seed: int = 1,
 ) -> None:
-    """Plot wind models (time series, histogram, spectrum and theory) and the effects of sensors and actuators.
+    """Plot models of wind, and the effects of sensors and actuators.
 
     Args:
         models: Presets or kinds of wind, kinds of sensors or actuators, JSON with a kind and its settings, or a
@@ -95,7 +98,7 @@ def wind(
     names = [name if name.isidentifier() else f"model_{number}" for number, name in enumerate(plain)]
     if len(set(names)) < len(names):
         raise ValueError("two models have the same name: give each its own, as NAME=MODEL")
-    out.mkdir(parents=True, exist_ok=True)
+    writable_folder(out)
     for name, (_, model) in zip(names, named, strict=True):
         model_plots.draw(name, model, seconds, seed, out / f"{name}.png")
         print(f"Written: {out / name}.png")
@@ -110,7 +113,7 @@ def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bo
         ablations: Do not repeat the experiment. Write to ablations.md and ablations.png when the controller fails, and
             which changes prevent that.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    writable_folder(out)
     if ablations:
         _paper_ablations(out)
         return

@@ -1,18 +1,21 @@
-"""The commands about learned policies: `train`, `export`, `card` and `reproduce`.
+"""The commands about learned policies: `train`, `export` and `reproduce`.
 
 The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
 `quadpend --help` starts quickly.
 """
 
-import json
+import argparse
+import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
+from quadpend_train.cli.options import writable_file, writable_folder
 from quadpend_train.scenarios import find_scenario, scenario_hash
-from quadpend_train.training.settings import TrainSettings, from_mapping, read_settings
+from quadpend_train.training.settings import ALGORITHMS, TrainSettings, from_mapping, read_settings
 
 DEFAULT_SETTINGS = "demo"
 DEFAULT_OUT = Path("runs/latest")
@@ -37,6 +40,28 @@ def settings_of(start_from: str | None) -> str:
         return DEFAULT_SETTINGS
 
 
+def default_settings(options: Sequence[str]) -> dict[str, Any]:
+    """Return the defaults of the parameters `run` and `settings` of `train`.
+
+    The settings file, or the run to resume, determines the defaults of all settings, so these options are read before
+    tyro parses the command line.
+
+    Args:
+        options: Options of the command.
+    """
+    parser = argparse.ArgumentParser(prog="quadpend train", add_help=False, allow_abbrev=False)
+    for option in ("--settings", "--algo", "--resume", "--start-from"):
+        parser.add_argument(option, nargs="?")
+    known = parser.parse_known_args(options)[0]
+    stored = Path(known.resume or "", "settings.json")
+    if known.resume and known.settings:
+        raise ValueError("--resume continues a run with its own settings: give no --settings with it")
+    if known.resume and stored.is_file():
+        return {"run": read_settings(str(stored)), "settings": str(stored)}
+    name = known.settings or (known.algo if known.algo in ALGORITHMS else settings_of(known.start_from))
+    return {"run": read_settings(name), "settings": name}
+
+
 def train(
     run: Annotated[TrainSettings, tyro.conf.arg(name="")],
     settings: str = DEFAULT_SETTINGS,
@@ -52,24 +77,32 @@ def train(
             JSON file, or a policy file (.npz), whose card contains the settings of its training. Without it, --algo
             selects the preset ppo, sac or tqc, and --start-from the settings of its policy.
         out: Folder of the run.
-        resume: Folder of an interrupted run to continue, with the settings in that folder.
+        resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
+            --patience may be changed.
         more_steps: Timesteps by which the finished run in the folder given by --resume is continued.
     """
+    from quadpend_train.policies.mlp_policy import MlpPolicy
     from quadpend_train.training import train as training
 
-    if resume and (out != DEFAULT_OUT or run != read_settings(settings)):
-        raise ValueError("--resume uses the settings and the folder of the run: give no other options with it")
+    if resume and out != DEFAULT_OUT:
+        raise ValueError("--resume continues a run in its own folder: give no --out with it")
     if more_steps is not None:
         if not resume:
             raise ValueError("--more-steps continues a finished run: give its folder with --resume")
-        policy = training.extend(resume, more_steps)
+        path = training.extend(resume, more_steps, run)
     else:
-        policy = training.resume(resume) if resume else training.train(run, out)
-    print(f"Trained policy: {policy}")
+        path = training.resume(resume, run) if resume else training.train(run, writable_folder(out))
+    card = MlpPolicy.load(path).card
+    survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
+    scenarios = card["settings"]["scenarios"]
+    print(f"Trained policy: {path}")
+    print(f"In its training scenarios it survives {survival:.1%} of the episodes; penalised RMSE {1e3 * rmse:.1f} mm.")
+    command = ["quadpend", "evaluate", "flatness", f"mine={path.parent}", "--scenarios", *scenarios]
+    print(f"Compare it with the best classical controller: {shlex.join(command)}")
 
 
 def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_normalize: Path | None = None) -> None:
-    """Convert a model saved by Stable-Baselines3 or sb3-contrib to a policy file, which executes no code when loaded.
+    """Convert a model to a policy file, which executes no code when loaded.
 
     Loading the model executes code that it contains: export only files that you trust.
 
@@ -84,20 +117,9 @@ def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_norma
     path = out or model.with_suffix(".npz")
     if path.exists():
         raise FileExistsError(f"{path} exists already: choose another file with --out")
+    writable_file(path)
     export_zip(model, vec_normalize, source=model.name).save(path)
     print(f"Written: {path}")
-
-
-def card(policy: tyro.conf.Positional[str]) -> None:
-    """Print the card of a learned policy: settings, seed, scenarios, package versions and scores of its training.
-
-    Args:
-        policy: A policy of this package (ppo-gain-scheduling-0), a run folder or a policy file.
-    """
-    from quadpend_train.policies.loading import policy_file
-    from quadpend_train.policies.mlp_policy import MlpPolicy
-
-    print(json.dumps(MlpPolicy.load(policy_file(policy)).card, indent=1))
 
 
 def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduced")) -> None:
@@ -120,7 +142,7 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
             raise ValueError(f"the scenario {name} has changed since {policy} was trained in it")
     start.check_reproducible(original.card, policy)
     settings = from_mapping(original.card["settings"], f"the card of {policy}")
-    reproduced = MlpPolicy.load(training.train(settings, out))
+    reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
     if largest := weight_difference(original, reproduced):
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")
         print(

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from quadpend_train.cli.options import named_policies, named_scenarios
+from quadpend_train.cli.options import named_policies, named_scenarios, writable_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 FORMATS = (".mp4", ".gif", ".webp", ".png")
@@ -84,6 +84,8 @@ def watch(
     if len(chosen) != 1:
         raise ValueError(f"scenarios must be one scenario to watch, not {len(chosen)}: {', '.join(chosen)}")
     check_pygame()
+    if video.out:
+        writable_file(video.out)
     from quadpend_train.evaluation.recording import record_episode
     from quadpend_train.reports.side_by_side import SideBySideView
     from quadpend_train.reports.video import write_video
@@ -103,7 +105,6 @@ def watch(
     if video.out is None:
         _play(view, screen, period, video.speed)
         return
-    video.out.parent.mkdir(parents=True, exist_ok=True)
     write_video(view, video.out, video.size, video.fps, video.speed / period)
     print(f"Written: {video.out}")
 

@@ -1,5 +1,6 @@
 """Update generated parts of Markdown files. A pair of comments with the name of the part encloses each part."""
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,10 +14,13 @@ def check(path: Path, names: Sequence[str]) -> None:
         names: Names of the parts.
 
     Raises:
-        ValueError: If the file does not exist, or does not contain the comments of a part exactly once.
+        ValueError: If the file does not exist or cannot be written, or does not contain the comments of a part exactly
+            once.
     """
     if not path.is_file():
         raise ValueError(f"document must be an existing file, not {path}")
+    if not os.access(path, os.W_OK):
+        raise ValueError(f"document must be a file that can be written, not {path}")
     _filled(path, dict.fromkeys(names, ""))
 
 

@@ -210,6 +210,20 @@ def _objective(name: str, episodes: int, scenarios: Sequence[str]) -> Callable[[
     return objective
 
 
+def check_names(names: Sequence[str]) -> None:
+    """Check that controllers have a search space.
+
+    Raises:
+        ValueError: If one of them has none.
+    """
+    for name in names:
+        if name not in SEARCH_SPACES:
+            raise ValueError(
+                f"there is no controller {name!r} to tune{suggest(name, SEARCH_SPACES)}; there are"
+                f" {', '.join(SEARCH_SPACES)}"
+            )
+
+
 def tune(
     name: str, trials: int, episodes: int, seed: int, folder: Path, scenarios: Sequence[str] = SCENARIOS
 ) -> dict[str, Any]:
@@ -227,11 +241,7 @@ def tune(
         ValueError: If the controller has no search space, a scenario is unknown, the scenarios have different nominal
             simulations or observations, or a number is out of range.
     """
-    if name not in SEARCH_SPACES:
-        raise ValueError(
-            f"there is no controller {name!r} to tune{suggest(name, SEARCH_SPACES)}; there are"
-            f" {', '.join(SEARCH_SPACES)}"
-        )
+    check_names([name])
     if not scenarios or "test" in scenarios:
         raise ValueError("scenarios must be at least one, and not 'test', which is held out")
     check_int(trials, "trials", 1)

@@ -57,6 +57,7 @@ from quadpend_train.training.validation import validate
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
 SETTINGS, PROVENANCE, CHECKPOINT = "settings.json", "provenance.json", "checkpoint.zip"
 MODEL, POLICY = "model.zip", "policy.npz"
+LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run is resumed
 
 
 def train(
@@ -88,13 +89,14 @@ def train(
     return _learn(model, settings, folder, progress, callbacks)
 
 
-def resume(folder: Path, *, progress: bool = True) -> Path:
+def resume(folder: Path, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
     """Continue an interrupted run from its latest checkpoint, or from scratch if it has none.
 
     Loading a checkpoint executes code that is in it: resume only runs whose source you trust.
 
     Args:
         folder: The folder of the run.
+        settings: The settings of the run, in which only `LIMITS` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
 
     Returns:
@@ -102,13 +104,14 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
 
     Raises:
         FileNotFoundError: If the folder contains no run, or a finished one.
+        ValueError: If another setting is changed.
         FloatingPointError: If training diverged.
     """
     if not (folder / SETTINGS).is_file():
         raise FileNotFoundError(f"{folder} contains no run")
     if (folder / POLICY).is_file():
         raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
-    settings = read_settings(str(folder / SETTINGS))
+    settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings)
     if not (folder / CHECKPOINT).is_file():
         return _learn(initial_model(settings, folder), settings, folder, progress)
     torch.set_num_threads(settings.num_threads)
@@ -118,7 +121,7 @@ def resume(folder: Path, *, progress: bool = True) -> Path:
     return _learn(model, settings, folder, progress)
 
 
-def extend(folder: Path, more_steps: int, *, progress: bool = True) -> Path:
+def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
     """Continue a finished run for more timesteps, with its networks and the state of its optimizers.
 
     The run then has ``total_timesteps`` equal to its timesteps so far plus `more_steps`, and no ``patience``. The
@@ -131,6 +134,7 @@ def extend(folder: Path, more_steps: int, *, progress: bool = True) -> Path:
     Args:
         folder: The folder of the run.
         more_steps: Number of timesteps.
+        settings: The settings of the run, in which only ``max_seconds`` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
 
     Returns:
@@ -139,14 +143,14 @@ def extend(folder: Path, more_steps: int, *, progress: bool = True) -> Path:
     Raises:
         FileNotFoundError: If the folder contains no finished run.
         FloatingPointError: If training diverged.
-        ValueError: If `more_steps` is not a whole number of at least 1.
+        ValueError: If `more_steps` is not a whole number of at least 1, or another setting is changed.
     """
     check_int(more_steps, "more_steps", 1)
     if not (folder / SETTINGS).is_file():
         raise FileNotFoundError(f"{folder} contains no run")
     if not (folder / POLICY).is_file() or not (folder / MODEL).is_file():
         raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
-    settings = read_settings(str(folder / SETTINGS))
+    settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings, LIMITS[:1])
     torch.set_num_threads(settings.num_threads)
     model = algorithm_class(settings.algo).load(folder / MODEL, env=make_env(settings), device="cpu")
     steps = model.num_timesteps
@@ -158,6 +162,18 @@ def extend(folder: Path, more_steps: int, *, progress: bool = True) -> Path:
     _write_json(folder / SETTINGS, to_mapping(replace(settings, total_timesteps=steps + more_steps, patience=0)))
     (folder / POLICY).replace(folder / f"policy_{steps}.npz")
     return resume(folder, progress=progress)
+
+
+def _checked_limits(
+    stored: TrainSettings, settings: TrainSettings | None, limits: Sequence[str] = LIMITS
+) -> TrainSettings:
+    """Return `settings`, or `stored` if there are none, after checking that they differ in `limits` only."""
+    if settings is None:
+        return stored
+    for name, value in vars(stored).items():
+        if name not in limits and getattr(settings, name) != value:
+            raise ValueError(f"a continued run may change {' and '.join(limits)} only: {name} must be {value!r}")
+    return settings
 
 
 def initial_model(settings: TrainSettings, folder: Path | None) -> Any:

@@ -1,0 +1,239 @@
+"""The command line: overview, lists, cards, errors in one sentence, paths checked before work, and interruptions."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from quadpend_baselines import CONTROLLERS
+from quadpend_gym import __version__, actuators, sensors, wind
+from quadpend_gym.tasks import TASKS
+from quadpend_train.cli.commands import COMMANDS
+from quadpend_train.cli.main import main
+from quadpend_train.evaluation import jobs
+from quadpend_train.policies.loading import shipped_policies
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.scenarios import SCENARIOS, SETS
+from quadpend_train.training import train as training
+from quadpend_train.training.settings import PRESETS
+from tests.helpers.policies import mlp_policy
+from tests.helpers.sources import ROOT
+from tests.helpers.training import BRIEF
+
+BLOCKED = """
+import sys
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {blocked}:
+            raise ModuleNotFoundError(name=name)
+sys.meta_path.insert(0, Blocked())
+from quadpend_train.cli.main import main
+for arguments in {commands}:
+    try:
+        main(arguments)
+    except SystemExit as stop:
+        assert stop.code == 2
+"""
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """The sentence on stderr with which a command ends."""
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    sentence = capsys.readouterr().err
+    assert sentence.startswith("quadpend: ")
+    assert sentence.count("\n") == 1
+    return sentence
+
+
+def without(modules: list[str], commands: list[list[str]]) -> list[str]:
+    """What commands print on stderr in a Python without some modules."""
+    code = BLOCKED.format(blocked=set(modules), commands=commands)
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return ran.stderr.splitlines()
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["-h"]], ids=str)
+def test_the_overview_has_a_line_for_each_command(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    main(arguments)
+    printed = capsys.readouterr().out
+    for name, command in COMMANDS.items():
+        assert f"\n  {name:<11}{command.summary}\n" in printed
+
+
+def test_summaries_are_the_first_lines_of_the_docstrings() -> None:
+    for command in COMMANDS.values():
+        module, function = command.function.split(".")
+        found = getattr(import_module(f"quadpend_train.cli.{module}"), function)
+        assert found.__doc__.splitlines()[0] == command.summary
+
+
+def test_the_overview_imports_no_library() -> None:
+    code = "import sys; from quadpend_train.cli.main import main; main([]); print(*sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert not {"numpy", "gymnasium", "numba", "tyro", "torch"} & set(ran.stdout.split())
+
+
+def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--version"])
+    assert capsys.readouterr().out == f"quadpend {__version__}\n"
+
+
+def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["list"])
+    tables = dict(re.findall(r"(\w+):\n(.*?)\n\n", capsys.readouterr().out, re.DOTALL))
+    listed = {name: {line.split()[0] for line in text.splitlines()} for name, text in tables.items()}
+    assert listed["policies"] >= {*CONTROLLERS, *shipped_policies()}
+    assert listed["scenarios"] == {*SCENARIOS, *SETS}
+    assert listed["settings"] == {path.stem for path in PRESETS.glob("*.toml")}
+    assert listed["tasks"] == set(TASKS)
+    assert listed["winds"] == {*wind.PRESETS, *wind.KINDS} - {"sum"}
+    assert listed["sensors"] == set(sensors.KINDS)
+    assert listed["actuators"] == set(actuators.KINDS)
+    main(["list", "scenarios"])
+    printed = capsys.readouterr().out
+    assert printed.startswith("scenarios:\n")
+    assert f"  steady              {SCENARIOS['steady'].description}\n" in printed
+    assert "policies" not in printed
+
+
+def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["card", "ppo-gain-scheduling-0"])
+    text = re.sub(r"\s+", " ", capsys.readouterr().out)
+    for part in ("hybrid: kind=bandwidth_scheduling", "45 → 64 → 64 → 4, relu", "36 or 27 numbers", "every 10 control"):
+        assert part in text
+    for part in ("by PPO in training: 1015808 timesteps", "gamma=0.92", "ppo.n_steps=16", "seed 0", "RMSE 24.3 mm"):
+        assert part in text
+    for part in ("gae_lambda", "n_eval_episodes"):  # these settings have their default values
+        assert part not in text
+    assert "quadpend evaluate ppo-gain-scheduling-0 flatness" in text
+
+
+def test_card_as_json_is_the_card(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["card", "ppo-gain-scheduling-0", "--json"])
+    assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-gain-scheduling-0").card
+
+
+def test_card_describes_a_classical_controller_and_an_exported_policy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["card", "flatness"])
+    assert "position_bandwidth=5.18" in capsys.readouterr().out
+    main(["card", "adrc-paper", "--json"])
+    assert json.loads(capsys.readouterr().out)["gains"]["horizontal_bandwidth"] == 7.0
+    mlp_policy(36).save(tmp_path / "exported.npz")
+    main(["card", str(tmp_path / "exported.npz")])
+    assert "network that acts alone" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["evalute"], "there is no command 'evalute' (did you mean 'evaluate'?); the commands are list, train"),
+        (["list", "scenario"], "there is no table 'scenario' (did you mean 'scenarios'?)"),
+        (["card", "flatnes"], "there is no policy 'flatnes' (did you mean 'flatness'?)"),
+        (["evaluate", "--scenarios", "clam"], "there is no scenario 'clam' (did you mean 'calm'?)"),
+        (["evaluate", "--scenarios", '{"wind": "strom"}'], "there is no wind 'strom' (did you mean 'storm'?)"),
+        (["train", "--settings", "ppo-gain-schedule"], "not 'ppo-gain-schedule' (did you mean 'ppo-gain-scheduling'?)"),
+        (["wind", "gust"], "there is no model 'gust' (did you mean 'gusts'?)"),
+        (["tune", "lqr", "adrc-tune"], "there is no controller 'adrc-tune' to tune (did you mean 'adrc-tuned'?)"),
+        (["card", "ppo-gain-scheduling"], "has several training seeds: choose one of ppo-gain-scheduling-0, ppo"),
+    ],
+    ids=lambda item: " ".join(item) if isinstance(item, list) else "",
+)
+def test_unknown_names_are_refused_with_the_most_similar_one(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sentence in refused(arguments, capsys)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["evaluate", "--out"], "out must be a folder that can be written, not"),
+        (["evaluate", "--cache"], "cache must be a folder that can be written, not"),
+        (["compare", "flatness", "lqr", "--cache"], "cache must be a folder that can be written, not"),
+        (["tune", "lqr", "--out"], "out must be a folder that can be written, not"),
+        (["ablate", "--out"], "out must be a folder that can be written, not"),
+        (["wind", "--out"], "out must be a folder that can be written, not"),
+        (["paper", "--out"], "out must be a folder that can be written, not"),
+        (["train", "--out"], "out must be a folder that can be written, not"),
+        (["reproduce", "ppo-gain-scheduling-0", "--out"], "out must be a folder that can be written, not"),
+        (["watch", "flatness", "--out"], "the folder of out must be a folder that can be written, not"),
+    ],
+    ids=lambda item: " ".join(item) if isinstance(item, list) else "",
+)
+def test_paths_that_cannot_be_written_are_refused_before_any_episode(
+    arguments: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    assert sentence in refused([*arguments, str(tmp_path / "file" / "x.png")], capsys)
+
+
+def test_missing_extras_are_named_in_one_sentence(tmp_path: Path) -> None:
+    here = f"{tmp_path}/"
+    needs = "quadpend: this command needs {}, which is not installed: pip install 'quadpend-gym[train]'"
+    assert without(["tyro"], [["list"], ["train"]]) == [needs.format("tyro")] * 2
+    commands = [["train", "--out", here + "a"], ["tune", "lqr", "--out", here], ["wind", "storm", "--out", here]]
+    missing = ["torch", "optuna", "matplotlib", "pygame"]
+    watch = ["watch", "flatness", "--out", here + "a.png"]
+    assert without(missing, [["card", "flatness"], *commands, watch]) == [
+        *(needs.format(name) for name in ("torch", "optuna", "matplotlib")),
+        "quadpend: pictures need pygame-ce: pip install 'quadpend-gym[view]'",
+    ]
+
+
+def test_a_closed_pipe_ends_a_command_quietly() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "quadpend_train", "--help"]
+    ran = subprocess.run(command, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert ran.returncode == 141
+    assert ran.stderr == b""
+
+
+def test_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["card", "nix", "--traceback"])
+    printed = capsys.readouterr().err
+    assert printed.startswith("Traceback")
+    assert "\nquadpend: there is no policy 'nix'" in printed
+
+
+@pytest.mark.parametrize("command", [["evaluate"], ["compare", "flatness", "lqr"]], ids=" ".join)
+def test_an_interrupted_evaluation_says_that_the_same_command_continues(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(jobs.Job, "run", interrupt)
+    with pytest.raises(SystemExit, match="130"):
+        main([*command, "--scenarios", "calm", "--episodes", "1"])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "Interrupted: finished results are cached, and the same command continues"
+
+
+def test_a_resumed_run_may_have_other_limits_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    training._write_json(tmp_path / "settings.json", training.to_mapping(BRIEF))
+    training._write_json(tmp_path / "provenance.json", {})
+    resume = ["train", "--resume", str(tmp_path)]
+    assert "may change max_seconds and patience only: seed must be 0" in refused([*resume, "--seed", "9"], capsys)
+    main([*resume, "--max-seconds", "1e-3"])
+    printed = capsys.readouterr().out
+    assert f"Trained policy: {tmp_path / 'policy.npz'}\n" in printed
+    assert f"quadpend evaluate flatness mine={tmp_path} --scenarios '{{" in printed
+    card = MlpPolicy.load(tmp_path / "policy.npz").card
+    assert card["steps"] < BRIEF.total_timesteps
+    assert card["settings"]["max_seconds"] == 1e-3

@@ -1,0 +1,127 @@
+"""The command `card`: what a policy is, how it was trained, and how good it is."""
+
+import inspect
+import json as json_format
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from textwrap import fill
+from typing import Any
+
+import tyro
+
+from quadpend_baselines import CONTROLLERS
+from quadpend_baselines.controllers.registry import DESCRIPTIONS
+from quadpend_baselines.gains import GAINS, TUNED
+from quadpend_train.common.files import to_json_data
+from quadpend_train.policies.loading import load_policy, policy_names
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.training.settings import TrainSettings, to_mapping
+
+_NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
+
+Lines = Iterator[tuple[str, str]]
+
+
+def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
+    """Describe a policy: what it observes, how it was trained, and how good it is.
+
+    Args:
+        policy: A policy, as in evaluate; of a learned policy, one training seed (ppo-gain-scheduling-0).
+        json: Print all data as JSON.
+    """
+    if len(seeds := policy_names(policy)) > 1:
+        raise ValueError(f"{policy} has several training seeds: choose one of {', '.join(seeds)}")
+    loaded = None if policy in CONTROLLERS else load_policy(policy)
+    data, lines = _controller(policy) if loaded is None else _other(loaded)
+    if json:
+        print(json_format.dumps(to_json_data(data), indent=1))
+        return
+    print(policy)
+    opponent = "adrc-paper" if policy == "flatness" else "flatness"
+    for name, text in (*lines, ("compare", f"quadpend evaluate {policy} {opponent} --scenarios windy")):
+        print(
+            fill(
+                text,
+                _LINE,
+                initial_indent=f"  {name:<{_NAME - 2}}",
+                subsequent_indent=" " * _NAME,
+                break_on_hyphens=False,
+            )
+        )
+
+
+def _controller(name: str) -> tuple[dict[str, Any], Lines]:
+    """Return the data and the lines about a classical controller."""
+    data = {"description": DESCRIPTIONS[name], "gains": asdict(GAINS[name])}
+    lines = {"description": data["description"], "gains": _pairs(_flat(data["gains"]))}
+    if tuned := TUNED.get(name):
+        data["tuning"] = tuned._asdict()
+        lines["tuned"] = f"{tuned.command}: penalised RMSE {tuned.score:g} mm in the training scenarios"
+    return data, iter(lines.items())
+
+
+def _other(policy: Any) -> tuple[dict[str, Any], Lines]:
+    """Return the data and the lines about a learned policy or a policy of the user's own code."""
+    if isinstance(policy, MlpPolicy):
+        return policy.card, _learned(policy)
+    lines = {"type": type(policy).__name__, "description": (inspect.getdoc(policy) or "").partition("\n")[0]}
+    return lines, iter(lines.items())
+
+
+def _learned(policy: MlpPolicy) -> Lines:
+    card = policy.card
+    widths = [policy.layers[0][0].shape[0], *(weights.shape[1] for weights, _ in policy.layers)]
+    yield "what", f"hybrid: {_pairs(card['hybrid'])}" if card["hybrid"] else "network that acts alone"
+    yield "network", f"{' → '.join(map(str, widths))}, {card['activation']}"
+    memory = f", the latest {card['history']} of them" if card["history"] > 1 else ""
+    memory += f", and its own latest {card['history_actions']} actions" if card["history_actions"] else ""
+    yield (
+        "observes",
+        f"the environment's observation of {' or '.join(map(str, policy.observation_sizes))} numbers{memory}",
+    )
+    if card["action_repeat"] > 1:
+        yield "acts", f"every {card['action_repeat']} control steps"
+    if {"settings", "score"} <= card.keys():
+        yield from _training(card)
+    if provenance := card.get("provenance"):
+        yield "provenance", f"commit {provenance.get('commit')}, Python {provenance['python']}, {provenance['machine']}"
+        yield "packages", _pairs(provenance["packages"], " ")
+    elif source := card.get("source"):
+        yield "provenance", f"exported from {source}"
+
+
+def _training(card: Mapping[str, Any]) -> Lines:
+    settings, score = card["settings"], card["score"]
+    yield (
+        "trained",
+        (
+            f"by {settings['algo'].upper()} in {', '.join(settings['scenarios'])}: {card['steps']} timesteps in"
+            f" {card['seconds']:.0f} s, seed {card['seed']}"
+        ),
+    )
+    defaults = json_format.loads(json_format.dumps(to_mapping(TrainSettings())))
+    changed = _flat(settings).items() - _flat(defaults).items()
+    shown = {name: value for name, value in _flat(settings).items() if (name, value) in changed}
+    yield "settings", f"{_pairs(shown)}; the others have their default values"
+    yield (
+        "score",
+        (
+            f"survival {score['survival']:.1%}, penalised RMSE {1e3 * score['penalised_rmse']:.1f} mm, in"
+            f" {settings['n_eval_episodes']} episodes of each training scenario"
+        ),
+    )
+    if len(card["curve"]) > 1:
+        ends = (f"{1e3 * rmse:.1f} mm after {steps}" for steps, _, _, rmse in (card["curve"][0], card["curve"][-1]))
+        yield "curve", f"penalised RMSE {' and '.join(ends)} timesteps; the best policy is that after {card['best_at']}"
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return nested values as texts by their names on the command line, such as ``ppo.n_steps``."""
+    flat = {}
+    for name, value in values.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": str(value)}
+    return flat
+
+
+def _pairs(values: Mapping[str, Any], sign: str = "=") -> str:
+    return ", ".join(f"{name}{sign}{value}" for name, value in values.items())

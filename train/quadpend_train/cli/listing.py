@@ -1,0 +1,100 @@
+"""The command `list`: the names that the other commands take, with a line about each of them."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+from typing import Any
+
+import numpy as np
+import tyro
+
+from quadpend_baselines.controllers.registry import DESCRIPTIONS
+from quadpend_gym import actuators, sensors, wind
+from quadpend_gym.core.validation import suggest
+from quadpend_gym.tasks import TASKS
+from quadpend_train.policies.loading import shipped_policies
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.scenarios import ENVIRONMENTS, SCENARIOS, SETS, Scenario, scenario_hash
+from quadpend_train.training.settings import PRESETS
+
+Rows = dict[str, str]  # descriptions by name
+
+
+def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
+    """List policies, scenarios, settings, tasks, and models of wind and sensors.
+
+    Args:
+        tables: Tables to print: policies, scenarios, settings, tasks, winds, sensors or actuators; the default is all
+            of them.
+    """
+    if unknown := [name for name in tables if name not in TABLES]:
+        raise ValueError(
+            f"there is no table {unknown[0]!r}{suggest(unknown[0], TABLES)}; the tables are {', '.join(TABLES)}"
+        )
+    for table in tables or TABLES:
+        rows = TABLES[table]()
+        width = max(map(len, rows))
+        print(f"{table}:")
+        for name, description in rows.items():
+            print(f"  {name:<{width}}  {description}")
+        print()
+
+
+def _policies() -> Rows:
+    learned = {name: _learned(seeds) for name, seeds in shipped_policies().items()}
+    plugins = {item.name: f"installed plug-in, {item.value}" for item in entry_points(group="quadpend.policies")}
+    return {**DESCRIPTIONS, **learned, **plugins}
+
+
+def _learned(seeds: list[str]) -> str:
+    cards = [MlpPolicy.load(seed).card for seed in seeds]
+    survival, rmse = (np.mean([card["score"][name] for card in cards]) for name in ("survival", "penalised_rmse"))
+    first = cards[0]
+    trained = f"{first['settings']['algo'].upper()}, scenarios {', '.join(first['settings']['scenarios'])}"
+    base = f"schedules {first['hybrid']['base_controller']}; " if first["hybrid"] else ""
+    return (
+        f"{base}{trained}; survival {100.0 * survival:.1f} %, penalised RMSE {1e3 * rmse:.1f} mm;"
+        f" {len(seeds)} seeds, {seeds[0]} to {seeds[-1]}"
+    )
+
+
+def _scenarios() -> Rows:
+    sets = {name: f"set of {', '.join(members)}" for name, members in SETS.items()}
+    return {**sets, **{name: scenario.description for name, scenario in SCENARIOS.items()}}
+
+
+def _settings() -> Rows:
+    """The presets with the comments at the beginning of their files."""
+    rows = {}
+    for path in sorted(PRESETS.glob("*.toml")):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        comment = lines[: next(i for i, line in enumerate(lines) if not line.startswith("#"))]
+        rows[path.stem] = " ".join(line.removeprefix("#").strip() for line in comment)
+    return rows
+
+
+def _tasks() -> Rows:
+    environments = {task: env_id for env_id, task in ENVIRONMENTS.items()}
+    return {name: f"the task of {environments[name]}" if name in environments else "" for name in TASKS}
+
+
+def _winds() -> Rows:
+    """The presets, with the descriptions of the scenarios that have only this wind, and the kinds."""
+    described = {scenario_hash(scenario): scenario.description for scenario in SCENARIOS.values()}
+    presets = {name: described.get(scenario_hash(Scenario(wind=name)), "") for name in wind.PRESETS}
+    return {**{name: f"preset: {text}" for name, text in presets.items()}, **_kinds(wind.KINDS)}
+
+
+def _kinds(kinds: Mapping[str, type[Any]]) -> Rows:
+    return {name: (inspect.getdoc(kind) or "").splitlines()[0] for name, kind in kinds.items() if name != "sum"}
+
+
+TABLES: dict[str, Callable[[], Rows]] = {
+    "policies": _policies,
+    "scenarios": _scenarios,
+    "settings": _settings,
+    "tasks": _tasks,
+    "winds": _winds,
+    "sensors": lambda: _kinds(sensors.KINDS),
+    "actuators": lambda: _kinds(actuators.KINDS),
+}
