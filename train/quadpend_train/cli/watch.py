@@ -65,7 +65,7 @@ def watch(
     seed: int = VALIDATION_SEED,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = VideoOptions(),
 ) -> None:
-    """Show policies side by side in the same episode, above their tracking errors and their estimates of the wind.
+    """Show policies side by side in the same episode, in a window or in a file.
 
     Args:
         policies: One to three policies, as in evaluate; NAME=POLICY gives a policy a name.
