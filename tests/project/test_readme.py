@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import quadpend_gym
 from quadpend_train.cli.main import main
 from tests.helpers.sources import ROOT
 
@@ -33,6 +34,10 @@ def test_the_commands_in_the_readme_and_the_guide_run(
 def test_the_readme_has_at_most_160_lines() -> None:
     assert len(README.splitlines()) <= 160
     assert len(README.split()) <= 1500
+
+
+def test_the_citation_has_the_version_of_the_package() -> None:
+    assert f"\nversion: {quadpend_gym.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def test_the_table_of_a_minute_of_training_equals_the_file_of_make_evidence() -> None:

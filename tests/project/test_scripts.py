@@ -31,7 +31,7 @@ def test_scripts_have_30_to_60_lines_and_name_their_command_at_the_top(path: Pat
 
 
 def test_ppo_script_trains_saves_and_evaluates_a_model_that_compare_script_compares(tmp_path: Path) -> None:
-    assert "Mean return" in run_script("ppo.py", tmp_path, "--total-timesteps", "2000")
+    assert "mean return" in run_script("ppo.py", tmp_path, "--total-timesteps", "2000")
     table = run_script("compare.py", tmp_path, "ppo.zip", "--episodes", "2").splitlines()
     assert [line.split()[:2] for line in table[1:]] == [
         [scenario, name] for scenario in ("windy", "gusts") for name in ("ppo", "flatness", "adrc-paper")

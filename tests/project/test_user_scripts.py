@@ -26,7 +26,7 @@ def run_as_train_py(code: str, folder: Path) -> None:
 
 
 def test_training_examples_of_the_readme_run_as_train_py(tmp_path: Path) -> None:
-    assert len(EXAMPLES) == 2
+    assert len(EXAMPLES) == 1
     run_as_train_py("\n".join(EXAMPLES), tmp_path)
 
 

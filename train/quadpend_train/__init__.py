@@ -6,25 +6,35 @@
 
     print(evaluate({"mine": MyController(), "lqr": "lqr"}, ["calm", "windy"], out="results/mine"))
 
-The names below are imported when they are first used, because some of them load matplotlib.
+`SB3VecEnv` adapts the native vector environment to Stable-Baselines3:
+
+    from quadpend_train import SB3VecEnv
+
+    envs = SB3VecEnv(gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=256, autoreset_mode="SameStep"))
+
+The names below are imported when they are first used, because some of them load torch or matplotlib.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from quadpend_train.envs.sb3_vec_env import SB3VecEnv
     from quadpend_train.evaluation.comparison import compare
     from quadpend_train.evaluation.episodes import run_episodes
+    from quadpend_train.policies.mlp_policy import MlpPolicy
     from quadpend_train.reports.report import evaluate
     from quadpend_train.scenarios import Scenario
 
 _MODULES = {
+    "MlpPolicy": "quadpend_train.policies.mlp_policy",
+    "SB3VecEnv": "quadpend_train.envs.sb3_vec_env",
     "Scenario": "quadpend_train.scenarios",
     "compare": "quadpend_train.evaluation.comparison",
     "evaluate": "quadpend_train.reports.report",
     "run_episodes": "quadpend_train.evaluation.episodes",
 }
-__all__ = ["Scenario", "compare", "evaluate", "run_episodes"]
+__all__ = ["MlpPolicy", "SB3VecEnv", "Scenario", "compare", "evaluate", "run_episodes"]
 
 
 def __getattr__(name: str) -> Any:
