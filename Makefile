@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat golden docs tour clean
+.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat golden docs tour clean help
 
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -70,6 +70,9 @@ time-to-beat: .venv/.installed  ## docs/time_to_beat.md: training time until a p
 
 golden: .venv/.installed  ## hashes of results: written on the first run, compared on the next; run before and after a refactoring
 	$(BIN)/python -m benchmarks.golden
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*  ## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
 
 clean:  ## delete the caches of numba and of the tools
 	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tyro
 
 from docs.tools.settings import tables
 from quadpend_gym import OBSERVATION_FIELDS, Limits, RewardWeights, Simulation, StartSettings
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE
-from quadpend_train.cli import commands
 from quadpend_train.cli.main import main
 from tests.helpers.sources import ROOT
 
@@ -67,12 +67,8 @@ def parse_only(command: Any) -> Any:
 
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_commands_on_every_page_are_valid(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    parse = commands.tyro.extras.subcommand_cli_from_dict
-
-    def without_execution(functions: dict[str, Any], **kwargs: Any) -> None:
-        parse({name: parse_only(function) for name, function in functions.items()}, **kwargs)
-
-    monkeypatch.setattr(commands.tyro.extras, "subcommand_cli_from_dict", without_execution)
+    parse = tyro.cli
+    monkeypatch.setattr(tyro, "cli", lambda command, **options: parse(parse_only(command), **options))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs/mine").mkdir(parents=True)
     (tmp_path / "runs/mine/settings.json").write_text("{}", encoding="utf-8")

@@ -67,6 +67,12 @@ def test_the_overview_has_a_line_for_each_command(arguments: list[str], capsys: 
         assert f"\n  {name:<11}{command.summary}\n" in printed
 
 
+def test_the_page_of_the_command_line_has_the_same_table() -> None:
+    page = (ROOT / "docs/command-line.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `quadpend (\w+)` \| (.*) \|$", page, re.MULTILINE)
+    assert rows == [(name, command.summary) for name, command in COMMANDS.items()]
+
+
 def test_summaries_are_the_first_lines_of_the_docstrings() -> None:
     for command in COMMANDS.values():
         module, function = command.function.split(".")

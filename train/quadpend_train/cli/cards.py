@@ -15,6 +15,7 @@ from quadpend_baselines.gains import GAINS, TUNED
 from quadpend_train.common.files import to_json_data
 from quadpend_train.policies.loading import load_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.policies.own import FactoryPolicy
 from quadpend_train.training.settings import TrainSettings, to_mapping
 
 _NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
@@ -64,7 +65,8 @@ def _other(policy: Any) -> tuple[dict[str, Any], Lines]:
     """Return the data and the lines about a learned policy or a policy of the user's own code."""
     if isinstance(policy, MlpPolicy):
         return policy.card, _learned(policy)
-    lines = {"type": type(policy).__name__, "description": (inspect.getdoc(policy) or "").partition("\n")[0]}
+    own = policy.policy if isinstance(policy, FactoryPolicy) else policy
+    lines = {"type": type(own).__name__, "description": (inspect.getdoc(own) or "").partition("\n")[0]}
     return lines, iter(lines.items())
 
 

@@ -2,7 +2,6 @@
 
 import inspect
 from collections.abc import Callable, Mapping
-from importlib.metadata import entry_points
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from quadpend_gym.core.validation import suggest
 from quadpend_gym.tasks import TASKS
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.policies.own import plugins
 from quadpend_train.scenarios import ENVIRONMENTS, SCENARIOS, SETS, Scenario, scenario_hash
 from quadpend_train.training.settings import PRESETS
 
@@ -42,8 +42,8 @@ def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
 
 def _policies() -> Rows:
     learned = {name: _learned(seeds) for name, seeds in shipped_policies().items()}
-    plugins = {item.name: f"installed plug-in, {item.value}" for item in entry_points(group="quadpend.policies")}
-    return {**DESCRIPTIONS, **learned, **plugins}
+    installed = {name: f"installed plug-in, {plugin.value}" for name, plugin in plugins().items()}
+    return {**installed, **DESCRIPTIONS, **learned}
 
 
 def _learned(seeds: list[str]) -> str:
