@@ -72,6 +72,9 @@ def test_commands_on_every_page_are_valid(block: str, tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs/mine").mkdir(parents=True)
     (tmp_path / "runs/mine/settings.json").write_text("{}", encoding="utf-8")
+    for page in PAGES:  # the files that the commands name
+        for text, name in re.findall(r"```toml\n(# (\w+\.toml).*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            (tmp_path / name).write_text(text, encoding="utf-8")
     for line in re.sub(r"\\\n", "", block).splitlines():
         if line.startswith("quadpend "):
             main(shlex.split(line, comments=True)[1:])
