@@ -172,6 +172,7 @@ class World:
         """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
+        self._plain = not self._sensors.models  # whether `step_kernel.step` is enough: no sensors, no trajectories
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
         self._padded = self.num_envs >= 512
@@ -241,6 +242,7 @@ class World:
         else:
             draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
         self._trajectories.assign(rows, [None if isinstance(item, Reference) else item for item in fixed or (None,)])
+        self._plain = not (self._sensors.models or self._trajectories.in_use)
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
         """Draw the wind over the first control period of new episodes."""
@@ -331,19 +333,19 @@ class World:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
-        if self._trajectories.in_use:
+        if self._plain:
+            error = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)
+        elif not self._trajectories.in_use:
+            error = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
+        else:
             arguments = memory, clock, wind, action, settings, observation, outcome, self._sensed
             table = self._trajectories
             error = step_kernel.step_trajectories(*arguments, table.numbers, table.first)
-        elif self._sensors.models:
-            error = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
-        else:
-            error = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")
             return self._step_clipped(error, action)
-        if self._sensors.models:
+        if not self._plain and self._sensors.models:
             self._sense()
             step_kernel.observe_sensed(self._sensed, observation)
         if self._wind_models.models:
