@@ -5,12 +5,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_baselines.modelling import flat_outputs, taylor
-from quadpend_gym import PAPER, Parameters, Reference
+from quadpend_gym import PAPER, Parameters, Reference, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, thrust_axis
 from quadpend_gym.physics.state import COMMAND_TORQUE, DISTURBANCE_SIZE, THRUST, Disturbance, State
 from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks import StartSettings, Task
+from quadpend_gym.tasks.feasibility import demand
 from tests.helpers.controllers import CALM, HOVER, disturbance_of, flat_state_and_command
 from tests.helpers.envs import make_unwrapped
 from tests.helpers.physics import UNEQUAL, simulate_period
@@ -170,3 +171,16 @@ def test_rows_of_a_batch_are_independent() -> None:
         single = flat_outputs.state_and_command(trajectory, yaw[i], wind[i], PAPER)
         for one, many in zip(single, batch, strict=True):
             assert_allclose(one, many[i], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("parameters", [PAPER, UNEQUAL], ids=["paper", "unequal"])
+def test_the_demand_of_a_trajectory_is_that_of_the_flat_trajectory(parameters: Parameters) -> None:
+    """`feasibility`, which may not import this module, leaves out the same term l r̈_z."""
+    trajectory, times = Waypoints((0, 1, 2), ((0, 0, 2), (0.5, 0.3, 2.4), (0.2, 0.8, 2))), np.linspace(0.1, 1.9, 30)
+    flat = flat_outputs.flat_trajectory(trajectory.derivatives(times)[:, 2:, :3], np.tile(CALM, (30, 1)), parameters)
+    needed = demand(trajectory, parameters, times)
+    tilt = np.arctan(np.linalg.norm(flat.thrust_tangent[0], axis=-1))
+    assert tilt.max() > 0.3
+    assert_allclose(needed.body_angle, tilt, rtol=1e-10)
+    assert_allclose(needed.thrust, flat.vertical_thrust[0] / np.cos(tilt), rtol=1e-12)
+    assert_allclose(np.cos(needed.pendulum_angle), flat.pendulum_vertical[0], rtol=1e-12)
