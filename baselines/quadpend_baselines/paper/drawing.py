@@ -100,7 +100,7 @@ def _bodies(view: _Projection, body: Floats) -> None:
     for axis, name in zip((_X, _Y, _Z), "xyz", strict=True):
         view.arrow(np.zeros(3), 0.75 * axis)
         view.text(0.75 * axis, f"${name}$", (-9, -4) if name == "x" else (9, 0))
-    view.text(np.zeros(3), "world frame", (4, -26))
+    view.text(np.zeros(3), "world frame", (6, -30))
     view.arrow(np.zeros(3), position, _BLACK, 1.2, "--")
     view.text(0.5 * position, r"$\mathbf{\zeta}$", (-2, 11))
 
@@ -115,20 +115,20 @@ def _bodies(view: _Projection, body: Floats) -> None:
         view.line(np.array([position - 0.3 * across, position + 0.3 * across]), _BLUE, 3.0, order=4)
         for side in (-0.3, 0.3):
             view.disc(position + side * across, body[:, 0], body[:, 1], 0.17, _BLUE)
-    view.text(position, "quadrotor, $M$", (-72, 30), _BLUE)
+    view.text(position, "quadrotor, $M$", (-70, 34), _BLUE)
     view.line(np.array([position, bob]), _BLACK, 2.6, order=6)
     view.arrow(position, 0.72 * length * r, _BLACK, 2.6)
-    view.text(position + 0.6 * length * r, r"$l\,\mathbf{r}$", (11, -8))
+    view.text(position + 0.6 * length * r, r"rod $l\,\mathbf{r}$", (25, -18))
     view.axes.plot(*view.project(bob), "o", ms=15, color=_BLACK, zorder=7)
-    view.text(bob, r"bob, $m_c$, at $\mathbf{p}=\mathbf{\zeta}+l\,\mathbf{r}$", (-12, 20))
+    view.text(bob, r"bob, $m_c$, at $\mathbf{p}=\mathbf{\zeta}+l\,\mathbf{r}$", (-56, 22))
 
     view.arrow(position, 0.95 * body[:, 2], _GREEN, 2.2)
-    view.text(position + 0.95 * body[:, 2], r"$u\,R\,\mathbf{e}_3$", (-8, 9), _GREEN)
-    for point, name, shift in ((position, "Q", (12, 2)), (bob, "B", (12, 2))):
+    view.text(position + 0.95 * body[:, 2], r"thrust $u\,R\,\mathbf{e}_3$", (-28, 9), _GREEN)
+    for point, name, shift in ((position, "Q", (16, 10)), (bob, "B", (10, 11))):
         force = np.array([-0.45, 0.3, 0.05])
         view.arrow(point, force, _ORANGE, 2.2)
-        view.text(point + force, rf"$\mathbf{{d}}_{name}$", shift, _ORANGE)
-    for point, name, shift in ((position, r"$Mg$", (-3, -8)), (bob, r"$m_c g$", (16, 4))):
+        view.text(point + force, rf"wind $\mathbf{{d}}_{name}$", shift, _ORANGE)
+    for point, name, shift in ((position, r"$Mg$", (-3, -8)), (bob, r"$m_c g$", (19, 5))):
         view.arrow(point, -0.5 * _Z, _GREY, 1.6)
         view.text(point - 0.5 * _Z, name, shift, _GREY)
 
@@ -152,10 +152,11 @@ def _attitude(view: _Projection, roll: float, pitch: float, yaw: float) -> None:
     ):
         view.arrow(centre, body[:, column], colour, 2.2)
         view.text(body[:, column], name, shift, colour)
-    view.text(view.arc(centre, _X, heading[:, 0], 0.72, _PURPLE), r"$\psi$", (0, -10), _PURPLE)
-    view.text(view.arc(centre, heading[:, 0], body[:, 0], 0.86, _PURPLE), r"$\theta$", (-8, -4), _PURPLE)
-    view.text(view.arc(centre, heading[:, 1], body[:, 1], 0.78, _PURPLE), r"$\phi$", (9, 2), _PURPLE)
-    view.text(centre, r"$R=R_z(\psi)\,R_y(\theta)\,R_x(\phi)$", (0, -120))
+    view.text(view.arc(centre, _X, heading[:, 0], 0.72, _PURPLE), r"yaw $\psi$", (-14, -12), _PURPLE)
+    view.text(view.arc(centre, heading[:, 0], body[:, 0], 0.86, _PURPLE), r"pitch $\theta$", (-31, -6), _PURPLE)
+    view.text(view.arc(centre, heading[:, 1], body[:, 1], 0.78, _PURPLE), r"roll $\phi$", (20, 2), _PURPLE)
+    view.text(centre, r"$R=R_z(\psi)\,R_y(\theta)\,R_x(\phi)$", (0, -108))
+    view.text(centre, "body frame", (0, -124), _BLUE)
 
 
 def draw(path: Path) -> None:
@@ -165,9 +166,9 @@ def draw(path: Path) -> None:
 
     roll, pitch, yaw = np.radians([24.0, 22.0, 32.0])
     body = _rotation(2, yaw) @ _rotation(1, pitch) @ _rotation(0, roll)
-    with matplotlib.rc_context({"font.size": 12, "mathtext.fontset": "cm", "svg.hashsalt": "frames"}):
-        figure = Figure(figsize=(9.0, 4.3), layout="constrained")
-        left, right = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
+    with matplotlib.rc_context({"font.size": 13, "mathtext.fontset": "cm", "svg.hashsalt": "frames"}):
+        figure = Figure(figsize=(7.4, 4.1), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
         for axes in (left, right):
             axes.set_aspect("equal")
             axes.axis("off")
