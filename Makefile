@@ -62,6 +62,9 @@ format: .venv/.installed  ## format the code and fix what ruff can fix
 docs: .venv/.installed  ## build the documentation site in site/; a broken link or a missing reference is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+tour: .venv/.installed  ## docs/tour.ipynb: run docs/tour.py as a notebook, with its outputs
+	$(BIN)/python -m docs.tools.notebook
+
 bench: .venv/.installed  ## docs/bench.md: speed of the environments, compared with others
 	$(BIN)/python -m benchmarks.speed --out docs/bench.json
 

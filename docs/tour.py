@@ -1,7 +1,8 @@
 # %% [markdown]
 # # A tour in ten cells
-# This tour goes from `gym.make` to a comparison of policies. Open it as a notebook (VS Code, Jupytext) or run it with
-# `python docs/tour.py`. It needs the extras `train` and `view`, takes half a minute, and writes into the folder `tour`.
+# This tour goes from `gym.make` to a comparison of policies. Run it with `python docs/tour.py`, or open the notebook
+# `docs/tour.ipynb`, which `make tour` makes from this file. It needs the extras `train` and `view`, takes half a
+# minute, and writes into the folder `tour`.
 
 # %% 1. An environment: 36 observed numbers, 4 actions; zero is the hover thrust
 from pathlib import Path
@@ -24,7 +25,9 @@ print(f"Without a controller the pendulum leans {np.degrees(info['tilt']):.0f}°
 # %% 2. A picture of the environment
 from PIL import Image
 
-Image.fromarray(env.render()).save(FOLDER / "fallen.png")
+fallen = Image.fromarray(env.render())
+fallen.save(FOLDER / "fallen.png")
+fallen
 
 # %% 3. The paper's controller, with the same `predict` method as the policies of Stable-Baselines3
 from quadpend_baselines import controller
@@ -36,7 +39,9 @@ for _ in range(400):
     observation, reward, terminated, truncated, info = env.step(action)
 error = np.linalg.norm(info["tracking_error"])
 print(f"ADRC-DESO: the tracking error is {1e3 * error:.1f} mm after 4 s")
-Image.fromarray(env.render()).save(FOLDER / "flying.png")
+flying = Image.fromarray(env.render())
+flying.save(FOLDER / "flying.png")
+flying
 
 # %% 4. Wind: a model or a sum of models
 from quadpend_gym import Dryden, Gusts
@@ -93,3 +98,6 @@ from quadpend_train.cli.watch import VideoOptions, watch
 
 video = VideoOptions(seconds=(0.0, 2.0), size=(640, 360), out=FOLDER / "windy.gif")
 watch(("adrc-paper", "ppo-gain-scheduling-0"), scenarios=("windy",), video=video)
+frames = Image.open(FOLDER / "windy.gif")
+frames.seek(30)
+frames.convert("RGB")

@@ -1,27 +1,36 @@
 """Hooks of MkDocs: pages of the site that are made from files outside `docs/`.
 
 A link from a page to a source file becomes a link to a page with that source, so the site needs no server of the
-repository. The changelog becomes a page too. The links on disk stay as they are and work on any host of the repository.
+repository. The changelog and the notebook of the tour become pages too. The links on disk stay as they are and work on
+any host of the repository.
 """
 
+import base64
+import json
 import posixpath
 import re
 from pathlib import Path
+from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
+NOTEBOOK = ROOT / "docs/tour.ipynb"
 PAGES = {"CHANGELOG.md": "changelog.md"}  # files outside `docs/` that are pages of the site, by their path
 LINK = re.compile(r"(\]\(|^\[[^\]]+\]: )((?:\.\./|docs/)[^)#\s]+)", re.MULTILINE)
 LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", ".md": "markdown", "": "makefile"}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the changelog and a page for every source file that a page links to."""
+    """Add the changelog, the tour, and a page for every source file that a page links to."""
     for path, uri in PAGES.items():
         files.append(File.generated(config, uri, content=(ROOT / path).read_text(encoding="utf-8")))
+    text, pictures = notebook_page(json.loads(NOTEBOOK.read_text(encoding="utf-8")))
+    files.append(File.generated(config, "tour.md", content=text))
+    for name, picture in pictures.items():
+        files.append(File.generated(config, f"tour/{name}", content=picture))
     linked = {
         target
         for file in files.documentation_pages()
@@ -59,3 +68,20 @@ def _source_page(file: Path, path: str) -> str:
     text = file.read_text(encoding="utf-8")
     head = f"---\nsearch:\n  exclude: true\nhide: [toc]\n---\n\n# `{file.name}`\n\n`{path}`\n\n"
     return f'{head}`````{language} linenums="1"\n{text}\n`````\n'
+
+
+def notebook_page(notebook: dict[str, Any]) -> tuple[str, dict[str, bytes]]:
+    """Return a notebook as Markdown, and its pictures by name. A printed Markdown table becomes a table."""
+    parts, pictures = [], {}
+    for cell in notebook["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            if "text" in output:
+                text = "".join(output["text"]).strip()
+                parts.append(text if text.startswith("| ") else f"```text\n{text}\n```")
+            elif "image/png" in output.get("data", {}):
+                name = f"{cell['id']}.png"
+                pictures[name] = base64.b64decode("".join(output["data"]["image/png"]))
+                parts.append(f"![Picture made by the cell above](tour/{name})")
+    return "\n\n".join(parts) + "\n", pictures

@@ -1,11 +1,13 @@
-"""The tour runs cell by cell, with the expected output."""
+"""The tour runs cell by cell, with the expected output, and the notebook contains the same cells."""
 
 import re
 from pathlib import Path
 
+import nbformat
 import pytest
 from PIL import Image
 
+from docs.tools.notebook import NOTEBOOK, cells
 from tests.helpers.sources import ROOT
 
 TOUR = ROOT / "docs" / "tour.py"
@@ -26,3 +28,13 @@ def test_the_tour_runs_cell_by_cell_from_make_to_a_comparison(
     with Image.open("tour/flying.png") as picture, Image.open("tour/windy.gif") as video:
         assert picture.size == (640, 480)
         assert video.n_frames > 40  # equal frames are merged
+
+
+def test_the_notebook_has_the_cells_of_the_tour_with_outputs_and_less_than_a_megabyte() -> None:
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    written = [(cell.cell_type, cell.source) for cell in cells(TOUR.read_text(encoding="utf-8"))]
+    assert [(cell.cell_type, cell.source) for cell in notebook.cells] == written, "run make tour"
+    assert (
+        sum("image/png" in output.get("data", {}) for cell in notebook.cells for output in cell.get("outputs", ())) == 3
+    )
+    assert NOTEBOOK.stat().st_size < 1_000_000
