@@ -111,7 +111,8 @@ class Scenario:
     @property
     def steps(self) -> int:
         """Number of control steps of an episode."""
-        return round(self.duration / self.simulation.period)
+        steps: int = round(self.duration / self.simulation.period)
+        return steps
 
     def with_reward(self, reward: RewardWeights) -> "Scenario":
         """Return the scenario with other reward weights."""
