@@ -148,6 +148,13 @@ def test_one_command_ranks_an_own_controller_in_a_report_with_a_replay(module: s
     assert data["results"]["brief"]["mine"]["metrics"]["survival"]["value"] == 100.0
 
 
+def test_the_card_of_an_own_policy_names_its_factory(module: str, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["card", f"{module}:Hover", "--json"])
+    card = json.loads(capsys.readouterr().out)
+    assert card["factory"] == policy_fingerprint(f"{module}:Hover")
+    assert (card["type"], card["description"], card["results"]) == ("Hover", "The zero action.", "not cached")
+
+
 @pytest.mark.parametrize(
     ("policy", "message"),
     [

@@ -13,9 +13,9 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.controllers.registry import DESCRIPTIONS
 from quadpend_baselines.gains import GAINS, TUNED
 from quadpend_train.common.files import to_json_data
-from quadpend_train.policies.loading import load_policy, policy_names
+from quadpend_train.policies.loading import load_policy, own_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.policies.own import FactoryPolicy
+from quadpend_train.policies.own import FactoryPolicy, fingerprint, source
 from quadpend_train.training.settings import TrainSettings, to_mapping
 
 _NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
@@ -33,7 +33,7 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
     if len(seeds := policy_names(policy)) > 1:
         raise ValueError(f"{policy} has several training seeds: choose one of {', '.join(seeds)}")
     loaded = None if policy in CONTROLLERS else load_policy(policy)
-    data, lines = _controller(policy) if loaded is None else _other(loaded)
+    data, lines = _controller(policy) if loaded is None else _other(policy, loaded)
     if json:
         print(json_format.dumps(to_json_data(data), indent=1))
         return
@@ -61,12 +61,14 @@ def _controller(name: str) -> tuple[dict[str, Any], Lines]:
     return data, iter(lines.items())
 
 
-def _other(policy: Any) -> tuple[dict[str, Any], Lines]:
+def _other(name: str, policy: Any) -> tuple[dict[str, Any], Lines]:
     """Return the data and the lines about a learned policy or a policy of the user's own code."""
     if isinstance(policy, MlpPolicy):
         return policy.card, _learned(policy)
     own = policy.policy if isinstance(policy, FactoryPolicy) else policy
     lines = {"type": type(own).__name__, "description": (inspect.getdoc(own) or "").partition("\n")[0]}
+    if factory := own_policy(name):
+        lines |= {"factory": source(factory), "results": "cached" if fingerprint(policy) else "not cached"}
     return lines, iter(lines.items())
 
 
