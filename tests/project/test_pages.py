@@ -6,6 +6,7 @@ import importlib.util
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +74,8 @@ def test_commands_on_every_page_are_valid(block: str, tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs/mine").mkdir(parents=True)
     (tmp_path / "runs/mine/settings.json").write_text("{}", encoding="utf-8")
+    shutil.copytree(ROOT / "docs/examples", tmp_path, dirs_exist_ok=True)
+    monkeypatch.syspath_prepend(tmp_path)
     for page in PAGES:  # the files that the commands name
         for text, name in re.findall(r"```toml\n(# (\w+\.toml).*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
             (tmp_path / name).write_text(text, encoding="utf-8")

@@ -1,0 +1,76 @@
+"""The controller and the wind on the pages for one's own code: equal to the files, ranked by one command, and good."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadpend_gym import Parameters, Simulation
+from quadpend_gym.wind import as_wind
+from quadpend_train.cli.main import main
+from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.policies.loading import load_policy
+from quadpend_train.scenarios import SCENARIOS, Scenario
+from tests.helpers.sources import ROOT
+from tests.helpers.wind import sample_wind
+
+EXAMPLES = ROOT / "docs/examples"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with the examples."""
+    shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(("page", "example"), [("your-own-controller", "mine"), ("your-own-wind", "turning")])
+def test_the_code_on_the_page_is_the_example(page: str, example: str) -> None:
+    text = (ROOT / f"docs/{page}.md").read_text(encoding="utf-8")
+    assert f"```python\n{(EXAMPLES / f'{example}.py').read_text(encoding='utf-8')}```" in text
+
+
+def test_one_command_ranks_the_example_in_a_report_with_a_replay(folder: Path) -> None:
+    scenarios = ['calm={"duration": 1.0}', 'turning={"wind": "turning:TurningForce", "duration": 1.0}']
+    policies = ["mine:MyController", "flatness", "adrc-paper"]
+    main(["evaluate", *policies, "--scenarios", *scenarios, "--episodes", "2", "--replay", "1", "--cache", "cache"])
+    data = json.loads((folder / "results/comparison.json").read_text(encoding="utf-8"))
+    assert list(data["results"]["turning"]) == policies
+    assert (folder / "results/report.html").read_text(encoding="utf-8").count('"fell": null') == 6
+
+
+def test_the_example_survives_and_beats_the_controller_of_the_paper_in_wind(folder: Path) -> None:
+    for name in ("calm", "windy"):
+        own, paper = (run_episodes([load_policy(policy)], name, 6) for policy in ("mine:MyController", "adrc-paper"))
+        assert own.survived.all()
+        if name == "windy":
+            assert own.penalised_rmse.mean() < 0.7 * paper.penalised_rmse.mean()
+        else:
+            assert own.settled_rmse.max() < 1e-3
+
+
+def test_the_example_handles_single_observations_new_episodes_and_other_vehicles(folder: Path) -> None:
+    heavy = Simulation(Parameters(bob_mass=0.4), period=0.005)
+    results = run_episodes([load_policy("mine:MyController")], Scenario(simulation=heavy, duration=3.0), 3)
+    assert results.survived.all()
+    policy = load_policy("mine:MyController")
+    observation = SCENARIOS["windy"].make_vec(2, "SameStep").reset(seed=0)[0]  # type: ignore[arg-type]
+    action, memory = policy.predict(observation)
+    single, _ = policy.predict(observation[0])
+    np.testing.assert_array_equal(single, action[0])
+    restarted, _ = policy.predict(observation, 0.1 + memory, np.array([True, False]))
+    assert (restarted[0] == action[0]).all()
+    assert (restarted[1] != action[1]).any()
+
+
+def test_the_wind_of_the_example_turns_from_a_random_heading(folder: Path) -> None:
+    (wind,) = as_wind("turning:TurningForce")
+    force = sample_wind(wind, 100, 50)[..., :2]
+    np.testing.assert_allclose(np.linalg.norm(force, axis=-1), 0.3)
+    heading = np.unwrap(np.arctan2(force[..., 1], force[..., 0]), axis=0)
+    np.testing.assert_allclose(heading[-1] - heading[0], 0.5 * 0.99)
+    assert np.ptp(heading[0]) > 4.0
