@@ -375,3 +375,41 @@ def test_a_black_policy_a_distant_reference_and_strong_wind_are_visible(
         assert 0.1 < min(wind) < max(wind) < 0.9
     assert float(shown(page, "one")[2]) > 50.0
     assert page.messages() == []
+
+
+RECORD = """(() => {
+    const pen = CanvasRenderingContext2D.prototype, {fillText, stroke, lineTo} = pen;
+    window.labels = [], window.plumb = [];
+    let end;
+    pen.lineTo = function (x, y) { end = y / this.canvas.clientHeight; lineTo.call(this, x, y); };
+    pen.stroke = function () { if (this.getLineDash().join() === "4,5") plumb.push(end); stroke.call(this); };
+    pen.fillText = function (text, x, y) {
+        const width = this.measureText(text).width, left = x - {left: 0, center: 0.5, right: 1}[this.textAlign] * width;
+        if (this.canvas.id === "replay-errors") labels.push([text, left, left + width, y, this.canvas.clientWidth]);
+        fillText.call(this, text, x, y);
+    };
+    replay.seek(0);
+})()"""
+
+
+@pytest.mark.parametrize(("duration", "last"), [(0.5, "0.5 s"), (10.0, "10 s"), (60.0, "60 s")])
+def test_labels_of_the_error_curves_do_not_overlap_and_shadows_are_in_the_picture(
+    duration: float, last: str, page: Browser, replayed: tuple[Comparison, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Both policies are the same, so their curves end at the same point."""
+    data = json.loads(json.dumps(replayed[1]))
+    for scene in (scene for scenes in data["scenarios"].values() for scene in scenes):
+        scene |= {"duration": duration, "start": duration / 1000.0, "rate": 250.0 / duration}
+    part = section(data)
+    text = f"<!DOCTYPE html><head>{part.style}</head><body><section id=replay>{part.content}</section>"
+    (tmp_path / "page.html").write_text(text, encoding="utf-8")
+    page.call("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=False)
+    page.open(tmp_path / "page.html")
+    page.run(choice("two", 0))
+    page.run(RECORD)
+    labels = page.run("labels")
+    assert {"A", "B", "0 s", last} <= {label[0] for label in labels}
+    for i, (_, left, right, y, width) in enumerate(labels):
+        assert 0.0 <= left < right <= width
+        assert all(right < other[1] or other[2] < left or abs(y - other[3]) >= 12.0 for other in labels[:i])
+    assert 0.6 < max(page.run("plumb")) < 0.97
