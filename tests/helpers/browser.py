@@ -1,13 +1,16 @@
-"""Headless Chromium under the control of a test, through the DevTools protocol and the standard library alone."""
+"""Headless Chromium under the control of a test, through the DevTools protocol, without further libraries."""
 
 import fcntl
 import json
 import os
 import select
+import shutil
 import signal
 import time
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 
 class Browser:
@@ -73,6 +76,17 @@ class Browser:
             assert time.monotonic() < end, f"the condition never became true: {condition}"
             time.sleep(0.02)
 
+    def find_colour(self, canvas: str, colour: str) -> list[float]:
+        """Return the horizontal positions of the pixels of a colour in a canvas, as shares of its width."""
+        number = int.from_bytes([*bytes.fromhex(colour[1:]), 255], "little")
+        script = f"""(canvas => {{
+            const pen = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {{willReadFrequently: true}});
+            pen.drawImage(canvas, 0, 0);
+            const all = new Uint32Array(pen.getImageData(0, 0, canvas.width, canvas.height).data.buffer);
+            return [...all.keys()].filter(i => all[i] === {number}).map(i => i % canvas.width / canvas.width);
+        }})(document.getElementById("{canvas}"))"""
+        return list(self.run(script))
+
     def messages(self) -> list[Any]:
         """Return exceptions, console messages and log entries of the page."""
         kinds = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
@@ -84,3 +98,12 @@ class Browser:
         os.waitpid(self.process, 0)
         os.close(self._commands)
         os.close(self._answers)
+
+
+def start(folder: Path) -> Browser:
+    """Start Chromium with its profile in a new folder; skip the test if Chromium is not installed."""
+    programs = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
+    program = next(filter(None, programs), None)
+    if program is None:
+        pytest.skip("Chromium is not installed, so the page cannot be opened")
+    return Browser(program, folder)

@@ -2,9 +2,9 @@
 
 import base64
 import json
-import shutil
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from quadpend_train.reports.replay import (
     section,
 )
 from quadpend_train.scenarios import SCENARIOS
-from tests.helpers.browser import Browser
+from tests.helpers.browser import Browser, start
 from tests.helpers.policies import synthetic_results
 
 NAMES = {"paper": "adrc-paper", "matched": "adrc-matched"}
@@ -180,18 +180,11 @@ def test_the_option_replay_sets_the_number_of_episodes(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def page(replayed: tuple[Comparison, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    programs = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
-    program = next(filter(None, programs), None)
-    if program is None:
-        pytest.skip("Chromium is not installed, so the page cannot be opened")
     folder = tmp_path_factory.mktemp("browser")
     write(replayed[0], leaderboard(replayed[0]), None, folder / "report.html", [section(replayed[1])])
-    browser = Browser(program, folder / "profile")
-    try:
+    with closing(start(folder / "profile")) as browser:
         browser.open(folder / "report.html")
         yield browser
-    finally:
-        browser.close()
 
 
 PICTURE = "document.getElementById('replay-view').toDataURL()"
@@ -211,14 +204,7 @@ def key(name: str, shift: bool = False) -> str:
 
 def pixels(page: Browser, colour: str, canvas: str = "view") -> Floats:
     """Horizontal positions of the pixels of a colour, as shares of the width, shape (n,)."""
-    number = int.from_bytes([*bytes.fromhex(colour[1:]), 255], "little")
-    script = f"""(canvas => {{
-        const pen = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", {{willReadFrequently: true}});
-        pen.drawImage(canvas, 0, 0);
-        const all = new Uint32Array(pen.getImageData(0, 0, canvas.width, canvas.height).data.buffer);
-        return [...all.keys()].filter(i => all[i] === {number}).map(i => i % canvas.width / canvas.width);
-    }})(document.getElementById("replay-{canvas}"))"""
-    return np.array(page.run(script))
+    return np.array(page.find_colour(f"replay-{canvas}", colour))
 
 
 def shown(page: Browser, row: str) -> list[str]:
@@ -363,6 +349,7 @@ def test_a_black_policy_a_distant_reference_and_strong_wind_are_visible(
     values[:, 9:15] *= 100.0
     runs[0] = {"fell": None, **encode(values)}
     write(replayed[0], leaderboard(replayed[0]), None, tmp_path / "page.html", [section(data)])
+    page.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
     page.open(tmp_path / "page.html")
     page.run(choice("two", 2) + ";" + choice("scenario", 1))
     for scheme, black, slate in (("light", "#1b1f24", "#52677e"), ("dark", "#e4e8ec", "#a3b8cd")):
@@ -379,8 +366,7 @@ def test_a_black_policy_a_distant_reference_and_strong_wind_are_visible(
 
 RECORD = """(() => {
     const pen = CanvasRenderingContext2D.prototype, {fillText, stroke, lineTo} = pen;
-    window.labels = [], window.plumb = [];
-    let end;
+    window.labels = [], window.plumb = []; let end;
     pen.lineTo = function (x, y) { end = y / this.canvas.clientHeight; lineTo.call(this, x, y); };
     pen.stroke = function () { if (this.getLineDash().join() === "4,5") plumb.push(end); stroke.call(this); };
     pen.fillText = function (text, x, y) {
@@ -405,8 +391,7 @@ def test_labels_of_the_error_curves_do_not_overlap_and_shadows_are_in_the_pictur
     (tmp_path / "page.html").write_text(text, encoding="utf-8")
     page.call("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=False)
     page.open(tmp_path / "page.html")
-    page.run(choice("two", 0))
-    page.run(RECORD)
+    page.run(choice("two", 0) + ";" + RECORD)
     labels = page.run("labels")
     assert {"A", "B", "0 s", last} <= {label[0] for label in labels}
     for i, (_, left, right, y, width) in enumerate(labels):
