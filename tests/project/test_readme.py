@@ -1,4 +1,4 @@
-"""The code and the commands in the README and the guide run, and the published tables equal the generated files."""
+"""The commands in the README and the quickstart run, and the published tables equal the generated files."""
 
 import json
 import re
@@ -12,12 +12,12 @@ from quadpend_train.cli.main import main
 from tests.helpers.sources import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-GUIDE = (ROOT / "docs/guide.md").read_text(encoding="utf-8")
+QUICKSTART = (ROOT / "docs/quickstart.md").read_text(encoding="utf-8")
 RESULTS = (ROOT / "docs/results.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("text", [README, GUIDE], ids=["README", "guide"])
-def test_the_commands_in_the_readme_and_the_guide_run(
+@pytest.mark.parametrize("text", [README, QUICKSTART], ids=["README", "quickstart"])
+def test_the_commands_in_the_readme_and_the_quickstart_run(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
