@@ -173,14 +173,25 @@ def test_rows_of_a_batch_are_independent() -> None:
             assert_allclose(one, many[i], rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("parameters", [PAPER, UNEQUAL], ids=["paper", "unequal"])
-def test_the_demand_of_a_trajectory_is_that_of_the_flat_trajectory(parameters: Parameters) -> None:
-    """`feasibility`, which may not import this module, leaves out the same term l r̈_z."""
-    trajectory, times = Waypoints((0, 1, 2), ((0, 0, 2), (0.5, 0.3, 2.4), (0.2, 0.8, 2))), np.linspace(0.1, 1.9, 30)
-    flat = flat_outputs.flat_trajectory(trajectory.derivatives(times)[:, 2:, :3], np.tile(CALM, (30, 1)), parameters)
-    needed = demand(trajectory, parameters, times)
+def demand_and_flat_trajectory(trajectory: Reference | Waypoints, p: Parameters) -> tuple[Floats, Floats]:
+    """Thrust, body tilt and pendulum tilt from `feasibility` and from the flat trajectory, each of shape (3, 30)."""
+    times, calm = np.linspace(0.1, 1.9, 30), np.tile(CALM, (30, 1))
+    needed = demand(trajectory, p, times)
+    flat = flat_outputs.flat_trajectory(trajectory.derivatives(times)[:, 2:, :3], calm, p)
     tilt = np.arctan(np.linalg.norm(flat.thrust_tangent[0], axis=-1))
-    assert tilt.max() > 0.3
-    assert_allclose(needed.body_angle, tilt, rtol=1e-10)
-    assert_allclose(needed.thrust, flat.vertical_thrust[0] / np.cos(tilt), rtol=1e-12)
-    assert_allclose(np.cos(needed.pendulum_angle), flat.pendulum_vertical[0], rtol=1e-12)
+    thrust, pendulum = flat.vertical_thrust[0] / np.cos(tilt), np.arccos(flat.pendulum_vertical[0])
+    return np.array([needed.thrust, needed.body_angle, needed.pendulum_angle]), np.array([thrust, tilt, pendulum])
+
+
+@pytest.mark.parametrize("parameters", [PAPER, UNEQUAL], ids=["paper", "unequal"])
+def test_the_demand_of_a_circle_is_exact_and_its_error_elsewhere_is_of_third_order(parameters: Parameters) -> None:
+    """`feasibility` may not import this module. Both leave out the term l r̈_z, in different equations."""
+    assert_allclose(*demand_and_flat_trajectory(CIRCLE, parameters), rtol=1e-12)
+    errors = []
+    for size in (0.02, 0.01):
+        trajectory = Waypoints((0, 1, 2), ((0, 0, 2), (5 * size, 3 * size, 2.2), (2 * size, 8 * size, 2)))
+        (_, tilt, pendulum), (_, flat_tilt, flat_pendulum) = demand_and_flat_trajectory(trajectory, parameters)
+        assert_allclose(pendulum, flat_pendulum, rtol=1e-7)
+        errors.append(np.abs(tilt - flat_tilt).max())
+    assert 6.0 < errors[0] / errors[1] < 10.0
+    assert errors[1] < 1e-3
