@@ -41,8 +41,9 @@ animation: .venv/.installed  ## animation of the README: the paper's controller 
 	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenarios docs/gust.toml --seconds 1.5 5 --speed 0.5 \
 		--zoom 1.4 --fps 16.7 --size 960 560 --out docs/gust.gif
 
-pictures: .venv/.installed  ## figures of docs/models.md
+pictures: .venv/.installed  ## figures of docs/models.md and docs/trajectories.md
 	$(BIN)/quadpend wind --out docs/models
+	$(BIN)/python -m docs.tools.trajectories
 
 WORKERS := auto  # processes that run the tests; 0 runs them in one process
 test: .venv/.installed  ## run the tests

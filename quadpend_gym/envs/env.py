@@ -58,7 +58,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     the quadrotor, ±0.03 rad and ±0.05 rad/s of attitude and pendulum.
 
     `reset(options={"state": {"position": …}})` sets any field of the state (`quadpend_gym.physics.state`); fields that
-    are not given are drawn. `reset(options={"reference": Reference.circle(1.0, 1.0)})` sets the reference.
+    are not given are drawn. `reset(options={"reference": Reference.circle(1.0, 1.0)})` sets the reference, which may
+    also be `Waypoints` or `Sinusoids`. `Task(trajectory=…)` sets the reference of every episode.
 
     ## Episode End
     The episode terminates if the pendulum is more than 60° from upright, the body tilts by more than 80°, the tracking

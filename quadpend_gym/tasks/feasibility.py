@@ -8,7 +8,8 @@ Exact tracking in calm air, with the bob's horizontal position F and the quadrot
     (4)  u b = (M + m_c)(F̈_x, F̈_y, g + z̈) + l (−M r̈_x, −M r̈_y, m_c r̈_z)
 
 Equation (1) leaves out the vertical acceleration l r̈_z of the bob relative to the quadrotor, which is of second order
-in the tilt and zero on circles; (2) to (4) follow from it exactly. Drag and the torques are not considered.
+in the tilt and zero on circles; (2) to (4) follow from it exactly. The tilt of the body therefore has an error of third
+order. Drag and the torques are not considered.
 
 | symbol | code name   | unit | frame | shape  |
 |--------|-------------|------|-------|--------|

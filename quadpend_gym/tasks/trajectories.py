@@ -27,7 +27,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.core.validation import as_vector, check_number, from_plain, to_plain_fields
+from quadpend_gym.core.validation import as_vector, check_number, from_plain, suggest, to_plain_fields
 from quadpend_gym.tasks.minimum_snap import COEFFICIENTS, minimum_snap
 from quadpend_gym.tasks.references import (
     CHANNELS,
@@ -293,7 +293,7 @@ def as_trajectory(value: Any, name: str) -> Trajectory:
         data = dict(value)
         kind = data.pop("kind")
         if not isinstance(kind, str) or kind not in KINDS:
-            raise ValueError(f"{name} has no kind {kind!r}; the kinds are {', '.join(KINDS)}")
+            raise ValueError(f"{name} has no kind {kind!r}{suggest(kind, KINDS)}; the kinds are {', '.join(KINDS)}")
         return cast(Trajectory, from_plain(KINDS[kind], data, name))
     return from_plain(Reference, value, name)
 
