@@ -42,7 +42,7 @@ from quadpend_gym.tasks import Task, flatten
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
-from quadpend_gym.tasks.starts import draw_starts
+from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories
 from quadpend_gym.tasks.trajectories import Trajectory
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
 from quadpend_gym.wind.strength import warn_if_too_strong
@@ -221,8 +221,11 @@ class World:
         """Set reference and state of new episodes."""
         self._set_reference(rows, options.references)
         keys, table = (self._seeds, self.episode), self._trajectories
-        arrays = self.parameters, self.reference, self.state, table.numbers, table.first
-        draw_starts(rows, *keys, self._start_ranges, *arrays)
+        arguments = rows, *keys, self._start_ranges, self.parameters, self.reference, self.state
+        if table.in_use:
+            draw_starts_on_trajectories(*arguments, table.numbers, table.first)
+        else:
+            draw_starts(*arguments)
         for name, value in options.state.items():
             self.state[rows, STATE_FIELDS[name]] = value
         if "direction" in options.state or "direction_rate" in options.state:

@@ -81,6 +81,24 @@ def draw_start(
     store(lanes, DIRECTION_RATE, lane, r_dot)
 
 
+@inlined
+def _draw_starts(
+    rows: Any,
+    seeds: Any,
+    episodes: Any,
+    ranges: Any,
+    parameters: Any,
+    reference: Any,
+    state: Any,
+    trajectories: Any,
+) -> None:
+    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
+    for row in rows:
+        key = derive(derive(seeds[row], episodes[row]), START_STREAM)
+        point = point_at(trajectories, row, reference.T, row, 0.0)
+        draw_start(key, bounds, point, load_physics(parameters.T, row), state.T, row)
+
+
 @compiled
 def draw_starts(
     rows: Integers,
@@ -90,8 +108,6 @@ def draw_starts(
     parameters: Floats,
     reference: Floats,
     state: Floats,
-    numbers: Floats,
-    first: Integers,
 ) -> None:
     """Draw a random start near the reference for some of n sub-environments.
 
@@ -103,12 +119,25 @@ def draw_starts(
         parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
         reference: References, shape (n, 20), see `Reference.as_array`.
         state: States, shape (n, 18), changed in place.
-        numbers: Packed trajectories, see `PackedTrajectories`.
-        first: Position of the trajectory of each sub-environment in `numbers`, shape (n,); −1: it has a reference.
+    """
+    _draw_starts(rows, seeds, episodes, ranges, parameters, reference, state, None)
+
+
+@compiled
+def draw_starts_on_trajectories(
+    rows: Integers,
+    seeds: Keys,
+    episodes: Integers,
+    ranges: Floats,
+    parameters: Floats,
+    reference: Floats,
+    state: Floats,
+    numbers: Floats,
+    first: Integers,
+) -> None:
+    """As `draw_starts`, where some sub-environments follow a trajectory.
+
+    `numbers` and `first` are the fields of `PackedTrajectories`.
     """
     trajectories = PackedTrajectories(numbers, first)
-    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
-    for row in rows:
-        key = derive(derive(seeds[row], episodes[row]), START_STREAM)
-        point = point_at(trajectories, row, reference.T, row, 0.0)
-        draw_start(key, bounds, point, load_physics(parameters.T, row), state.T, row)
+    _draw_starts(rows, seeds, episodes, ranges, parameters, reference, state, trajectories)
