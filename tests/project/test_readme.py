@@ -25,9 +25,12 @@ def test_the_commands_in_the_readme_and_the_quickstart_run(
     evaluate = ["--episodes", "2"]
     brief = {"train": train, "evaluate": evaluate, "compare": evaluate, "wind": ["--seconds", "1"], "card": []}
     brief["watch"] = ["--out", "look.png", "--size", "320", "240"]
+    for block, name in re.findall(r"```toml\n(# (\w+\.toml).*?)```", text, re.DOTALL):
+        (tmp_path / name).write_text(block, encoding="utf-8")
     for line in "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).splitlines():
         command, *options = shlex.split(line.removeprefix("quadpend "))
-        main([command, *options, *brief[command]])
+        if command != "tune":  # takes minutes; `test_pages` checks its options
+            main([command, *options, *brief[command]])
     assert (tmp_path / "results/comparison.md").exists()
 
 

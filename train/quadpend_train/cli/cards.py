@@ -53,8 +53,9 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
 
 def _controller(name: str) -> tuple[dict[str, Any], Lines]:
     """Return the data and the lines about a classical controller."""
-    data = {"description": DESCRIPTIONS[name], "gains": asdict(GAINS[name])}
-    lines = {"description": data["description"], "gains": _pairs(_flat(data["gains"]))}
+    gains = asdict(GAINS[name])
+    data: dict[str, Any] = {"description": DESCRIPTIONS[name], "gains": gains}
+    lines: dict[str, str] = {"description": DESCRIPTIONS[name], "gains": _pairs(_flat(gains))}
     if tuned := TUNED.get(name):
         data["tuning"] = tuned._asdict()
         lines["tuned"] = f"{tuned.command}: penalised RMSE {tuned.score:g} mm in the training scenarios"
@@ -121,7 +122,7 @@ def _training(card: Mapping[str, Any]) -> Lines:
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Return nested values as texts by their names on the command line, such as ``ppo.n_steps``."""
-    flat = {}
+    flat: dict[str, str] = {}
     for name, value in values.items():
         flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": str(value)}
     return flat
