@@ -1,6 +1,7 @@
 """The specification of an environment, whose `to_json` refuses what JSON cannot represent."""
 
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
@@ -22,7 +23,7 @@ class QuadPendulumSpec(EnvSpec):
         """
         for arguments in (self.kwargs, *(wrapper.kwargs for wrapper in self.additional_wrappers)):
             for name, value in (arguments or {}).items():
-                to_plain_data(value, lambda item, name=name: _refuse(name, item))
+                to_plain_data(value, partial(_refuse, name))
         return super().to_json()
 
 

@@ -33,7 +33,7 @@ from quadpend_train.scenarios import (
 )
 
 Cell = tuple[str, str]  # names of a scenario and of a policy
-Policies = Mapping[str, str | Policy | list[Policy] | tuple[Policy, ...]] | Sequence[str | Policy]
+Policies = Mapping[str, str | Policy | Sequence[Policy]] | Sequence[str | Policy]
 Scenarios = Mapping[str, Any] | Sequence[Any]  # values as for `as_scenario`
 
 
@@ -276,8 +276,8 @@ def _check_training_seeds(policies: Mapping[str, str | Sequence[Policy]]) -> Non
 
 def _check_policies(cells: Mapping[Cell, Job]) -> None:
     """Run every scenario and every policy for two steps, so that a mismatch is found before the long evaluation."""
-    for name, scenario in {scenario: job.scenario for (scenario, _), job in cells.items()}.items():
-        check_own_models(name, scenario)
+    for scenario, found in {scenario: job.scenario for (scenario, _), job in cells.items()}.items():
+        check_own_models(scenario, found)
     given = {name: job.policies for (_, name), job in cells.items()}
     loaded = {name: load_policies(policy) if isinstance(policy, str) else policy for name, policy in given.items()}
     for (scenario, name), job in cells.items():

@@ -106,7 +106,7 @@ def own_factory(name: str, taken: Collection[str] = ()) -> str | None:
     if is_factory(name):
         return name
     plugin = plugins(taken).get(name)
-    return plugin and f"{plugin.module}:{plugin.attr}"
+    return f"{plugin.module}:{plugin.attr}" if plugin else None
 
 
 def make_policy(factory_name: str) -> Policy:

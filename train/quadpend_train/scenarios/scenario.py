@@ -266,7 +266,7 @@ def check_own_models(name: str, scenario: Scenario) -> None:
         env = scenario.make_vec(2, AutoresetMode.SAME_STEP)
         env.reset(seed=0)
         for _ in range(2):
-            env.step(np.zeros(env.action_space.shape, np.float32))  # type: ignore[arg-type]
+            env.step(np.zeros(env.action_space.shape, np.float32))
     except Exception as error:  # own code may raise exceptions of any type
         raise ValueError(f"the scenario {name} does not run: {describe_error(error)}") from error
 
