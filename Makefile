@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results animation pictures test check format bench time-to-beat golden docs tour clean help
+.PHONY: demo evidence learners ablations results animation pictures test check static kernels format bench time-to-beat golden docs tour clean help
 
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -47,14 +47,20 @@ pictures: .venv/.installed  ## figures of docs/models.md and docs/trajectories.m
 
 WORKERS := auto  # processes that run the tests; 0 runs them in one process
 test: .venv/.installed  ## run the tests
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 check: .venv/.installed  ## run what CI runs: format, lint, types, docs, tests
+	$(MAKE) --jobs 2 static kernels
+	$(MAKE) test
+
+static: .venv/.installed  # all checks of `make check` but the tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(MAKE) docs
-	$(MAKE) test
+
+kernels: .venv/.installed  # compile the kernels once, so that the processes of `make test` find them in the cache
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.helpers.kernels
 
 format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
