@@ -74,8 +74,11 @@ def _settings() -> Rows:
 
 
 def _tasks() -> Rows:
-    environments = {task: env_id for env_id, task in ENVIRONMENTS.items()}
-    return {name: f"the task of {environments[name]}" if name in environments else "" for name in TASKS}
+    """The tasks with the kinds of references that they draw, and the environments that have them."""
+    environments = {task: f", the task of {env_id}" for env_id, task in ENVIRONMENTS.items()}
+    kinds = ("hover", "circle", "figure_eight", "helix")
+    drawn = {name: [kind for kind in kinds if getattr(task.references, kind)] for name, task in TASKS.items()}
+    return {name: f"references: {', '.join(drawn[name])}{environments.get(name, '')}" for name in TASKS}
 
 
 def _winds() -> Rows:

@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> None:
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:
-        if note := COMMANDS[command[0]].interrupted:
+        if note := "".join(COMMANDS[name].interrupted for name in command[:1] if name in COMMANDS):
             print(f"Interrupted: {note}", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
