@@ -120,7 +120,7 @@ def make_policy(factory_name: str) -> Policy:
     """
     factory = find_factory(factory_name)
     if not _takes_simulation(factory_name, factory):
-        return _made(factory_name, call_factory(factory_name, factory))
+        return _made(factory_name, call_factory(factory_name, factory))  # type: ignore[no-any-return]
     policy = _made(factory_name, call_factory(factory_name, factory, Simulation()))
     return FactoryPolicy(factory_name, factory, policy)
 
