@@ -20,6 +20,8 @@ ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tour.ipynb"
 PAGES = {"CHANGELOG.md": "changelog.md"}  # files outside `docs/` that are pages of the site, by their path
 LINK = re.compile(r"(\]\(|^\[[^\]]+\]: )((?:\.\./|docs/)[^)#\s]+)", re.MULTILINE)
+LABEL = re.compile(r"^\[(`[^\]]+`)\]: (\S+)$", re.MULTILINE)
+SHORTCUT = re.compile(r"\[(`[^\]]+`)\](?![:(\[])")
 LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", ".md": "markdown", "": "makefile"}
 
 
@@ -43,8 +45,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Replace links that leave `docs/` by links to the pages of `on_files`."""
-    return LINK.sub(lambda match: match[1] + _site_link(page.file.src_uri, match[2]), markdown)
+    """Replace links that leave `docs/` by links to the pages of `on_files`, and write out links with code as label."""
+    markdown = LINK.sub(lambda match: match[1] + _site_link(page.file.src_uri, match[2]), markdown)
+    targets = dict(LABEL.findall(markdown))  # Python-Markdown does not resolve labels in backticks
+    return SHORTCUT.sub(
+        lambda match: f"[{match[1]}]({targets[match[1]]})" if match[1] in targets else match[0], markdown
+    )
 
 
 def _target(uri: str, link: str) -> str:
