@@ -27,6 +27,8 @@ from tests.helpers.bad_input import assert_refused
 
 SEED = 3_000_000
 SIZE = (320, 180)
+WINDY = '{"wind": "windy", "duration": 2.5}'
+CALM = '{"duration": 2.0}'
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +121,7 @@ def test_a_fallen_vehicle_stays_in_place_and_is_faded(recordings: list[Recording
 @pytest.mark.parametrize("ending", [".mp4", ".gif", ".webp"])
 def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tmp_path: Path) -> None:
     out = tmp_path / f"new/video{ending}"
-    watch(("flatness",), ("windy",), SEED, VideoOptions(out, SIZE, fps=20.0, speed=0.5, seconds=(1.0, 1.5)))
+    watch(("flatness",), (WINDY,), SEED, VideoOptions(out, SIZE, fps=20.0, speed=0.5, seconds=(1.0, 1.5)))
     if ending == ".mp4":
         assert count_frames_and_secs(out) == (20, 1.0)
     else:
@@ -133,7 +135,7 @@ def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tm
 
 def test_a_gif_keeps_the_colours_that_have_a_meaning(tmp_path: Path) -> None:
     out = tmp_path / "video.gif"
-    watch(("adrc-paper", "flatness"), ("windy",), SEED, VideoOptions(out, (640, 360), fps=10.0, seconds=(2.0, 2.5)))
+    watch(("adrc-paper", "flatness"), (WINDY,), SEED, VideoOptions(out, (640, 360), fps=10.0, seconds=(2.0, 2.5)))
     with Image.open(out) as video:
         video.seek(2)
         picture = np.asarray(video.convert("RGB")).astype(int)
@@ -143,8 +145,8 @@ def test_a_gif_keeps_the_colours_that_have_a_meaning(tmp_path: Path) -> None:
 
 def test_a_picture_shows_the_end_of_the_requested_part(tmp_path: Path) -> None:
     out = tmp_path / "end.png"
-    main(["watch", "flatness", "--scenarios", "calm", "--seconds", "0", "2", "--size", "640", "360", "--out", str(out)])
-    recorded = record_episode("flatness", load_policy("flatness"), find_scenario("calm"), SEED)
+    main(["watch", "flatness", "--scenarios", CALM, "--seconds", "0", "2", "--size", "640", "360", "--out", str(out)])
+    recorded = record_episode("flatness", load_policy("flatness"), find_scenario(CALM), SEED)
     with Image.open(out) as picture:
         assert_array_equal(
             np.asarray(picture), drawn(SideBySideView([recorded], CONTROL_PERIOD, (0.0, 2.0)), 199, (640, 360))
@@ -160,7 +162,7 @@ def test_an_interruption_leaves_the_older_file_unchanged(tmp_path: Path, monkeyp
 
     monkeypatch.setattr("quadpend_train.reports.video._write_images", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        watch(("flatness",), video=VideoOptions(out, SIZE, seconds=(0.0, 0.1)))
+        watch(("flatness",), (CALM,), video=VideoOptions(out, SIZE, seconds=(0.0, 0.1)))
     assert out.read_bytes() == b"before"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -183,7 +185,7 @@ def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: p
         press.get(len(shown), lambda: None)()
 
     monkeypatch.setattr(SideBySideView, "draw", drawing)
-    watch(("flatness",), ("calm",), SEED, VideoOptions(size=SIZE, speed=4.0, seconds=(0.0, 0.5)))
+    watch(("flatness",), (CALM,), SEED, VideoOptions(size=SIZE, speed=4.0, seconds=(0.0, 0.5)))
     assert not pygame.display.get_init()
     assert shown[3] == shown[5], "paused"
     assert shown[6] == shown[5] + 1, "one step"
