@@ -21,7 +21,7 @@ from tests.helpers.envs import assert_same, draw_actions, make, make_unwrapped, 
 WAYPOINTS = Waypoints((0, 2, 4, 6), ((0, 0, 2), (1, 0, 2, 0.3), (1, 1, 2.5), (0, 1, 2)))
 LAP = Waypoints((0, 2, 4), ((0.5, 0, 2), (-0.5, 0, 2), (0.5, 0, 2)), closed=True)
 CHORD = Sinusoids(
-    terms=[{"amplitude": (0.5, 0.4, 0.1, 0.2), "frequency": 1.0}, {"amplitude": 0.05, "frequency": (3, 2, 1, 0)}]
+    terms=[{"amplitude": (0.5, 0.4, 0.1, 0.2), "frequency": 1.0}, {"amplitude": 0.05, "frequency": (3, 2, 1, 0)}]  # type: ignore[arg-type]
 )
 HOVER = Reference.hover(1.0)
 MIXED = (WAYPOINTS, HOVER, CHORD, LAP, WAYPOINTS)
