@@ -191,15 +191,15 @@ def test_the_compare_command_prints_one_sentence(tmp_path: Path, capsys: pytest.
 def test_too_few_episodes_are_said_in_words() -> None:
     """With fewer than `episodes_needed` episodes no difference of the RMSE can be significant, with as many it can."""
     assert episodes_needed(2) == 10
-    needed = episodes_needed(12)
+    needed = episodes_needed(36)
     assert needed > 10
     for episodes in (5, needed - 1, needed):
         base = np.linspace(0.1, 0.2, episodes)
         results = {"worse": base + 0.01, "better": base, "best": base - 0.01}
-        three = compared(**{name: [synthetic_results(values)] * 2 for name, values in results.items()})
+        three = compared(**{name: [synthetic_results(values)] * 6 for name, values in results.items()})
         three = replace(three, episodes=episodes)
         assert (leaderboard(three)[0].wins > 0) == (episodes == needed)
-        note = f"{episodes} episodes are too few for wins by RMSE with 12 tests: use at least {needed} episodes."
+        note = f"{episodes} episodes are too few for wins by RMSE with 36 tests: use at least {needed} episodes."
         assert leaderboard_note(three) == (note if episodes < needed else "")
     few = compared(first=[synthetic_results([0.1] * 5)], other=[synthetic_results([0.2] * 5)])
     (verdict,) = verdicts(few)
