@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results animation pictures test check static kernels format bench time-to-beat golden docs tour clean help
+.PHONY: demo evidence learners ablations results animation pictures test check static kernels format bench time-to-beat golden docs tour screenshots clean help
 
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -71,6 +71,9 @@ docs: .venv/.installed  ## build the documentation site in site/; a broken link 
 
 tour: .venv/.installed  ## docs/tour.ipynb: run docs/tour.py as a notebook, with its outputs
 	$(BIN)/python -m docs.tools.notebook
+
+screenshots: .venv/.installed  ## pictures of TensorBoard and of the report page in docs/; needs Chromium
+	$(BIN)/python -m docs.tools.screenshots
 
 bench: .venv/.installed  ## docs/bench.md: speed of the environments, compared with others
 	$(BIN)/python -m benchmarks.speed --out docs/bench.json

@@ -14,12 +14,13 @@ from quadpend_train.cli.main import main
 from tests.helpers.browser import Browser
 
 DOCS = Path(__file__).parents[1]
-TAGS = "ep_rew_mean|reward/(tracking|upright|effort)|penalised_rmse|survival"
+TAGS = "ep_rew_mean|reward/(tracking|upright)|penalised_rmse|survival"
+CLOSE = "[...document.querySelectorAll('button')].find((x) => x.textContent.includes('Settings')).click()"
 TRAIN = ["train", "--settings", "demo", "--total-timesteps", "1500000", "--eval-freq", "150000"]
 EVALUATE = ["evaluate", "adrc-paper", "flatness", "ppo-gain-scheduling-0", "--scenarios", "calm", "windy", "gusts"]
 
 
-def take(browser: Browser, url: str, path: Path, size: tuple[int, int], ready: str, top: str = "0") -> None:
+def take(browser: Browser, url: str, path: Path, size: tuple[int, int], ready: str, then: str = "0") -> None:
     """Write a picture of a page.
 
     Args:
@@ -27,14 +28,16 @@ def take(browser: Browser, url: str, path: Path, size: tuple[int, int], ready: s
         url: Address of the page.
         path: PNG file.
         size: Width and height, px.
-        ready: JavaScript expression that is true as soon as the page is complete.
-        top: JavaScript expression for the vertical position to scroll to, px.
+        ready: JavaScript expression that is true as soon as the page is complete, within a minute.
+        then: JavaScript expression to evaluate before the picture is taken.
     """
     browser.call("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
     browser.call("Page.navigate", url=url)
-    browser.wait(ready)
-    browser.run(f"scrollTo(0, {top})")
-    time.sleep(1.0)  # for the transitions of the page
+    end = time.monotonic() + 60.0
+    while not browser.run(ready) and time.monotonic() < end:
+        time.sleep(0.5)
+    browser.run(then)
+    time.sleep(3.0)  # for the transitions of the page
     path.write_bytes(base64.b64decode(browser.call("Page.captureScreenshot")["data"]))
 
 
@@ -42,6 +45,7 @@ def tensorboard(browser: Browser, runs: Path) -> None:
     """Write `docs/tensorboard.png`."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
+    address = f"http://127.0.0.1:{port}/"
     command = [
         sys.executable,
         "-m",
@@ -54,24 +58,22 @@ def tensorboard(browser: Browser, runs: Path) -> None:
     ]
     server = subprocess.Popen(command, stderr=subprocess.DEVNULL)
     try:
-        address = f"http://127.0.0.1:{port}/"
-        for _ in range(120):
-            try:
-                urllib.request.urlopen(address).close()
-                break
-            except OSError:
-                time.sleep(0.5)
-        ready = "document.body.innerText.length > 0 && document.querySelector('tb-webapp') !== null"
-        take(
-            browser,
-            f"{address}?darkMode=false#timeseries&tagFilter={TAGS}",
-            DOCS / "tensorboard.png",
-            (1280, 800),
-            ready,
-        )
+        while not _answers(f"{address}data/runs") and server.poll() is None:
+            time.sleep(0.5)
+        ready = "document.querySelectorAll('scalar-card').length > 2 && !document.querySelector('mat-spinner')"
+        take(browser, f"{address}?tagFilter={TAGS}#timeseries", DOCS / "tensorboard.png", (1280, 1000), ready, CLOSE)
     finally:
         server.terminate()
         server.wait()
+
+
+def _answers(address: str) -> bool:
+    """Return whether a server has data at an address."""
+    try:
+        with urllib.request.urlopen(address) as answer:
+            return len(answer.read()) > len("[]")
+    except OSError:
+        return False
 
 
 if __name__ == "__main__":
