@@ -20,6 +20,7 @@ from quadpend_train.policies.loading import policy_fingerprint
 from quadpend_train.scenarios import Scenario, find_scenario
 
 BOTH = {"one": "adrc-paper", "two": "adrc-matched"}
+CALM, STORM = {"calm": Scenario(duration=1.0)}, {"storm": Scenario(wind="storm", duration=1.0)}
 
 
 def assert_same(first: Comparison, second: Comparison) -> None:
@@ -31,13 +32,11 @@ def assert_same(first: Comparison, second: Comparison) -> None:
 
 
 def test_a_repeated_comparison_runs_no_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = compare(BOTH, ["calm", "storm"], 4, cache_folder=tmp_path)
+    first = compare(BOTH, CALM | STORM, 4, cache_folder=tmp_path)
     assert len(list(tmp_path.iterdir())) == 4
     monkeypatch.setattr(jobs, "run_episodes", None)
-    assert_same(first, compare(BOTH, ["calm", "storm"], 4, cache_folder=tmp_path))
-    assert_same(
-        first, compare({"one": "adrc-paper", "two": "adrc-matched"}, ["calm", "storm"], 4, cache_folder=tmp_path)
-    )
+    assert_same(first, compare(BOTH, CALM | STORM, 4, cache_folder=tmp_path))
+    assert_same(first, compare({"one": "adrc-paper", "two": "adrc-matched"}, CALM | STORM, 4, cache_folder=tmp_path))
 
 
 def test_an_interrupted_comparison_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,34 +50,34 @@ def test_an_interrupted_comparison_continues(tmp_path: Path, monkeypatch: pytest
 
     monkeypatch.setattr(jobs, "run_episodes", run_two)
     with pytest.raises(KeyboardInterrupt):
-        compare(BOTH, ["calm", "windy"], 3, cache_folder=tmp_path)
+        compare(BOTH, CALM | STORM, 3, cache_folder=tmp_path)
     completed.clear()
-    resumed = compare(BOTH, ["calm", "windy"], 3, cache_folder=tmp_path)
+    resumed = compare(BOTH, CALM | STORM, 3, cache_folder=tmp_path)
     assert len(completed) == 2
     monkeypatch.undo()
-    assert_same(resumed, compare(BOTH, ["calm", "windy"], 3))
+    assert_same(resumed, compare(BOTH, CALM | STORM, 3))
 
 
 def test_fresh_ignores_cached_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    compare(BOTH, ["calm"], 2, cache_folder=tmp_path)
+    compare(BOTH, CALM, 2, cache_folder=tmp_path)
     calls = []
     monkeypatch.setattr(jobs, "run_episodes", lambda *rest: calls.append(rest) or run_episodes(*rest))
-    compare(BOTH, ["calm"], 2, cache_folder=tmp_path, recompute=True)
+    compare(BOTH, CALM, 2, cache_folder=tmp_path, recompute=True)
     assert len(calls) == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 nonsense", b"nonsense"])
 def test_results_in_a_damaged_file_are_computed_again(tmp_path: Path, damage: bytes) -> None:
-    first = compare(BOTH, ["calm"], 2, cache_folder=tmp_path)
+    first = compare(BOTH, CALM, 2, cache_folder=tmp_path)
     path = sorted(tmp_path.iterdir())[0]
     whole = path.read_bytes()
     path.write_bytes(damage)
     with pytest.warns(UserWarning, match=f"{path.name} is damaged and its results are computed again"):
-        assert_same(first, compare(BOTH, ["calm"], 2, cache_folder=tmp_path))
+        assert_same(first, compare(BOTH, CALM, 2, cache_folder=tmp_path))
     assert len(path.read_bytes()) == len(whole)
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.warns(UserWarning, match="is damaged"):
-        assert_same(first, compare(BOTH, ["calm"], 2, cache_folder=tmp_path))
+        assert_same(first, compare(BOTH, CALM, 2, cache_folder=tmp_path))
 
 
 def test_everything_that_determines_a_result_is_in_its_key(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,29 +131,30 @@ def test_the_identity_of_a_model_is_the_hash_of_its_file(tmp_path: Path) -> None
 
 
 def test_results_of_policies_without_a_name_are_not_cached(tmp_path: Path) -> None:
-    compare({"mine": [ADRC()]}, ["calm"], 2, cache_folder=tmp_path)
+    compare({"mine": [ADRC()]}, CALM, 2, cache_folder=tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 def test_results_do_not_depend_on_the_number_of_processes(tmp_path: Path) -> None:
-    alone = compare({**BOTH, "mine": [ADRC()]}, ["calm", "storm"], 6)
-    assert_same(alone, compare({**BOTH, "mine": [ADRC()]}, ["calm", "storm"], 6, cache_folder=tmp_path, jobs=2))
+    alone = compare({**BOTH, "mine": [ADRC()]}, CALM | STORM, 6)
+    assert_same(alone, compare({**BOTH, "mine": [ADRC()]}, CALM | STORM, 6, cache_folder=tmp_path, jobs=2))
     assert len(list(tmp_path.iterdir())) == 4
 
 
 def test_the_files_of_results_are_the_same_byte_for_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Computed, computed again, and loaded from the cache."""
     monkeypatch.setattr("sys.argv", ["quadpend", "evaluate"])
+    scenarios = ['calm={"duration": 1.0}', 'storm={"wind": "storm", "duration": 1.0}']
     written = []
     for _ in range(3):
         options = ["--cache", str(tmp_path / "store"), *(["--recompute"] if len(written) == 1 else [])]
-        main(["evaluate", "--scenarios", "calm", "gusts", "--episodes", "3", "--out", str(tmp_path / "out"), *options])
+        main(["evaluate", "--scenarios", *scenarios, "--episodes", "3", "--out", str(tmp_path / "out"), *options])
         files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
         files["report.html"] = re.sub(rb"\d{4}-\d\d-\d\d", b"", files["report.html"])  # without the date
         written.append(files)
     assert written[0] == written[1] == written[2]
     assert set(written[0]) == {"comparison.json", "comparison.csv", "comparison.md", "comparison.png", "report.html"}
-    assert json.loads(written[0]["comparison.json"])["scenario_hashes"].keys() == {"calm", "gusts"}
+    assert json.loads(written[0]["comparison.json"])["scenario_hashes"].keys() == {"calm", "storm"}
 
 
 def test_results_of_a_model_that_changes_meanwhile_are_not_cached(
