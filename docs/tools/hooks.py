@@ -18,8 +18,9 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs/tour.ipynb"
-PAGES = {"CHANGELOG.md": "changelog.md"}  # files outside `docs/` that are pages of the site, by their path
-LINK = re.compile(r"(\]\(|^\[[^\]]+\]: )((?:\.\./|docs/)[^)#\s]+)", re.MULTILINE)
+# Pages of the site that are made from files of other names, by the paths of these files
+PAGES = {"CHANGELOG.md": "changelog.md", "docs/tour.ipynb": "tour.md"}
+LINK = re.compile(r"(\]\(|^\[[^\]]+\]: )((?:\.\./|docs/|tour\.ipynb)[^)#\s]*)", re.MULTILINE)
 LABEL = re.compile(r"^\[(`[^\]]+`)\]: (\S+)$", re.MULTILINE)
 SHORTCUT = re.compile(r"\[(`[^\]]+`)\](?![:(\[])")
 LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", ".md": "markdown", "": "makefile"}
@@ -27,8 +28,7 @@ LANGUAGES = {".py": "python", ".toml": "toml", ".yml": "yaml", ".json": "json", 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the changelog, the tour, and a page for every source file that a page links to."""
-    for path, uri in PAGES.items():
-        files.append(File.generated(config, uri, content=(ROOT / path).read_text(encoding="utf-8")))
+    files.append(File.generated(config, "changelog.md", content=(ROOT / "CHANGELOG.md").read_text(encoding="utf-8")))
     text, pictures = notebook_page(json.loads(NOTEBOOK.read_text(encoding="utf-8")))
     files.append(File.generated(config, "tour.md", content=text))
     for name, picture in pictures.items():
