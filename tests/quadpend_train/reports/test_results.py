@@ -1,6 +1,7 @@
 """`quadpend evaluate` writes reproducible files and updates the generated parts of a document."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ def brief_axes(monkeypatch: pytest.MonkeyPatch) -> None:
     from quadpend_train.studies import robustness
 
     axes = {name: robustness.PERTURBATION_AXES[name] for name in ("tilt", "wind")}
+    axes = {name: replace(axis, values=axis.values[::4]) for name, axis in axes.items()}
     monkeypatch.setattr(
         robustness.measure_robustness, "__defaults__", (axes, {}, *robustness.measure_robustness.__defaults__[2:])
     )  # type: ignore[index]
