@@ -77,7 +77,7 @@ def evaluate(
     if len(sentences := tables.verdicts(comparison)) <= _MOST_SENTENCES:
         for sentence in sentences:
             console.print(f"• {sentence}", highlight=False)
-    if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
+    if len(comparison.policies) > 1:
         console.print(tables.leaderboard_table(standings))
         if note := tables.leaderboard_note(comparison):
             console.print(note, highlight=False)

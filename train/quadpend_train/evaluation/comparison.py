@@ -219,7 +219,7 @@ def compare(
         check_int(value, name, least)
     compared = named_policies(policies)
     _check_training_seeds(compared)
-    found = {name: as_scenario(scenario) for name, scenario in _named_scenarios(scenarios).items()}
+    found = {name: _find_scenario(scenario) for name, scenario in _named_scenarios(scenarios).items()}
     cells = {(s, p): Job(compared[p], found[s], episodes, seed) for s in found for p in compared}
     _check_policies({cell: job for cell, job in cells.items() if recompute or not _is_cached(job, cache_folder)})
     known = {name: policy_fingerprints(policy) for name, policy in compared.items() if isinstance(policy, str)}
@@ -244,6 +244,16 @@ def named_policies(policies: Policies) -> dict[str, str | Sequence[Policy]]:
         policies = dict(zip(names, members, strict=True))
     lists = {name: item if isinstance(item, str | list | tuple) else [item] for name, item in policies.items()}
     return {name: item if isinstance(item, str) else [convert(one) for one in item] for name, item in lists.items()}
+
+
+def _find_scenario(value: Any) -> Scenario:
+    """Return a scenario as `as_scenario`; an error about a file names the file."""
+    try:
+        return as_scenario(value)
+    except (TypeError, ValueError) as error:
+        if isinstance(value, str) and Path(value).is_file() and value not in str(error):
+            raise type(error)(f"{value}: {error}") from error
+        raise
 
 
 def _named_scenarios(scenarios: Scenarios) -> Mapping[str, Any]:

@@ -183,7 +183,9 @@ def find_scenario(name: str) -> Scenario:
     path = Path(name)
     if path.suffix not in (".toml", ".json") or not path.is_file():
         raise ValueError(
-            f"there is no scenario {name!r}{suggest(name, [*SCENARIOS, *SETS])}; the scenarios are"
+            f"there is no file {name!r}"
+            if path.suffix in (".toml", ".json")
+            else f"there is no scenario {name!r}{suggest(name, [*SCENARIOS, *SETS])}; the scenarios are"
             f" {', '.join(SCENARIOS)}; or give the path of a TOML or JSON file, JSON, or 'module:factory'"
         )
     return from_plain(Scenario, read_mapping(path), str(path))

@@ -33,7 +33,9 @@ def load_actor(model: Any, settings: TrainSettings, folder: Path | None) -> None
     for field, default in _COMPARED.items():
         if policy.card.get(field, default) != (other := expected.card.get(field, default)):
             raise ValueError(
-                f"start_from {name} has {field} {policy.card.get(field, default)!r}, but the settings have {other!r}"
+                f"start_from {name} was trained with VecNormalize, whose statistics a training here cannot continue"
+                if field == "normalization"
+                else f"start_from {name} has {field} {policy.card.get(field, default)!r}, but the settings have {other!r}"
             )
     if _widths(policy) != _widths(expected):
         raise ValueError(
