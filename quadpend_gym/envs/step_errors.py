@@ -57,6 +57,6 @@ def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> Non
         raise ValueError(f"wind must be finite numbers, not {wind[row].tolist()} in sub-environment {row}")
     owner = "" if len(action) == 1 else f" of sub-environment {row}"
     raise ValueError(
-        f"{action_name}{owner} must be four numbers in [-1, 1], not {action[row].tolist()}: thrust and torques, divided by"
-        " their scales; gymnasium.wrappers.ClipAction clips the actions of an agent"
+        f"{action_name}{owner} must be four numbers in [-1, 1], not {action[row].tolist()}: thrust and torques divided"
+        " by their scales; gymnasium.wrappers.ClipAction clips the actions of an agent"
     )

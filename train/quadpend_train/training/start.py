@@ -35,7 +35,8 @@ def load_actor(model: Any, settings: TrainSettings, folder: Path | None) -> None
             raise ValueError(
                 f"start_from {name} was trained with VecNormalize, whose statistics a training here cannot continue"
                 if field == "normalization"
-                else f"start_from {name} has {field} {policy.card.get(field, default)!r}, but the settings have {other!r}"
+                else f"start_from {name} has {field} {policy.card.get(field, default)!r}, but the settings have"
+                f" {other!r}"
             )
     if _widths(policy) != _widths(expected):
         raise ValueError(
