@@ -98,6 +98,7 @@ from quadpend_train.cli.watch import VideoOptions, watch
 
 video = VideoOptions(seconds=(0.0, 2.0), size=(640, 360), out=FOLDER / "windy.gif")
 watch(("adrc-paper", "ppo-gain-scheduling-0"), scenarios=("windy",), video=video)
-frames = Image.open(FOLDER / "windy.gif")
-frames.seek(30)
-frames.convert("RGB")
+with Image.open(FOLDER / "windy.gif") as frames:
+    frames.seek(30)
+    picture = frames.convert("RGB")
+picture

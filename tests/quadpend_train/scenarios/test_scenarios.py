@@ -105,7 +105,7 @@ def test_a_policy_that_does_not_fit_a_scenario_is_named_before_the_evaluation() 
         ("hurricane", "there is no scenario 'hurricane'; the scenarios are calm"),
         ("training", "'training' is a set of scenarios: choose one of calm, breeze"),
         ('{"task": "loop"}', "there is no task 'loop'; the tasks are track, hover"),
-        ("missing.toml", "there is no scenario 'missing.toml'"),
+        ("missing.toml", "there is no file 'missing.toml'"),
         ('{"wind": "windy"', "the scenario is not valid JSON"),
         ('{"winds": "windy"}', "scenario has no field 'winds'"),
         ('{"wind": "hurricane"}', "there is no wind 'hurricane'; there are calm"),
