@@ -25,7 +25,7 @@ def provenance() -> dict[str, Any]:
     except OSError:  # git is not installed
         commit = None
     return {
-        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "command": [Path(sys.argv[0]).name.replace("__main__.py", "quadpend"), *sys.argv[1:]],
         "commit": commit if (root / ".git").exists() else None,
         "python": platform.python_version(),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
