@@ -16,7 +16,6 @@ controller is deterministic.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,30 +24,15 @@ from quadpend_baselines.controllers import mppi_kernel
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import MppiGains
-from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
+from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.validation import check_int
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
-from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, State
+from quadpend_gym.physics.state import COMMAND_SIZE, State
 
 _TABLES = 64  # number of tables of perturbations, used in turn
-
-
-class Horizon(NamedTuple):
-    """The reference of n rows at the periods 0 … H of the horizon.
-
-    Attributes:
-        state: x_d, position and velocity relative to the reference, shape (H + 1, n, 18).
-        command: u_d, N and N·m, shape (H + 1, n, 4).
-        frame_displacement: Motion of the reference frame in each period, to be subtracted from position (m) and
-            velocity (m/s), shape (H, 2, n, 3).
-    """
-
-    state: Floats
-    command: Floats
-    frame_displacement: Floats
 
 
 class MppiMemory(NamedTuple):
@@ -122,33 +106,14 @@ class Mppi:
         return command, MppiMemory(perturbation + share * (next_knot - perturbation), memory.updates + 1)
 
     def reference_horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
-        """Return the reference over the horizon, extrapolated by its Taylor polynomial of order 6."""
-        p, steps, period = self.simulation.parameters, self.gains.horizon + 1, self.horizon_simulation.period
-        rows = len(measurement.state)
-        time = period * np.arange(steps)
-        derivatives = np.moveaxis(measurement.reference, 1, 0)
-        future = np.zeros((steps, *derivatives.shape))
-        for order in range(len(derivatives)):
-            for power in range(len(derivatives) - order):
-                factor = time**power / factorial(power)
-                future[:, order] += factor[:, np.newaxis, np.newaxis] * derivatives[order + power]
-        yaw, rate, acceleration = (measurement.yaw_reference[:, i] for i in range(3))
-        t = time[:, np.newaxis]
-        yaws = np.stack(
-            np.broadcast_arrays(yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration), -1
-        )
-        disturbance = np.tile(estimate.disturbance, (steps, 1))
-        reference = np.moveaxis(future, 2, 1).reshape(-1, *measurement.reference.shape[1:])
-        trajectory = flat_outputs.flat_trajectory(reference, disturbance, p)
-        state, command = flat_outputs.state_and_command(trajectory, yaws.reshape(-1, 3), disturbance, p)
-        displacement = [
-            sum(period ** (i + order) / factorial(i + order) * future[:-1, i] for i in range(len(derivatives)))
-            for order in (2, 1)  # of position, of velocity
-        ]
-        return Horizon(
-            state.reshape(steps, rows, STATE_SIZE),
-            command.reshape(steps, rows, COMMAND_SIZE),
-            np.stack(displacement, axis=1),
+        """Return the reference over the horizon, see `modelling.reference_horizon`."""
+        return reference_horizon(
+            measurement.reference,
+            measurement.yaw_reference,
+            estimate.disturbance,
+            self.simulation.parameters,
+            self.horizon_simulation.period,
+            self.gains.horizon,
         )
 
     def costs(self, estimate: Estimate, horizon: Horizon, samples: Floats) -> Floats:

@@ -1,0 +1,68 @@
+"""The reference over the horizon of a model-predictive controller, extrapolated by its Taylor polynomial of order 6."""
+
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+
+from quadpend_baselines.modelling import flat_outputs
+from quadpend_gym import Parameters
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE
+
+
+class Horizon(NamedTuple):
+    """The reference of n rows at the periods 0 … H of the horizon.
+
+    Attributes:
+        state: x_d, position and velocity relative to the reference, shape (H + 1, n, 18).
+        command: u_d, N and N·m, shape (H + 1, n, 4).
+        frame_displacement: Motion of the reference frame in each period, to be subtracted from position (m) and
+            velocity (m/s), shape (H, 2, n, 3).
+    """
+
+    state: Floats
+    command: Floats
+    frame_displacement: Floats
+
+
+def reference_horizon(
+    reference: Floats, yaw_reference: Floats, disturbance: Floats, p: Parameters, period: float, periods: int
+) -> Horizon:
+    """Return the reference over the horizon and the states and commands that follow it under a constant disturbance.
+
+    Args:
+        reference: F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3).
+        yaw_reference: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3).
+        disturbance: d_Q (N), d_B (N), d_τ (N·m), shape (n, 9).
+        p: The physical parameters.
+        period: Period of the horizon, s.
+        periods: H, number of periods.
+    """
+    steps, rows = periods + 1, len(reference)
+    time = period * np.arange(steps)
+    derivatives = np.moveaxis(reference, 1, 0)
+    future = np.zeros((steps, *derivatives.shape))
+    for order in range(len(derivatives)):
+        for power in range(len(derivatives) - order):
+            factor = time**power / factorial(power)
+            future[:, order] += factor[:, np.newaxis, np.newaxis] * derivatives[order + power]
+    yaw, rate, acceleration = (yaw_reference[:, i] for i in range(3))
+    t = time[:, np.newaxis]
+    yaws = np.stack(
+        np.broadcast_arrays(yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration), -1
+    )
+    disturbances = np.tile(disturbance, (steps, 1))
+    trajectory = flat_outputs.flat_trajectory(
+        np.moveaxis(future, 2, 1).reshape(-1, *reference.shape[1:]), disturbances, p
+    )
+    state, command = flat_outputs.state_and_command(trajectory, yaws.reshape(-1, 3), disturbances, p)
+    displacement = [
+        sum(period ** (i + order) / factorial(i + order) * future[:-1, i] for i in range(len(derivatives)))
+        for order in (2, 1)  # of position, of velocity
+    ]
+    return Horizon(
+        state.reshape(steps, rows, STATE_SIZE),
+        command.reshape(steps, rows, COMMAND_SIZE),
+        np.stack(displacement, axis=1),
+    )
