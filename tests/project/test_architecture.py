@@ -21,6 +21,7 @@ from tests.helpers.sources import HEAVY, ROOT
 PACKAGES = {
     "quadpend_gym": (
         ["core"],
+        ["vehicles"],
         ["physics"],
         ["tasks"],
         ["wind", "sensors", "actuators", "randomization"],

@@ -14,7 +14,7 @@ from quadpend_train.cli.commands import COMMANDS, run
 _EXTRAS = {
     "train": (
         *("tyro", "torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm", "rich", "matplotlib", "jinja2"),
-        *("optuna", "cmaes", "tomli"),
+        *("optuna", "cmaes"),
     ),
     "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
     "onnx": ("onnxruntime",),

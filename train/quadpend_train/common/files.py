@@ -2,14 +2,10 @@
 
 import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from quadpend_gym.core.toml import read_toml
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -18,13 +14,9 @@ def read_mapping(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: If the file is not valid or does not contain a mapping.
     """
-    text = path.read_text(encoding="utf-8")
     if path.suffix != ".json":
-        try:
-            return tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{path} is not valid TOML: {error}") from error
-    return parse_mapping(text, str(path))
+        return read_toml(path)
+    return parse_mapping(path.read_text(encoding="utf-8"), str(path))
 
 
 def parse_mapping(text: str, name: str) -> dict[str, Any]:

@@ -1,0 +1,236 @@
+"""A quadrotor with a pole as data: `Vehicle`, and what follows from its rotors.
+
+Frames: world z up; body x forward, y left, z up, with its origin in the body's centre of mass. SI units.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.validation import as_vector, check_number, from_plain, suggest, to_plain_fields
+from quadpend_gym.vehicles.parameters import Parameters
+from quadpend_gym.vehicles.parts import Drag, Pole, RateLoop, Rotors
+from quadpend_gym.vehicles.poles import as_pole
+
+ATTITUDES = ("rigid", "euler")
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A quadrotor that carries a pole on a ball joint.
+
+    Every field may be given as plain data: a mapping for a part, lists for tuples, and for the pole also the name of
+    one in `POLES`.
+
+    Attributes:
+        name: Name in tables and pictures.
+        mass: M, kg, without the pole, 0.001 to 1000.
+        inertia: (Ixx, Iyy, Izz) or 3 × 3, kg·m², body frame, about the body's centre of mass, without the pole.
+        pole: The pole.
+        attitude: "rigid" for a rigid body; "euler" for the paper's model, in which a constant diagonal inertia
+            multiplies the Euler-angle accelerations. "euler" has neither rotors nor a pivot offset nor a pole inertia.
+        pivot: p, m, body frame, from the body's centre of mass to the joint, within ±2.
+        rotors: The rotors; None: thrust and torques act as they are commanded, and `torque` is needed.
+        drag: Drag of the body.
+        rate_loop: The loop on board for the interface "body_rates"; None means its default values.
+        torque: (roll and pitch, yaw), N·m: torques at an action of ±1 of the interface "wrench", 10⁻⁶ to 10⁴; None: as
+            computed by `torque_limits`.
+        gravity: g, m/s², 0.1 to 100.
+
+    Raises:
+        TypeError: If a value has the wrong type.
+        ValueError: If a value is out of its range, the inertia belongs to no rigid body, or the rotors cannot hover or
+            cannot make roll, pitch and yaw torques.
+    """
+
+    name: str
+    mass: float
+    inertia: Any
+    pole: Pole
+    attitude: Literal["rigid", "euler"] = "rigid"
+    pivot: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotors: Rotors | None = None
+    drag: Drag = field(default_factory=Drag)
+    rate_loop: RateLoop = field(default_factory=RateLoop)
+    torque: tuple[float, float] | None = None
+    gravity: float = 9.81
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        set_field(self, "pole", as_pole(self.pole))
+        set_field(self, "drag", from_plain(Drag, self.drag, "vehicle.drag"))
+        set_field(self, "rate_loop", from_plain(RateLoop, self.rate_loop or RateLoop(), "vehicle.rate_loop"))
+        if self.rotors is not None:
+            set_field(self, "rotors", from_plain(Rotors, self.rotors, "vehicle.rotors"))
+        to_plain_fields(self)
+        if not isinstance(self.name, str) or not self.name:
+            raise TypeError(f"vehicle.name must be a text, not {self.name!r}")
+        if self.attitude not in ATTITUDES:
+            raise ValueError(
+                f"vehicle.attitude must be 'rigid' or 'euler', not {self.attitude!r}{suggest(self.attitude, ATTITUDES)}"
+            )
+        check_number(self.mass, "vehicle.mass", 1e-3, 1e3)
+        check_number(self.gravity, "vehicle.gravity", 0.1, 100.0)
+        pivot = as_vector(self.pivot, 3, "vehicle.pivot")
+        set_field(self, "pivot", tuple(check_number(number, "vehicle.pivot", -2.0, 2.0) for number in pivot))
+        set_field(self, "inertia", _check_inertia(self.inertia, self.mass))
+        if self.torque is not None:
+            if not isinstance(self.torque, tuple) or len(self.torque) != 2:
+                raise TypeError(f"vehicle.torque must be a pair (roll and pitch, yaw) in N·m, not {self.torque!r}")
+            set_field(self, "torque", tuple(check_number(x, "vehicle.torque", 1e-6, 1e4) for x in self.torque))
+        elif self.rotors is None:
+            raise ValueError("vehicle.torque must be given for a vehicle without rotors, not None")
+        if self.attitude == "euler":
+            _check_euler(self)
+        if self.rotors is not None:
+            _check_rotors(self)
+
+    @property
+    def inertia_matrix(self) -> Floats:
+        """The inertia as a matrix, kg·m², shape (3, 3)."""
+        array = np.array(self.inertia)
+        return np.diag(array) if array.ndim == 1 else array
+
+    @property
+    def weight(self) -> float:
+        """Weight of body and pole, N: the hover thrust."""
+        return (self.mass + self.pole.mass) * self.gravity
+
+    @property
+    def stiffness(self) -> float:
+        """K = (M + m) g / (M λ), 1/s², with the pole's `equivalent_length` λ; an upright pole falls at the rate √K."""
+        return self.weight / (self.mass * self.pole.equivalent_length)
+
+    @property
+    def parameters(self) -> Parameters:
+        """The nine physical parameters that every vehicle has; the inertia is the diagonal of the matrix."""
+        roll, pitch, yaw = np.diag(self.inertia_matrix).tolist()
+        return Parameters(
+            quadrotor_mass=self.mass,
+            bob_mass=self.pole.mass,
+            rod_length=self.pole.length,
+            gravity=self.gravity,
+            inertia_roll=roll,
+            inertia_pitch=pitch,
+            inertia_yaw=yaw,
+            quadrotor_drag_area=self.drag.area,
+            bob_drag_area=self.pole.drag_area,
+        )
+
+    def with_pole(self, pole: Any) -> "Vehicle":
+        """Return this vehicle with another pole: a `Pole`, a mapping of its fields, or the name of one in `POLES`."""
+        return replace(self, pole=as_pole(pole))
+
+
+def mixing(vehicle: Vehicle) -> Floats:
+    """Return the matrix from the rotor thrusts to thrust and torques about x, y, z, N and N·m, shape (4, 4).
+
+    Raises:
+        ValueError: If the vehicle has no rotors.
+    """
+    rotors = _rotors(vehicle)
+    x, y, _ = np.array(rotors.positions).T
+    return np.array([np.ones(4), y, -x, rotors.torque_per_thrust * np.array(rotors.spins)])
+
+
+def hover_thrusts(vehicle: Vehicle) -> Floats:
+    """Return the rotor thrusts that carry body and pole without any torque, N, shape (4,).
+
+    Raises:
+        ValueError: If the vehicle has no rotors.
+    """
+    return np.asarray(np.linalg.solve(mixing(vehicle), [vehicle.weight, 0.0, 0.0, 0.0]))
+
+
+def torque_limits(vehicle: Vehicle) -> tuple[float, float]:
+    """Return the torques at an action of ±1 of the interface "wrench": (roll and pitch, yaw), N·m.
+
+    They are `Vehicle.torque` if it is given. Otherwise they are the largest torques about one axis, in both senses,
+    that the rotors make at the hover thrust within their limits; the smaller of roll and pitch.
+    """
+    if vehicle.torque is not None:
+        return vehicle.torque
+    low, high = _rotors(vehicle).thrust
+    hover = hover_thrusts(vehicle)
+    room = np.minimum(hover - low, high - hover)  # N, of each rotor, in both senses
+    per_torque = np.abs(np.linalg.inv(mixing(vehicle))[:, 1:])  # N per N·m
+    with np.errstate(divide="ignore"):
+        roll, pitch, yaw = (room[:, np.newaxis] / per_torque).min(axis=0).tolist()
+    return min(roll, pitch), yaw
+
+
+def _rotors(vehicle: Vehicle) -> Rotors:
+    if vehicle.rotors is None:
+        raise ValueError(f"the vehicle {vehicle.name!r} has no rotors")
+    return vehicle.rotors
+
+
+def _check_inertia(value: Any, mass: float) -> tuple[Any, ...]:
+    """Return an inertia as three numbers or three rows of three, after checking that a rigid body can have it."""
+    wrong = f"vehicle.inertia must be three numbers or three rows of three numbers, kg·m², not {value!r}"
+    if not isinstance(value, tuple) or len(value) != 3:
+        raise TypeError(wrong)
+    rows = value if all(isinstance(row, tuple) and len(row) == 3 for row in value) else (value,)
+    if any(isinstance(number, tuple) for row in rows for number in row):
+        raise TypeError(wrong)
+    plain = tuple(tuple(check_number(number, "vehicle.inertia") for number in row) for row in rows)
+    matrix = np.diag(plain[0]) if len(plain) == 1 else np.array(plain)
+    if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
+        raise ValueError(f"vehicle.inertia must be symmetric, not {value!r}")
+    least, middle, largest = np.linalg.eigvalsh(matrix).tolist()
+    if least <= 0.0:
+        raise ValueError(f"vehicle.inertia must be positive definite, not {value!r}")
+    if largest > (least + middle) * (1.0 + 1e-9):
+        raise ValueError(
+            "vehicle.inertia must have principal moments of which none exceeds the sum of the others, not"
+            f" {least:g}, {middle:g} and {largest:g} kg·m²"
+        )
+    low, high = 1e-3, 10.0
+    if not (mass * low**2 <= least and largest <= mass * high**2):
+        raise ValueError(
+            f"vehicle.inertia must be between {mass * low**2:g} and {mass * high**2:g} kg·m² for a mass of {mass:g} kg"
+            f" (radii of gyration from {low:g} to {high:g} m), not {value!r}"
+        )
+    return plain[0] if len(plain) == 1 else plain
+
+
+def _check_euler(vehicle: Vehicle) -> None:
+    """Refuse what the paper's attitude model does not have."""
+    absent = {
+        "rotors": vehicle.rotors is not None,
+        "pivot": any(vehicle.pivot),
+        "rate_loop": vehicle.rate_loop != RateLoop(),
+        "pole.inertia": vehicle.pole.inertia > 0.0,
+        "drag.rotor": any(vehicle.drag.rotor),
+        "drag.angular": any(vehicle.drag.angular),
+        "inertia with products of inertia": isinstance(vehicle.inertia[0], tuple),
+    }
+    if given := [name for name, is_given in absent.items() if is_given]:
+        raise ValueError(f"vehicle.attitude 'euler', the paper's model, has no {given[0]}; take 'rigid'")
+
+
+def _check_rotors(vehicle: Vehicle) -> None:
+    """Refuse rotors that cannot hover or cannot make roll, pitch and yaw torques."""
+    rotors = _rotors(vehicle)
+    low, high = rotors.thrust
+    weight = f"the weight of {vehicle.weight:g} N of body and pole"
+    if 4.0 * high <= vehicle.weight:
+        raise ValueError(f"rotors.thrust must carry {weight}, not at most {high:g} N by each of four rotors")
+    if 4.0 * low >= vehicle.weight:
+        raise ValueError(f"rotors.thrust must allow less than {weight}, not at least {low:g} N by each of four rotors")
+    scaled = mixing(vehicle)
+    scaled[1:3] /= max(np.abs(rotors.positions).max(), 1e-12)
+    scaled[3] /= rotors.torque_per_thrust
+    if np.linalg.svd(scaled, compute_uv=False)[-1] < 1e-3:
+        raise ValueError(
+            "rotors.positions and rotors.spins must make thrust, roll, pitch and yaw torques independently of each"
+            f" other (for example neighbours with opposite spins), not {rotors.positions!r} with {rotors.spins!r}"
+        )
+    hover = hover_thrusts(vehicle)
+    if not (low < hover.min() and hover.max() < high):
+        raise ValueError(
+            "rotors.positions and rotors.spins must allow hover without torques within rotors.thrust of"
+            f" {low:g} to {high:g} N, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
+        )
