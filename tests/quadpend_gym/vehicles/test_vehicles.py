@@ -1,0 +1,125 @@
+"""Vehicles as data: presets, plain data, and what follows from the rotors."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from quadpend_gym.core.models import to_plain_data
+from quadpend_gym.vehicles import (
+    POLES,
+    VEHICLES,
+    Parameters,
+    Pole,
+    RateLoop,
+    Vehicle,
+    as_vehicle,
+    hover_thrusts,
+    mixing,
+    poles,
+    torque_limits,
+)
+
+WITH_ROTORS = [name for name, vehicle in VEHICLES.items() if vehicle.rotors]
+PRESETS = Path(poles.__file__).with_name("presets.toml").read_text(encoding="utf-8")
+
+
+def test_the_papers_vehicle_has_the_default_parameters() -> None:
+    assert VEHICLES["paper"].parameters == Parameters()
+    assert VEHICLES["paper"].attitude == "euler"
+
+
+def test_all_other_presets_are_rigid_bodies_with_rotors() -> None:
+    assert set(VEHICLES) - set(WITH_ROTORS) == {"paper"}
+    assert all(VEHICLES[name].attitude == "rigid" for name in WITH_ROTORS)
+
+
+def test_each_number_of_a_preset_has_a_comment_on_its_line() -> None:
+    numbers = [line for line in PRESETS.splitlines() if re.match(r"[a-z_.]+ = [-\[\d]", line)]
+    assert len(numbers) > 80
+    assert not [line for line in numbers if " # " not in line]
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_vehicle_survives_json(name: str) -> None:
+    vehicle = VEHICLES[name]
+    copy = as_vehicle(json.loads(json.dumps(to_plain_data(vehicle, repr))))
+    assert copy == vehicle
+    assert hash(copy) == hash(vehicle)
+
+
+@pytest.mark.parametrize("name", WITH_ROTORS)
+def test_hover_thrusts_carry_the_weight_without_torque(name: str) -> None:
+    vehicle = VEHICLES[name]
+    assert_allclose(mixing(vehicle) @ hover_thrusts(vehicle), [vehicle.weight, 0, 0, 0], atol=1e-12)
+
+
+def test_the_mixing_has_the_signs_of_the_picture() -> None:
+    front_left = mixing(VEHICLES["racer"])[:, 0]
+    assert_allclose(front_left, [1.0, 0.1, -0.075, 0.022])  # left lifts: roll to the right; front lifts: nose up
+    front = mixing(VEHICLES["hummingbird"])[:, 0]
+    assert_allclose(front, [1.0, 0.0, -0.17, 0.0169])
+
+
+@pytest.mark.parametrize("name", WITH_ROTORS)
+def test_the_torque_limits_are_the_largest_pure_torques_at_hover_thrust(name: str) -> None:
+    vehicle = VEHICLES[name]
+    assert vehicle.rotors
+    roll_pitch, yaw = torque_limits(vehicle)
+
+    def within(*torque: float) -> bool:
+        thrusts = np.linalg.solve(mixing(vehicle), [vehicle.weight, *torque])
+        return bool((thrusts >= vehicle.rotors.thrust[0]).all() and (thrusts <= vehicle.rotors.thrust[1]).all())
+
+    inside, outside = 0.999, 1.001
+    for sign in (-1, 1):
+        assert within(inside * sign * roll_pitch, 0, 0)
+        assert within(0, inside * sign * roll_pitch, 0)
+        assert within(0, 0, inside * sign * yaw)
+    assert not all(within(sign * outside * roll_pitch, 0, 0) for sign in (-1, 1)) or not all(
+        within(0, sign * outside * roll_pitch, 0) for sign in (-1, 1)
+    )
+    assert not all(within(0, 0, sign * outside * yaw) for sign in (-1, 1))
+
+
+def test_a_given_torque_is_the_limit() -> None:
+    assert torque_limits(replace(VEHICLES["racer"], torque=(0.3, 0.05))) == (0.3, 0.05)
+
+
+def test_rotors_around_a_displaced_centre_of_mass_carry_unequal_thrusts() -> None:
+    rotors = replace(VEHICLES["hummingbird"].rotors, positions=((0.2, 0), (0.03, 0.17), (-0.14, 0), (0.03, -0.17)))
+    vehicle = replace(VEHICLES["hummingbird"], rotors=rotors)
+    thrusts = hover_thrusts(vehicle)
+    assert thrusts[0] < thrusts[2]
+    assert_allclose(mixing(vehicle) @ thrusts, [vehicle.weight, 0, 0, 0], atol=1e-12)
+
+
+def test_a_vehicle_may_have_a_full_inertia_and_be_given_as_plain_data() -> None:
+    matrix = [[0.003, 1e-4, 0.0], [1e-4, 0.0032, 0.0], [0.0, 0.0, 0.0055]]
+    vehicle = Vehicle("mine", 0.5, matrix, "hehn", torque=[0.4, 0.08])  # type: ignore[arg-type]
+    assert_allclose(vehicle.inertia_matrix, matrix)
+    assert vehicle.pole is POLES["hehn"]
+    assert vehicle.rate_loop == RateLoop()
+    assert vehicle.parameters.inertia_pitch == 0.0032
+
+
+def test_a_toml_file_is_a_vehicle_with_the_name_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("mass = 1.0\ninertia = [0.01, 0.01, 0.018]\npole = 'tube-1m'\ntorque = [1.0, 0.2]\n")
+    expected = Vehicle("mine", 1.0, (0.01, 0.01, 0.018), POLES["tube-1m"], torque=(1.0, 0.2))
+    assert as_vehicle(str(path)) == as_vehicle(path) == expected
+
+
+def test_an_equivalent_pole_is_a_longer_rod() -> None:
+    assert Pole(0.2, 0.3).equivalent_length == 0.3
+    assert_allclose(Pole(1.0, 0.5, 1.0 / 12.0).equivalent_length, 2.0 / 3.0)  # a uniform rod of 1 m
+
+
+def test_every_pole_that_a_preset_names_can_be_balanced_within_the_lag_of_its_motors() -> None:
+    for vehicle in (VEHICLES[name] for name in WITH_ROTORS):
+        assert vehicle.rotors
+        assert np.sqrt(vehicle.stiffness) * vehicle.rotors.lag_up < 0.4  # the pole falls at the rate √K
