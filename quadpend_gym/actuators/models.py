@@ -124,6 +124,63 @@ class RateLimit(_FromHover):
 
 
 @dataclass(frozen=True)
+class PacketLoss(_FromHover):
+    """Random loss of commands; the last command that arrived replaces a lost one, at first hover.
+
+    Raises:
+        TypeError: If `probability` is not a number.
+        ValueError: If `probability` is outside [0, 1].
+    """
+
+    probability: float = 0.001
+    kind: str = field(default="packet_loss", init=False)
+
+    def __post_init__(self) -> None:
+        to_plain_fields(self)
+        check_number(self.probability, "probability", 0.0, 1.0)
+
+    def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
+        """Replace lost commands by the last one that arrived."""
+        lost = streams.uniform(step + 1, 1)[:, 0] < self.probability
+        action[lost] = memory[lost]
+        memory[:] = action
+
+
+@dataclass(frozen=True)
+class GyroBias:
+    """A bias of the on-board gyro: the rate loop follows the commanded body rates minus the bias.
+
+    The bias of each axis is normal, and drawn for each episode. The biased action stays in [−1, 1]. The simulation must
+    have the command interface "body_rates".
+
+    Raises:
+        TypeError: If `deviation` is not a number.
+        ValueError: If `deviation` is not finite or below zero.
+    """
+
+    deviation: float = 0.02  # rad/s, standard deviation
+    kind: str = field(default="gyro_bias", init=False)
+
+    def __post_init__(self) -> None:
+        to_plain_fields(self)
+        check_number(self.deviation, "deviation", 0.0)
+
+    @property
+    def memory_size(self) -> int:
+        """The biases of the three axes, rad/s."""
+        return 3
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Draw the biases."""
+        return self.deviation * streams.normal(0, 3)
+
+    def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
+        """Subtract the bias from the commanded body rates."""
+        for axis, limit in enumerate(simulation.command_scale[1:]):
+            action[:, 1 + axis] = np.clip(action[:, 1 + axis] - memory[:, axis] / limit, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
 class Rotors(Stateless):
     """Four rotors: the action sets their thrusts fᵢ = (M + m_c) g/4 · (1 + aᵢ).
 

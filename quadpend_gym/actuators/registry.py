@@ -3,7 +3,16 @@
 from collections.abc import Sequence
 from typing import Any
 
-from quadpend_gym.actuators.models import ACTUATORS, ActionDelay, MotorLag, RateLimit, RotorFault, Rotors
+from quadpend_gym.actuators.models import (
+    ACTUATORS,
+    ActionDelay,
+    GyroBias,
+    MotorLag,
+    PacketLoss,
+    RateLimit,
+    RotorFault,
+    Rotors,
+)
 from quadpend_gym.physics.parameters import Simulation
 
 KINDS = ACTUATORS.kinds
@@ -12,6 +21,8 @@ KINDS |= {
     "action_delay": ActionDelay,
     "motor_lag": MotorLag,
     "rate_limit": RateLimit,
+    "packet_loss": PacketLoss,
+    "gyro_bias": GyroBias,
     "rotors": Rotors,
     "rotor_fault": RotorFault,
 }
@@ -27,12 +38,15 @@ def check_chain(models: Sequence[Any], simulation: Simulation) -> None:
 
     Args:
         models: Actuator models in the order in which they change the action.
-        simulation: Simulation whose command limits the rotors must not exceed.
+        simulation: Simulation whose command limits the rotors must not exceed, and whose interface a `GyroBias` needs.
 
     Raises:
         ValueError: If there is more than one `Rotors`, a `RotorFault` is not followed by `Rotors`, or the rotors exceed
-            the command limits.
+            the command limits, or a `GyroBias` acts on an interface without body rates.
     """
+    interface = getattr(simulation, "interface", "wrench")
+    if interface != "body_rates" and any(isinstance(model, GyroBias) for model in models):
+        raise ValueError(f'a GyroBias needs the interface "body_rates", not "{interface}"')
     rotors = [i for i, model in enumerate(models) if isinstance(model, Rotors)]
     if len(rotors) > 1:
         raise ValueError(f"actuators may contain Rotors only once, not {len(rotors)} times")

@@ -38,6 +38,7 @@ from quadpend_gym.envs.trajectory_table import TrajectoryTable
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
+from quadpend_gym.sensors import check_periods
 from quadpend_gym.tasks import Task, flatten
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
@@ -137,7 +138,12 @@ class World:
         self._require_reset()
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
-        """Add sensors after the existing ones. Every sub-environment must then start a new episode."""
+        """Add sensors after the existing ones. Every sub-environment must then start a new episode.
+
+        Raises:
+            ValueError: If the period of a sensor does not fit the control period.
+        """
+        check_periods(models, self.simulation.period)
         self._sensors = ModelBatch((*self._sensors.models, *models), self.num_envs)
         if models:
             self._sensed = np.zeros((SENSED_SIZE, self.num_envs))

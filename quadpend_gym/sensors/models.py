@@ -20,7 +20,7 @@ from quadpend_gym.core.delays import check_steps, delay
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import Model, Registry, ZeroInitialized
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
-from quadpend_gym.core.validation import check_number, from_plain, to_plain_fields
+from quadpend_gym.core.validation import check_number, check_positive, from_plain, to_plain_fields
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
 
 
@@ -273,4 +273,53 @@ class Dropout(ZeroInitialized):
         _store_first(measured, memory, step == 0)
         lost = streams.uniform(step + 1, 1)[:, 0] < self.probability
         measured[lost] = memory[lost]
+        memory[:] = measured
+
+
+@dataclass(frozen=True)
+class SampleHold(ZeroInitialized):
+    """A sensor that is slower than the control loop: it measures every `period` seconds, and its last sample is held.
+
+    The first sample is that of the reset. A sensor whose period divides the control period has a new sample at every
+    control step, so it changes nothing.
+
+    Raises:
+        TypeError: If `period` is not a number.
+        ValueError: If `period` is not finite or not above zero.
+    """
+
+    period: float = 0.02  # s
+    kind: str = field(default="sample_hold", init=False)
+
+    def __post_init__(self) -> None:
+        to_plain_fields(self)
+        check_positive(self.period, "period")
+
+    def steps(self, control_period: float) -> int:
+        """Return the number of control steps from one sample to the next.
+
+        Args:
+            control_period: Duration of a control step, s.
+
+        Raises:
+            ValueError: If the period is neither a whole multiple of the control period nor divides it.
+        """
+        ratio = self.period / control_period
+        whole = max(ratio, 1.0 / ratio)
+        if abs(whole - round(whole)) > 1e-9 * whole:
+            raise ValueError(
+                f"period of a SampleHold must be a whole multiple of the control period of {control_period:g} s or"
+                f" divide it, not {self.period:g} s"
+            )
+        return max(round(ratio), 1)
+
+    @property
+    def memory_size(self) -> int:
+        """One measured state: the last sample."""
+        return STATE_SIZE
+
+    def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Replace the measurement by the last sample."""
+        held = step % self.steps(period) != 0
+        measured[held] = memory[held]
         memory[:] = measured

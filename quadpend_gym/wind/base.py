@@ -68,8 +68,46 @@ class Addable:
         return Sum((self,) if isinstance(other, int) and other == 0 else (other, self))
 
 
+class Composite(Addable):
+    """Base class of winds that consist of other models, which a subclass has as the property `parts`.
+
+    A single model has the random streams of the composite; each of several models has its own.
+    """
+
+    parts: Any
+
+    @property
+    def moves_air(self) -> bool:
+        """Whether the wind can set a wind velocity."""
+        return any(model.moves_air for model in self.parts)
+
+    @property
+    def memory_size(self) -> int:
+        """Number of floats of all its models."""
+        return sum(self._sizes)
+
+    @cached_property
+    def _sizes(self) -> Sequence[int]:
+        return [model.memory_size for model in self.parts]
+
+    def initial_memory(self, streams: Streams) -> Floats:
+        """Return the initial memories of its models side by side."""
+        memories = [model.initial_memory(self._streams(i, streams)) for i, model in enumerate(self.parts)]
+        return np.hstack([np.zeros((streams.keys.size, 0)), *memories])
+
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Add the winds of its models."""
+        first = 0
+        for i, (model, size) in enumerate(zip(self.parts, self._sizes, strict=True)):
+            model.sample(out, memory[:, first : first + size], step, period, self._streams(i, streams))
+            first += size
+
+    def _streams(self, i: int, streams: Streams) -> Streams:
+        return streams if len(self.parts) == 1 else streams.derive(i)
+
+
 @dataclass(frozen=True)
-class WindFromFactory(Addable):
+class WindFromFactory(Composite):
     """The wind that a function or class of the user's own code returns.
 
     It is the same wind as the returned model. Unlike that model, it can be written as JSON and sent to other processes.
@@ -81,48 +119,19 @@ class WindFromFactory(Addable):
     kind: str  # "module:factory"; the factory takes no arguments
 
     def __post_init__(self) -> None:
-        _ = self._models
+        _ = self.parts
 
     def __reduce__(self) -> tuple[Any, ...]:
         return WindFromFactory, (self.kind,)
 
     @cached_property
-    def _models(self) -> tuple[Any, ...]:
+    def parts(self) -> tuple[Any, ...]:
+        """The models that the factory returns."""
         value = call_factory(self.kind, find_factory(self.kind))
         try:
             return WINDS.parse(value)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{self.kind} must return a wind model: {error}") from error
-
-    @property
-    def moves_air(self) -> bool:
-        """Whether the wind can set a wind velocity."""
-        return any(model.moves_air for model in self._models)
-
-    @property
-    def memory_size(self) -> int:
-        """Number of floats of all its models."""
-        return sum(self._sizes)
-
-    @cached_property
-    def _sizes(self) -> Sequence[int]:
-        return [model.memory_size for model in self._models]
-
-    def initial_memory(self, streams: Streams) -> Floats:
-        """Return the initial memories of its models side by side."""
-        memories = [model.initial_memory(self._streams(i, streams)) for i, model in enumerate(self._models)]
-        return np.hstack([np.zeros((streams.keys.size, 0)), *memories])
-
-    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Add the winds of its models."""
-        first = 0
-        for i, (model, size) in enumerate(zip(self._models, self._sizes, strict=True)):
-            model.sample(out, memory[:, first : first + size], step, period, self._streams(i, streams))
-            first += size
-
-    def _streams(self, i: int, streams: Streams) -> Streams:
-        """Return the streams of model i: its own in a sum, and those of the whole if it is the only model."""
-        return streams if len(self._models) == 1 else streams.derive(i)
 
 
 WINDS = Registry(  # `registry` adds the kinds and presets

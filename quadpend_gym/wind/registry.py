@@ -4,7 +4,7 @@ from typing import Any
 
 from quadpend_gym.wind.base import WINDS, Sum
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
-from quadpend_gym.wind.steady import Constant, Drawn, Sinusoid, StillAir
+from quadpend_gym.wind.steady import Constant, Drawn, Rescaled, Sinusoid, StillAir
 from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck, VonKarman
 
 KINDS, PRESETS = WINDS.kinds, WINDS.presets
@@ -14,6 +14,7 @@ KINDS |= {
     "sinusoid": Sinusoid,
     "still_air": StillAir,
     "drawn": Drawn,
+    "rescaled": Rescaled,
     "gusts": Gusts,
     "paper_gusts": PaperGusts,
     "ornstein_uhlenbeck": OrnsteinUhlenbeck,

@@ -1,4 +1,4 @@
-"""Constant and sinusoidal winds, still air, and winds of random strength and heading."""
+"""Constant and sinusoidal winds, still air, winds of random strength and heading, and scaled winds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,8 +10,8 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import check_interval, check_positive, to_plain_fields
-from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, WORLD_VECTORS, Addable, Loads, Sum, add_rotated
+from quadpend_gym.core.validation import check_interval, check_number, check_positive, to_plain_fields
+from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, WORLD_VECTORS, Addable, Composite, Loads, Sum, add_rotated
 
 
 @dataclass(frozen=True)
@@ -123,3 +123,38 @@ class Drawn(Addable):
             add_rotated(out, axis, wind[:, axis : axis + 3].T, strength, cosine, sine)
         torque = WIND_FIELDS["torque"]  # about the φ, θ and ψ axes, so the heading does not rotate it
         out[:, torque] += strength[:, np.newaxis] * wind[:, torque]
+
+
+@dataclass(frozen=True)
+class Rescaled(Composite):
+    """A wind whose forces and torques are multiplied by a factor. Its wind velocities do not change.
+
+    A force that suits one vehicle is too strong or too weak for a vehicle of another weight; `scale` is then the ratio
+    of the weights. The drag of a wind velocity follows from the drag areas, which belong to the vehicle.
+
+    Raises:
+        TypeError: If `wind` is not a wind, or `scale` not a number.
+        ValueError: If `scale` is not finite or below zero.
+    """
+
+    wind: Any  # a model, a sum, the name of a preset or kind, or a mapping with its kind
+    scale: float = 1.0
+    kind: str = field(default="rescaled", init=False)
+
+    def __post_init__(self) -> None:
+        to_plain_fields(self)
+        object.__setattr__(self, "wind", Sum(self.wind))
+        check_number(self.scale, "scale", 0.0)
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The scaled models."""
+        models: tuple[Any, ...] = self.wind.models
+        return models
+
+    def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
+        """Add the winds of its models, with scaled forces and torques."""
+        wind = np.zeros((WIND_SIZE, step.size)).T
+        super().sample(wind, memory, step, period, streams)
+        for name, columns in WIND_FIELDS.items():
+            out[:, columns] += (1.0 if name == "velocity" else self.scale) * wind[:, columns]

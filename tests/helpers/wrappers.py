@@ -6,10 +6,10 @@ import gymnasium as gym
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 from quadpend_gym import Dryden, Limits, Task, wrappers
-from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, RotorFault, Rotors
+from quadpend_gym.actuators import ActionDelay, MotorLag, PacketLoss, RateLimit, RotorFault, Rotors
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.randomization import Around
-from quadpend_gym.sensors import Delay, Dropout, Noise
+from quadpend_gym.sensors import Delay, Dropout, Noise, SampleHold
 from tests.helpers.envs import AUTORESET_MODES, draw_actions, make, make_vec
 
 Layers = list[tuple[Any, ...]]  # name and arguments of each wrapper, the innermost first
@@ -25,10 +25,10 @@ NOISE = Noise(
 RANGES = Around(0.2)
 WIND = ("WindWrapper", "storm")
 TURBULENCE = ("WindWrapper", Dryden("moderate"))
-SENSORS = ("SensorWrapper", [NOISE, Dropout(0.2), Delay(2)])
+SENSORS = ("SensorWrapper", [NOISE, Dropout(0.2), SampleHold(0.02), Delay(2)])
 ACTUATORS = (
     "ActuatorWrapper",
-    [ActionDelay(2), RateLimit(50.0), MotorLag(0.03), RotorFault(3, 0.8, 0.05), Rotors(1.2)],
+    [PacketLoss(0.2), ActionDelay(2), RateLimit(50.0), MotorLag(0.03), RotorFault(3, 0.8, 0.05), Rotors(1.2)],
 )
 PARAMETERS = ("ParameterWrapper", RANGES)
 OUTPUTS = ("OutputFeedbackWrapper",)

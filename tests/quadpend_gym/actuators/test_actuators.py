@@ -11,7 +11,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 
 from quadpend_gym import PAPER, Actuators, Constant, Parameters, Simulation
-from quadpend_gym.actuators import KINDS, ActionDelay, MotorLag, RateLimit, RotorFault, Rotors, as_actuators
+from quadpend_gym.actuators import (
+    KINDS,
+    ActionDelay,
+    GyroBias,
+    MotorLag,
+    PacketLoss,
+    RateLimit,
+    RotorFault,
+    Rotors,
+    as_actuators,
+)
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
@@ -139,6 +149,17 @@ def test_a_rate_limit_bounds_the_slope_and_reaches_the_action() -> None:
 def test_a_rate_limit_does_not_change_slow_actions() -> None:
     slow = np.linspace(0.0, 0.8, 50)[:, np.newaxis, np.newaxis] * np.ones((1, 2, 4))
     assert_allclose(apply_actuators(RateLimit(2.0), slow), slow, atol=1e-15)
+
+
+def test_a_lost_command_is_replaced_by_the_last_one_that_arrived() -> None:
+    actions = draw_actions(0, 300, 20).astype(np.float64)
+    out = apply_actuators(PacketLoss(0.2), actions)
+    arrived = (out == actions).all(axis=-1)
+    before = np.concatenate([np.zeros((1, 20, 4)), out[:-1]])  # hover before the first command
+    assert_array_equal(out[~arrived], before[~arrived])
+    assert (~arrived).mean() == pytest.approx(0.2, abs=5.0 * np.sqrt(0.2 * 0.8 / arrived.size))
+    assert not apply_actuators(PacketLoss(1.0), actions).any()
+    assert_array_equal(apply_actuators(PacketLoss(0.0), actions), actions)
 
 
 # Positions of the rotors (m) and signs of their drag torques: front, left, back, right.
@@ -284,6 +305,8 @@ BAD_MODELS = {
     "text as time constant": (lambda: MotorLag("slow"), "time_constant must be a number, not 'slow'"),
     "rate of zero": (lambda: RateLimit(0.0), "rate must be above zero, not 0.0"),
     "infinite rate": (lambda: RateLimit(np.inf), "rate must be a finite number .* not inf"),
+    "probability above 1": (lambda: PacketLoss(1.5), r"probability .* \[0, 1\], not 1.5"),
+    "negative deviation": (lambda: GyroBias(-0.1), "deviation .* not -0.1"),
     "negative arm": (lambda: Rotors(arm=-0.1), "arm must be above zero, not -0.1"),
     "drag ratio of zero": (lambda: Rotors(drag_ratio=0.0), "drag_ratio must be above zero, not 0.0"),
     "rotor 0": (lambda: RotorFault(0), "rotor must be 1, 2, 3 or 4, not 0"),
@@ -311,6 +334,7 @@ BAD_CHAINS: dict[str, tuple[Any, str]] = {
     "rotors twice": ([Rotors(), Rotors(0.1)], "only once"),
     "a fault without rotors": (RotorFault(), "a RotorFault needs rotors"),
     "a fault after rotors": ([Rotors(), RotorFault()], "a RotorFault needs rotors"),
+    "a gyro without body rates": (GyroBias(), 'a GyroBias needs the interface "body_rates", not "wrench"'),
     "long arms": (Rotors(arm=2.0), r"torque of up to 6.86 N·m exceeds the simulation's limit of 5 N·m"),
     "strong drag": (Rotors(drag_ratio=0.5), r"torque of up to 3.43 N·m exceeds the simulation's limit of 1 N·m"),
 }

@@ -12,7 +12,7 @@ from scipy import stats
 from quadpend_gym import Constant, Reference, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS, State
-from quadpend_gym.sensors import KINDS, Channel, Delay, Dropout, Noise, as_sensors
+from quadpend_gym.sensors import KINDS, Channel, Delay, Dropout, Noise, SampleHold, as_sensors
 from quadpend_gym.wrappers import SensorWrapper, VectorParameterWrapper, VectorSensorWrapper
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import (
@@ -42,6 +42,7 @@ SENSORS: dict[str, Any] = {
     "quantisation": Noise(position={"quantum": 0.01}, direction={"quantum": 0.01}),
     "delay": Delay(3),
     "dropout": Dropout(0.3),
+    "sample and hold": SampleHold(0.07),  # 60 control steps end on a held sample
     "all": [Noise(position=0.01), Dropout(0.3), Delay(2), {"kind": "noise", "euler": {"quantum": 0.01}}],
 }
 every_sensor = pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS.keys())
@@ -245,6 +246,18 @@ def test_dropout_with_probability_one_and_zero() -> None:
     assert_array_equal(measured, true)
 
 
+@pytest.mark.parametrize(("period", "steps"), [(0.03, 3), (0.01, 1), (0.002, 1)])
+def test_a_slow_sensor_holds_its_last_sample(period: float, steps: int) -> None:
+    true, measured = true_and_measured(SampleHold(period), 3, 20)
+    assert_array_equal(measured, true[np.arange(21) // steps * steps])
+
+
+@pytest.mark.parametrize("period", [0.015, 0.007])
+def test_a_sensor_without_samples_at_the_control_steps_is_refused(period: float) -> None:
+    names = f"period of a SampleHold must be a whole multiple of the control period of 0.01 s .* not {period} s"
+    assert_refused(lambda: SensorWrapper(make_unwrapped(), SampleHold(period)), names, ValueError)
+
+
 def test_a_sensor_without_errors_changes_no_bit() -> None:
     plain, sensed = make_vec(70, wind=WINDY), VectorSensorWrapper(make_vec(70, wind=WINDY), Dropout(0.0))
     assert_same(sensed.reset(seed=0), plain.reset(seed=0))
@@ -297,7 +310,7 @@ def test_sensors_are_plain_data(sensors: Any) -> None:
 
 
 def test_every_kind_is_created_from_its_name() -> None:
-    settings = {"noise": {"position": 0.1}, "delay": {}, "dropout": {}}
+    settings = {"noise": {"position": 0.1}, "delay": {}, "dropout": {}, "sample_hold": {}}
     assert settings.keys() == KINDS.keys()
     for kind, rest in settings.items():
         assert as_sensors({"kind": kind, **rest}) == (KINDS[kind](**rest),)
@@ -320,6 +333,7 @@ BAD = {
     "boolean as delay": (lambda: Delay(True), "steps .* not True"),
     "probability above 1": (lambda: Dropout(1.1), r"probability .* \[0, 1\], not 1.1"),
     "text as probability": (lambda: Dropout("often"), "probability must be a number, not 'often'"),
+    "period of zero": (lambda: SampleHold(0.0), "period must be above zero, not 0.0"),
     "unknown kind": (lambda: as_sensors({"kind": "camera"}), "no kind 'camera'; the kinds are noise, delay, dropout"),
     "a name": (lambda: as_sensors("camera"), "no sensor 'camera'; there are noise, delay, dropout"),
     "a number": (lambda: as_sensors([Delay(), 0.1]), "sensor must be .* not 0.1"),

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadpend_gym import Constant, Drawn, Dryden, Gusts, OrnsteinUhlenbeck, PaperGusts, Sinusoid, VonKarman
+from quadpend_gym import Constant, Drawn, Dryden, Gusts, OrnsteinUhlenbeck, PaperGusts, Rescaled, Sinusoid, VonKarman
 from quadpend_gym.wind import KINDS, Sum, as_wind
 from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.bad_input import INF, NAN, assert_refused
@@ -53,6 +53,8 @@ BAD += [
     (Drawn, "wind", {"kind": "gale"}, "no kind 'gale'; the kinds are constant"),
     (Drawn, "wind", {"kind": "constant", "gust": 1.0}, "wind has no field 'gust'; its fields are force"),
     (Drawn, "wind", {"kind": "constant", "force": NAN}, "force must be a finite number"),
+    (Rescaled, "wind", 3.0, "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0"),
+    (Rescaled, "scale", -1.0, r"scale must be a finite number in \[0, inf\], not -1"),
     (
         Sum,
         "models",
@@ -77,7 +79,10 @@ for model in (Dryden, VonKarman):
         (model, "standard", "MIL-STD-1797A", "standard must be one of MIL-F-8785C, MIL-HDBK-1797, not 'MIL-STD-1797A'"),
         (model, "standard", None, "standard must be one of .* not None"),
     ]
-NEEDED: dict[Any, dict[str, Any]] = {Drawn: {"wind": Constant()}}  # required settings of a model
+NEEDED: dict[Any, dict[str, Any]] = {
+    Drawn: {"wind": Constant()},
+    Rescaled: {"wind": Constant()},
+}  # required settings of a model
 
 
 @pytest.mark.parametrize(

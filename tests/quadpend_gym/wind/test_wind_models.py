@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from quadpend_gym import Constant, Drawn, Gusts, OrnsteinUhlenbeck, PaperGusts, Sinusoid
+from quadpend_gym import Constant, Drawn, Gusts, OrnsteinUhlenbeck, PaperGusts, Rescaled, Sinusoid
 from quadpend_gym.core.arrays import Floats
 from tests.helpers.envs import draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.wind import PERIOD, five_sigma, sample_wind
@@ -106,6 +106,14 @@ def test_equal_models_within_a_drawn_wind_are_independent() -> None:
     wind = OrnsteinUhlenbeck(force=1.0, time_constant=0.05)
     force = sample_wind(Drawn(wind + wind, heading=(0.0, 0.0)), 31, 5000)[[0, 30], :, :3]
     assert_allclose(force.std(axis=1), np.sqrt(2.0), rtol=five_sigma(5000))
+
+
+def test_a_rescaled_wind_has_scaled_forces_and_torques_and_the_same_velocity() -> None:
+    factors = np.repeat([0.5, 0.5, 0.5, 1.0], 3)  # of force, bob force, torque and velocity
+    for wind in (EVERY_LOAD, OrnsteinUhlenbeck(force=0.3, velocity=1.0)):
+        scaled = sample_wind(Rescaled(wind, 0.5), 10, 3)
+        assert_allclose(scaled, factors * sample_wind(wind, 10, 3), rtol=1e-15)
+        assert_array_equal(sample_wind(Rescaled(wind, 1.0), 10, 3), sample_wind(wind, 10, 3))
 
 
 def test_strength_and_heading_are_drawn_once_for_every_episode() -> None:

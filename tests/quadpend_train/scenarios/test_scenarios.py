@@ -115,6 +115,7 @@ def test_a_policy_that_does_not_fit_a_scenario_is_named_before_the_evaluation() 
         ('{"output_feedback": 1}', "output_feedback must be true or false"),
         ('{"description": 5}', "description must be a string"),
         ('{"sensors": "camera"}', "there is no sensor 'camera'; there are noise, delay, dropout"),
+        ('{"sensors": {"kind": "sample_hold", "period": 0.015}}', "period of a SampleHold must be a whole multiple"),
         ('{"actuators": "rotor_fault"}', "a RotorFault needs rotors"),
         ('{"parameters": {"mass": [1, 2]}}', "parameters has no field 'mass'|ranges has no field 'mass'"),
         ('{"simulation": {"period": 0}}', "period must be above zero"),

@@ -48,9 +48,12 @@ GALLERY = {
     "noise": '{"kind": "noise", "position": {"white": 0.001, "bias": 0.003}, "direction": {"quantum": 0.01}}',
     "delay": '{"kind": "delay", "steps": 10}',
     "dropout": '{"kind": "dropout", "probability": 0.7}',
+    "sample_hold": '{"kind": "sample_hold", "period": 0.1}',
     "action_delay": '{"kind": "action_delay", "steps": 5}',
     "motor_lag": "motor_lag",
     "rate_limit": '{"kind": "rate_limit", "rate": 10.0}',
+    "packet_loss": '{"kind": "packet_loss", "probability": 0.5}',
+    "gyro_bias": '{"kind": "gyro_bias", "deviation": 1.0}',
     "rotors": "rotors",
 }
 

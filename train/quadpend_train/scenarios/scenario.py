@@ -25,7 +25,7 @@ from quadpend_gym.core.factories import call_factory, describe_error, find_facto
 from quadpend_gym.core.models import is_project_class, to_plain_data
 from quadpend_gym.core.validation import check_int, check_positive, from_plain, suggest
 from quadpend_gym.randomization import as_ranges
-from quadpend_gym.sensors import as_sensors
+from quadpend_gym.sensors import as_sensors, check_periods
 from quadpend_gym.tasks import TASKS, RewardWeights, as_task
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.wind import Sum, WindFromFactory, as_wind
@@ -100,6 +100,7 @@ class Scenario:
             if self.task.trajectory is not None:
                 check_feasible(self.task.trajectory, self.simulation, self.task.limits)
         check_chain(self.actuators, self.simulation)
+        check_periods(self.sensors, self.simulation.period)
         object.__setattr__(self, "duration", check_positive(self.duration, "duration"))
         periods = self.duration / self.simulation.period
         if not 0.5 < periods < _MOST_STEPS + 0.5 or abs(round(periods) - periods) > 1e-9 * periods:
