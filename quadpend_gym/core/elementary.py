@@ -1,4 +1,4 @@
-"""Sine, cosine, arcsine and logarithm without branches or library calls.
+"""Sine, cosine, arcsine, arctangent and logarithm without branches or library calls.
 
 A compiler can therefore vectorise a loop that calls them.
 
@@ -6,9 +6,10 @@ A compiler can therefore vectorise a loop that calls them.
 |---|---|---|
 | `sincos` | Cody–Waite reduction to [−π/4, π/4] in three parts of π/2, minimax polynomials | ≤ 2 ulp for abs(x) ≤ 10⁵ |
 | `arcsin` | rational function of x²; for x > ½ the identity arcsin x = π/2 − 2 arcsin √((1−x)/2) | ≤ 2 ulp on [0, 1] |
+| `arctan2`| ratio of the coordinates in [0, 1], (t−1)/(t+1) for t > 0.66, rational function of t² | ≤ 2 ulp |
 | `log`    | x = 2ᵏ·m with m in [√½, √2), series in s = (m−1)/(m+1) | ≤ 2 ulp for normal x > 0 |
 
-The coefficients are those of FDLIBM (Sun Microsystems, 1993). ``tests/quadpend_gym/core/test_elementary.py`` measures
+The coefficients are those of FDLIBM (Sun Microsystems, 1993), those of the arctangent are from Cephes (Moshier, 1989). ``tests/quadpend_gym/core/test_elementary.py`` measures
 the errors.
 """
 
@@ -75,6 +76,34 @@ def arcsin(x: float) -> float:
     rest = y * (z * p / q)
     quarter = 0.25 * np.pi
     return float(quarter - ((2.0 * y - quarter) + 2.0 * rest)) if steep else float(y + rest)
+
+
+@inlined
+def arctan2(y: float, x: float) -> float:
+    """Return the angle of the point (x, y) from the x axis, rad in [−π, π]; 0 for the origin."""
+    width, height = abs(x), abs(y)
+    steep = height > width
+    low, high = width if steep else height, height if steep else width
+    high = high if high > 0.0 else 1.0
+    shifted = low > 0.66 * high
+    t = (low - high if shifted else low) / (low + high if shifted else high)
+    z = t * t
+    p = -8.750608600031904122785e-01
+    p = z * p - 1.615753718733365076637e01
+    p = z * p - 7.500855792314704667340e01
+    p = z * p - 1.228866684490136173410e02
+    p = z * p - 6.485021904942025371773e01
+    q = z + 2.485846490142306297962e01
+    q = z * q + 1.650270098316988542046e02
+    q = z * q + 4.328810604912902668951e02
+    q = z * q + 4.853903996359136964868e02
+    q = z * q + 1.945506571482613964425e02
+    angle = t + t * (z * p / q)
+    angle = angle + 3.061616997868383e-17 if shifted else angle
+    angle = 0.25 * np.pi + angle if shifted else angle
+    angle = 0.5 * np.pi - angle if steep else angle
+    angle = np.pi - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
 
 
 @inlined

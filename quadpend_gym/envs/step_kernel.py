@@ -5,7 +5,8 @@ observation (`quadpend_gym.tasks.observation`) and the wind (`quadpend_gym.wind`
 
 1. converts the action a to the command u = s_u (1 + a₀), τᵢ = sᵢ aᵢ for i = 1, 2, 3 (`Simulation.command_scale`),
 2. adds the wind's forces and torque, and drag if the wind has a velocity (`quadpend_gym.physics.drag`),
-3. integrates the equations of motion over one control period (`quadpend_gym.physics.kernel`),
+3. integrates the equations of motion over one control period (`quadpend_gym.physics.kernel`; rigid vehicles do 1 to 3
+   in `quadpend_gym.physics.rigid_kernel`),
 4. evaluates the reference at the new time and measures tracking errors, reward terms and termination,
 5. writes outcome and observation.
 
@@ -14,7 +15,7 @@ each loop over lanes. A single sub-environment runs the same code, so its number
 """
 
 from itertools import accumulate
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,13 +55,14 @@ from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.kernel import (
     BLOCK,
     DIVERGENCE_LIMIT,
-    LANE_STATE_SIZE,
     THRUST_AXIS,
     gather,
     integrate,
     scatter,
 )
 from quadpend_gym.physics.parameters import ROD_LENGTH
+from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
+from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_TORQUE,
@@ -86,14 +88,30 @@ from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.rewards import reward_terms
 from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
 
-# Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis, the action,
-# the reference and the time.
+# Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and the further
+# state of rigid vehicles, the action, the reference and the time.
 _SENSED = slice(OUTCOME_SIZE, OUTCOME_SIZE + SENSED_SIZE)
 _STATE, _ACTION, _REFERENCE, _TIME, _END = accumulate(
-    (OUTCOME_SIZE + SENSED_STATE.start, LANE_STATE_SIZE, ACTION_SIZE, REFERENCE_SIZE, 1)
+    (OUTCOME_SIZE + SENSED_STATE.start, RIGID_LANE_SIZE, ACTION_SIZE, REFERENCE_SIZE, 1)
 )
 _WIND = slice(DISTURBANCE.start, AIR_VELOCITY.stop)
 _TRACKING_ERROR = TRACKING_ERROR.start  # first row, for `store`
+
+
+class RigidStep(NamedTuple):
+    """What a step of rigid vehicles needs besides the arguments of `step`.
+
+    Attributes:
+        memory: Quaternion, body rate and rotor thrusts, shape (n, 11), see `rigid_kernel`; changed in place.
+        before: Actions during the first `switch` substeps, shape (n, 4).
+        packed: The vehicle, see `rigid_settings.pack_rigid`.
+        switch: Number of substeps at the beginning in which `before` acts.
+    """
+
+    memory: Any
+    before: Any
+    packed: Any
+    switch: int
 
 
 @inlined
@@ -199,7 +217,7 @@ def check_inputs(action: Floats32, wind: Floats) -> int:
 
 
 @inlined
-def _step(
+def control_step(
     memory: Any,
     clock: Any,
     wind: Any,
@@ -209,7 +227,12 @@ def _step(
     outcome: Any,
     sensed: Any,
     trajectories: Any,
+    rigid: Any,
 ) -> int:
+    """Advance n sub-environments, as `step` describes.
+
+    `trajectories` is a `PackedTrajectories` or None; `rigid` is a `RigidStep`, or None for the paper's attitude model.
+    """
     error = _check_inputs(action, wind)
     if error != NO_ERROR:
         return error
@@ -222,18 +245,39 @@ def _step(
     action_lanes, reference_lanes, time = buffer[_ACTION:_REFERENCE], buffer[_REFERENCE:_TIME], buffer[_TIME]
     observation_lanes = np.empty((OBSERVATION_SIZE, BLOCK), np.float32)
     diverged = np.empty(BLOCK, np.bool_)
+    if rigid is not None:
+        vehicle, before_lanes = unpack_rigid(rigid.packed), np.empty((ACTION_SIZE, BLOCK))
     for first in range(0, state.shape[0], BLOCK):
         lanes = min(BLOCK, state.shape[0] - first)
         gather(state, first, lanes, state_lanes)
         gather(action, first, lanes, action_lanes)
         gather(parameters, first, lanes, physics_lanes)
         gather(reference, first, lanes, reference_lanes)
-        _command(action_lanes, command_scale, lanes, command_lanes)
         _copy(wind[:, first:], lanes, buffer[_WIND])
-        if moves_air:
+        if rigid is None:
+            _command(action_lanes, command_scale, lanes, command_lanes)
+            if moves_air:
+                for lane in range(lanes):
+                    add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
+            integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+        else:
+            gather(rigid.memory, first, lanes, state_lanes[RIGID:])
+            gather(rigid.before, first, lanes, before_lanes)
+            integrate_rigid(
+                state_lanes,
+                before_lanes,
+                action_lanes,
+                disturbance_lanes,
+                velocity_lanes,
+                physics_lanes,
+                vehicle,
+                lanes,
+                period,
+                substeps,
+                rigid.switch,
+            )
             for lane in range(lanes):
-                add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
-        integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+                store_wrench(state_lanes, vehicle, lane, command_lanes)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)
         for lane in range(lanes):
@@ -243,6 +287,9 @@ def _step(
                 for field in range(STATE_SIZE):
                     state_lanes[field, lane] = state[first + lane, field]
                 store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
+                if rigid is not None:
+                    for field in range(RIGID_SIZE):
+                        state_lanes[RIGID + field, lane] = rigid.memory[first + lane, field]
         for lane in range(lanes):
             point = point_at(trajectories, first + lane, reference_lanes, lane, time[lane])
             observe_reference(point, lane, observation_lanes)
@@ -255,6 +302,8 @@ def _step(
             if diverged[lane]:
                 buffer[TERMINATED, lane] = 1.0
         scatter(state_lanes, first, lanes, state)
+        if rigid is not None:
+            scatter(state_lanes[RIGID:], first, lanes, rigid.memory)
         _copy(buffer, lanes, outcome[:, first:])
         if sensed.shape[1] > 0:
             _copy(sensed_lanes, lanes, sensed[:, first:])
@@ -298,7 +347,7 @@ def step(
     Returns:
         `NO_ERROR`, or the error code that `check_inputs` returns; with an error, no array is changed.
     """
-    return _step(memory, clock, wind, action, settings, observation, outcome, outcome[:, :0], None)
+    return control_step(memory, clock, wind, action, settings, observation, outcome, outcome[:, :0], None, None)
 
 
 @compiled
@@ -316,7 +365,7 @@ def step_sensed(
 
     `observe_sensed` writes the other part once the sensors have changed the state in `sensed`.
     """
-    return _step(memory, clock, wind, action, settings, observation, outcome, sensed, None)
+    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, None, None)
 
 
 @compiled
@@ -337,7 +386,7 @@ def step_trajectories(
     `numbers` and `first` are the fields of `PackedTrajectories`.
     """
     trajectories = PackedTrajectories(numbers, first)
-    return _step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories)
+    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories, None)
 
 
 @compiled

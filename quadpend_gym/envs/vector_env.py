@@ -14,7 +14,7 @@ from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
-from quadpend_gym.envs.specification import Specification
+from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, State

@@ -34,7 +34,7 @@ from quadpend_gym.envs.kernel_layout import (
 from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.step_errors import NO_ERROR, clip_rounding, raise_step_error
-from quadpend_gym.envs.trajectory_table import TrajectoryTable
+from quadpend_gym.tasks.trajectory_table import TrajectoryTable
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges

@@ -1,4 +1,4 @@
-"""Vectors of three numbers inside compiled functions, and operations on them.
+"""Vectors of three numbers and symmetric matrices inside compiled functions, and operations on them.
 
 The compiler keeps the named tuples in registers, so they cost nothing at run time.
 """
@@ -46,6 +46,56 @@ def dot(a: Vec3, b: Vec3) -> float:
 def norm(a: Vec3) -> float:
     """Return the Euclidean norm |a|."""
     return float(np.sqrt(dot(a, a)))
+
+
+@inlined
+def cross(a: Vec3, b: Vec3) -> Vec3:
+    """Return a × b."""
+    return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+@inlined
+def centripetal(rate: Vec3, arm: Vec3) -> Vec3:
+    """Return ω × (ω × p)."""
+    return add(scale(dot(rate, arm), rate), scale(-dot(rate, rate), arm))
+
+
+class Symmetric(NamedTuple):
+    """A symmetric 3 × 3 matrix."""
+
+    xx: float
+    yy: float
+    zz: float
+    xy: float
+    xz: float
+    yz: float
+
+
+@inlined
+def apply(matrix: Symmetric, v: Vec3) -> Vec3:
+    """Return the product of a symmetric matrix and a vector."""
+    return Vec3(
+        matrix.xx * v.x + matrix.xy * v.y + matrix.xz * v.z,
+        matrix.xy * v.x + matrix.yy * v.y + matrix.yz * v.z,
+        matrix.xz * v.x + matrix.yz * v.y + matrix.zz * v.z,
+    )
+
+
+@inlined
+def inverse(a: Symmetric) -> Symmetric:
+    """Return the inverse of a symmetric matrix."""
+    xx = a.yy * a.zz - a.yz * a.yz
+    xy = a.xz * a.yz - a.xy * a.zz
+    xz = a.xy * a.yz - a.xz * a.yy
+    per_determinant = 1.0 / (a.xx * xx + a.xy * xy + a.xz * xz)
+    return Symmetric(
+        per_determinant * xx,
+        per_determinant * (a.xx * a.zz - a.xz * a.xz),
+        per_determinant * (a.xx * a.yy - a.xy * a.xy),
+        per_determinant * xy,
+        per_determinant * xz,
+        per_determinant * (a.xy * a.xz - a.xx * a.yz),
+    )
 
 
 @inlined

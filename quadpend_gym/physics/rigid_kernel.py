@@ -1,0 +1,401 @@
+"""Integration in time of rigid vehicles: the loop that advances a batch of states by one control period.
+
+A substep of length h first lets the on-board electronics convert the action to commanded rotor thrusts
+(`quadpend_gym.physics.rotors`). It then integrates attitude, body rate, direction and direction rate with the classical
+Runge–Kutta method (RK4) under the lagging thrusts, whose exact values at the start, the middle and the end of the
+substep are known. The centre of mass of both bodies follows from the same stages, so the linear momentum has no error.
+`quadpend_gym.physics.rigid_body` has the equations. At the end of a substep q and r are normalised, and ṙ is projected
+onto the plane perpendicular to r.
+
+The state has the 18 numbers of every vehicle, in which the Euler angles and their rates are outputs, and 11 more:
+
+| symbol | name          | fields | unit  | frame                                                             |
+|--------|---------------|--------|-------|-------------------------------------------------------------------|
+| q      | QUATERNION    | 0–3    | 1     | body to world, order w, x, y, z                                   |
+| ω      | BODY_RATE     | 4–6    | rad/s | body                                                              |
+| f      | ROTOR_THRUST  | 7–10   | N     | thrusts of the rotors; thrust and torques (N, N·m) without rotors |
+
+Drag acts always, with the air at rest if there is no wind: the quadratic drag of `quadpend_gym.physics.drag`, constant
+during a control period, the drag of the rotors, linear in the velocity relative to the air and constant during a
+substep, and the torque against the body rate.
+"""
+
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.physics import rigid_body
+from quadpend_gym.physics.attitude import (
+    Quaternion,
+    Rotation,
+    body_rate,
+    euler_from_rotation,
+    euler_rate,
+    normalised,
+    quaternion_axpy,
+    quaternion_from_euler,
+    rotation_matrix,
+    to_body,
+    to_world,
+)
+from quadpend_gym.physics.drag import add_drag
+from quadpend_gym.physics.dynamics import Physics, load_physics
+from quadpend_gym.physics.kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
+from quadpend_gym.physics.parameters import PARAMETERS_SIZE, Simulation
+from quadpend_gym.physics.rigid_body import Loads, Motion, RigidPhysics, Wrench, derivative, rigid_physics
+from quadpend_gym.physics.rigid_settings import RigidSettings, hover_thrusts_of, pack_rigid, unpack_rigid
+from quadpend_gym.physics.rotors import (
+    BODY_RATES,
+    ROTOR_THRUSTS,
+    Four,
+    after,
+    allocate,
+    clip4,
+    from_hover,
+    multiply,
+    propeller_momentum,
+    rate_loop,
+)
+from quadpend_gym.physics.state import (
+    ACTION_SIZE,
+    BOB_FORCE,
+    DIRECTION,
+    DIRECTION_RATE,
+    DISTURBANCE_SIZE,
+    EULER,
+    EULER_RATE,
+    FORCE,
+    POSITION,
+    TORQUE,
+    VELOCITY,
+)
+from quadpend_gym.physics.vectors import Symmetric, Vec3, add, axpy, dot, load, norm, scale, store
+
+QUATERNION, BODY_RATE, ROTOR_THRUST, RIGID_SIZE = 0, 4, 7, 11
+# In the (field, lane) buffers, the rigid part of the state follows the thrust axis, and the drag of the substep and the
+# commanded rotor thrusts follow it.
+RIGID = LANE_STATE_SIZE
+_QUATERNION, _BODY_RATE, _ROTOR_THRUST = RIGID + QUATERNION, RIGID + BODY_RATE, RIGID + ROTOR_THRUST
+_WANTED, _ROTOR_DRAG, RIGID_LANE_SIZE = accumulate((RIGID + RIGID_SIZE, 4, 3))
+
+
+@inlined
+def load_four(lanes: Any, first: int, lane: int) -> Four:
+    """Return the four numbers from row `first` in column `lane`."""
+    return Four(lanes[first, lane], lanes[first + 1, lane], lanes[first + 2, lane], lanes[first + 3, lane])
+
+
+@inlined
+def store_four(lanes: Any, first: int, lane: int, v: Any) -> None:
+    """Write four numbers into the rows from `first` in column `lane`."""
+    lanes[first, lane] = v[0]
+    lanes[first + 1, lane] = v[1]
+    lanes[first + 2, lane] = v[2]
+    lanes[first + 3, lane] = v[3]
+
+
+@inlined
+def _load_quaternion(state: Any, lane: int) -> Quaternion:
+    return Quaternion(
+        state[_QUATERNION, lane], state[_QUATERNION + 1, lane], state[_QUATERNION + 2, lane], state[_QUATERNION + 3, lane]
+    )
+
+
+@inlined
+def _load_rigid_physics(physics: Physics, rigid: RigidSettings) -> RigidPhysics:
+    """Return the constants of the equations for the parameters of one lane; the products of inertia scale with them."""
+    xx, yy, zz = physics.inertia_roll, physics.inertia_pitch, physics.inertia_yaw
+    c = rigid.correlation
+    inertia = Symmetric(xx, yy, zz, c.x * np.sqrt(xx * yy), c.y * np.sqrt(xx * zz), c.z * np.sqrt(yy * zz))
+    return rigid_physics(inertia, rigid.pivot, rigid.shape, physics)
+
+
+@inlined
+def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings) -> Four:
+    """Return the rotor thrusts that an action commands, N.
+
+    Args:
+        action: Components in [−1, 1].
+        thrusts: Present thrusts, N.
+        rate: ω, rad/s.
+        rigid: Settings of the vehicle.
+    """
+    rotors, scales = rigid.rotors, rigid.command_scale
+    hover, low, high = rotors.hover, rotors.lowest, rotors.highest
+    thrust = scales.a * (1.0 + action.a)
+    torque = Vec3(scales.b * action.b, scales.c * action.c, scales.d * action.d)
+    if rigid.interface == BODY_RATES:
+        present = multiply(rotors.mixing, thrusts)
+        torque = rate_loop(rate, torque, Vec3(present.b, present.c, present.d), rigid.loop)
+    wrench = Four(thrust, torque.x + rigid.trim.x, torque.y + rigid.trim.y, torque.z + rigid.trim.z)
+    if rotors.has_rotors == 0.0:
+        return clip4(wrench, low, high)
+    if rigid.interface == ROTOR_THRUSTS:
+        return Four(
+            from_hover(action.a, low.a, hover.a, high.a),
+            from_hover(action.b, low.b, hover.b, high.b),
+            from_hover(action.c, low.c, hover.c, high.c),
+            from_hover(action.d, low.d, hover.d, high.d),
+        )
+    return allocate(wrench, rotors)
+
+
+@inlined
+def _prepare(state: Any, action: Any, velocity: Any, rigid: RigidSettings, lane: int) -> None:
+    """Write the commanded rotor thrusts and the drag of the rotors for a substep."""
+    thrusts, rate = load_four(state, _ROTOR_THRUST, lane), load(state, _BODY_RATE, lane)
+    store_four(state, _WANTED, lane, command_rotors(load_four(action, 0, lane), thrusts, rate, rigid))
+    rotation = rotation_matrix(_load_quaternion(state, lane))
+    relative = to_body(rotation, axpy(-1.0, load(state, VELOCITY, lane), load(velocity, 0, lane)))
+    drag = rigid.rotor_drag
+    force = Vec3(drag.x * relative.x, drag.y * relative.y, drag.z * relative.z)
+    store(state, _ROTOR_DRAG, lane, to_world(rotation, force))
+
+
+@inlined
+def _wrench(thrusts: Four, rigid: RigidSettings) -> Wrench:
+    v = multiply(rigid.rotors.mixing, thrusts)
+    return Wrench(v.a, Vec3(v.b, v.c, v.d))
+
+
+@inlined
+def _thrusts_after(start: Four, wanted: Four, rise: float, fall: float) -> Four:
+    return Four(
+        after(start.a, wanted.a, rise, fall),
+        after(start.b, wanted.b, rise, fall),
+        after(start.c, wanted.c, rise, fall),
+        after(start.d, wanted.d, rise, fall),
+    )
+
+
+@inlined
+def _moved(factor: float, rate: Motion, motion: Motion) -> Motion:
+    """Return motion + factor · rate."""
+    return Motion(
+        quaternion_axpy(factor, rate.attitude, motion.attitude),
+        axpy(factor, rate.rate, motion.rate),
+        axpy(factor, rate.direction, motion.direction),
+        axpy(factor, rate.direction_rate, motion.direction_rate),
+    )
+
+
+@inlined
+def _substep(
+    state: Any, disturbance: Any, physics: Physics, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
+) -> None:
+    """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
+    rotors = rigid.rotors
+    start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
+    thrusts_1 = _thrusts_after(start, wanted, rotors.rise.z, rotors.fall.z)
+    wrench_0 = _wrench(_thrusts_after(start, wanted, rotors.rise.x, rotors.fall.x), rigid)
+    wrench_m = _wrench(_thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y), rigid)
+    wrench_1 = _wrench(thrusts_1, rigid)
+    force = add(load(disturbance, FORCE, lane), load(state, _ROTOR_DRAG, lane))
+    bob_force = load(disturbance, BOB_FORCE, lane)
+    relative = axpy(1.0 / physics.quadrotor_mass, force, scale(-1.0 / physics.bob_mass, bob_force))
+    momentum = propeller_momentum(start, rotors)
+    loads = Loads(force, bob_force, relative, load(disturbance, TORQUE, lane), momentum, rigid.angular_drag)
+
+    motion = Motion(
+        _load_quaternion(state, lane),
+        load(state, _BODY_RATE, lane),
+        load(state, DIRECTION, lane),
+        load(state, DIRECTION_RATE, lane),
+    )
+    d1 = derivative(motion, wrench_0, loads, physics, body)
+    d2 = derivative(_moved(0.5 * h, d1.motion, motion), wrench_m, loads, physics, body)
+    d3 = derivative(_moved(0.5 * h, d2.motion, motion), wrench_m, loads, physics, body)
+    d4 = derivative(_moved(h, d3.motion, motion), wrench_1, loads, physics, body)
+    end = _moved(h / 6.0, d1.motion, _moved(h / 3.0, d2.motion, _moved(h / 3.0, d3.motion, motion)))
+    end = _moved(h / 6.0, d4.motion, end)
+    attitude = normalised(end.attitude)
+    r = scale(1.0 / norm(end.direction), end.direction)
+    r_dot = axpy(-dot(r, end.direction_rate), r, end.direction_rate)
+
+    before, rotation = rotation_matrix(motion.attitude), rotation_matrix(attitude)
+    centre = add(load(state, POSITION, lane), rigid_body.centre_from_body(before, motion.direction, physics, body))
+    centre_rate = add(
+        load(state, VELOCITY, lane),
+        rigid_body.centre_rate_from_body(before, motion.rate, motion.direction_rate, physics, body),
+    )
+    middle = add(d2.centre, d3.centre)
+    centre = axpy(h * h / 6.0, add(d1.centre, middle), axpy(h, centre_rate, centre))
+    centre_rate = axpy(h / 6.0, add(axpy(2.0, middle, d1.centre), d4.centre), centre_rate)
+    offset = rigid_body.centre_from_body(rotation, r, physics, body)
+    offset_rate = rigid_body.centre_rate_from_body(rotation, end.rate, r_dot, physics, body)
+    store(state, POSITION, lane, axpy(-1.0, offset, centre))
+    store(state, VELOCITY, lane, axpy(-1.0, offset_rate, centre_rate))
+    store(state, DIRECTION, lane, r)
+    store(state, DIRECTION_RATE, lane, r_dot)
+    store_four(state, _QUATERNION, lane, attitude)
+    store(state, _BODY_RATE, lane, end.rate)
+    store_four(state, _ROTOR_THRUST, lane, thrusts_1)
+
+
+@inlined
+def _store_outputs(state: Any, lane: int) -> None:
+    """Write the Euler angles, their rates and the thrust axis."""
+    rotation: Rotation = rotation_matrix(_load_quaternion(state, lane))
+    store(state, EULER, lane, euler_from_rotation(rotation, state[EULER + 2, lane]))
+    store(state, EULER_RATE, lane, euler_rate(rotation, load(state, _BODY_RATE, lane)))
+    store(state, THRUST_AXIS, lane, rotation.z)
+
+
+@inlined
+def store_wrench(state: Any, rigid: RigidSettings, lane: int, out: Any) -> None:
+    """Write the thrust (N) and the torques (N·m) of the rotors in column `lane` into the four rows of `out`."""
+    store_four(out, 0, lane, multiply(rigid.rotors.mixing, load_four(state, _ROTOR_THRUST, lane)))
+
+
+@inlined
+def integrate_rigid(
+    state: Any,
+    action_before: Any,
+    action: Any,
+    disturbance: Any,
+    velocity: Any,
+    parameters: Any,
+    rigid: RigidSettings,
+    lanes: int,
+    period: float,
+    substeps: int,
+    switch: int,
+) -> None:
+    """Advance one block as `advance_rigid` does, in (field, lane) buffers; `state` has `RIGID_LANE_SIZE` fields.
+
+    With 0 substeps only the thrust axis is written.
+    """
+    if substeps == 0:
+        for lane in range(lanes):
+            store(state, THRUST_AXIS, lane, rotation_matrix(_load_quaternion(state, lane)).z)
+        return
+    for lane in range(lanes):
+        add_drag(load(velocity, 0, lane), state, parameters, lane, disturbance)
+    h = period / substeps
+    for substep in range(substeps):
+        if substep < switch:
+            for lane in range(lanes):
+                _prepare(state, action_before, velocity, rigid, lane)
+        else:
+            for lane in range(lanes):
+                _prepare(state, action, velocity, rigid, lane)
+        for lane in range(lanes):
+            physics = load_physics(parameters, lane)
+            _substep(state, disturbance, physics, _load_rigid_physics(physics, rigid), rigid, lane, h)
+    for lane in range(lanes):
+        _store_outputs(state, lane)
+
+
+# Ends of the parts of the buffer in `advance_rigid`.
+_BEFORE, _ACTION, _DISTURBANCE, _VELOCITY, _PHYSICS, _END = accumulate(
+    (RIGID_LANE_SIZE, ACTION_SIZE, ACTION_SIZE, DISTURBANCE_SIZE, 3, PARAMETERS_SIZE)
+)
+
+
+@compiled
+def _advance_rigid(
+    state: Floats,
+    memory: Floats,
+    action_before: Floats,
+    action: Floats,
+    disturbance: Floats,
+    parameters: Floats,
+    packed: Floats,
+    period: float,
+    substeps: int,
+    switch: int,
+) -> None:
+    rigid = unpack_rigid(packed)
+    buffer = np.empty((_END, BLOCK))
+    state_lanes, before_lanes = buffer[:_BEFORE], buffer[_BEFORE:_ACTION]
+    action_lanes, disturbance_lanes = buffer[_ACTION:_DISTURBANCE], buffer[_DISTURBANCE:_VELOCITY]
+    velocity_lanes, physics_lanes = buffer[_VELOCITY:_PHYSICS], buffer[_PHYSICS:_END]
+    velocity_lanes[:] = 0.0
+    for first in range(0, state.shape[0], BLOCK):
+        lanes = min(BLOCK, state.shape[0] - first)
+        gather(state, first, lanes, state_lanes)
+        gather(memory, first, lanes, state_lanes[RIGID:])
+        gather(action_before, first, lanes, before_lanes)
+        gather(action, first, lanes, action_lanes)
+        gather(disturbance, first, lanes, disturbance_lanes)
+        gather(parameters, first, lanes, physics_lanes)
+        integrate_rigid(
+            state_lanes,
+            before_lanes,
+            action_lanes,
+            disturbance_lanes,
+            velocity_lanes,
+            physics_lanes,
+            rigid,
+            lanes,
+            period,
+            substeps,
+            switch,
+        )
+        scatter(state_lanes, first, lanes, state)
+        scatter(state_lanes[RIGID:], first, lanes, memory)
+
+
+def advance_rigid(
+    state: Floats,
+    memory: Floats,
+    action: Floats,
+    disturbance: Floats,
+    parameters: Floats,
+    simulation: Simulation,
+    action_before: Floats | None = None,
+    switch: int = 0,
+) -> None:
+    """Advance n states in place by one control period in air at rest, during which the disturbances are constant.
+
+    Args:
+        state: States, shape (n, 18), see `State`.
+        memory: Quaternion, body rate and rotor thrusts, shape (n, 11), changed in place.
+        action: Actions, shape (n, 4), components in [−1, 1].
+        disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9), see `Disturbance`; the drag is added to them.
+        parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
+        simulation: The vehicle, its interface, period and substeps.
+        action_before: Actions during the first `switch` substeps, shape (n, 4); None: `action`.
+        switch: Number of substeps at the beginning in which `action_before` acts.
+    """
+    packed, before = pack_rigid(simulation), action if action_before is None else action_before
+    _advance_rigid(
+        state,
+        memory,
+        np.asarray(before, np.float64),
+        np.asarray(action, np.float64),
+        disturbance,
+        parameters,
+        packed,
+        simulation.period,
+        simulation.substeps,
+        switch,
+    )
+
+
+@compiled
+def _rigid_memory(state: Floats, hover: Floats, memory: Floats) -> None:
+    for row in range(state.shape[0]):
+        euler = Vec3(state[row, EULER], state[row, EULER + 1], state[row, EULER + 2])
+        rate = Vec3(state[row, EULER_RATE], state[row, EULER_RATE + 1], state[row, EULER_RATE + 2])
+        q, omega = quaternion_from_euler(euler), body_rate(euler, rate)
+        for i in range(4):
+            memory[row, QUATERNION + i] = q[i]
+            memory[row, ROTOR_THRUST + i] = hover[i]
+        for i in range(3):
+            memory[row, BODY_RATE + i] = omega[i]
+
+
+def rigid_from_state(state: Floats, simulation: Simulation) -> Floats:
+    """Return quaternion, body rate and the rotor thrusts at hover for states, shape (n, 11).
+
+    Args:
+        state: States, shape (n, 18).
+        simulation: The vehicle.
+    """
+    memory = np.empty((len(state), RIGID_SIZE))
+    _rigid_memory(np.ascontiguousarray(state), hover_thrusts_of(simulation), memory)
+    return memory

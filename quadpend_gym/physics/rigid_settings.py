@@ -1,0 +1,191 @@
+"""The numbers of a rigid vehicle that compiled functions read, packed into one flat array.
+
+Python passes them as one float64 array, because numba unboxes one array faster than a nested tuple at every call.
+`pack_rigid` writes the array and `unpack_rigid` reads it; no other code depends on the positions.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.physics.rotors import (
+    BODY_RATES,
+    ROTOR_THRUSTS,
+    WRENCH,
+    Four,
+    Matrix4,
+    RateLoopSettings,
+    RotorSettings,
+    rate_loop_gains,
+)
+from quadpend_gym.physics.vectors import Symmetric, Vec3
+from quadpend_gym.vehicles import mixing
+
+_CODES = {"wrench": WRENCH, "body_rates": BODY_RATES, "rotors": ROTOR_THRUSTS}
+
+
+class RigidSettings(NamedTuple):
+    """A rigid vehicle with its interface.
+
+    Attributes:
+        interface: Code of the interface, see `rotors`.
+        trim: Torque about x and y at a zero action that balances a pole beside the centre of mass, N·m.
+        command_scale: Thrust at a zero action (N), and torques (N·m) or body rates (rad/s) at an action of 1.
+        correlation: Products of inertia divided by the roots of the moments: xy, xz, yz.
+        pivot: p, m, body frame.
+        shape: J/(m l²) of the pole.
+        rotor_drag: Drag of the rotors, N·s/m, body frame.
+        angular_drag: Torque against the body rate, N·m·s/rad, body frame.
+        loop: The on-board rate loop.
+        rotors: The rotors.
+    """
+
+    interface: float
+    command_scale: Four
+    trim: Vec3
+    correlation: Vec3
+    pivot: Vec3
+    shape: float
+    rotor_drag: Vec3
+    angular_drag: Vec3
+    loop: RateLoopSettings
+    rotors: RotorSettings
+
+
+def _flat(value: Any) -> list[float]:
+    return [x for item in value for x in _flat(item)] if isinstance(value, tuple) else [float(value)]
+
+
+def _symmetric(a: Floats) -> Symmetric:
+    return Symmetric(*a[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist())
+
+
+def hover_thrusts_of(simulation: Simulation) -> Floats:
+    """Return the thrusts of the rotors at hover (N); without rotors thrust (N) and torques (N·m); shape (4,)."""
+    return np.array(make_rigid_settings(simulation).rotors.hover)
+
+
+def hover_wrench(simulation: Simulation) -> Floats:
+    """Return thrust (N) and torques (N·m) that hold the vehicle with an upright pole at rest, shape (4,)."""
+    parameters, vehicle = simulation.parameters, simulation.rigid_vehicle
+    weight = parameters.bob_mass * parameters.gravity
+    return np.array([parameters.hover_thrust, vehicle.pivot[1] * weight, -vehicle.pivot[0] * weight, 0.0])
+
+
+@lru_cache(maxsize=128)
+def make_rigid_settings(simulation: Simulation) -> RigidSettings:
+    """Return the settings of a simulation whose vehicle is rigid."""
+    vehicle, step = simulation.rigid_vehicle, simulation.period / max(simulation.substeps, 1)
+    inertia = vehicle.inertia_matrix
+    size = np.sqrt(np.diag(inertia))
+    correlation = inertia / np.outer(size, size)
+    pole, parameters = vehicle.pole, simulation.parameters
+    hover = hover_wrench(simulation)
+    rotors = vehicle.rotors
+    if rotors is None:
+        forward = np.eye(4)
+        torque = simulation.command_scale[1:] if simulation.interface == "wrench" else _torques(simulation)
+        low, high = np.concatenate([[0.0], -torque]), np.concatenate([[2.0 * hover[0]], torque])
+        lags, spins, momentum = (0.0, 0.0), np.zeros(4), 0.0
+    else:
+        forward = mixing(vehicle)
+        low, high = np.full(4, rotors.thrust[0]), np.full(4, rotors.thrust[1])
+        lags = rotors.lag_up, rotors.lag_up if rotors.lag_down is None else rotors.lag_down
+        spins = np.array(rotors.spins, float)
+        coefficient = rotors.thrust_coefficient
+        momentum = 0.0 if coefficient is None else rotors.inertia / np.sqrt(coefficient)
+    backward = np.linalg.inv(forward)
+    loop = vehicle.rate_loop
+    gains = rate_loop_gains(loop.time_constant, 0.5 * (lags[0] + lags[1]), step)
+    settings = RotorSettings(
+        0.0 if rotors is None else 1.0,
+        Matrix4(*(Four(*row) for row in forward.tolist())),
+        Matrix4(*(Four(*row) for row in backward.tolist())),
+        Four(*(backward @ hover).tolist()),
+        Four(*low.tolist()),
+        Four(*high.tolist()),
+        Four(*spins.tolist()),
+        _decays(lags[0], step),
+        _decays(lags[1], step),
+        float(momentum),
+    )
+    return RigidSettings(
+        _CODES[simulation.interface],
+        Four(*simulation.command_scale.tolist()),
+        Vec3(*hover[1:].tolist()),
+        Vec3(correlation[0, 1], correlation[0, 2], correlation[1, 2]),
+        Vec3(*vehicle.pivot),
+        pole.inertia / (parameters.bob_mass * parameters.rod_length**2),
+        Vec3(*vehicle.drag.rotor),
+        Vec3(*vehicle.drag.angular),
+        RateLoopSettings(*gains, _symmetric(inertia)),
+        settings,
+    )
+
+
+def _torques(simulation: Simulation) -> Floats:
+    limits = simulation.actuators
+    return np.array([limits.roll_pitch_torque, limits.roll_pitch_torque, limits.yaw_torque])
+
+
+def _decays(lag: float, step: float) -> Vec3:
+    """Return the shares of a thrust error that are left at the start, the middle and the end of a substep."""
+    if lag == 0.0:
+        return Vec3(0.0, 0.0, 0.0)
+    return Vec3(1.0, float(np.exp(-0.5 * step / lag)), float(np.exp(-step / lag)))
+
+
+@lru_cache(maxsize=128)
+def pack_rigid(simulation: Simulation) -> Floats:
+    """Return the settings of a rigid vehicle as a flat array that `unpack_rigid` reads."""
+    packed = np.array(_flat(make_rigid_settings(simulation)))
+    packed.flags.writeable = False
+    return packed
+
+
+@inlined
+def _vec3(v: Any, first: int) -> Vec3:
+    return Vec3(v[first], v[first + 1], v[first + 2])
+
+
+@inlined
+def _four(v: Any, first: int) -> Four:
+    return Four(v[first], v[first + 1], v[first + 2], v[first + 3])
+
+
+@inlined
+def _matrix(v: Any, first: int) -> Matrix4:
+    return Matrix4(_four(v, first), _four(v, first + 4), _four(v, first + 8), _four(v, first + 12))
+
+
+@inlined
+def unpack_rigid(packed: Any) -> RigidSettings:
+    """Return the settings in an array that `pack_rigid` made."""
+    inertia = Symmetric(packed[23], packed[24], packed[25], packed[26], packed[27], packed[28])
+    return RigidSettings(
+        packed[0],
+        _four(packed, 1),
+        _vec3(packed, 5),
+        _vec3(packed, 8),
+        _vec3(packed, 11),
+        packed[14],
+        _vec3(packed, 15),
+        _vec3(packed, 18),
+        RateLoopSettings(packed[21], packed[22], inertia),
+        RotorSettings(
+            packed[29],
+            _matrix(packed, 30),
+            _matrix(packed, 46),
+            _four(packed, 62),
+            _four(packed, 66),
+            _four(packed, 70),
+            _four(packed, 74),
+            _vec3(packed, 78),
+            _vec3(packed, 81),
+            packed[84],
+        ),
+    )
