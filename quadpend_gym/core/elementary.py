@@ -6,11 +6,11 @@ A compiler can therefore vectorise a loop that calls them.
 |---|---|---|
 | `sincos` | Cody–Waite reduction to [−π/4, π/4] in three parts of π/2, minimax polynomials | ≤ 2 ulp for abs(x) ≤ 10⁵ |
 | `arcsin` | rational function of x²; for x > ½ the identity arcsin x = π/2 − 2 arcsin √((1−x)/2) | ≤ 2 ulp on [0, 1] |
-| `arctan2`| ratio of the coordinates in [0, 1], (t−1)/(t+1) for t > 0.66, rational function of t² | ≤ 2 ulp |
+| `arctan2` | ratio t of the coordinates in [0, 1], (t−1)/(t+1) for t > 0.66, rational function of t² | ≤ 2 ulp |
 | `log`    | x = 2ᵏ·m with m in [√½, √2), series in s = (m−1)/(m+1) | ≤ 2 ulp for normal x > 0 |
 
-The coefficients are those of FDLIBM (Sun Microsystems, 1993), those of the arctangent are from Cephes (Moshier, 1989). ``tests/quadpend_gym/core/test_elementary.py`` measures
-the errors.
+The coefficients are those of FDLIBM (Sun Microsystems, 1993); those of the arctangent are from Cephes (Moshier, 1989).
+``tests/quadpend_gym/core/test_elementary.py`` measures the errors.
 """
 
 import numpy as np

@@ -6,14 +6,13 @@ import gymnasium as gym
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.core.validation import from_plain
+from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
-from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.world import World
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, as_simulation
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.tasks import as_task
 
@@ -78,6 +77,12 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
       the method `render` returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs
       pygame-ce, the extra ``view``. Closing the window, or pressing R in it, truncates the running episode; after
       the window is closed, later episodes run without one.
+    - `vehicle`: the name of a vehicle (``"hummingbird"``), the path of a TOML file, a mapping, or a `Vehicle`; short
+      for the field of `simulation`. None means the paper's vehicle. The others are rigid bodies with rotors, see
+      `quadpend_gym.vehicles` and `quadpend_gym.physics.rigid_body`.
+    - `interface`: what an action commands: ``"wrench"`` (the table above, with the vehicle's limits), ``"body_rates"``
+      (thrust and three body rates, which a loop on board follows) or ``"rotors"`` (four thrusts, from the lowest at −1
+      over hover at 0 to the highest at 1); short for the field of `simulation`.
 
     ## Version History
     - v0: first version.
@@ -87,7 +92,13 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     spec: Any = Specification()
 
     def __init__(
-        self, task: Any = "track", simulation: Any = None, wind: Any = None, render_mode: str | None = None
+        self,
+        task: Any = "track",
+        simulation: Any = None,
+        wind: Any = None,
+        render_mode: str | None = None,
+        vehicle: Any = None,
+        interface: str | None = None,
     ) -> None:
         """Build the environment; the class documents the arguments.
 
@@ -96,7 +107,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             ValueError: If an argument has an unknown name or field, or a value out of range.
         """
         check_render_mode(render_mode, self.metadata["render_modes"])
-        simulation = from_plain(Simulation, {} if simulation is None else simulation, "simulation")
+        simulation = as_simulation(simulation, vehicle, interface)
         self.metadata = {**type(self).metadata, "render_fps": round(1.0 / simulation.period)}
         self.render_mode = render_mode
         self.world = World(1, as_task(task), simulation, wind)

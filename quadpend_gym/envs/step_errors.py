@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.core.jit import inlined
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.physics.state import ACTION_SIZE
 
 NO_ERROR = -1
 ROUNDING = 1e-6  # by how much an action may exceed ±1: a few units in the last place of float32
@@ -60,3 +61,35 @@ def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> Non
         f"{action_name}{owner} must be four numbers in [-1, 1], not {action[row].tolist()}: thrust and torques divided"
         " by their scales; gymnasium.wrappers.ClipAction clips the actions of an agent"
     )
+
+
+@inlined
+def find_error(action: Any, wind: Any) -> int:
+    """As `check_inputs`, for compiled functions."""
+    for row in range(action.shape[0]):
+        for component in range(ACTION_SIZE):
+            if not (abs(action[row, component]) <= 1.0):
+                return action_error(row)
+    not_finite = False
+    for number in wind.reshape(-1):
+        not_finite |= not np.isfinite(number)
+    if not_finite:  # find the sub-environment with a second loop, which the compiler cannot vectorise
+        for row in range(wind.shape[1]):
+            for component in range(wind.shape[0]):
+                if not np.isfinite(wind[component, row]):
+                    return wind_error(row)
+    return NO_ERROR
+
+
+@compiled
+def check_inputs(action: Floats32, wind: Floats) -> int:
+    """Return the error code of the first action that is out of range or not finite, else of the first non-finite wind.
+
+    Args:
+        action: Shape (n, 4).
+        wind: Shape (12, n).
+
+    Returns:
+        A code of this module, `NO_ERROR` if all are valid.
+    """
+    return find_error(action, wind)

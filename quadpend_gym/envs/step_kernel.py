@@ -49,7 +49,7 @@ from quadpend_gym.envs.outcome import (
     UPRIGHT_TERM,
     YAW_TERM,
 )
-from quadpend_gym.envs.step_errors import NO_ERROR, action_error, wind_error
+from quadpend_gym.envs.step_errors import NO_ERROR, find_error
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.kernel import (
@@ -186,37 +186,6 @@ def _measure(
 
 
 @inlined
-def _check_inputs(action: Any, wind: Any) -> int:
-    for row in range(action.shape[0]):
-        for component in range(ACTION_SIZE):
-            if not (abs(action[row, component]) <= 1.0):
-                return action_error(row)
-    not_finite = False
-    for number in wind.reshape(-1):
-        not_finite |= not np.isfinite(number)
-    if not_finite:  # find the sub-environment with a second loop, which the compiler cannot vectorise
-        for row in range(wind.shape[1]):
-            for component in range(wind.shape[0]):
-                if not np.isfinite(wind[component, row]):
-                    return wind_error(row)
-    return NO_ERROR
-
-
-@compiled
-def check_inputs(action: Floats32, wind: Floats) -> int:
-    """Return the error code of the first action that is out of range or not finite, else of the first non-finite wind.
-
-    Args:
-        action: Shape (n, 4).
-        wind: Shape (12, n).
-
-    Returns:
-        A code of `step_errors`, `NO_ERROR` if all are valid.
-    """
-    return _check_inputs(action, wind)
-
-
-@inlined
 def control_step(
     memory: Any,
     clock: Any,
@@ -233,7 +202,7 @@ def control_step(
 
     `trajectories` is a `PackedTrajectories` or None; `rigid` is a `RigidStep`, or None for the paper's attitude model.
     """
-    error = _check_inputs(action, wind)
+    error = find_error(action, wind)
     if error != NO_ERROR:
         return error
     state, parameters, reference = memory[:, MEMORY_STATE], memory[:, MEMORY_PARAMETERS], memory[:, MEMORY_REFERENCE]

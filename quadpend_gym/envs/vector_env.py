@@ -9,14 +9,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
-from quadpend_gym.core.validation import from_plain
+from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
-from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.world import World
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, as_simulation
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.tasks import EPISODE_STEPS, as_task
 
@@ -41,6 +40,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             each sub-environment, with ``"mosaic"`` one array that shows the first 64 as tiles; ``"human"`` shows these
             tiles in a window. Gymnasium's vector `RecordVideo` needs one array for each sub-environment: use it with
             ``"rgb_array"``.
+        vehicle: As in `QuadPendulumEnv`.
+        interface: As in `QuadPendulumEnv`.
 
     Raises:
         TypeError: If an argument has the wrong type.
@@ -59,6 +60,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         max_episode_steps: int | None = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        vehicle: Any = None,
+        interface: str | None = None,
     ) -> None:
         """Build the environment; the class documents the arguments."""
         if not isinstance(num_envs, int) or num_envs < 1:
@@ -66,7 +69,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         if max_episode_steps is not None and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
             raise ValueError(f"max_episode_steps must be a whole number of at least 1, not {max_episode_steps!r}")
         check_render_mode(render_mode, self.metadata["render_modes"])
-        simulation = from_plain(Simulation, {} if simulation is None else simulation, "simulation")
+        simulation = as_simulation(simulation, vehicle, interface)
         self.num_envs = num_envs
         self.max_episode_steps = max_episode_steps
         self.render_mode = render_mode

@@ -33,8 +33,8 @@ from quadpend_gym.envs.kernel_layout import (
 )
 from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_errors import NO_ERROR, clip_rounding, raise_step_error
-from quadpend_gym.tasks.trajectory_table import TrajectoryTable
+from quadpend_gym.envs.rigid_step import RigidRows
+from quadpend_gym.envs.step_errors import NO_ERROR, check_inputs, clip_rounding, raise_step_error
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
@@ -45,6 +45,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
 from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories
 from quadpend_gym.tasks.trajectories import Trajectory
+from quadpend_gym.tasks.trajectory_table import TrajectoryTable
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
 from quadpend_gym.wind.strength import warn_if_too_strong
 
@@ -93,6 +94,7 @@ class World:
         self._reference_ranges = flatten(task.references)
         self._start_ranges = flatten(task.start)
         self._trajectories = TrajectoryTable(num_envs)
+        self._rigid = RigidRows(num_envs, simulation) if simulation.is_rigid else None
         self._parameter_ranges: ParameterRanges | None = None
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(as_wind(wind))
@@ -178,11 +180,16 @@ class World:
         """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
-        self._plain = not self._sensors.models  # whether `step_kernel.step` is enough: no sensors, no trajectories
+        self._choose_kernel()
+        self._checks_first = bool(self._actuators.models or self.simulation.latency)
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
         self._padded = self.num_envs >= 512
         self._outcome_shape = self.step_info.outcome_size, self.num_envs + (8 if self._padded else 0)
+
+    def _choose_kernel(self) -> None:
+        """Decide whether `step_kernel.step` is enough: no sensors, no trajectories, and the paper's attitude model."""
+        self._plain = not (self._sensors.models or self._trajectories.in_use or self._rigid is not None)
 
     def seed(self, rows: Integers, seeds: Sequence[int]) -> None:
         """Seed the sub-environments `rows`, shape (m,), with non-negative integers; their next episode is number 0."""
@@ -240,6 +247,8 @@ class World:
             along = np.sum(view.direction * view.direction_rate, axis=-1, keepdims=True)
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
+        if self._rigid is not None:
+            self._rigid.start_episodes(rows, self.state[rows])
 
     def _set_reference(self, rows: Integers, fixed: tuple[Trajectory, ...]) -> None:
         """Set the references of new episodes: one for all, one for each, or, if `fixed` is empty, those of the task."""
@@ -251,7 +260,7 @@ class World:
         else:
             draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
         self._trajectories.assign(rows, [None if isinstance(item, Reference) else item for item in fixed or (None,)])
-        self._plain = not (self._sensors.models or self._trajectories.in_use)
+        self._choose_kernel()
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
         """Draw the wind over the first control period of new episodes."""
@@ -306,7 +315,9 @@ class World:
         memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
         arguments = memory, clock, calm, action, self._observe_settings, observation, outcome
         sensed = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0))
-        if self._trajectories.in_use:
+        if self._rigid is not None:
+            self._rigid.observe(rows, self._trajectories, *arguments, sensed)
+        elif self._trajectories.in_use:
             first = self._trajectories.first[rows]
             step_kernel.step_trajectories(*arguments, sensed, self._trajectories.numbers, first)
         elif not self._sensors.models:
@@ -336,14 +347,18 @@ class World:
             where = "" if self.num_envs == 1 else f"sub-environment {self._needs_reset.argmax()} has no episode: "
             raise ResetNeeded(f"{where}call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
-        if self._actuators.models:
-            error = step_kernel.check_inputs(action, self._wind_columns)
+        if self._checks_first:
+            error = check_inputs(action, self._wind_columns)
             if error != NO_ERROR:
                 return self._step_clipped(error, action)
+        if self._actuators.models:
             action = self._actuate(action)
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
         if self._plain:
             error = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)
+        elif self._rigid is not None:
+            arguments = memory, clock, wind, action, settings, observation, outcome, self._sensed
+            error = self._rigid.step(self._trajectories, *arguments)
         elif not self._trajectories.in_use:
             error = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
         else:

@@ -109,9 +109,7 @@ def euler_from_rotation(rotation: Rotation, yaw_before: float) -> Vec3:
     cos_pitch = np.sqrt(rotation.y.z * rotation.y.z + rotation.z.z * rotation.z.z)
     yaw = arctan2(rotation.x.y, rotation.x.x)
     turns = np.rint((yaw_before - yaw) * (0.5 / np.pi))
-    return Vec3(
-        arctan2(rotation.y.z, rotation.z.z), arctan2(-rotation.x.z, cos_pitch), yaw + 2.0 * np.pi * turns
-    )
+    return Vec3(arctan2(rotation.y.z, rotation.z.z), arctan2(-rotation.x.z, cos_pitch), yaw + 2.0 * np.pi * turns)
 
 
 @inlined

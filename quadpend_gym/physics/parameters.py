@@ -1,11 +1,14 @@
 """Layout of the physical parameters in arrays, command limits and simulation settings."""
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, cast
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import check_positive, from_plain
+from quadpend_gym.core.validation import check_number, check_positive, from_plain, suggest
+from quadpend_gym.vehicles import VEHICLES, Vehicle, as_vehicle, torque_limits
 from quadpend_gym.vehicles.parameters import PAPER as PAPER
 from quadpend_gym.vehicles.parameters import Parameters as Parameters
 
@@ -43,33 +46,120 @@ class Actuators:
             check_positive(getattr(self, item.name), item.name)
 
 
+INTERFACES = ("wrench", "rotors", "body_rates")
+
+
 @dataclass(frozen=True)
 class Simulation:
-    """Physical parameters, command limits, and step sizes of the simulation.
+    """Vehicle, physical parameters, command limits, and step sizes of the simulation.
+
+    With a vehicle, `parameters` and `actuators` that are not given are those of the vehicle.
 
     Raises:
         TypeError: If a value has the wrong type.
-        ValueError: If a value is out of range.
+        ValueError: If a value is out of range, or the vehicle does not have the interface.
     """
 
     parameters: Parameters = PAPER
     actuators: Actuators = field(default_factory=Actuators)
     period: float = CONTROL_PERIOD  # s, control period
     substeps: int = 2  # Runge–Kutta steps in a control period
+    vehicle: Any = None  # as `as_vehicle` takes it; None: the paper's
+    interface: str = "wrench"  # what an action commands: "wrench", "rotors" or "body_rates"
+    latency: float = 0.0  # s, from an action to the moment when it acts; a whole number of substeps
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", from_plain(Parameters, self.parameters, "parameters"))
-        object.__setattr__(self, "actuators", from_plain(Actuators, self.actuators, "actuators"))
+        set_field = object.__setattr__
+        set_field(self, "parameters", from_plain(Parameters, self.parameters, "parameters"))
+        set_field(self, "actuators", from_plain(Actuators, self.actuators, "actuators"))
         check_positive(self.period, "period")
         if not isinstance(self.substeps, int) or self.substeps < 1:
             raise ValueError(f"substeps must be a whole number of at least 1, not {self.substeps!r}")
+        if self.vehicle is not None:
+            vehicle = as_vehicle(self.vehicle)
+            set_field(self, "vehicle", None if vehicle == VEHICLES["paper"] else vehicle)
+        if self.vehicle is not None:
+            if self.parameters == PAPER:
+                set_field(self, "parameters", self.vehicle.parameters)
+            if self.actuators == Actuators():
+                set_field(self, "actuators", Actuators(*torque_limits(self.vehicle)))
+        self._check_interface()
+        check_number(self.latency, "latency", 0.0, 1.0)
+        delayed = self.latency / self.period * self.substeps
+        if abs(delayed - round(delayed)) > 1e-6:
+            raise ValueError(
+                f"latency must be a whole number of substeps of {self.period / self.substeps:g} s"
+                f" (period / substeps), not {self.latency:g} s"
+            )
+
+    def _check_interface(self) -> None:
+        if self.interface not in INTERFACES:
+            raise ValueError(
+                f"interface must be one of {', '.join(INTERFACES)}, not {self.interface!r}"
+                f"{suggest(self.interface, INTERFACES)}"
+            )
+        if not self.is_rigid:
+            if self.interface != "wrench":
+                raise ValueError(
+                    f"interface must be 'wrench', not {self.interface!r}: the paper's attitude model has no rotors and"
+                    " no body rates; choose a rigid vehicle, for example vehicle='hummingbird'"
+                )
+            if self.latency > 0.0:
+                raise ValueError(
+                    f"latency must be 0 for the paper's attitude model, not {self.latency:g} s: use the actuator"
+                    " action_delay, or a rigid vehicle"
+                )
+        elif self.interface == "rotors" and self.rigid_vehicle.rotors is None:
+            raise ValueError(f"interface must not be 'rotors': the vehicle {self.vehicle.name!r} has no rotors")
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the vehicle is a rigid body; else it has the paper's attitude model."""
+        return self.vehicle is not None and self.vehicle.attitude == "rigid"
+
+    @property
+    def rigid_vehicle(self) -> Vehicle:
+        """The vehicle, which must be a rigid body."""
+        assert self.vehicle is not None
+        return cast(Vehicle, self.vehicle)
+
+    @property
+    def delayed_substeps(self) -> int:
+        """The latency in substeps."""
+        return round(self.latency / self.period * self.substeps)
 
     @property
     def command_scale(self) -> Floats:
         """Scales that convert an action a to a command, shape (4,).
 
-        The thrust is scale₀ (1 + a₀) in N and the torques are scaleᵢ aᵢ in N·m. scale₀ is the weight, so a zero action
-        commands the hover thrust and no torques.
+        With the interfaces "wrench" and "body_rates" the thrust is scale₀ (1 + a₀) in N, and the torques in N·m or the
+        body rates in rad/s are scaleᵢ aᵢ. scale₀ is the weight, so a zero action commands the hover thrust and no
+        torques or rates. With "rotors" the scale is that of "wrench", which controllers use; see
+        `quadpend_gym.physics.rotors` for the thrusts of the rotors.
         """
-        a = self.actuators
-        return np.array([self.parameters.hover_thrust, a.roll_pitch_torque, a.roll_pitch_torque, a.yaw_torque])
+        a, hover = self.actuators, self.parameters.hover_thrust
+        if self.interface == "body_rates":
+            loop = self.rigid_vehicle.rate_loop
+            return np.array([hover, loop.roll_pitch, loop.roll_pitch, loop.yaw])
+        return np.array([hover, a.roll_pitch_torque, a.roll_pitch_torque, a.yaw_torque])
+
+
+def as_simulation(value: Any, vehicle: Any = None, interface: str | None = None) -> Simulation:
+    """Return a simulation.
+
+    Args:
+        value: A `Simulation`, a mapping of its fields, or None for the default one.
+        vehicle: Its vehicle, as `as_vehicle` takes it; None: that of `value`.
+        interface: What an action commands; None: as in `value`.
+
+    Raises:
+        TypeError: If an argument has the wrong type.
+        ValueError: If a value is unknown or out of range.
+    """
+    given = {"vehicle": vehicle, "interface": interface}
+    given = {name: item for name, item in given.items() if item is not None}
+    if isinstance(value, Simulation):
+        return replace(value, **given) if given else value
+    if isinstance(value, Mapping):
+        return from_plain(Simulation, {**value, **given}, "simulation")
+    return from_plain(Simulation, given if value is None else value, "simulation")

@@ -20,16 +20,16 @@ C = 1 + m j W and the Sherman–Morrison formula, since 1 + m A W = C + m (1 −
 parallel to r, and (7) and (8) are equations (3) of `dynamics`. The paper's attitude model is not a limit of (1): it has
 a constant inertia in the Euler angles. Both agree to second order near hover.
 
-| symbol   | code name                        | unit   | frame | meaning                                                     |
-|----------|----------------------------------|--------|-------|-------------------------------------------------------------|
-| I        | `inertia`                        | kg·m²  | body  | inertia of the body about its centre of mass                |
-| M, m     | `quadrotor_mass`, `bob_mass`     | kg     |       | masses of body and pole                                     |
-| l        | `rod_length`                     | m      |       | distance of the pole's centre of mass from the pivot        |
-| J        | `shape` · m l²                   | kg·m²  |       | inertia of the pole about its centre of mass, transverse    |
-| λ        | `oscillation_length`             | m      |       | distance of the pole's centre of oscillation from the pivot |
-| p        | `pivot`                          | m      | body  | pivot, from the body's centre of mass                       |
-| h        | `momentum`                       | N·m·s  | body  | angular momentum of the propellers along e₃                 |
-| u, τ     | `thrust`, `torque`               | N, N·m | body  | thrust along R e₃, and torque                               |
+| symbol | code name                    | unit   | frame | meaning                                                     |
+|--------|------------------------------|--------|-------|-------------------------------------------------------------|
+| I      | `inertia`                    | kg·m²  | body  | inertia of the body about its centre of mass                |
+| M, m   | `quadrotor_mass`, `bob_mass` | kg     |       | masses of body and pole                                     |
+| l      | `rod_length`                 | m      |       | distance of the pole's centre of mass from the pivot        |
+| J      | `shape` · m l²               | kg·m²  |       | inertia of the pole about its centre of mass, transverse    |
+| λ      | `oscillation_length`         | m      |       | distance of the pole's centre of oscillation from the pivot |
+| p      | `pivot`                      | m      | body  | pivot, from the body's centre of mass                       |
+| h      | `momentum`                   | N·m·s  | body  | angular momentum of the propellers along e₃                 |
+| u, τ   | `thrust`, `torque`           | N, N·m | body  | thrust along R e₃, and torque                               |
 
 The equations are those of Newton and Euler for both bodies with the constraint of the joint. Tests compare them with a
 Lagrangian that sympy differentiates and with MuJoCo.

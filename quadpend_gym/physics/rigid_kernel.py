@@ -100,7 +100,10 @@ def store_four(lanes: Any, first: int, lane: int, v: Any) -> None:
 @inlined
 def _load_quaternion(state: Any, lane: int) -> Quaternion:
     return Quaternion(
-        state[_QUATERNION, lane], state[_QUATERNION + 1, lane], state[_QUATERNION + 2, lane], state[_QUATERNION + 3, lane]
+        state[_QUATERNION, lane],
+        state[_QUATERNION + 1, lane],
+        state[_QUATERNION + 2, lane],
+        state[_QUATERNION + 3, lane],
     )
 
 

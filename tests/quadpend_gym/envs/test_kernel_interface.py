@@ -6,8 +6,14 @@ import pytest
 from quadpend_gym import Limits, RewardWeights, Simulation, Task
 from quadpend_gym.envs import kernel_layout, outcome
 from quadpend_gym.envs.kernel_layout import make_settings, pack_settings, unpack_settings
-from quadpend_gym.envs.step_errors import NO_ERROR, action_error, decode_error, raise_step_error, wind_error
-from quadpend_gym.envs.step_kernel import check_inputs
+from quadpend_gym.envs.step_errors import (
+    NO_ERROR,
+    action_error,
+    check_inputs,
+    decode_error,
+    raise_step_error,
+    wind_error,
+)
 
 TASK = Task(limits=Limits(1.1, 1.2, 1.3, -0.1), reward=RewardWeights(0.1, 0.2, 0.3, 0.8, 0.9))
 

@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import QuadPendulumVectorEnv, Reference, Sinusoids, StartSettings, State, Task, Waypoints
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.tasks.trajectory_table import TrajectoryTable
 from quadpend_gym.sensors import Delay, Noise
 from quadpend_gym.tasks.observation import read_observation
+from quadpend_gym.tasks.trajectory_table import TrajectoryTable
 from quadpend_gym.wrappers import SensorWrapper, VectorSensorWrapper
 from tests.helpers.envs import assert_same, draw_actions, make, make_unwrapped, make_vec, run_actions
 
