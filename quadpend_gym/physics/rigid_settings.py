@@ -89,7 +89,8 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     if rotors is None:
         forward = np.eye(4)
         torque = simulation.command_scale[1:] if simulation.interface == "wrench" else _torques(simulation)
-        low, high = np.concatenate([[0.0], -torque]), np.concatenate([[2.0 * hover[0]], torque])
+        reach = np.concatenate([hover[:1], torque])
+        low, high = hover - reach, hover + reach
         lags, spins, momentum = (0.0, 0.0), np.zeros(4), 0.0
     else:
         forward = mixing(vehicle)
