@@ -16,6 +16,7 @@ from quadpend_gym.envs.world import World
 from quadpend_gym.physics.parameters import ROD_LENGTH
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, THRUST, Disturbance, State
 from quadpend_gym.viewer import check_pygame
+from quadpend_gym.viewer.shape import PAPER_SHAPE, shape_of
 from quadpend_gym.viewer.snapshot import Snapshot
 
 HISTORY_STEPS = 200  # latest states that are stored for each sub-environment
@@ -43,6 +44,7 @@ class Recorder:
         self._action = np.zeros((n, ACTION_SIZE), np.float32)
         self._return, self._force_sum = np.zeros(n), np.zeros((n, 3))
         self._states, self._latest = np.zeros((HISTORY_STEPS, n, STATE_SIZE)), 0
+        self._shape = shape_of(getattr(world.simulation, "vehicle", None))
         self._picture: Any = None
         self._window: Any = None
 
@@ -108,8 +110,12 @@ class Recorder:
             float(self._return[row]),
             fading @ positions,
             positions + rod_length * states[:, STATE_FIELDS["direction"]],
-            period * _STREAK_SPEED * self._force_sum[row],
+            period
+            * _STREAK_SPEED
+            * self._force_sum[row]
+            * (self._shape.metres_per_newton / PAPER_SHAPE.metres_per_newton),
             _ROTOR_SPEED * clock * period,
+            self._shape,
         )
 
     def snapshots(self) -> list[Snapshot]:

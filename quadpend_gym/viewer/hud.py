@@ -10,11 +10,12 @@ from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import View
 from quadpend_gym.viewer.palette import Colour, blend
 from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon
+from quadpend_gym.viewer.shape import PAPER_SHAPE
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 
 _MAX_THRUST = 2.0  # thrust divided by the weight, at the upper end of the thrust bar
-_MAX_FORCE = 0.5  # N, at the rim of the wind dial
+_MAX_FORCE = 0.5  # N, at the rim of the wind dial of the paper's vehicle
 _MIN_UNIT = 0.55  # pixels; smaller pictures have no display
 _PANEL_OPACITY = 190
 
@@ -50,12 +51,13 @@ def draw(surface: Any, view: View, text: TextRenderer, snapshot: Snapshot, title
         return
     canvas, margin, radius = _Canvas(surface, text, unit), 12.0 * unit, 36.0 * unit
     _draw_numbers(canvas, margin, snapshot, title, colour)
-    _draw_legend(canvas, (width - 100.0 * unit, margin), colour)
+    _draw_legend(canvas, (width - 100.0 * unit, margin), snapshot.shape.pole_name, colour)
     row = height - margin - radius - 26.0 * unit
     to_picture = _horizontal_rotation(view)
     _draw_tilt(canvas, (margin + radius + 8.0 * unit, row), radius, snapshot, to_picture, colour)
     wind_dial = (width - margin - radius - 8.0 * unit, row)
-    _draw_wind(canvas, wind_dial, radius, to_picture, Disturbance(snapshot.disturbance).force)
+    max_force = _MAX_FORCE * (PAPER_SHAPE.metres_per_newton / snapshot.shape.metres_per_newton)
+    _draw_wind(canvas, wind_dial, radius, to_picture, Disturbance(snapshot.disturbance).force, max_force)
     corner = np.array([wind_dial[0] - radius - 60.0 * unit, row - radius])
     _draw_thrust(canvas, corner, 12.0 * unit, 2.0 * radius, snapshot.thrust / _MAX_THRUST)
 
@@ -79,7 +81,7 @@ def _draw_numbers(canvas: _Canvas, margin: float, snapshot: Snapshot, title: str
         y += 21.0 * unit
 
 
-def _draw_legend(canvas: _Canvas, at: tuple[float, float], colour: Colour) -> None:
+def _draw_legend(canvas: _Canvas, at: tuple[float, float], pole: str, colour: Colour) -> None:
     """Draw the symbols of bob, target and wind with their names."""
     (surface, _, unit), (x, y) = canvas, at
     _draw_panel(surface, at, (88.0 * unit, 74.0 * unit))
@@ -87,7 +89,7 @@ def _draw_legend(canvas: _Canvas, at: tuple[float, float], colour: Colour) -> No
     circle(surface, (x + 16.0 * unit, y + 36.0 * unit), 7.0 * unit, palette.REFERENCE, max(round(2.0 * unit), 1))
     arrow_y = y + 57.0 * unit
     arrow(surface, (x + 6.0 * unit, arrow_y), (x + 28.0 * unit, arrow_y), palette.WIND, 3.0 * unit)
-    for i, name in enumerate(("bob", "target", "wind")):
+    for i, name in enumerate((pole, "target", "wind")):
         canvas.write(name, (x + 34.0 * unit, y + (8.0 + 21.0 * i) * unit))
 
 
@@ -105,13 +107,18 @@ def _draw_tilt(
     circle(canvas.surface, dot, 6.0 * canvas.unit, colour)
 
 
-def _draw_wind(canvas: _Canvas, at: tuple[float, float], radius: float, to_picture: Floats, force: Floats) -> None:
-    """Draw a dial with an arrow along the horizontal part of the force on the quadrotor, N, shape (3,)."""
+def _draw_wind(
+    canvas: _Canvas, at: tuple[float, float], radius: float, to_picture: Floats, force: Floats, max_force: float
+) -> None:
+    """Draw a dial with an arrow along the horizontal part of the force on the quadrotor, N, shape (3,).
+
+    The arrow reaches the rim at the force `max_force`.
+    """
     strength = float(np.linalg.norm(force))
-    _draw_dial(canvas, at, radius, f"wind {strength:.2f} N")
-    needle = to_picture @ force[:2] / _MAX_FORCE
+    _draw_dial(canvas, at, radius, f"wind {strength:.{2 if max_force > 0.1 else 3}f} N")
+    needle = to_picture @ force[:2] / max_force
     needle *= radius / max(float(np.hypot(*needle)), 1.0)
-    if strength > 0.005:
+    if strength > 0.01 * max_force:
         centre, half = np.array(at), np.array([needle[0], -needle[1]])
         arrow(canvas.surface, centre - half, centre + half, palette.WIND, 4.0 * canvas.unit)
 

@@ -1,6 +1,7 @@
 """A picture of one snapshot, or of several side by side."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,10 @@ class Picture:
             title: Title in the top left corner.
             colour: Colour of the bob, its trail and the title.
         """
-        below = np.array([0.0, 0.0, _TARGET_BELOW * self.camera.distance * np.cos(self.camera.elevation)])
-        view = self.camera.view(snapshot.focus - below, *surface.get_size())
+        shape = snapshot.shape
+        camera = replace(self.camera, distance=self.camera.distance * shape.distance_scale)
+        below = np.array([0.0, 0.0, _TARGET_BELOW * camera.distance * np.cos(camera.elevation) - shape.lift])
+        view = camera.view(snapshot.focus - below, *surface.get_size())
         scene.draw(surface, view, self._backdrop, snapshot, colour)
         hud.draw(surface, view, self.text, snapshot, title, colour)
 

@@ -1,11 +1,12 @@
 """The scene in perspective: ground, reference, wind, quadrotor, rod and bob.
 
-The physical model has no arms, rotors or bob radius; only the picture uses these sizes.
+`quadpend_gym.viewer.shape` has the sizes of the vehicle. The reference and the trail are drawn at the pole's centre of
+mass of an upright vehicle, the pivot's offset above ζ + l r.
 """
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pygame
@@ -17,14 +18,13 @@ from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import NEAR, View
 from quadpend_gym.viewer.palette import Colour, blend
 from quadpend_gym.viewer.primitives import arrow, circle, line, outline, polygon
+from quadpend_gym.viewer.shape import PAPER_SHAPE
 from quadpend_gym.viewer.snapshot import Snapshot
 
-ARM, ROTOR, BODY, BOB = 0.2, 0.11, 0.055, 0.045  # m: length of an arm, and radii
-METRES_PER_NEWTON = 0.7  # length of a force arrow
+BODY = 0.055  # m, radius of the body of the paper's vehicle
 _GRID_RADIUS = 12  # m
 _REFERENCE_TIME = 4.0  # s, part of the reference that is drawn before and after the current time
-_HUBS = ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-_ROTOR_OFFSET = np.array([0.0, 0.0, 0.03])  # m, from the end of an arm to its rotor
+_ROTOR_OFFSET = np.array([0.0, 0.0, 0.03])  # m, from the end of an arm to its rotor, of the paper's vehicle
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros_like(_ANGLES)])
 _ONTO_GROUND = np.array([1.0, 1.0, 0.0])  # factors that project a point onto the ground
@@ -94,12 +94,12 @@ def _draw_ground(surface: Any, view: View, snapshot: Snapshot) -> None:
     cell = np.array([np.round(snapshot.focus[0]), np.round(snapshot.focus[1]), 0.0])
     for i, a, b in _visible_segments(view, _GRID + cell):
         line(surface, a, b, _GRID_COLOURS[i])
-    body, hubs, bob, _ = _positions(snapshot)
+    (body, hubs, _, bob, tip, _), shape = _positions(snapshot), snapshot.shape
     for hub in hubs:
-        _draw_polygon(surface, view, (hub + ROTOR * _CIRCLE) * _ONTO_GROUND, palette.SHADOW, 60)
-    for centre, radius in ((body, BODY), (bob, BOB)):
+        _draw_polygon(surface, view, (hub + shape.rotor * _CIRCLE) * _ONTO_GROUND, palette.SHADOW, 60)
+    for centre, radius in ((body, shape.scale * BODY), (bob, shape.bob)):
         _draw_polygon(surface, view, (centre + 1.2 * radius * _CIRCLE) * _ONTO_GROUND, palette.SHADOW, 110)
-    for _, a, b in _visible_segments(view, np.array([[body, end] for end in (bob, *hubs)]) * _ONTO_GROUND):
+    for _, a, b in _visible_segments(view, np.array([[body, end] for end in (tip, *hubs)]) * _ONTO_GROUND):
         line(surface, a, b, palette.SHADOW)
     plumb = np.linspace(body, body * _ONTO_GROUND, 2 * min(max(int(body[2] / 0.12), 1), 100))
     for _, a, b in _visible_segments(view, np.stack([plumb[:-1:2], plumb[1::2]], axis=1)):  # every other piece: dashes
@@ -108,7 +108,7 @@ def _draw_ground(surface: Any, view: View, snapshot: Snapshot) -> None:
 
 def _draw_streaks(surface: Any, view: View, snapshot: Snapshot, unit: float) -> None:
     """Draw streaks that move with the force on the quadrotor and are as long as its arrow."""
-    length = METRES_PER_NEWTON * Disturbance(snapshot.disturbance).force
+    length = snapshot.shape.metres_per_newton * Disturbance(snapshot.disturbance).force
     if np.linalg.norm(length) < 0.01:
         return
     corner = snapshot.focus - 0.5 * _STREAK_BOX
@@ -127,13 +127,14 @@ def _draw_reference(surface: Any, view: View, snapshot: Snapshot, unit: float) -
     time = snapshot.time + np.linspace(-_REFERENCE_TIME, _REFERENCE_TIME, 81)
     path = snapshot.reference.derivatives(np.append(time, snapshot.time))[:, 0, :3]
     path[:, 2] += snapshot.rod_length  # from the quadrotor's reference to the upright bob's
+    path += snapshot.shape.pivot
     for _, a, b in _visible_segments(view, np.stack([path[:-2], path[1:-1]], axis=1)):
         if np.hypot(a[0] - b[0], a[1] - b[1]) > 0.3:
             line(surface, a, b, palette.REFERENCE, max(1.6 * unit, 1.0))
     x, y, depth = view.project(path[-1])
     if depth < NEAR:
         return
-    radius = view.focal_length * 1.35 * BOB / depth
+    radius = view.focal_length * 1.35 * snapshot.shape.bob / depth
     circle(surface, (x, y), radius, palette.REFERENCE, max(round(2.0 * unit), 1))
     away = np.array([x, y]) - view.centre
     fraction = float((np.abs(away) / view.centre).max())
@@ -146,7 +147,7 @@ def _draw_trail(surface: Any, view: View, snapshot: Snapshot, unit: float, colou
     """Draw the bob's past positions in colours that fade with age."""
     if len(snapshot.trail) < 2:
         return
-    points = snapshot.trail[::-3][::-1]
+    points = snapshot.trail[::-3][::-1] + snapshot.shape.pivot
     for i, a, b in _visible_segments(view, np.stack([points[:-1], points[1:]], axis=1)):
         fraction = 0.15 + 0.85 * i / (len(points) - 1)
         line(surface, a, b, blend(palette.HORIZON, colour, fraction), max(1.6 * unit, 1.0))
@@ -154,7 +155,7 @@ def _draw_trail(surface: Any, view: View, snapshot: Snapshot, unit: float, colou
 
 def _draw_vehicle(surface: Any, view: View, snapshot: Snapshot, unit: float, bob_colour: Colour) -> None:
     """Draw the parts of the vehicle and the force arrows, the farthest first."""
-    body, hubs, bob, rotation = _positions(snapshot)
+    (body, hubs, pivot, bob, tip, rotation), shape = _positions(snapshot), snapshot.shape
     parts: list[tuple[float, Callable[[], None]]] = []
 
     def add(position: Floats, draw_part: Callable[[], None]) -> None:
@@ -162,41 +163,47 @@ def _draw_vehicle(surface: Any, view: View, snapshot: Snapshot, unit: float, bob
         if depth > 2.0 * NEAR:
             parts.append((depth, draw_part))
 
-    pixels = view.project(np.array([body, bob, *hubs]))
+    pixels = view.project(np.array([body, bob, pivot, tip, *hubs]))
     scale = view.focal_length / pixels[:, 2].clip(NEAR)  # pixels per metre
     up = rotation[:, 2]
+    arm = 0.022 * shape.scale
     for i, hub in enumerate(hubs):
-        add(0.5 * (body + hub), partial(line, surface, pixels[0], pixels[2 + i], palette.ARM, 0.022 * scale[0]))
-        add(hub + 0.06 * up, partial(_draw_rotor, surface, view, snapshot, i, unit))
-    add(body, partial(_draw_polygon, surface, view, body + BODY * (_CIRCLE @ rotation.T), palette.BODY))
-    rod = 0.5 * (body + bob)
+        add(0.5 * (body + hub), partial(line, surface, pixels[0], pixels[4 + i], palette.ARM, arm * scale[0]))
+        add(hub + 0.06 * shape.scale * up, partial(_draw_rotor, surface, view, snapshot, i, unit))
+    rim = body + shape.scale * BODY * (_CIRCLE @ rotation.T)
+    add(body, partial(_draw_polygon, surface, view, rim, palette.BODY))
+    if shape.pivot.any():
+        add(0.5 * (body + pivot), partial(line, surface, pixels[0], pixels[2], palette.ARM, arm * scale[0]))
+    rod = 0.5 * (pivot + tip)
     rod_scale = view.focal_length / max(float(view.to_camera(rod)[2]), NEAR)
-    add(rod + 0.01 * up, partial(line, surface, pixels[0], pixels[1], palette.INK, 0.016 * rod_scale))
-    add(bob, partial(_draw_ball, surface, pixels[1], BOB * scale[1], bob_colour))
+    add(rod + 0.01 * up, partial(line, surface, pixels[2], pixels[3], palette.INK, shape.pole * rod_scale))
+    add(bob, partial(_draw_ball, surface, pixels[1], shape.bob * scale[1], bob_colour))
     disturbance = Disturbance(snapshot.disturbance)
+    visible = 0.02 * (PAPER_SHAPE.metres_per_newton / shape.metres_per_newton)  # N
     for position, force in ((body, disturbance.force), (bob, disturbance.bob_force)):
-        if np.linalg.norm(force) > 0.02:
-            tip = view.project(position + METRES_PER_NEWTON * force)
+        if np.linalg.norm(force) > visible:
+            end = view.project(position + shape.metres_per_newton * force)
             start = view.project(position)
-            if min(tip[2], start[2]) > NEAR:
+            if min(end[2], start[2]) > NEAR:
                 in_front = position - 0.2 * view.axes[2]
-                add(in_front, partial(arrow, surface, start, tip, palette.WIND, max(4.0 * unit, 1.5)))
+                add(in_front, partial(arrow, surface, start, end, palette.WIND, max(4.0 * unit, 1.5)))
     for _, draw_part in sorted(parts, key=lambda part: -part[0]):
         draw_part()
 
 
 def _draw_rotor(surface: Any, view: View, snapshot: Snapshot, i: int, unit: float) -> None:
-    """Draw the disc and the blades of rotor `i`, counted from the front rotor 0."""
-    _, hubs, _, rotation = _positions(snapshot)
-    centre = hubs[i] + rotation @ _ROTOR_OFFSET
-    rim = view.project(centre + ROTOR * (_CIRCLE @ rotation.T))
+    """Draw the disc and the blades of rotor `i`."""
+    places, shape = _positions(snapshot), snapshot.shape
+    rotation = places.rotation
+    centre = places.hubs[i] + rotation @ (shape.scale * _ROTOR_OFFSET)
+    rim = view.project(centre + shape.rotor * (_CIRCLE @ rotation.T))
     if rim[:, 2].min() < NEAR:
         return
-    colour = palette.FRONT if i == 0 else palette.ROTOR  # the front rotor, on the body's x axis, shows the heading
+    colour = palette.FRONT if shape.front[i] else palette.ROTOR  # the rotors at the front show the heading
     polygon(surface, rim, colour, 90)
     outline(surface, rim, colour)
-    angle = snapshot.rotor_angle if i % 2 else -snapshot.rotor_angle
-    blade = 0.95 * ROTOR * (rotation @ np.array([np.cos(angle), np.sin(angle), 0.0]))
+    angle = -shape.spins[i] * snapshot.rotor_angle
+    blade = 0.95 * shape.rotor * (rotation @ np.array([np.cos(angle), np.sin(angle), 0.0]))
     a, b = view.project(np.array([centre - blade, centre + blade]))
     line(surface, a, b, blend(colour, palette.INK, 0.5), 2.0 * unit)
 
@@ -223,8 +230,22 @@ def _visible_segments(view: View, ends: Floats) -> Iterator[tuple[int, list[floa
         yield i, *values[i]
 
 
-def _positions(snapshot: Snapshot) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the positions of the centre, the hubs and the bob, m, and the body's rotation matrix, shape (3, 3)."""
-    centre = snapshot.state.position
+class _Positions(NamedTuple):
+    """Positions in the world frame, m, each of shape (3,) but `hubs`, shape (4, 3), and the body's rotation matrix."""
+
+    body: Floats
+    hubs: Floats
+    pivot: Floats
+    bob: Floats
+    tip: Floats
+    rotation: Floats
+
+
+def _positions(snapshot: Snapshot) -> _Positions:
+    """Return the positions of body, hubs, pivot, bob (the pole's centre of mass) and tip of the pole."""
+    body, shape = snapshot.state.position, snapshot.shape
     rotation = Rotation.from_euler("xyz", snapshot.state.euler).as_matrix()
-    return centre, centre + _HUBS @ rotation.T, snapshot.bob, rotation
+    pivot, pole = body + rotation @ shape.pivot, snapshot.rod_length * snapshot.state.direction
+    return _Positions(
+        body, body + shape.hubs @ rotation.T, pivot, pivot + pole, pivot + shape.pole_ratio * pole, rotation
+    )

@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
 from quadpend_gym.tasks.trajectories import Trajectory
+from quadpend_gym.viewer.shape import PAPER_SHAPE, Shape
 
 
 class Snapshot(NamedTuple):
@@ -24,9 +23,10 @@ class Snapshot(NamedTuple):
         tilt_limit: Tilt at which an episode terminates, rad.
         episode_return: Sum of the rewards of the episode so far.
         focus: Point that the camera follows, m, shape (3,).
-        trail: Past positions of the bob, the latest last, m, shape (k, 3).
+        trail: Past positions ζ + l r, the latest last, m, shape (k, 3).
         streak_offset: Displacement of the wind streaks since the episode began, m, shape (3,).
         rotor_angle: Angle of the drawn rotor blades, rad.
+        shape: Sizes of the vehicle.
     """
 
     time: float
@@ -43,8 +43,4 @@ class Snapshot(NamedTuple):
     trail: Floats
     streak_offset: Floats
     rotor_angle: float
-
-    @property
-    def bob(self) -> Floats:
-        """Position of the bob, m, shape (3,)."""
-        return np.asarray(self.state.position + self.rod_length * self.state.direction)
+    shape: Shape = PAPER_SHAPE

@@ -13,6 +13,7 @@ from quadpend_gym import Reference
 from quadpend_gym.viewer import hud, palette, scene
 from quadpend_gym.viewer.camera import NEAR, Camera
 from quadpend_gym.viewer.picture import Picture, surface_to_array
+from quadpend_gym.viewer.shape import ARM, PAPER_SHAPE
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_gym.viewer.text import TextRenderer
 from quadpend_train.reports import side_by_side
@@ -115,9 +116,9 @@ def test_quadrotor_and_bob_are_in_the_picture_for_every_camera(
 def test_the_shadow_is_in_the_picture_at_every_height_of_the_task(
     height: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reach = scene.ARM + scene.ROTOR
+    reach = ARM + PAPER_SHAPE.rotor
     shadow = [(reach, 0.0, 0.0), (-reach, 0.0, 0.0), (0.0, reach, 0.0), (0.0, -reach, 0.0)]
-    points = [*shadow, (0.0, 0.0, height), (0.0, 0.0, height + 0.3 + scene.BOB)]
+    points = [*shadow, (0.0, 0.0, height), (0.0, 0.0, height + 0.3 + PAPER_SHAPE.bob)]
     assert is_in_picture(hovering(position=(0.0, 0.0, height)), Camera(), points, monkeypatch)
 
 
@@ -128,7 +129,7 @@ def test_the_bob_is_drawn_at_its_position(direction: tuple[float, ...], camera: 
     place = expected_projection(camera, BODY, [np.add(BODY, 0.3 * np.array(direction))])[0]
     found = find_colour(draw_scene(snapshot, camera, BODY), palette.BOB)
     assert_allclose(centroid(found), place[:2], atol=4.0)  # the highlight has another colour
-    assert_allclose(extent(found), 2 * 0.9 * scene.BOB * pixels_per_metre(camera, place), atol=4.0)
+    assert_allclose(extent(found), 2 * 0.9 * PAPER_SHAPE.bob * pixels_per_metre(camera, place), atol=4.0)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:3])
@@ -137,7 +138,7 @@ def test_the_target_is_a_ring_at_the_reference_of_the_bob(camera: Camera) -> Non
     ring = find_colour(draw_scene(snapshot, camera, BODY), palette.REFERENCE, 40)
     place = expected_projection(camera, BODY, [(0.4, 0.5, 1.8)])[0]
     assert_allclose(centroid(ring), place[:2], atol=1.5)
-    assert_allclose(extent(ring), 2 * 1.35 * scene.BOB * pixels_per_metre(camera, place), atol=4.0)
+    assert_allclose(extent(ring), 2 * 1.35 * PAPER_SHAPE.bob * pixels_per_metre(camera, place), atol=4.0)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:3])
@@ -173,7 +174,7 @@ def test_shadows_are_vertically_below() -> None:
 def test_the_front_rotor_shows_the_heading(yaw: float) -> None:
     pixels = draw_scene(hovering(euler=(0.0, 0.0, yaw)), FROM_TOP, BODY)
     warm = (pixels[..., 0].astype(int) - pixels[..., 2] > 40) & ~find_colour(pixels, palette.BOB, 60)
-    hub = scene.ARM * np.array([np.cos(yaw), np.sin(yaw)])
+    hub = ARM * np.array([np.cos(yaw), np.sin(yaw)])
     assert_allclose(centroid(warm), expected_projection(FROM_TOP, BODY, [(*hub, 2.03)])[0, :2], atol=4.0)
 
 
@@ -184,7 +185,7 @@ def test_the_length_of_an_arrow_is_proportional_to_the_force() -> None:
     )
     for force in (0.2, 0.4):
         green = find_colour(draw_scene(in_wind(force, 0.0, 0.0), FROM_SIDE, BODY), palette.WIND)
-        assert_allclose(np.argwhere(green)[:, 1].max() - start, force * scene.METRES_PER_NEWTON * metre, atol=2.0)
+        assert_allclose(np.argwhere(green)[:, 1].max() - start, force * PAPER_SHAPE.metres_per_newton * metre, atol=2.0)
 
 
 def test_the_length_of_the_streaks_is_proportional_to_the_force() -> None:

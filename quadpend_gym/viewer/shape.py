@@ -1,0 +1,87 @@
+"""The sizes of a vehicle in pictures.
+
+The paper's vehicle has no rotors, arms or bob radius; their sizes are chosen. Other vehicles are drawn with the places
+of their rotors, their pivot and the length of their pole.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.vehicles import VEHICLES, Vehicle
+
+ARM = 0.2  # m, arm of the paper's vehicle
+_PAPER_DISTANCE = 3.4  # m, from the camera to the paper's vehicle
+
+
+class Shape(NamedTuple):
+    """Sizes of a vehicle in pictures, m, in the body frame.
+
+    Attributes:
+        hubs: Ends of the arms, from the centre of mass, shape (4, 3).
+        spins: Signs of the rotors' yaw torques; a rotor turns against its torque.
+        front: Whether each rotor is drawn in the colour of the front.
+        rotor: Radius of the rotors.
+        pivot: Pivot of the pole from the centre of mass, shape (3,).
+        bob: Radius of the ball that marks the pole's centre of mass.
+        pole: Width of the pole.
+        pole_ratio: Length of the pole divided by the distance from the pivot to its centre of mass.
+        scale: Size relative to the paper's vehicle, for body, arms and blades.
+        distance_scale: Distance of the camera relative to that from the paper's vehicle.
+        lift: Height of the point that the camera looks at above that of the paper's vehicle.
+        metres_per_newton: Length of the arrow of a force, m/N.
+        pole_name: Name of the ball in the legend.
+    """
+
+    hubs: Floats
+    spins: tuple[int, ...] = (1, -1, 1, -1)
+    front: tuple[bool, ...] = (True, False, False, False)
+    rotor: float = 0.11
+    pivot: Floats = np.zeros(3)
+    bob: float = 0.045
+    pole: float = 0.016
+    pole_ratio: float = 1.0
+    scale: float = 1.0
+    distance_scale: float = 1.0
+    lift: float = 0.0
+    metres_per_newton: float = 0.7
+    pole_name: str = "bob"
+
+
+PAPER_SHAPE = Shape(ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
+
+
+def shape_of(vehicle: Vehicle | None) -> Shape:
+    """Return the sizes of a vehicle; None is the paper's.
+
+    The camera is so far away that the whole pole is in the picture, and the arrow of a force is as long compared with
+    the distance as that of the same fraction of the weight with the paper's vehicle.
+    """
+    if vehicle is None or vehicle == VEHICLES["paper"]:
+        return PAPER_SHAPE
+    if vehicle.rotors is not None:
+        hubs, spins = np.array(vehicle.rotors.positions), vehicle.rotors.spins
+    else:
+        arm = 1.6 * np.sqrt(vehicle.inertia_matrix[2, 2] / vehicle.mass)  # as the hummingbird's: 1.6 radii of gyration
+        hubs, spins = PAPER_SHAPE.hubs * arm / ARM, PAPER_SHAPE.spins
+    reach = float(np.hypot(hubs[:, 0], hubs[:, 1]).max())
+    gaps = np.linalg.norm(hubs[:, np.newaxis] - hubs, axis=-1)
+    height = vehicle.pole.extent or 2.0 * vehicle.pole.length
+    distance = float(np.clip(max(2.2 * height, 8.0 * reach), 0.1 * _PAPER_DISTANCE, 10.0 * _PAPER_DISTANCE))
+    scale, distance_scale = reach / ARM, distance / _PAPER_DISTANCE
+    return Shape(
+        hubs,
+        spins,
+        tuple((hubs[:, 0] > 0.9 * hubs[:, 0].max()).tolist()),
+        0.42 * float(gaps[gaps > 0.0].min()),
+        np.array(vehicle.pivot),
+        max(0.02 * height, 0.006 * distance),
+        max(0.016 * scale, 0.0045 * distance),
+        height / vehicle.pole.length,
+        scale,
+        distance_scale,
+        max(0.5 * height - 0.1 * distance, 0.0),
+        PAPER_SHAPE.metres_per_newton * VEHICLES["paper"].weight / vehicle.weight * distance_scale,
+        "pole" if vehicle.pole.inertia > 0.0 else "bob",
+    )
