@@ -81,7 +81,7 @@ def shape_of(vehicle: Vehicle | None) -> Shape:
         height / vehicle.pole.length,
         scale,
         distance_scale,
-        max(0.5 * height - 0.1 * distance, 0.0),
+        max(height - 0.214 * distance, 0.0),  # the tip is just below the upper edge
         PAPER_SHAPE.metres_per_newton * VEHICLES["paper"].weight / vehicle.weight * distance_scale,
         "pole" if vehicle.pole.inertia > 0.0 else "bob",
     )
