@@ -14,6 +14,7 @@ The model leaves out the vertical force on the bob because measurements cannot d
 the quadrotor.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from quadpend_baselines.modelling.planar import rotate
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.rigid_kernel import advance_rigid, rigid_from_state
 from quadpend_gym.physics.state import (
     BOB_FORCE,
     COMMAND_SIZE,
@@ -58,7 +60,11 @@ class LinearModel(NamedTuple):
 
 
 def linearise(simulation: Simulation) -> LinearModel:
-    """Return the model (1) over one control period, from central differences of `kernel.advance`."""
+    """Return the model (1) over one control period, from central differences of `kernel.advance`.
+
+    The model of a rigid vehicle is that of `rigid_kernel.advance_rigid` without the lag of the rotors and without
+    latency; its torques are about the axes of the body, and its pivot and drag are those of the vehicle.
+    """
     sizes = (MODEL_STATE_SIZE, COMMAND_SIZE, MODEL_DISTURBANCE_SIZE)
     steps = _STEP * np.concatenate([np.eye(sum(sizes)), -np.eye(sum(sizes))])
     x, command, model_disturbance = np.split(steps, np.cumsum(sizes)[:-1], axis=1)
@@ -69,10 +75,25 @@ def linearise(simulation: Simulation) -> LinearModel:
     disturbance = np.zeros((len(steps), DISTURBANCE_SIZE))
     disturbance[:, DISTURBANCE_COLUMNS] = model_disturbance
     parameters = np.tile(simulation.parameters.as_array(), (len(steps), 1))
-    advance(state, command, disturbance, parameters, simulation.period, simulation.substeps)
+    if simulation.is_rigid:
+        _advance_without_lag(state, command, disturbance, parameters, simulation)
+    else:
+        advance(state, command, disturbance, parameters, simulation.period, simulation.substeps)
     plus, minus = np.split(state[:, STATE_COLUMNS], 2)
     jacobian = ((plus - minus) / (2.0 * _STEP)).T
     return LinearModel(*np.split(jacobian, np.cumsum(sizes)[:-1], axis=1))
+
+
+def _advance_without_lag(
+    state: Floats, command: Floats, disturbance: Floats, parameters: Floats, simulation: Simulation
+) -> None:
+    """Advance states in place by one period in which thrust and torques, as deviations from hover, act at once."""
+    a = simulation.actuators
+    vehicle = replace(simulation.rigid_vehicle, rotors=None, torque=(a.roll_pitch_torque, a.yaw_torque))
+    direct = replace(simulation, vehicle=vehicle, interface="wrench", latency=0.0)
+    hover = np.eye(COMMAND_SIZE)[THRUST] * simulation.parameters.hover_thrust
+    action = (command - hover) / direct.command_scale
+    advance_rigid(state, rigid_from_state(state, direct), action, disturbance, parameters, direct)
 
 
 def rotate_state(x: Floats, yaw: Floats) -> Floats:

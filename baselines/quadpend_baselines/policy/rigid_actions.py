@@ -1,0 +1,161 @@
+"""Actions of rigid vehicles that make demanded thrust and torques, for each command interface.
+
+The rotors follow their commands with a lag, and with the interface "body_rates" the on-board loop of
+`quadpend_gym.physics.rotors` commands the torques. Both are linear within the limits of the rotors. The action is the
+constant one for which, by the nominal model of lag and loop, the mean of thrust and torques over a horizon H equals the
+demanded ones:
+
+    (1)  w_c = w + (w_d − w)/(1 − (L/H)(1 − exp(−H/L)))                  thrust and torques; w: present, w_d: demanded
+    (2)  ω_c = ω + (α_d − b α)/a,     ω(H) − ω = H (a (ω_c − ω) + b α)   body rates; α = I⁻¹(τ − ω × I ω)
+
+L is the time constant of the rotors. H is the control period, but at least 2 L: a shorter one makes commands that
+oscillate from one period to the next. Without lag, (1) is w_c = w_d.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import compiled
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors, load_four, rigid_from_state
+from quadpend_gym.physics.rigid_settings import hover_wrench, make_rigid_settings, pack_rigid, unpack_rigid
+from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, Four, after, allocate, clip4, multiply
+from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_gym.physics.vectors import Vec3, add, apply, axpy, cross, inverse, load
+
+_LAGS = 2.0  # H in units of L
+
+
+@lru_cache(maxsize=64)
+def _response(simulation: Simulation) -> tuple[float, float, float]:
+    """Return the factor of w_d − w in equation (1), and 1/a (1/s) and b of equation (2)."""
+    rotors = simulation.rigid_vehicle.rotors
+    down = 0.0 if rotors is None else rotors.lag_up if rotors.lag_down is None else rotors.lag_down
+    lag = 0.0 if rotors is None else 0.5 * (rotors.lag_up + down)
+    horizon = max(simulation.period, _LAGS * lag)
+    share = 1.0 if lag == 0.0 else 1.0 + lag / horizon * np.expm1(-horizon / lag)
+    step = simulation.period / simulation.substeps
+    loop, decay = make_rigid_settings(simulation).loop, np.exp(-step / lag) if lag > 0.0 else 0.0
+    effects = []
+    steps = round(horizon / step)
+    for error, acceleration in ((1.0, 0.0), (0.0, 1.0)):  # ω_c − ω and α at the beginning
+        remaining = error
+        for _ in range(steps):
+            wanted = loop.rate_gain * remaining - loop.torque_gain * acceleration
+            remaining -= step * wanted + lag * (1.0 - decay) * (acceleration - wanted)
+            acceleration = wanted + decay * (acceleration - wanted)
+        effects.append((error - remaining) / (steps * step))
+    return 1.0 / share, 1.0 / effects[0], effects[1]
+
+
+@compiled
+def _rigid_actions(
+    command: Floats, rigid: Floats, packed: Floats, hover: Floats, response: Floats, out: Floats, reached: Floats
+) -> None:
+    settings = unpack_rigid(packed)
+    rotors, scales, inertia = settings.rotors, settings.command_scale, settings.loop.inertia
+    per_inertia = inverse(inertia)
+    for row in range(command.shape[0]):
+        demanded = load_four(command.T, 0, row)
+        if rotors.has_rotors > 0.0:
+            demanded = multiply(rotors.mixing, allocate(demanded, rotors))
+        else:
+            demanded = clip4(demanded, rotors.lowest, rotors.highest)
+        thrusts = load_four(rigid.T, ROTOR_THRUST, row)
+        now = multiply(rotors.mixing, thrusts)
+        wrench = Four(
+            now.a + response[0] * (demanded.a - now.a),
+            now.b + response[0] * (demanded.b - now.b),
+            now.c + response[0] * (demanded.c - now.c),
+            now.d + response[0] * (demanded.d - now.d),
+        )
+        for i in range(4):
+            reached[row, i] = demanded[i]
+            out[row, i] = (wrench[i] - hover[i]) / scales[i]
+        if settings.interface == BODY_RATES:
+            rate = load(rigid.T, BODY_RATE, row)
+            passive = add(settings.trim, cross(rate, apply(inertia, rate)))
+            wanted = apply(per_inertia, axpy(-1.0, passive, Vec3(demanded.b, demanded.c, demanded.d)))
+            present = apply(per_inertia, axpy(-1.0, passive, Vec3(now.b, now.c, now.d)))
+            rates = axpy(response[1], axpy(-response[2], present, wanted), rate)
+            out[row, 1], out[row, 2], out[row, 3] = rates.x / scales.b, rates.y / scales.c, rates.z / scales.d
+        elif settings.interface == ROTOR_THRUSTS:
+            wanted_thrusts = allocate(wrench, rotors)
+            for i in range(4):
+                low, middle, high = rotors.lowest[i], rotors.hover[i], rotors.highest[i]
+                change = wanted_thrusts[i] - middle
+                out[row, i] = change / (high - middle if change > 0.0 else middle - low)
+
+
+def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return the actions for demanded thrusts (N) and torques (N·m), and the part of these within the rotors' limits.
+
+    Args:
+        command: Thrust and torques about the body's axes, including those of hover, shape (n, 4).
+        rigid: Quaternion, body rate and rotor thrusts, shape (n, 11), see `quadpend_gym.physics.rigid_kernel`.
+        simulation: A rigid vehicle with its interface.
+
+    Returns:
+        Actions, not limited, and thrusts and torques, both of shape (n, 4).
+    """
+    out, reached = np.empty_like(command), np.empty_like(command)
+    response = np.array(_response(simulation))
+    arrays = (np.ascontiguousarray(array) for array in (command, rigid))
+    _rigid_actions(*arrays, pack_rigid(simulation), hover_wrench(simulation), response, out, reached)
+    return out, reached
+
+
+@compiled
+def _rotor_response(
+    action: Floats, rate: Floats, thrusts: Floats, packed: Floats, step: float, substeps: int, mean: Floats
+) -> None:
+    settings = unpack_rigid(packed)
+    rotors, inertia, trim = settings.rotors, settings.loop.inertia, settings.trim
+    per_inertia = inverse(inertia)
+    for row in range(action.shape[0]):
+        given, omega = load_four(action.T, 0, row), load(rate.T, 0, row)
+        mean[row] = 0.0
+        for _ in range(substeps):
+            now = load_four(thrusts.T, 0, row)
+            wanted = command_rotors(given, now, omega, settings)
+            for i in range(4):
+                thrusts[row, i] = after(now[i], wanted[i], rotors.rise.z, rotors.fall.z)
+            middle = Four(
+                after(now.a, wanted.a, rotors.rise.y, rotors.fall.y),
+                after(now.b, wanted.b, rotors.rise.y, rotors.fall.y),
+                after(now.c, wanted.c, rotors.rise.y, rotors.fall.y),
+                after(now.d, wanted.d, rotors.rise.y, rotors.fall.y),
+            )
+            wrench = multiply(rotors.mixing, middle)
+            for i in range(4):
+                mean[row, i] += wrench[i] / substeps
+            torque = axpy(-1.0, trim, Vec3(wrench.b, wrench.c, wrench.d))
+            turn = apply(per_inertia, axpy(-1.0, cross(omega, apply(inertia, omega)), torque))
+            omega = axpy(step, turn, omega)
+
+
+def rotor_response(action: Floats, rate: Floats, thrusts: Floats, simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return the mean thrust (N) and torques (N·m) over a control period, and the rotor thrusts (N) at its end.
+
+    The body rate changes by the nominal torques alone, as far as the on-board loop needs it.
+
+    Args:
+        action: Actions, shape (n, 4).
+        rate: ω at the beginning of the period, rad/s, shape (n, 3).
+        thrusts: Rotor thrusts at the beginning, N, shape (n, 4).
+        simulation: A rigid vehicle with its interface.
+
+    Returns:
+        Two arrays of shape (n, 4).
+    """
+    mean, end, step = np.empty((len(rate), 4)), thrusts.copy(), simulation.period / simulation.substeps
+    given = np.asarray(action, np.float64)
+    _rotor_response(given, np.ascontiguousarray(rate), end, pack_rigid(simulation), step, simulation.substeps, mean)
+    return mean, end
+
+
+def hovering(rows: int, simulation: Simulation) -> Floats:
+    """Return quaternion, body rate and rotor thrusts of rigid vehicles that hover, shape (rows, 11)."""
+    return rigid_from_state(np.zeros((rows, STATE_SIZE)), simulation)
