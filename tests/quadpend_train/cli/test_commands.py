@@ -14,6 +14,7 @@ import pytest
 from quadpend_baselines import CONTROLLERS
 from quadpend_gym import __version__, actuators, sensors, wind
 from quadpend_gym.tasks import TASKS
+from quadpend_gym.vehicles import POLES, VEHICLES
 from quadpend_train.cli.commands import COMMANDS
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation import jobs
@@ -99,9 +100,13 @@ def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert listed["scenarios"] == {*SCENARIOS, *SETS}
     assert listed["settings"] == {path.stem for path in PRESETS.glob("*.toml")}
     assert listed["tasks"] == set(TASKS)
+    assert listed["vehicles"] == set(VEHICLES)
+    assert listed["poles"] == set(POLES)
     assert listed["winds"] == {*wind.PRESETS, *wind.KINDS} - {"sum"}
     assert listed["sensors"] == set(sensors.KINDS)
     assert listed["actuators"] == set(actuators.KINDS)
+    main(["list", "vehicles"])
+    assert "rotors for 2.8 times the weight with a lag of 15 ms" in capsys.readouterr().out
     main(["list", "scenarios"])
     printed = capsys.readouterr().out
     assert printed.startswith("scenarios:\n")

@@ -22,7 +22,9 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "list": Command("listing.list_names", "List policies, scenarios, settings, tasks, and models of wind and sensors."),
+    "list": Command(
+        "listing.list_names", "List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors."
+    ),
     "train": Command("training.train", "Train PPO, SAC or TQC."),
     "evaluate": Command(
         "evaluation.evaluate",

@@ -11,6 +11,7 @@ from quadpend_baselines.controllers.registry import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.tasks import TASKS
+from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.own import plugins
@@ -21,11 +22,11 @@ Rows = dict[str, str]  # descriptions by name
 
 
 def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
-    """List policies, scenarios, settings, tasks, and models of wind and sensors.
+    """List policies, scenarios, settings, tasks, vehicles, poles, and models of wind and sensors.
 
     Args:
-        tables: Tables to print: policies, scenarios, settings, tasks, winds, sensors or actuators; the default is all
-            of them.
+        tables: Tables to print: policies, scenarios, settings, tasks, vehicles, poles, winds, sensors or actuators; the
+            default is all of them.
     """
     if unknown := [name for name in tables if name not in TABLES]:
         raise ValueError(
@@ -92,11 +93,29 @@ def _kinds(kinds: Mapping[str, type[Any]]) -> Rows:
     return {name: (inspect.getdoc(kind) or "").splitlines()[0] for name, kind in kinds.items() if name != "sum"}
 
 
+def _vehicle(vehicle: Vehicle) -> str:
+    """Mass, pole and time constant 1/√K of its fall, and the rotors, whose lag must be short against it."""
+    pole = next(name for name, known in POLES.items() if known == vehicle.pole)
+    fall = 1e3 / np.sqrt(vehicle.stiffness)
+    text = f"{1e3 * vehicle.mass:g} g, pole {pole}, which falls with a time constant of {fall:.0f} ms"
+    if vehicle.rotors is None:
+        return f"{text}; the paper's attitude model, no rotors"
+    ratio, lag = 4.0 * vehicle.rotors.thrust[1] / vehicle.weight, 1e3 * vehicle.rotors.lag_up
+    return f"{text}; rotors for {ratio:.1f} times the weight with a lag of {lag:g} ms"
+
+
+def _pole(pole: Pole) -> str:
+    extent = pole.extent or 2.0 * pole.length
+    return f"{1e3 * pole.mass:g} g, {extent:g} m, {pole.length:g} m from the pivot to the centre of mass"
+
+
 TABLES: dict[str, Callable[[], Rows]] = {
     "policies": _policies,
     "scenarios": _scenarios,
     "settings": _settings,
     "tasks": _tasks,
+    "vehicles": lambda: {name: _vehicle(vehicle) for name, vehicle in VEHICLES.items()},
+    "poles": lambda: {name: _pole(pole) for name, pole in POLES.items()},
     "winds": _winds,
     "sensors": lambda: _kinds(sensors.KINDS),
     "actuators": lambda: _kinds(actuators.KINDS),
