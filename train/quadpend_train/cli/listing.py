@@ -22,7 +22,7 @@ Rows = dict[str, str]  # descriptions by name
 
 
 def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
-    """List policies, scenarios, settings, tasks, vehicles, poles, and models of wind and sensors.
+    """List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors.
 
     Args:
         tables: Tables to print: policies, scenarios, settings, tasks, vehicles, poles, winds, sensors or actuators; the
