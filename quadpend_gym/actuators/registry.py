@@ -38,15 +38,15 @@ def check_chain(models: Sequence[Any], simulation: Simulation) -> None:
 
     Args:
         models: Actuator models in the order in which they change the action.
-        simulation: Simulation whose command limits the rotors must not exceed, and whose interface a `GyroBias` needs.
+        simulation: Simulation whose interface the models need, and whose command limits the rotors must not exceed.
 
     Raises:
         ValueError: If there is more than one `Rotors`, a `RotorFault` is not followed by `Rotors`, or the rotors exceed
-            the command limits, or a `GyroBias` acts on an interface without body rates.
+            the command limits, a `GyroBias` has no interface "body_rates", or `Rotors` have no interface "wrench".
     """
-    interface = getattr(simulation, "interface", "wrench")
-    if interface != "body_rates" and any(isinstance(model, GyroBias) for model in models):
-        raise ValueError(f'a GyroBias needs the interface "body_rates", not "{interface}"')
+    for kind, interface in ((GyroBias, "body_rates"), (Rotors, "wrench")):
+        if simulation.interface != interface and any(isinstance(model, kind) for model in models):
+            raise ValueError(f'{kind.__name__} needs the interface "{interface}", not "{simulation.interface}"')
     rotors = [i for i, model in enumerate(models) if isinstance(model, Rotors)]
     if len(rotors) > 1:
         raise ValueError(f"actuators may contain Rotors only once, not {len(rotors)} times")

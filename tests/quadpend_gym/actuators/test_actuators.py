@@ -334,7 +334,7 @@ BAD_CHAINS: dict[str, tuple[Any, str]] = {
     "rotors twice": ([Rotors(), Rotors(0.1)], "only once"),
     "a fault without rotors": (RotorFault(), "a RotorFault needs rotors"),
     "a fault after rotors": ([Rotors(), RotorFault()], "a RotorFault needs rotors"),
-    "a gyro without body rates": (GyroBias(), 'a GyroBias needs the interface "body_rates", not "wrench"'),
+    "a gyro without body rates": (GyroBias(), 'GyroBias needs the interface "body_rates", not "wrench"'),
     "long arms": (Rotors(arm=2.0), r"torque of up to 6.86 N·m exceeds the simulation's limit of 5 N·m"),
     "strong drag": (Rotors(drag_ratio=0.5), r"torque of up to 3.43 N·m exceeds the simulation's limit of 1 N·m"),
 }

@@ -110,7 +110,7 @@ def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
     main(["list", "scenarios"])
     printed = capsys.readouterr().out
     assert printed.startswith("scenarios:\n")
-    assert f"  steady              {SCENARIOS['steady'].description}\n" in printed
+    assert re.search(rf"\n  steady +{SCENARIOS['steady'].description}\n", printed)
     assert "policies" not in printed
 
 
@@ -217,6 +217,27 @@ def test_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> 
     printed = capsys.readouterr().err
     assert printed.startswith("Traceback")
     assert "\nquadpend: there is no policy 'nix'" in printed
+
+
+def test_a_vehicle_applies_to_all_scenarios_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--episodes", "2", "--vehicle", "crazyflie", "--cache", str(tmp_path)]
+    main(["evaluate", "lqr", "--scenarios", "calm", "steady", *options, "--replay", "0", "--out", str(tmp_path)])
+    note = "Forces of the wind are scaled to the weight of the vehicle, by 0.0426 (0.292 N)"
+    assert note in capsys.readouterr().out
+    results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
+    assert list(results["scenarios"]) == ["calm · crazyflie", "steady · crazyflie"]
+    assert note in (tmp_path / "comparison.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "command", [["evaluate"], ["compare", "flatness", "lqr"], ["train"], ["watch"], ["tune", "lqr"]], ids=lambda c: c[0]
+)
+def test_every_command_with_scenarios_takes_a_vehicle(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "there is no vehicle 'x5000' (did you mean 'x500'?)" in refused([*command, "--vehicle", "x5000"], capsys)
+    assert "interface must be 'wrench', not 'rotors'" in refused([*command, "--interface", "rotors"], capsys)
 
 
 @pytest.mark.parametrize("command", [["evaluate"], ["compare", "flatness", "lqr"]], ids=" ".join)

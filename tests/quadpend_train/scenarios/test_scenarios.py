@@ -14,7 +14,16 @@ from quadpend_gym.wind import as_wind
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.scenarios import SCENARIOS, SETS, Scenario, expand_sets, find_scenario, name_or_json, scenario_hash
+from quadpend_train.scenarios import (
+    HELD_OUT,
+    SCENARIOS,
+    SETS,
+    Scenario,
+    expand_sets,
+    find_scenario,
+    name_or_json,
+    scenario_hash,
+)
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings, read_settings
 
@@ -118,6 +127,10 @@ def test_a_policy_that_does_not_fit_a_scenario_is_named_before_the_evaluation() 
         ('{"sensors": {"kind": "sample_hold", "period": 0.015}}', "period of a SampleHold must be a whole multiple"),
         ('{"actuators": "rotor_fault"}', "a RotorFault needs rotors"),
         ('{"parameters": {"mass": [1, 2]}}', "parameters has no field 'mass'|ranges has no field 'mass'"),
+        ("windy · crazyfly", "there is no vehicle 'crazyfly' \\(did you mean 'crazyflie'"),
+        ("windy · paper · body_rates", "interface must be 'wrench', not 'body_rates'"),
+        ("hummingbird_windy · paper", "interface must be 'wrench', not 'body_rates'"),
+        ('{"actuators": "rotors"} · crazyflie · body_rates', 'Rotors needs the interface "wrench"'),
         ('{"simulation": {"period": 0}}', "period must be above zero"),
         ('{"duration": 0}', "duration must be above zero"),
         ('{"duration": 0.015}', r"periods of 0.01 s \(simulation.period\), not 0.015 s"),
@@ -144,15 +157,58 @@ def test_a_scenario_can_change_the_task() -> None:
     assert SCENARIOS["calm"].make_vec(400, AutoresetMode.SAME_STEP).reset(seed=0)[1]["tilt"].max() < 0.2
 
 
-def test_the_sets_have_only_the_calm_scenario_in_common() -> None:
-    assert set(SETS["training"]) & set(SETS["test"]) == {"calm"}
-    for members in SETS.values():
+@pytest.mark.parametrize(("of", "calm"), [("", "calm"), ("-hummingbird", "hummingbird_calm")])
+def test_the_sets_have_only_the_calm_scenario_in_common(of: str, calm: str) -> None:
+    training, test = SETS[f"training{of}"], SETS[f"test{of}"]
+    assert set(training) & set(test) == {calm}
+    for members in (training, test):
         assert len(set(members)) == len(members) >= 8
         assert set(members) <= SCENARIOS.keys()
     assert not SETS.keys() & SCENARIOS.keys()
-    assert expand_sets(["windy", "test"]) == ["windy", *SETS["test"]]
-    held_out = {scenario_hash(SCENARIOS[name]) for name in SETS["test"]} - {scenario_hash(SCENARIOS["calm"])}
-    assert not held_out & {scenario_hash(SCENARIOS[name]) for name in SETS["training"]}
+    assert expand_sets(["windy", f"test{of}"]) == ["windy", *test]
+    held_out = {scenario_hash(SCENARIOS[name]) for name in test} - {scenario_hash(SCENARIOS[calm])}
+    assert not held_out & {scenario_hash(SCENARIOS[name]) for name in training}
+    assert f"test{of}" in HELD_OUT
+
+
+def test_as_flown_has_the_rates_and_the_latency_of_the_experiment() -> None:
+    hover, *circles = (SCENARIOS[name].simulation for name in SETS["as-flown"])
+    assert (hover.vehicle.name, hover.interface) == ("hummingbird", "body_rates")
+    assert (hover.period, hover.latency, hover.vehicle.rate_loop.time_constant) == (0.02, 0.03, 0.02)
+    assert all(simulation == hover for simulation in circles)
+    for name, radius in zip(SETS["as-flown"][1:], (0.1, 0.3, 0.5), strict=True):
+        place = SCENARIOS[name].task.trajectory.derivatives(np.linspace(0.0, 4.0, 9))[:, 0, :2]
+        np.testing.assert_allclose(np.linalg.norm(place, axis=1), radius)
+    env = SCENARIOS["as_flown_circle_030"].make_vec(2, AutoresetMode.SAME_STEP)
+    env.reset(seed=0)
+    assert np.isfinite(env.step(np.zeros((2, 4), np.float32))[0]).all()
+
+
+def test_a_scenario_with_another_vehicle_has_forces_of_its_weight() -> None:
+    windy, light = SCENARIOS["windy"], find_scenario("windy · crazyflie · body_rates")
+    assert light.simulation == Simulation(vehicle="crazyflie", interface="body_rates")
+    (model,) = light.wind.models
+    assert model.scale == pytest.approx(0.0298 * 9.81 / (0.7 * 9.8))
+    assert model.wind == windy.wind
+    assert "vehicle crazyflie, forces of the wind × 0.0426" in light.description
+    assert windy.with_vehicle("paper").wind == windy.wind
+    assert expand_sets(["training · crazyflie"]) == [f"{name} · crazyflie" for name in SETS["training"]]
+    assert find_scenario('{"description": "a · b", "wind": "windy"} · crazyflie').wind == light.wind
+    hummingbird = SCENARIOS["hummingbird_windy"]
+    assert hummingbird.with_vehicle("crazyflie").simulation == light.simulation
+    assert hummingbird.with_vehicle(interface="wrench").simulation.interface == "wrench"
+
+
+def test_a_scenario_with_a_vehicle_file_becomes_json(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("mass = 1\ninertia = [0.01, 0.01, 0.02]\npole = 'tube-1m'\ntorque = [1, 0.2]\n", encoding="utf-8")
+    assert name_or_json("windy · crazyflie") == "windy · crazyflie"
+    assert TrainSettings(scenarios=("training · crazyflie",)).scenarios == ("training · crazyflie",)
+    own = TrainSettings(scenarios=(f"windy · {path}",)).scenarios
+    scenario = find_scenario(f"windy · {path}")
+    path.unlink()
+    assert find_scenario(own[0]) == scenario
+    assert scenario.simulation.vehicle.name == "mine"
 
 
 def test_the_hash_of_a_scenario_depends_on_everything_but_its_description() -> None:
@@ -173,6 +229,8 @@ def test_the_hash_of_a_scenario_depends_on_everything_but_its_description() -> N
 def test_the_hashes_of_the_published_results_stay_the_same() -> None:
     assert scenario_hash(SCENARIOS["calm"]) == scenario_hash(Scenario(duration=10)) == "5f0b3427c4f8"
     assert scenario_hash(SCENARIOS["windy"]) == "a39b74e9585a"
+    assert scenario_hash(SCENARIOS["training_upset"]) == "1cf1ddb91f0d"
+    assert scenario_hash(SCENARIOS["hover_windy"]) == "a6ba04431095"
     assert "duration" not in name_or_json('{"wind": "storm"}')
     assert find_scenario(name_or_json('{"duration": 3}')).duration == 3.0
 

@@ -27,6 +27,8 @@ def evaluate(
     robustness: int = 0,
     replay: int = 2,
     document: Path | None = None,
+    vehicle: str | None = None,
+    interface: str | None = None,
 ) -> None:
     """Evaluate policies in the same episodes and compare them with the first policy.
 
@@ -48,6 +50,9 @@ def evaluate(
             scenario. Of a learner with several training seeds, the first is evaluated.
         replay: Episodes of each scenario that the report can replay; 0 omits the replay.
         document: Markdown file in which to update the generated parts.
+        vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+        interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.common import documents
     from quadpend_train.reports import report, results, tables
@@ -58,7 +63,7 @@ def evaluate(
     writable_folder(cache, "cache")
     made = report.evaluate(
         named_policies(policies),
-        named_scenarios(scenarios),
+        named_scenarios(scenarios, vehicle, interface),
         out,
         episodes=episodes,
         seed=seed,
@@ -74,6 +79,8 @@ def evaluate(
     console = make_console()
     if len(comparison.results) <= _MOST_ROWS:
         console.print(tables.comparison_table(comparison))
+    if note := tables.vehicle_note(comparison):
+        console.print(note, highlight=False)
     if len(sentences := tables.verdicts(comparison)) <= _MOST_SENTENCES:
         for sentence in sentences:
             console.print(f"• {sentence}", highlight=False)
@@ -92,6 +99,8 @@ def compare(
     jobs: int = 1,
     cache: Path = FOLDER,
     recompute: bool = False,
+    vehicle: str | None = None,
+    interface: str | None = None,
 ) -> None:
     """Compare two policies: print in which scenarios each of them wins, by how much, and how certain that is.
 
@@ -107,15 +116,20 @@ def compare(
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.
+        vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+        interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.evaluation.comparison import compare as compare_policies
     from quadpend_train.evaluation.pairwise import compare_pair
     from quadpend_train.reports import tables
 
     writable_folder(cache, "cache")
-    named = named_policies(policies)
-    comparison = compare_policies(named, named_scenarios(scenarios), episodes, seed, cache, recompute, jobs)
+    named, chosen = named_policies(policies), named_scenarios(scenarios, vehicle, interface)
+    comparison = compare_policies(named, chosen, episodes, seed, cache, recompute, jobs)
     pair = compare_pair(comparison, *named)
     console = make_console()
     console.print(pair.sentence(), highlight=False)
     console.print(tables.pairwise_table(pair))
+    if note := tables.vehicle_note(comparison):
+        console.print(note, highlight=False)

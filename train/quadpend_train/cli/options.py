@@ -1,4 +1,7 @@
-"""Helpers of several commands: parse NAME=POLICY, NAME=SCENARIO and NAME=MODEL, and make a console for tables."""
+"""Helpers of several commands: parse NAME=POLICY, NAME=SCENARIO and NAME=MODEL, and make a console for tables.
+
+The options `--vehicle` and `--interface` apply to all scenarios of a command, see `Scenario.with_vehicle`.
+"""
 
 import sys
 from collections.abc import Sequence
@@ -6,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
-from quadpend_train.scenarios import expand_sets
+from quadpend_train.scenarios import expand_sets, with_changes
 
 
 def named_policies(policies: Sequence[str]) -> dict[str, str]:
@@ -24,16 +27,24 @@ def named_policies(policies: Sequence[str]) -> dict[str, str]:
     return named
 
 
-def named_scenarios(scenarios: Sequence[str]) -> dict[str, str]:
+def named_scenarios(
+    scenarios: Sequence[str], vehicle: str | None = None, interface: str | None = None
+) -> dict[str, str]:
     """Return scenarios by name, with the members of sets in place of the sets. Duplicates count once.
 
     Args:
         scenarios: Scenarios, sets of them, or NAME=SCENARIO.
+        vehicle: Vehicle of all scenarios, the name of a preset or a TOML file; None: their own.
+        interface: Command interface of all scenarios; None: their own.
 
     Raises:
         ValueError: If two different scenarios have the same name.
     """
-    pairs = [named_model(scenario) for scenario in expand_sets(scenarios)]
+    label = Path(vehicle).stem if vehicle else None
+    pairs = [
+        (with_changes(name, label, interface), with_changes(value, vehicle, interface))
+        for name, value in map(named_model, expand_sets(scenarios))
+    ]
     if len(dict(pairs)) < len(set(pairs)):
         raise ValueError("two scenarios have the same name: give each its own, as NAME=SCENARIO")
     return dict(pairs)

@@ -12,6 +12,7 @@ import tyro
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.validation import check_int
 from quadpend_train.cli.options import named_model, writable_folder
+from quadpend_train.scenarios import with_changes
 
 
 def tune(
@@ -21,6 +22,8 @@ def tune(
     seed: int = 0,
     out: Path = Path("results/tune"),
     scenarios: tuple[str, ...] = ("training",),
+    vehicle: str | None = None,
+    interface: str | None = None,
 ) -> None:
     """Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.
 
@@ -35,13 +38,17 @@ def tune(
         out: Folder for the journal of the search and for the gains that it finds, NAME.json.
         scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
+        vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+        interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.studies import tuning
 
     tuning.check_names(controllers)
     writable_folder(out)
+    chosen = [with_changes(name, vehicle, interface) for name in scenarios]
     for name in controllers:
-        print(json.dumps(tuning.tune(name, trials, episodes, seed, out, scenarios), indent=1))
+        print(json.dumps(tuning.tune(name, trials, episodes, seed, out, chosen), indent=1))
 
 
 def ablate(

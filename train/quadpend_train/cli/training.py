@@ -8,13 +8,14 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from quadpend_train.cli.options import writable_file, writable_folder
-from quadpend_train.scenarios import find_scenario, scenario_hash
+from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
 from quadpend_train.training.settings import ALGORITHMS, TrainSettings, from_mapping, read_settings
 
 DEFAULT_SETTINGS = "demo"
@@ -68,6 +69,8 @@ def train(
     out: Path = DEFAULT_OUT,
     resume: Path | None = None,
     more_steps: int | None = None,
+    vehicle: str | None = None,
+    interface: str | None = None,
 ) -> None:
     """Train PPO, SAC or TQC.
 
@@ -80,10 +83,23 @@ def train(
         resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
             --patience may be changed.
         more_steps: Timesteps by which the finished run in the folder given by --resume is continued.
+        vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+        interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.policies.mlp_policy import MlpPolicy
     from quadpend_train.training import train as training
 
+    if resume and (vehicle or interface):
+        raise ValueError(
+            "--resume continues a run with its own scenarios: give no --vehicle and no --interface with it"
+        )
+    if vehicle or interface:
+        run = replace(
+            run,
+            scenarios=tuple(with_changes(name, vehicle, interface) for name in run.scenarios),
+            curriculum=tuple(with_changes(name, vehicle, interface) for name in run.curriculum),
+        )
     if resume and out != DEFAULT_OUT:
         raise ValueError("--resume continues a run in its own folder: give no --out with it")
     if more_steps is not None:

@@ -64,6 +64,8 @@ def watch(
     scenarios: tuple[str, ...] = ("windy",),
     seed: int = VALIDATION_SEED,
     video: Annotated[VideoOptions, tyro.conf.arg(name="")] = VideoOptions(),
+    vehicle: str | None = None,
+    interface: str | None = None,
 ) -> None:
     """Show policies side by side in the same episode, in a window or in a file.
 
@@ -72,6 +74,9 @@ def watch(
         scenarios: One scenario: a name, a TOML or JSON file, or JSON, as in evaluate.
         seed: Seed of the episode.
         video: Options of the picture and of the video.
+        vehicle: Vehicle of the scenario: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+        interface: What the actions command in the scenario: wrench, rotors or body_rates.
     """
     from quadpend_gym.viewer import check_pygame
     from quadpend_train.policies.adaptation import check_policy
@@ -80,7 +85,7 @@ def watch(
 
     if not 1 <= len(policies) <= 3:
         raise ValueError(f"policies must be one to three, not {len(policies)}")
-    chosen = list(named_scenarios(scenarios).values())
+    chosen = list(named_scenarios(scenarios, vehicle, interface).values())
     if len(chosen) != 1:
         raise ValueError(f"scenarios must be one scenario to watch, not {len(chosen)}: {', '.join(chosen)}")
     check_pygame()

@@ -23,10 +23,10 @@ from quadpend_train.policies.conversion import convert
 from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
 from quadpend_train.scenarios import (
     SCENARIOS,
-    SETS,
     Scenario,
     as_scenario,
     check_own_models,
+    expand_sets,
     scenario_data,
     scenario_file_hash,
     scenario_hash,
@@ -261,7 +261,7 @@ def _named_scenarios(scenarios: Scenarios) -> Mapping[str, Any]:
     if isinstance(scenarios, Mapping):
         return scenarios
     given = [scenarios] if isinstance(scenarios, str) else scenarios
-    members = [member for item in given for member in (SETS.get(item, (item,)) if isinstance(item, str) else (item,))]
+    members = [member for item in given for member in (expand_sets([item]) if isinstance(item, str) else (item,))]
     own = {name: scenario for name, scenario in SCENARIOS.items() if scenario in members}
     return {
         item if isinstance(item, str) else next((n for n, s in own.items() if s == item), f"scenario {i}"): item

@@ -7,6 +7,7 @@ import numpy as np
 from rich.table import Table
 
 from quadpend_baselines.gains import TUNED
+from quadpend_gym.wind import Rescaled
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, format_number
@@ -81,6 +82,8 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow] | None 
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         text += "\n\n" + leaderboard_markdown(leaderboard(comparison) if standings is None else standings)
         text += f"\n\n{leaderboard_note(comparison)}" if leaderboard_note(comparison) else ""
+    if note := vehicle_note(comparison):
+        text += f"\n\n{note}"
     return f"{text}\n"
 
 
@@ -93,6 +96,20 @@ def leaderboard_note(comparison: Comparison) -> str:
         return ""
     few = f"{comparison.episodes} episode{'s are' if comparison.episodes > 1 else ' is'}"
     return f"{few} too few for wins by RMSE with {tests} tests: use at least {needed} episodes."
+
+
+def vehicle_note(comparison: Comparison) -> str:
+    """Return that forces of the wind are scaled to the weight of the vehicle; empty if they are not."""
+    scaled = {
+        model.scale: scenario.simulation.parameters.hover_thrust
+        for scenario in comparison.scenarios.values()
+        for model in scenario.wind.models
+        if isinstance(model, Rescaled)
+    }
+    if not scaled:
+        return ""
+    factors = ", ".join(f"{scale:.3g} ({weight:.3g} N)" for scale, weight in scaled.items())
+    return f"Forces of the wind are scaled to the weight of the vehicle, by {factors}; wind velocities are not."
 
 
 def comparison_markdown(comparison: Comparison) -> str:

@@ -2,6 +2,7 @@
 
 from quadpend_train.scenarios.scenario import (
     ENVIRONMENTS,
+    HELD_OUT,
     HOVER,
     SCENARIO_FILE,
     SCENARIOS,
@@ -12,14 +13,18 @@ from quadpend_train.scenarios.scenario import (
     expand_sets,
     find_scenario,
     name_or_json,
+    names_without_files,
     own_models,
     scenario_data,
     scenario_file_hash,
     scenario_hash,
+    split_changes,
+    with_changes,
 )
 
 __all__ = [
     "ENVIRONMENTS",
+    "HELD_OUT",
     "HOVER",
     "SCENARIOS",
     "SCENARIO_FILE",
@@ -30,8 +35,11 @@ __all__ = [
     "expand_sets",
     "find_scenario",
     "name_or_json",
+    "names_without_files",
     "own_models",
     "scenario_data",
     "scenario_file_hash",
     "scenario_hash",
+    "split_changes",
+    "with_changes",
 ]

@@ -1,10 +1,14 @@
 """Scenarios: an environment with its wind, sensors, actuators and parameters, as data.
 
-The file `scenarios.toml` defines the scenarios of this package, so that a name always means the same episodes. It also
-names two sets of scenarios: `training`, for training and tuning, and `test`, which is held out. Users write their own
-scenarios as TOML or JSON files with the fields of `Scenario`, or as JSON on the command line:
+The TOML files of this folder define the scenarios of this package, so that a name always means the same episodes:
+`scenarios.toml` those of the paper's vehicle, `hummingbird.toml` those of a real one. They also name sets of scenarios:
+`training` and `training-hummingbird`, for training and tuning, and sets that are held out, such as `test`. Users write
+their own scenarios as TOML or JSON files with the fields of `Scenario`, or as JSON on the command line:
 
     quadpend train --scenarios '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'
+
+A scenario or a set with another vehicle or command interface has these in its name, such as ``"windy · crazyflie"`` and
+``"windy · crazyflie · body_rates"``, see `Scenario.with_vehicle`.
 """
 
 import hashlib
@@ -24,11 +28,13 @@ from quadpend_gym.actuators import as_actuators, check_chain
 from quadpend_gym.core.factories import call_factory, describe_error, find_factory, is_factory
 from quadpend_gym.core.models import is_project_class, to_plain_data
 from quadpend_gym.core.validation import check_int, check_positive, from_plain, suggest
+from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors, check_periods
 from quadpend_gym.tasks import TASKS, RewardWeights, as_task
 from quadpend_gym.tasks.feasibility import check_feasible
-from quadpend_gym.wind import Sum, WindFromFactory, as_wind
+from quadpend_gym.vehicles import VEHICLES, as_vehicle
+from quadpend_gym.wind import Rescaled, Sum, WindFromFactory, as_wind
 from quadpend_gym.wrappers import (
     VectorActuatorWrapper,
     VectorHistoryWrapper,
@@ -120,6 +126,37 @@ class Scenario:
         task = TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
         return replace(self, task=replace(task, reward=reward))
 
+    def with_vehicle(self, vehicle: Any = None, interface: str | None = None) -> "Scenario":
+        """Return the scenario with another vehicle, another command interface, or both.
+
+        Forces and torques of the wind are multiplied by the ratio of the weights of the new and the old vehicle, so
+        that they are as strong for the one as for the other. Wind velocities, starts, references, sensors and actuators
+        do not change.
+
+        Args:
+            vehicle: Vehicle, as `quadpend_gym.vehicles.as_vehicle` takes it; None: that of the scenario.
+            interface: What an action commands; None: as in the scenario.
+
+        Raises:
+            TypeError: If `vehicle` has the wrong type.
+            ValueError: If there is no such vehicle or interface, or they do not fit the rest of the scenario.
+        """
+        old = self.simulation
+        if vehicle is None:
+            return self if interface is None else replace(self, simulation=replace(old, interface=interface))
+        found = as_vehicle(vehicle)
+        new = Simulation(
+            period=old.period,
+            substeps=old.substeps,
+            vehicle=found,
+            interface=old.interface if interface is None else interface,
+            latency=old.latency,
+        )
+        scale = new.parameters.hover_thrust / old.parameters.hover_thrust
+        wind = self.wind if scale == 1.0 else [Rescaled(model, scale) for model in self.wind.models]
+        note = f"; vehicle {found.name}, forces of the wind × {scale:.3g}"
+        return replace(self, simulation=new, wind=wind, description=f"{self.description}{note}")
+
     def make_vec(
         self, num_envs: int, autoreset_mode: AutoresetMode, max_episode_steps: int | None = None
     ) -> VectorEnv[Any, Any, Any]:
@@ -152,12 +189,43 @@ class Scenario:
         return env
 
 
-# Fields that were added after the first published results, with their default values: they are left out of the hash of
-# a scenario that does not set them, so the hashes of older scenarios stay the same.
-_LATER_FIELDS = {"duration": 10.0}
-_DATA = read_mapping(SCENARIO_FILE)
-SCENARIOS = {name: from_plain(Scenario, fields, name) for name, fields in _DATA["scenarios"].items()}
-SETS = {name: tuple(members) for name, members in _DATA["sets"].items()}
+# Fields that were added after the first published results, with their default values, by the field of the scenario that
+# has them ("" for the scenario itself). They are left out of the hash of a scenario that does not set them, so the
+# hashes of older scenarios stay the same.
+_LATER_FIELDS: dict[str, dict[str, Any]] = {
+    "": {"duration": 10.0},
+    "task": {"trajectory": None},
+    "simulation": {"vehicle": None, "interface": "wrench", "latency": 0.0},
+}
+
+
+def _read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
+    """Return the scenarios and the sets of a file; the table `defaults` has fields of all scenarios of the file."""
+    data = read_mapping(path)
+    common = data.get("defaults", {})
+    scenarios = {name: from_plain(Scenario, {**common, **own}, name) for name, own in data["scenarios"].items()}
+    return scenarios, {name: tuple(members) for name, members in data["sets"].items()}
+
+
+SCENARIOS, SETS = _read_scenarios(SCENARIO_FILE)
+for _more in map(_read_scenarios, sorted(SCENARIO_FILE.parent.glob("*.toml"))):
+    SCENARIOS |= _more[0]
+    SETS |= _more[1]
+HELD_OUT = tuple(name for name in SETS if not name.startswith("training"))  # sets for results only
+_SEPARATOR = " · "
+
+
+def with_changes(name: str, vehicle: str | None = None, interface: str | None = None) -> str:
+    """Return the name of a scenario or a set with another vehicle or interface, such as "windy · crazyflie"."""
+    return _SEPARATOR.join(part for part in (name, vehicle, interface) if part)
+
+
+def split_changes(name: str) -> tuple[str, str | None, str | None]:
+    """Return the scenario or the set in a name of `with_changes`, and its vehicle and interface, None if not given."""
+    head, brace, tail = name.rpartition("}")  # JSON may contain the separator
+    first, *changes = tail.split(_SEPARATOR)
+    interface = changes.pop() if changes and changes[-1] in INTERFACES else None
+    return head + brace + first, _SEPARATOR.join(changes) or None, interface
 
 
 def find_scenario(name: str) -> Scenario:
@@ -166,12 +234,15 @@ def find_scenario(name: str) -> Scenario:
     Args:
         name: Key of `SCENARIOS`, path of a TOML or JSON file, JSON that begins with a brace, or ``"module:factory"``: a
             function of the user's own code that returns a `Scenario`, or a wind model for the scenario without other
-            changes.
+            changes. A vehicle and an interface may follow, see `with_changes`.
 
     Raises:
         TypeError: If a field has the wrong type.
         ValueError: If `name` is none of these, a field is unknown or out of range, or the factory fails.
     """
+    name, vehicle, interface = split_changes(name)
+    if vehicle or interface:
+        return find_scenario(name).with_vehicle(vehicle, interface)
     if name in SCENARIOS:
         return SCENARIOS[name]
     if name in SETS:
@@ -224,8 +295,9 @@ def as_scenario(value: Any) -> Scenario:
 
 
 def expand_sets(names: Sequence[str]) -> list[str]:
-    """Return `names` with each name of a set replaced by the names of its scenarios."""
-    return [member for name in names for member in SETS.get(name, (name,))]
+    """Return `names` with each name of a set, also with a vehicle, replaced by the names of its scenarios."""
+    found = [split_changes(name) for name in names]
+    return [with_changes(member, *changes) for name, *changes in found for member in SETS.get(name, (name,))]
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
@@ -276,19 +348,31 @@ def check_own_models(name: str, scenario: Scenario) -> None:
 
 def _stored_fields(scenario: Scenario) -> dict[str, Any]:
     """Return the fields of a scenario without those of `_LATER_FIELDS` that have their default value."""
-    data = {name: value for name, value in scenario_data(scenario).items() if value != _LATER_FIELDS.get(name, ...)}
-    if scenario.task is not None and scenario.task.trajectory is None:
-        del data["task"]["trajectory"]  # a later field of `Task`
+    data = scenario_data(scenario)
+    for part, later in _LATER_FIELDS.items():
+        container = data[part] if part else data
+        for name in [name for name, default in later.items() if container and container[name] == default]:
+            del container[name]
     return data
 
 
 def name_or_json(name: str) -> str:
     """Return the scenario as JSON, which does not depend on a file.
 
-    A key of `SCENARIOS` and a text ``"module:factory"`` are returned as they are.
+    A key of `SCENARIOS` and a text ``"module:factory"`` are returned as they are, also with a vehicle of the package.
     """
     found = find_scenario(name)
-    return name if name in SCENARIOS or is_factory(name) else json.dumps(_stored_fields(found))
+    base, vehicle, _ = split_changes(name)
+    lasting = (base in SCENARIOS or is_factory(base)) and (vehicle is None or vehicle in VEHICLES)
+    return name if lasting else json.dumps(_stored_fields(found))
+
+
+def names_without_files(name: str) -> list[str]:
+    """Return a scenario as by `name_or_json`, or the name of a set; a set with a vehicle file becomes its scenarios."""
+    base, vehicle, _ = split_changes(name)
+    if base in SETS and (vehicle is None or vehicle in VEHICLES):
+        return [name]
+    return [name_or_json(member) for member in expand_sets([name])]
 
 
 def scenario_hash(scenario: Scenario) -> str:
@@ -301,5 +385,8 @@ def scenario_hash(scenario: Scenario) -> str:
 
 
 def scenario_file_hash() -> str:
-    """Return twelve hexadecimal digits of the hash of `scenarios.toml`, including comments."""
+    """Return twelve hexadecimal digits of the hash of `scenarios.toml`, including comments.
+
+    Results of other scenarios are known by their `scenario_hash`.
+    """
     return hashlib.sha256(SCENARIO_FILE.read_bytes()).hexdigest()[:12]

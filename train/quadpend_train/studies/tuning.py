@@ -28,7 +28,7 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.validation import check_int, suggest
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
-from quadpend_train.scenarios import Scenario, expand_sets, find_scenario, scenario_hash
+from quadpend_train.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
 from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
@@ -242,8 +242,9 @@ def tune(
             simulations or observations, or a number is out of range.
     """
     check_names([name])
-    if not scenarios or "test" in scenarios:
-        raise ValueError("scenarios must be at least one, and not 'test', which is held out")
+    held_out = [base for base in (split_changes(item)[0] for item in scenarios) if base in HELD_OUT]
+    if not scenarios or held_out:
+        raise ValueError(f"scenarios must be at least one, and not {(held_out or ['test'])[0]!r}, which is held out")
     check_int(trials, "trials", 1)
     check_int(episodes, "episodes", 1)
     optuna.logging.set_verbosity(optuna.logging.WARNING)

@@ -14,7 +14,7 @@ from quadpend_gym.core.validation import check_int, check_number, check_positive
 from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
-from quadpend_train.scenarios import SETS, expand_sets, find_scenario, name_or_json
+from quadpend_train.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
 
 PRESETS = Path(__file__).with_name("presets")
 ALGORITHMS = ("ppo", "sac", "tqc")
@@ -294,10 +294,11 @@ def _check_choice(value: Any, name: str, known: tuple[str, ...]) -> None:
 def _scenarios(value: Any, name: str) -> tuple[str, ...]:
     items = (value,) if isinstance(value, str | dict) else value
     try:
-        if "test" in items:
-            raise ValueError(f"{name} cannot be 'test', which is held out: use 'training' or single scenarios")
         items = [json.dumps(item, default=str) if isinstance(item, dict) else item for item in items]
-        return tuple(item for given in items for item in ([given] if given in SETS else [name_or_json(given)]))
+        for item in items:
+            if (base := split_changes(item)[0]) in HELD_OUT:
+                raise ValueError(f"{name} cannot be {base!r}, which is held out: use 'training' or single scenarios")
+        return tuple(item for given in items for item in names_without_files(given))
     except (TypeError, AttributeError) as error:
         raise TypeError(f"{name} must be one scenario or a list of scenarios, not {value!r}: {error}") from error
 
