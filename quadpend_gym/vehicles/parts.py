@@ -121,7 +121,7 @@ class Drag:
 
 @dataclass(frozen=True)
 class RateLoop:
-    """The loop on board that follows body rates: ω̇ = (commanded ω − ω)/time_constant, within the torque limits.
+    """The loop on board that follows body rates; after `time_constant`, 63 % of a small step of a rate is reached.
 
     Raises:
         TypeError: If a value is not a number.

@@ -136,12 +136,15 @@ def mixing(vehicle: Vehicle) -> Floats:
 
 
 def hover_thrusts(vehicle: Vehicle) -> Floats:
-    """Return the rotor thrusts that carry body and pole without any torque, N, shape (4,).
+    """Return the rotor thrusts that hold body and upright pole at rest, N, shape (4,).
+
+    They make no torque, unless the pivot is beside the centre of mass.
 
     Raises:
         ValueError: If the vehicle has no rotors.
     """
-    return np.asarray(np.linalg.solve(mixing(vehicle), [vehicle.weight, 0.0, 0.0, 0.0]))
+    pole, (x, y, _) = vehicle.pole.mass * vehicle.gravity, vehicle.pivot
+    return np.asarray(np.linalg.solve(mixing(vehicle), [vehicle.weight, y * pole, -x * pole, 0.0]))
 
 
 def torque_limits(vehicle: Vehicle) -> tuple[float, float]:
@@ -231,6 +234,6 @@ def _check_rotors(vehicle: Vehicle) -> None:
     hover = hover_thrusts(vehicle)
     if not (low < hover.min() and hover.max() < high):
         raise ValueError(
-            "rotors.positions and rotors.spins must allow hover without torques within rotors.thrust of"
+            "rotors.positions, rotors.spins and pivot must allow hover within rotors.thrust of"
             f" {low:g} to {high:g} N, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
         )

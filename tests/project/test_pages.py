@@ -7,16 +7,19 @@ import json
 import re
 import shlex
 import shutil
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tyro
 
+from docs.tools import vehicles
 from docs.tools.settings import tables
 from quadpend_gym import OBSERVATION_FIELDS, Limits, RewardWeights, Simulation, StartSettings
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE
+from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Vehicle
 from quadpend_train.cli.main import main
 from tests.helpers.sources import ROOT
 
@@ -43,6 +46,13 @@ def blocks(language: str) -> list[Any]:
     ]
 
 
+def write_files(folder: Path) -> None:
+    """Write the TOML files that the pages show."""
+    for page in PAGES:
+        for text, name in re.findall(r"```toml\n(# (\w+\.toml).*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            (folder / name).write_text(text, encoding="utf-8")
+
+
 @pytest.mark.parametrize("block", blocks("python"))
 def test_python_on_every_page_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     imported = {
@@ -56,6 +66,7 @@ def test_python_on_every_page_runs(block: str, tmp_path: Path, monkeypatch: pyte
     for long, brief in BRIEF.items():
         block = re.sub(long, brief, block)
     monkeypatch.chdir(tmp_path)
+    write_files(tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     exec(compile(block, "page.md", "exec"), {"__name__": "__main__"})
 
@@ -76,9 +87,7 @@ def test_commands_on_every_page_are_valid(block: str, tmp_path: Path, monkeypatc
     (tmp_path / "runs/mine/settings.json").write_text("{}", encoding="utf-8")
     shutil.copytree(ROOT / "docs/examples", tmp_path, dirs_exist_ok=True)
     monkeypatch.syspath_prepend(tmp_path)
-    for page in PAGES:  # the files that the commands name
-        for text, name in re.findall(r"```toml\n(# (\w+\.toml).*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
-            (tmp_path / name).write_text(text, encoding="utf-8")
+    write_files(tmp_path)
     for line in re.sub(r"\\\n", "", block).splitlines():
         if line.startswith("quadpend "):
             main(shlex.split(line, comments=True)[1:])
@@ -123,6 +132,15 @@ def test_the_tables_of_settings_and_presets_are_generated_from_the_code() -> Non
     page = (ROOT / "docs/training.md").read_text(encoding="utf-8")
     missing = [name for name, table in tables().items() if f"<!-- begin {name} -->\n\n{table}\n\n" not in page]
     assert missing == [], "run python -m docs.tools.settings"
+
+
+def test_the_page_of_vehicles_has_the_presets_the_fields_and_the_picture_of_the_code() -> None:
+    page = vehicles.PAGE.read_text(encoding="utf-8")
+    missing = [name for name, table in vehicles.tables().items() if f"<!-- begin {name} -->\n\n{table}\n\n" not in page]
+    assert missing == [], "run python -m docs.tools.vehicles"
+    assert vehicles.PICTURE.read_text(encoding="utf-8") == vehicles.picture(), "run python -m docs.tools.vehicles"
+    named = {field.name for kind in (Vehicle, Pole, Rotors, Drag, RateLoop) for field in fields(kind)}
+    assert {name for name in named if f"`{name}`" not in page} == set()
 
 
 def test_the_rate_on_the_page_of_training_is_that_of_time_to_beat() -> None:

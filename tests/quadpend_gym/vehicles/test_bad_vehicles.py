@@ -54,11 +54,11 @@ SENSELESS = {  # what the line replaces, the line, and a pattern of the message
         "rotors.positions", "rotors.positions = [[99,99],[-99,99],[-99,-99],[99,-99]]", "rotors.positions must be .* 99"
     ),
     "rotors in front": (
-        "rotors.positions", "rotors.positions = [[0.3,0.1],[0.1,0.1],[0.1,-0.1],[0.3,-0.1]]", "hover without torques"
+        "rotors.positions", "rotors.positions = [[0.3,0.1],[0.1,0.1],[0.1,-0.1],[0.3,-0.1]]", "must allow hover within"
     ),
     "equal spins": ("rotors.spins", "rotors.spins = [1, 1, 1, 1]", "opposite spins"),
     "equal spins on each side": ("rotors.spins", "rotors.spins = [1, 1, -1, -1]", "opposite spins"),
-    "one odd spin": ("rotors.spins", "rotors.spins = [1, 1, 1, -1]", "hover without torques"),
+    "one odd spin": ("rotors.spins", "rotors.spins = [1, 1, 1, -1]", "must allow hover within"),
     "spin as a speed": ("rotors.spins", "rotors.spins = [500, -500, 500, -500]", "rotors.spins must be four numbers"),
     "spins as text": ("rotors.spins", "rotors.spins = 'ccw'", "rotors.spins must be four numbers"),
     "weak rotors": ("rotors.thrust", "rotors.thrust = [0, 1.0]", "rotors.thrust must carry the weight"),
@@ -78,6 +78,7 @@ SENSELESS = {  # what the line replaces, the line, and a pattern of the message
     "negative torque": ("mass", "mass = 0.5\ntorque = [-0.4, 0.1]", "vehicle.torque must be"),
     "flat pivot": ("mass", "mass = 0.5\npivot = [0, 0]", "vehicle.pivot must be a number or 3 numbers"),
     "pivot in millimetres": ("mass", "mass = 0.5\npivot = [0, 0, 50]", "vehicle.pivot must be .* not 50"),
+    "pivot beside the rotors": ("pole", "pivot = [0.9, 0, 0]\npole = 'tube-150cm'", "and pivot must allow"),
     "no gravity": ("mass", "mass = 0.5\ngravity = 0", "vehicle.gravity must be"),
     "unknown attitude": ("mass", "mass = 0.5\nattitude = 'quaternion'", "vehicle.attitude must be 'rigid' or 'euler'"),
     "paper's attitude with rotors": ("mass", "mass = 0.5\nattitude = 'euler'", "'euler'.* has no rotors"),

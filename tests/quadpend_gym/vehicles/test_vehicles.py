@@ -98,6 +98,12 @@ def test_rotors_around_a_displaced_centre_of_mass_carry_unequal_thrusts() -> Non
     assert_allclose(mixing(vehicle) @ thrusts, [vehicle.weight, 0, 0, 0], atol=1e-12)
 
 
+def test_a_pole_beside_the_centre_of_mass_is_held_by_a_torque() -> None:
+    vehicle = replace(VEHICLES["hummingbird"], pivot=(0.02, 0.0, 0.05))
+    weight = vehicle.pole.mass * vehicle.gravity
+    assert_allclose(mixing(vehicle) @ hover_thrusts(vehicle), [vehicle.weight, 0, -0.02 * weight, 0], atol=1e-12)
+
+
 def test_a_vehicle_may_have_a_full_inertia_and_be_given_as_plain_data() -> None:
     matrix = [[0.003, 1e-4, 0.0], [1e-4, 0.0032, 0.0], [0.0, 0.0, 0.0055]]
     vehicle = Vehicle("mine", 0.5, matrix, "hehn", torque=[0.4, 0.08])  # type: ignore[arg-type]
