@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results animation pictures test check static kernels format bench time-to-beat golden docs tour screenshots clean help
+.PHONY: demo evidence learners ablations results vehicles animation pictures test check static kernels format bench time-to-beat golden docs tour screenshots clean help
 
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -36,6 +36,10 @@ results: .venv/.installed  ## docs/results.md: learned policies and classical co
 		--robustness 50 --out docs/results --document docs/results.md
 	$(BIN)/quadpend evaluate flatness adrc-paper ppo-gain-scheduling-hover sac-gain-scheduling-hover --scenarios hover hover_windy --episodes 200 \
 		--seed $(TEST_SEED) --out docs/hover
+
+FLYERS := flatness lqr lqi mppi adrc-matched
+vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, from large tilts, and as flown in an experiment
+	$(BIN)/quadpend vehicles $(FLYERS) --episodes 200 --seed $(TEST_SEED) --jobs 2 --out docs/vehicles-results --document docs/vehicles-results.md
 
 animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
 	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenarios docs/gust.toml --seconds 1.5 5 --speed 0.5 \

@@ -52,6 +52,11 @@ COMMANDS = {
         "Train with and without each part of a learner, and tabulate the differences.",
         "finished runs are saved, and the same command continues",
     ),
+    "vehicles": Command(
+        "vehicles.vehicles",
+        "Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.",
+        _RESULTS_ARE_CACHED,
+    ),
     "wind": Command("studies.wind", "Plot models of wind, and the effects of sensors and actuators."),
     "paper": Command("studies.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
 }

@@ -60,6 +60,11 @@ class StartGrid:
     y: GridAxis
     start: Callable[[Floats, Floats], dict[str, Floats]]
 
+    @property
+    def size(self) -> int:
+        """Number of starts."""
+        return self.x.values.size * self.y.values.size
+
     def options(self) -> dict[str, Any]:
         """Return the options of `reset` for all starts, line by line from the lowest y, with x varying fastest."""
         x, y = (values.ravel() for values in np.meshgrid(self.x.values, self.y.values))
@@ -104,11 +109,12 @@ def _tilt_and_offset(angle: Floats, offset: Floats) -> dict[str, Floats]:
 
 
 _TILT = GridAxis("initial tilt", "rad", np.linspace(-0.7, 0.7, 25))
+_TILT_RATE = GridAxis("initial tilt rate", "rad/s", np.linspace(-4.0, 4.0, 25))
 START_GRIDS = {
     "tilt_rate": StartGrid(
         "Tilt and tilt rate",
         _TILT,
-        GridAxis("initial tilt rate", "rad/s", np.linspace(-4.0, 4.0, 25)),
+        _TILT_RATE,
         _tilt_and_rate,
     ),
     "tilt_offset": StartGrid(
@@ -118,6 +124,33 @@ START_GRIDS = {
         _tilt_and_offset,
     ),
 }
+
+
+# From hover outwards: one quantity grows, and the other one is zero.
+_NONE = np.zeros(1)
+START_LINES = {
+    "tilt": StartGrid(
+        "Tilt", _TILT._replace(values=np.radians(np.arange(60.0))), _TILT_RATE._replace(values=_NONE), _tilt_and_rate
+    ),
+    "tilt_rate": StartGrid(
+        "Tilt rate",
+        _TILT._replace(values=_NONE),
+        _TILT_RATE._replace(values=np.radians(np.arange(0.0, 300.0, 5.0))),
+        _tilt_and_rate,
+    ),
+}
+
+
+def largest_recovered(found: RecoveryMap, values: Floats) -> float:
+    """Return the largest value such that a policy recovers from it and from all smaller ones; nan if there is none.
+
+    Args:
+        found: Outcomes of the starts of one of `START_LINES`; of several training seeds all must recover.
+        values: Values of the quantity that grows, ascending.
+    """
+    fails = (found.outcome != RecoveryOutcome.RECOVERED).reshape(-1, values.size).any(axis=0)
+    count = int(fails.argmax()) if fails.any() else values.size
+    return float(values[count - 1]) if count else np.nan
 
 
 def classify_recovery(results: EpisodeResults, grid: StartGrid, period: float) -> RecoveryMap:

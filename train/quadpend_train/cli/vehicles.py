@@ -1,0 +1,104 @@
+"""The command `quadpend vehicles`: the study of controllers on real vehicles, for docs/vehicles-results.md.
+
+The parameters of the function are the options of the command. Slow imports are inside it, so that `quadpend --help`
+starts quickly.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from quadpend_baselines import CONTROLLERS
+from quadpend_gym.core.validation import check_int, suggest
+from quadpend_gym.vehicles import VEHICLES
+from quadpend_train.cli.options import writable_folder
+from quadpend_train.evaluation.cache import FOLDER
+from quadpend_train.evaluation.episodes import VALIDATION_SEED
+
+PARTS = ("presets", "recovery", "as-flown", "leaderboard")
+
+
+def vehicles(
+    policies: tyro.conf.Positional[tuple[str, ...]] = ("flatness", "lqr", "lqi", "mppi", "adrc-matched"),
+    parts: tuple[str, ...] = PARTS,
+    presets: tuple[str, ...] = tuple(VEHICLES),
+    episodes: int = 200,
+    seed: int = VALIDATION_SEED,
+    out: Path = Path("results/vehicles"),
+    jobs: int = 1,
+    cache: Path = FOLDER,
+    document: Path | None = None,
+) -> None:
+    """Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.
+
+    Args:
+        policies: Classical controllers, and for the leaderboard also other policies, as in evaluate.
+        parts: Parts of the study: presets (every vehicle in calm air and in wind), recovery (the largest tilts),
+            as-flown (the experiment, with and without prediction over its latency), leaderboard (the set
+            test-hummingbird).
+        presets: Vehicles of the parts presets and recovery.
+        episodes: Episodes in each scenario.
+        seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
+        out: Folder for a table PART.md and its numbers PART.json of each part.
+        jobs: Number of processes; the results do not depend on it.
+        cache: Folder of cached results; only missing results are computed.
+        document: Markdown file in which to update the generated parts vehicles-PART; other text does not change.
+    """
+    from quadpend_train.common import documents
+    from quadpend_train.common.provenance import provenance
+    from quadpend_train.studies import vehicles as study
+
+    for given, known, noun in ((parts, PARTS, "part"), (presets, tuple(VEHICLES), "vehicle")):
+        _check_names(given, known, noun)
+    controllers = [name for name in policies if name in CONTROLLERS]
+    if not controllers and set(parts) != {"leaderboard"}:
+        raise ValueError(
+            f"policies must have a classical controller for the parts other than leaderboard, not {policies}"
+        )
+    check_int(episodes, "episodes", 1)
+    check_int(seed, "seed", 0)
+    check_int(jobs, "jobs", 1)
+    if document:
+        documents.check(document, [f"vehicles-{part}" for part in parts])
+    writable_folder(cache, "cache")
+    writable_folder(out)
+    settings: dict[str, Any] = {"cache_folder": cache, "processes": jobs}
+    measure = {
+        "presets": lambda: study.measure_presets(controllers, presets, episodes, seed, **settings),
+        "recovery": lambda: study.measure_recovery(controllers, presets, seed, **settings),
+        "as-flown": lambda: study.measure_as_flown(controllers, episodes, seed, **settings),
+        "leaderboard": lambda: _leaderboard(policies, episodes, seed, cache, jobs),
+    }
+    for part in parts:
+        table = measure[part]()
+        (out / f"{part}.md").write_text(table.markdown + "\n", encoding="utf-8")
+        data = {"provenance": provenance(), "episodes": episodes, "seed": seed, "results": table.data}
+        (out / f"{part}.json").write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        if document:
+            documents.fill(document, {f"vehicles-{part}": table.markdown})
+        print(f"{part}:\n{table.markdown}\n", flush=True)
+    print(f"Written: {out}/{', '.join(f'{part}.md, {part}.json' for part in parts)}")
+
+
+def _leaderboard(policies: tuple[str, ...], episodes: int, seed: int, cache: Path, jobs: int) -> Any:
+    """Return leaderboard and penalised RMSE of the scenarios of the set test-hummingbird."""
+    from quadpend_train.cli.options import named_policies, named_scenarios
+    from quadpend_train.evaluation.comparison import compare
+    from quadpend_train.evaluation.leaderboard import leaderboard
+    from quadpend_train.reports import tables
+    from quadpend_train.studies.vehicles import Table
+
+    chosen = named_scenarios(("test-hummingbird",))
+    comparison = compare(named_policies(policies), chosen, episodes, seed, cache, jobs=jobs)
+    parts = [tables.leaderboard_markdown(leaderboard(comparison)), tables.matrix_markdown(comparison)]
+    return Table("\n\n".join(parts), comparison.as_data()["results"])
+
+
+def _check_names(names: tuple[str, ...], known: tuple[str, ...], noun: str) -> None:
+    if not names:
+        raise ValueError(f"{noun}s must be at least one of {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise ValueError(f"there is no {noun} {name!r}{suggest(name, known)}; there are {', '.join(known)}")
