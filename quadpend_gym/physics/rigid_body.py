@@ -37,8 +37,18 @@ Lagrangian that sympy differentiates and with MuJoCo.
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.attitude import Quaternion, Rotation, quaternion_rate, rotation_matrix, to_body, to_world
+from quadpend_gym.physics.attitude import (
+    Quaternion,
+    Rotation,
+    quaternion_axpy,
+    quaternion_rate,
+    rotation_matrix,
+    to_body,
+    to_world,
+)
 from quadpend_gym.physics.dynamics import Physics, centre_acceleration, direction_acceleration
 from quadpend_gym.physics.vectors import (
     Symmetric,
@@ -50,7 +60,9 @@ from quadpend_gym.physics.vectors import (
     cross,
     dot,
     inverse,
+    load_symmetric,
     scale,
+    store_symmetric,
 )
 
 
@@ -118,8 +130,19 @@ class Derivative(NamedTuple):
 
 
 @inlined
-def rigid_physics(inertia: Symmetric, pivot: Vec3, shape: float, physics: Physics) -> RigidPhysics:
-    """Return the constants of a body with this inertia, pivot and J/(m l²)."""
+def rigid_physics(physics: Physics, correlation: Vec3, pivot: Vec3, shape: float) -> RigidPhysics:
+    """Return the constants of a body.
+
+    Args:
+        physics: Masses and moments of inertia.
+        correlation: Products of inertia divided by the roots of the moments: xy, xz, yz.
+        pivot: p, m.
+        shape: J/(m l²).
+    """
+    moments = Vec3(physics.inertia_roll, physics.inertia_pitch, physics.inertia_yaw)
+    root, c = Vec3(np.sqrt(moments.x), np.sqrt(moments.y), np.sqrt(moments.z)), correlation
+    products = Vec3(c.x * root.x * root.y, c.y * root.x * root.z, c.z * root.y * root.z)
+    inertia = Symmetric(moments.x, moments.y, moments.z, products.x, products.y, products.z)
     per_inertia, per_mass = inverse(inertia), 1.0 / physics.quadrotor_mass
     x = cross(pivot, apply(per_inertia, Vec3(0.0, pivot.z, -pivot.y)))  # columns of −[p]× I⁻¹ [p]×
     y = cross(pivot, apply(per_inertia, Vec3(-pivot.z, 0.0, pivot.x)))
@@ -173,7 +196,7 @@ def derivative(motion: Motion, wrench: Wrench, loads: Loads, physics: Physics, b
     rotation = rotation_matrix(motion.attitude)
     free = free_body_rate(motion.rate, wrench, loads, rotation, body)
     swing = add(cross(free, body.pivot), centripetal(motion.rate, body.pivot))
-    lift = Vec3(0.0, 0.0, wrench.thrust / physics.quadrotor_mass)
+    lift = Vec3(0.0, 0.0, (1.0 / physics.quadrotor_mass) * wrench.thrust)
     relative = add(lift, add(to_body(rotation, loads.relative), swing))
     direction_rate = motion.direction_rate
     squared_rate = dot(direction_rate, direction_rate)
@@ -206,3 +229,40 @@ def centre_rate_from_body(
     """Return Ẋ − ζ̇ = m (R (ω × p) + l ṙ)/(M + m) in m/s."""
     share = physics.bob_mass / (physics.quadrotor_mass + physics.bob_mass)
     return scale(share, axpy(physics.rod_length, direction_rate, to_world(rotation, cross(rate, body.pivot))))
+
+
+@inlined
+def moved(factor: float, rate: Motion, motion: Motion) -> Motion:
+    """Return motion + factor · rate."""
+    return Motion(
+        quaternion_axpy(factor, rate.attitude, motion.attitude),
+        axpy(factor, rate.rate, motion.rate),
+        axpy(factor, rate.direction, motion.direction),
+        axpy(factor, rate.direction_rate, motion.direction_rate),
+    )
+
+
+# A body's constants in a (field, lane) buffer: four symmetric matrices.
+_INERTIA, _PER_INERTIA, _MOBILITY, _PER_COUPLING, LANE_BODY_SIZE = 0, 6, 12, 18, 24
+
+
+@inlined
+def load_body(lanes: Any, first: int, lane: int, pivot: Vec3, shape: float) -> RigidPhysics:
+    """Return the constants that `store_body` wrote."""
+    return RigidPhysics(
+        load_symmetric(lanes, first + _INERTIA, lane),
+        load_symmetric(lanes, first + _PER_INERTIA, lane),
+        load_symmetric(lanes, first + _MOBILITY, lane),
+        load_symmetric(lanes, first + _PER_COUPLING, lane),
+        pivot,
+        shape,
+    )
+
+
+@inlined
+def store_body(lanes: Any, first: int, lane: int, body: RigidPhysics) -> None:
+    """Write the matrices of a body into the fields from `first` in column `lane` of a (field, lane) buffer."""
+    store_symmetric(lanes, first + _INERTIA, lane, body.inertia)
+    store_symmetric(lanes, first + _PER_INERTIA, lane, body.per_inertia)
+    store_symmetric(lanes, first + _MOBILITY, lane, body.mobility)
+    store_symmetric(lanes, first + _PER_COUPLING, lane, body.per_coupling)

@@ -35,7 +35,6 @@ from quadpend_gym.physics.attitude import (
     euler_from_rotation,
     euler_rate,
     normalised,
-    quaternion_axpy,
     quaternion_from_euler,
     rotation_matrix,
     to_body,
@@ -45,17 +44,26 @@ from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import Physics, load_physics
 from quadpend_gym.physics.kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE, Simulation
-from quadpend_gym.physics.rigid_body import Loads, Motion, RigidPhysics, Wrench, derivative, rigid_physics
+from quadpend_gym.physics.rigid_body import (
+    LANE_BODY_SIZE,
+    Loads,
+    Motion,
+    RigidPhysics,
+    Wrench,
+    derivative,
+    load_body,
+    moved,
+    rigid_physics,
+    store_body,
+)
 from quadpend_gym.physics.rigid_settings import RigidSettings, hover_thrusts_of, pack_rigid, unpack_rigid
 from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
-    Four,
     after,
     allocate,
     clip4,
     from_hover,
-    multiply,
     propeller_momentum,
     rate_loop,
 )
@@ -72,29 +80,27 @@ from quadpend_gym.physics.state import (
     TORQUE,
     VELOCITY,
 )
-from quadpend_gym.physics.vectors import Symmetric, Vec3, add, axpy, dot, load, norm, scale, store
+from quadpend_gym.physics.vectors import (
+    Four,
+    Vec3,
+    add,
+    axpy,
+    dot,
+    load,
+    load_four,
+    multiply,
+    norm,
+    scale,
+    store,
+    store_four,
+)
 
 QUATERNION, BODY_RATE, ROTOR_THRUST, RIGID_SIZE = 0, 4, 7, 11
-# In the (field, lane) buffers, the rigid part of the state follows the thrust axis, and the drag of the substep and the
-# commanded rotor thrusts follow it.
+# In the (field, lane) buffers, the rigid part of the state follows the thrust axis. What a substep commands follows it
+# (rotor thrusts, drag of the rotors, momentum of the propellers), and then the constants of the equations of motion.
 RIGID = LANE_STATE_SIZE
 _QUATERNION, _BODY_RATE, _ROTOR_THRUST = RIGID + QUATERNION, RIGID + BODY_RATE, RIGID + ROTOR_THRUST
-_WANTED, _ROTOR_DRAG, RIGID_LANE_SIZE = accumulate((RIGID + RIGID_SIZE, 4, 3))
-
-
-@inlined
-def load_four(lanes: Any, first: int, lane: int) -> Four:
-    """Return the four numbers from row `first` in column `lane`."""
-    return Four(lanes[first, lane], lanes[first + 1, lane], lanes[first + 2, lane], lanes[first + 3, lane])
-
-
-@inlined
-def store_four(lanes: Any, first: int, lane: int, v: Any) -> None:
-    """Write four numbers into the rows from `first` in column `lane`."""
-    lanes[first, lane] = v[0]
-    lanes[first + 1, lane] = v[1]
-    lanes[first + 2, lane] = v[2]
-    lanes[first + 3, lane] = v[3]
+_WANTED, _ROTOR_DRAG, _MOMENTUM, _BODY, RIGID_LANE_SIZE = accumulate((RIGID + RIGID_SIZE, 4, 3, 1, LANE_BODY_SIZE))
 
 
 @inlined
@@ -105,15 +111,6 @@ def _load_quaternion(state: Any, lane: int) -> Quaternion:
         state[_QUATERNION + 2, lane],
         state[_QUATERNION + 3, lane],
     )
-
-
-@inlined
-def _load_rigid_physics(physics: Physics, rigid: RigidSettings) -> RigidPhysics:
-    """Return the constants of the equations for the parameters of one lane; the products of inertia scale with them."""
-    xx, yy, zz = physics.inertia_roll, physics.inertia_pitch, physics.inertia_yaw
-    c = rigid.correlation
-    inertia = Symmetric(xx, yy, zz, c.x * np.sqrt(xx * yy), c.y * np.sqrt(xx * zz), c.z * np.sqrt(yy * zz))
-    return rigid_physics(inertia, rigid.pivot, rigid.shape, physics)
 
 
 @inlined
@@ -129,11 +126,11 @@ def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings
     rotors, scales = rigid.rotors, rigid.command_scale
     hover, low, high = rotors.hover, rotors.lowest, rotors.highest
     thrust = scales.a * (1.0 + action.a)
-    torque = Vec3(scales.b * action.b, scales.c * action.c, scales.d * action.d)
+    torque, trim = Vec3(scales.b * action.b, scales.c * action.c, scales.d * action.d), rigid.trim
     if rigid.interface == BODY_RATES:
         present = multiply(rotors.mixing, thrusts)
-        torque = rate_loop(rate, torque, Vec3(present.b, present.c, present.d), rigid.loop)
-    wrench = Four(thrust, torque.x + rigid.trim.x, torque.y + rigid.trim.y, torque.z + rigid.trim.z)
+        torque = rate_loop(rate, torque, axpy(-1.0, trim, Vec3(present.b, present.c, present.d)), rigid.loop)
+    wrench = Four(thrust, torque.x + trim.x, torque.y + trim.y, torque.z + trim.z)
     if rotors.has_rotors == 0.0:
         return clip4(wrench, low, high)
     if rigid.interface == ROTOR_THRUSTS:
@@ -175,17 +172,6 @@ def _thrusts_after(start: Four, wanted: Four, rise: float, fall: float) -> Four:
 
 
 @inlined
-def _moved(factor: float, rate: Motion, motion: Motion) -> Motion:
-    """Return motion + factor · rate."""
-    return Motion(
-        quaternion_axpy(factor, rate.attitude, motion.attitude),
-        axpy(factor, rate.rate, motion.rate),
-        axpy(factor, rate.direction, motion.direction),
-        axpy(factor, rate.direction_rate, motion.direction_rate),
-    )
-
-
-@inlined
 def _substep(
     state: Any, disturbance: Any, physics: Physics, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
 ) -> None:
@@ -199,8 +185,8 @@ def _substep(
     force = add(load(disturbance, FORCE, lane), load(state, _ROTOR_DRAG, lane))
     bob_force = load(disturbance, BOB_FORCE, lane)
     relative = axpy(1.0 / physics.quadrotor_mass, force, scale(-1.0 / physics.bob_mass, bob_force))
-    momentum = propeller_momentum(start, rotors)
-    loads = Loads(force, bob_force, relative, load(disturbance, TORQUE, lane), momentum, rigid.angular_drag)
+    torque, momentum = load(disturbance, TORQUE, lane), state[_MOMENTUM, lane]
+    loads = Loads(force, bob_force, relative, torque, momentum, rigid.angular_drag)
 
     motion = Motion(
         _load_quaternion(state, lane),
@@ -209,11 +195,11 @@ def _substep(
         load(state, DIRECTION_RATE, lane),
     )
     d1 = derivative(motion, wrench_0, loads, physics, body)
-    d2 = derivative(_moved(0.5 * h, d1.motion, motion), wrench_m, loads, physics, body)
-    d3 = derivative(_moved(0.5 * h, d2.motion, motion), wrench_m, loads, physics, body)
-    d4 = derivative(_moved(h, d3.motion, motion), wrench_1, loads, physics, body)
-    end = _moved(h / 6.0, d1.motion, _moved(h / 3.0, d2.motion, _moved(h / 3.0, d3.motion, motion)))
-    end = _moved(h / 6.0, d4.motion, end)
+    d2 = derivative(moved(0.5 * h, d1.motion, motion), wrench_m, loads, physics, body)
+    d3 = derivative(moved(0.5 * h, d2.motion, motion), wrench_m, loads, physics, body)
+    d4 = derivative(moved(h, d3.motion, motion), wrench_1, loads, physics, body)
+    end = moved(h / 6.0, d1.motion, moved(h / 3.0, d2.motion, moved(h / 3.0, d3.motion, motion)))
+    end = moved(h / 6.0, d4.motion, end)
     attitude = normalised(end.attitude)
     r = scale(1.0 / norm(end.direction), end.direction)
     r_dot = axpy(-dot(r, end.direction_rate), r, end.direction_rate)
@@ -277,7 +263,10 @@ def integrate_rigid(
         return
     for lane in range(lanes):
         add_drag(load(velocity, 0, lane), state, parameters, lane, disturbance)
-    h = period / substeps
+        body = rigid_physics(load_physics(parameters, lane), rigid.correlation, rigid.pivot, rigid.shape)
+        store_body(state, _BODY, lane, body)
+        state[_MOMENTUM, lane] = 0.0
+    h, has_momentum = period / substeps, rigid.rotors.momentum > 0.0
     for substep in range(substeps):
         if substep < switch:
             for lane in range(lanes):
@@ -285,9 +274,12 @@ def integrate_rigid(
         else:
             for lane in range(lanes):
                 _prepare(state, action, velocity, rigid, lane)
+        if has_momentum:
+            for lane in range(lanes):
+                state[_MOMENTUM, lane] = propeller_momentum(load_four(state, _ROTOR_THRUST, lane), rigid.rotors)
         for lane in range(lanes):
-            physics = load_physics(parameters, lane)
-            _substep(state, disturbance, physics, _load_rigid_physics(physics, rigid), rigid, lane, h)
+            physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
+            _substep(state, disturbance, physics, body, rigid, lane, h)
     for lane in range(lanes):
         _store_outputs(state, lane)
 

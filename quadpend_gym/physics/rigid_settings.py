@@ -16,13 +16,11 @@ from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
     WRENCH,
-    Four,
-    Matrix4,
     RateLoopSettings,
     RotorSettings,
     rate_loop_gains,
 )
-from quadpend_gym.physics.vectors import Symmetric, Vec3
+from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3
 from quadpend_gym.vehicles import mixing
 
 _CODES = {"wrench": WRENCH, "body_rates": BODY_RATES, "rotors": ROTOR_THRUSTS}

@@ -3,9 +3,10 @@
 An action commands a wrench (thrust and torques), a thrust and body rates, or the thrusts of the rotors. In every
 substep of the integration
 
-1. the rate loop converts commanded body rates ω_c into a torque, with the body's nominal inertia I:
+1. the rate loop converts commanded body rates ω_c into a torque, with the body's nominal inertia I and the torque τ₀
+   that holds the vehicle at hover:
 
-       (1)  τ = I (k_ω (ω_c − ω)) − k_τ (τ_now − ω × I ω) + ω × I ω,
+       (1)  τ = I (k_ω (ω_c − ω)) − k_τ (τ_now − τ₀ − ω × I ω) + ω × I ω + τ₀,
 
 2. the allocation converts thrust and torques into thrusts within the limits. If they cannot all be reached, it gives up
    first the yaw torque, then the thrust, then the torques of roll and pitch,
@@ -23,29 +24,18 @@ from typing import NamedTuple
 import numpy as np
 
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.vectors import Symmetric, Vec3, add, apply, axpy, cross, scale
+from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, add, apply, axpy, cross, scale
 
 WRENCH, BODY_RATES, ROTOR_THRUSTS = 0.0, 1.0, 2.0  # codes of the interfaces
 # A critically damped system of second order reaches 1 − 1/e of a step after this time, in units of 1/|pole|.
 _RISE = 2.1461932206205825
 
 
-class Four(NamedTuple):
-    """One number for each rotor; or thrust (N) and torques (N·m)."""
+class Ratio(NamedTuple):
+    """A ratio of two numbers; comparisons of ratios need no division."""
 
-    a: float
-    b: float
-    c: float
-    d: float
-
-
-class Matrix4(NamedTuple):
-    """A 4 × 4 matrix as its rows."""
-
-    a: Four
-    b: Four
-    c: Four
-    d: Four
+    numerator: float
+    denominator: float
 
 
 class RotorSettings(NamedTuple):
@@ -102,17 +92,6 @@ def rate_loop_gains(time_constant: float, lag: float, step: float) -> tuple[floa
 
 
 @inlined
-def _dot4(a: Four, b: Four) -> float:
-    return a.a * b.a + a.b * b.b + a.c * b.c + a.d * b.d
-
-
-@inlined
-def multiply(matrix: Matrix4, v: Four) -> Four:
-    """Return the product of a 4 × 4 matrix and a vector."""
-    return Four(_dot4(matrix.a, v), _dot4(matrix.b, v), _dot4(matrix.c, v), _dot4(matrix.d, v))
-
-
-@inlined
 def _clip(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
@@ -136,57 +115,79 @@ def _plus(a: Four, b: Four) -> Four:
 
 
 @inlined
-def _largest(v: Four) -> float:
-    return max(max(v.a, v.b), max(v.c, v.d))
+def _times(factor: float, v: Four) -> Four:
+    return Four(factor * v.a, factor * v.b, factor * v.c, factor * v.d)
 
 
 @inlined
-def _smallest(v: Four) -> float:
-    return min(min(v.a, v.b), min(v.c, v.d))
+def _limit(share: Ratio, needed: float, room: float) -> Ratio:
+    """Return the smaller one of `share` and room/needed; `share` if nothing is needed. `room` is not negative."""
+    smaller = room * share.denominator < share.numerator * needed
+    return Ratio(room if smaller else share.numerator, needed if smaller else share.denominator)
 
 
 @inlined
-def _per_lift(limit: float, tilt: Four, lift: Four) -> Four:
-    """Return the total thrust at which each rotor reaches a limit."""
-    return Four(
-        (limit - tilt.a) / lift.a, (limit - tilt.b) / lift.b, (limit - tilt.c) / lift.c, (limit - tilt.d) / lift.d
-    )
+def _limit_difference(share: Ratio, a: float, per_a: float, b: float, per_b: float, low: float, high: float) -> Ratio:
+    """Limit the share of a tilt such that some total thrust keeps the rotors a and b within [low, high].
+
+    a, b: Part of the tilt in each rotor's thrust, divided by the rotor's part of the total thrust.
+    per_a, per_b: The inverse of each rotor's part of the total thrust.
+    """
+    share = _limit(share, a - b, high * per_a - low * per_b)
+    return _limit(share, b - a, high * per_b - low * per_a)
 
 
 @inlined
-def _room(base: float, part: float, low: float, high: float) -> float:
-    """Return the largest share of `part` that keeps base + share · part within [low, high]; 1 if `part` is zero."""
-    room = high - base if part > 0.0 else base - low
-    size = abs(part)
-    return max(room, 0.0) / size if size > 0.0 else 1.0
+def _reachable_tilt(tilt: Four, per_lift: Four, low: float, high: float) -> float:
+    """Return the largest share of `tilt` in [0, 1] that is within the limits at some total thrust."""
+    s, p = Four(tilt.a * per_lift.a, tilt.b * per_lift.b, tilt.c * per_lift.c, tilt.d * per_lift.d), per_lift
+    share = Ratio(1.0, 1.0)
+    share = _limit_difference(share, s.a, p.a, s.b, p.b, low, high)
+    share = _limit_difference(share, s.a, p.a, s.c, p.c, low, high)
+    share = _limit_difference(share, s.a, p.a, s.d, p.d, low, high)
+    share = _limit_difference(share, s.b, p.b, s.c, p.c, low, high)
+    share = _limit_difference(share, s.b, p.b, s.d, p.d, low, high)
+    share = _limit_difference(share, s.c, p.c, s.d, p.d, low, high)
+    return share.numerator / share.denominator
+
+
+@inlined
+def _limit_part(share: Ratio, base: float, part: float, low: float, high: float) -> Ratio:
+    """Limit the share of `part` such that base + share · part is within [low, high]."""
+    return _limit(share, abs(part), max(high - base if part > 0.0 else base - low, 0.0))
+
+
+@inlined
+def _reachable_part(base: Four, part: Four, low: float, high: float) -> float:
+    """Return the largest share of `part` in [0, 1] that keeps base + share · part within the limits."""
+    share = Ratio(1.0, 1.0)
+    share = _limit_part(share, base.a, part.a, low, high)
+    share = _limit_part(share, base.b, part.b, low, high)
+    share = _limit_part(share, base.c, part.c, low, high)
+    share = _limit_part(share, base.d, part.d, low, high)
+    return share.numerator / share.denominator
 
 
 @inlined
 def allocate(wrench: Four, rotors: RotorSettings) -> Four:
     """Return rotor thrusts (N) within their limits for thrust (N) and torques (N·m), as the module describes."""
     low, high, unmixing = rotors.lowest.a, rotors.highest.a, rotors.unmixing
-    tilt = _plus(_column(unmixing, wrench.b, 1), _column(unmixing, wrench.c, 2))
-    spread = _largest(tilt) - _smallest(tilt)
-    factor = (high - low) / spread if spread > high - low else 1.0
-    tilt = Four(factor * tilt.a, factor * tilt.b, factor * tilt.c, factor * tilt.d)
     lift = _column(unmixing, 1.0, 0)
-    least, greatest = _largest(_per_lift(low, tilt, lift)), _smallest(_per_lift(high, tilt, lift))
-    base = _plus(tilt, _column(unmixing, min(max(wrench.a, least), greatest), 0))
+    p = Four(1.0 / lift.a, 1.0 / lift.b, 1.0 / lift.c, 1.0 / lift.d)
+    tilt = _plus(_column(unmixing, wrench.b, 1), _column(unmixing, wrench.c, 2))
+    tilt = _times(_reachable_tilt(tilt, p, low, high), tilt)
+    # The total thrusts at which the first rotor reaches a limit.
+    least = max(max((low - tilt.a) * p.a, (low - tilt.b) * p.b), max((low - tilt.c) * p.c, (low - tilt.d) * p.d))
+    greatest = min(min((high - tilt.a) * p.a, (high - tilt.b) * p.b), min((high - tilt.c) * p.c, (high - tilt.d) * p.d))
+    base = _plus(tilt, _times(min(max(wrench.a, least), greatest), lift))
     yaw = _column(unmixing, wrench.d, 3)
-    room = Four(
-        _room(base.a, yaw.a, low, high),
-        _room(base.b, yaw.b, low, high),
-        _room(base.c, yaw.c, low, high),
-        _room(base.d, yaw.d, low, high),
-    )
-    share = min(_smallest(room), 1.0)
-    total = Four(base.a + share * yaw.a, base.b + share * yaw.b, base.c + share * yaw.c, base.d + share * yaw.d)
+    total = _plus(base, _times(_reachable_part(base, yaw, low, high), yaw))
     return clip4(total, rotors.lowest, rotors.highest)
 
 
 @inlined
 def rate_loop(rate: Vec3, wanted: Vec3, torque: Vec3, loop: RateLoopSettings) -> Vec3:
-    """Return the torque that equation (1) commands; `torque` is the present one of the rotors, τ_now."""
+    """Return the torque τ − τ₀ that equation (1) commands; `torque` is the present one of the rotors, τ_now − τ₀."""
     gyroscopic = cross(rate, apply(loop.inertia, rate))
     error = apply(loop.inertia, axpy(-1.0, rate, wanted))
     present = axpy(-1.0, gyroscopic, torque)

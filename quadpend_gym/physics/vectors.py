@@ -1,4 +1,4 @@
-"""Vectors of three numbers and symmetric matrices inside compiled functions, and operations on them.
+"""Vectors of three or four numbers and matrices inside compiled functions, and operations on them.
 
 The compiler keeps the named tuples in registers, so they cost nothing at run time.
 """
@@ -110,3 +110,61 @@ def store(lanes: Any, first: int, lane: int, a: Vec3) -> None:
     lanes[first, lane] = a.x
     lanes[first + 1, lane] = a.y
     lanes[first + 2, lane] = a.z
+
+
+@inlined
+def load_symmetric(lanes: Any, first: int, lane: int) -> Symmetric:
+    """Return the matrix in the six fields from `first` in column `lane` of a (field, lane) buffer."""
+    diagonal, products = load(lanes, first, lane), load(lanes, first + 3, lane)
+    return Symmetric(diagonal.x, diagonal.y, diagonal.z, products.x, products.y, products.z)
+
+
+@inlined
+def store_symmetric(lanes: Any, first: int, lane: int, a: Symmetric) -> None:
+    """Write a symmetric matrix into the six fields from `first` in column `lane` of a (field, lane) buffer."""
+    store(lanes, first, lane, Vec3(a.xx, a.yy, a.zz))
+    store(lanes, first + 3, lane, Vec3(a.xy, a.xz, a.yz))
+
+
+class Four(NamedTuple):
+    """One number for each rotor; or thrust (N) and torques (N·m)."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+
+
+class Matrix4(NamedTuple):
+    """A 4 × 4 matrix as its rows."""
+
+    a: Four
+    b: Four
+    c: Four
+    d: Four
+
+
+@inlined
+def _dot4(a: Four, b: Four) -> float:
+    return a.a * b.a + a.b * b.b + a.c * b.c + a.d * b.d
+
+
+@inlined
+def multiply(matrix: Matrix4, v: Four) -> Four:
+    """Return the product of a 4 × 4 matrix and a vector."""
+    return Four(_dot4(matrix.a, v), _dot4(matrix.b, v), _dot4(matrix.c, v), _dot4(matrix.d, v))
+
+
+@inlined
+def load_four(lanes: Any, first: int, lane: int) -> Four:
+    """Return the four numbers from row `first` in column `lane`."""
+    return Four(lanes[first, lane], lanes[first + 1, lane], lanes[first + 2, lane], lanes[first + 3, lane])
+
+
+@inlined
+def store_four(lanes: Any, first: int, lane: int, v: Any) -> None:
+    """Write four numbers into the rows from `first` in column `lane`."""
+    lanes[first, lane] = v[0]
+    lanes[first + 1, lane] = v[1]
+    lanes[first + 2, lane] = v[2]
+    lanes[first + 3, lane] = v[3]

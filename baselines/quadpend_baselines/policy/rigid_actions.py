@@ -19,11 +19,11 @@ import numpy as np
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled
-from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors, load_four, rigid_from_state
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors, rigid_from_state
 from quadpend_gym.physics.rigid_settings import hover_wrench, make_rigid_settings, pack_rigid, unpack_rigid
-from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, Four, after, allocate, clip4, multiply
+from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, after, allocate, clip4
 from quadpend_gym.physics.state import STATE_SIZE
-from quadpend_gym.physics.vectors import Vec3, add, apply, axpy, cross, inverse, load
+from quadpend_gym.physics.vectors import Four, Vec3, add, apply, axpy, cross, inverse, load, load_four, multiply
 
 _LAGS = 2.0  # H in units of L
 

@@ -1,0 +1,119 @@
+"""The equations of motion of rigid vehicles agree with a Lagrangian that sympy differentiates.
+
+The coordinates are those of `quadpend_gym.physics.lagrangian`: position, Euler angles, and the spherical angles of the
+pole. With the body rate ω(q, q̇), the direction r(q) and the pole's centre of mass c = ζ + R p + l r, the Lagrangian is
+
+    L = ½ M ζ̇·ζ̇ + ½ ω·I ω + h ω_z + ½ m ċ·ċ + ½ J ṙ·ṙ − M g ζ_z − m g c_z
+"""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import sympy as sp
+from numpy.testing import assert_allclose
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics import dynamics
+from quadpend_gym.physics.lagrangian import state_from_coordinates
+from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.physics.state import Disturbance
+from quadpend_gym.vehicles import Pole, Vehicle
+from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states
+from tests.helpers.rigid import accelerations, random_vehicle, start
+from tests.helpers.symbolic import SPHERICAL, phi, psi, rate_of, theta, x, y, z
+
+E1, E2, E3 = (sp.Matrix(row) for row in np.eye(3, dtype=int).tolist())
+
+
+@pytest.fixture(scope="module")
+def derived() -> SimpleNamespace:
+    """Return functions of (q, q̇, q̈, parameters, inputs) that sympy derives from the Lagrangian."""
+    angles, direction = SPHERICAL
+    q = sp.Matrix([x, y, z, phi, theta, psi, *angles])
+    q_dot, q_ddot = q.applyfunc(rate_of), sp.Matrix(sp.symbols("a:8"))
+    scalars = M, m, length, g, J, h = sp.symbols("M m l g J h", positive=True)
+    inertia, pivot = sp.Matrix(3, 3, sp.symbols("i:9")), sp.Matrix(sp.symbols("p:3"))
+    u, *inputs = sp.symbols("u t:12")
+    torque, force, bob_force, world_torque = (sp.Matrix(inputs[i : i + 3]) for i in range(0, 12, 3))
+
+    def rate(vector: sp.Matrix) -> sp.Matrix:
+        return vector.jacobian(q) * q_dot + vector.jacobian(q_dot) * q_ddot
+
+    roll, pitch, yaw = sp.rot_ccw_axis1(phi), sp.rot_ccw_axis2(theta), sp.rot_ccw_axis3(psi)
+    rotation = yaw * pitch * roll
+    spin = sp.Matrix.hstack(E1, roll.T * E2, roll.T * pitch.T * E3) * q_dot[3:6, :]
+    body = q[0:3, :]
+    pole = body + rotation * pivot + length * direction
+    kinetic = M * rate(body).dot(rate(body)) + (spin.T * inertia * spin)[0] + 2 * h * spin[2]
+    kinetic += m * rate(pole).dot(rate(pole)) + J * rate(direction).dot(rate(direction))
+    lagrangian = sp.Matrix([kinetic / 2 - M * g * body[2] - m * g * pole[2]])
+    momentum = lagrangian.jacobian(q_dot).T
+    # Virtual work: forces act along the displacements of both centres of mass, the torques along the rotation.
+    forces = body.jacobian(q).T * (force + u * rotation * E3) + pole.jacobian(q).T * bob_force
+    forces += spin.jacobian(q_dot).T * (torque + rotation.T * world_torque)
+    bias = (rate(momentum) - lagrangian.jacobian(q).T).subs(dict.fromkeys(q_ddot, 0))
+    arguments = [list(v) for v in (q, q_dot, q_ddot, [*scalars, *inertia, *pivot], [u, *inputs])]
+    outputs = {
+        "mass": momentum.jacobian(q_dot),
+        "forces": forces - bias,
+        "body_rate": spin,
+        "body_rate_dot": rate(spin),
+        "direction_ddot": rate(rate(direction)),
+    }
+    functions = {name: sp.lambdify(arguments, value, "numpy", cse=True) for name, value in outputs.items()}
+    return SimpleNamespace(**functions)
+
+
+def plain(vehicle: Vehicle, momentum: float) -> list[float]:
+    """Return the parameters of the Lagrangian."""
+    pole = vehicle.pole
+    scalars = [vehicle.mass, pole.mass, pole.length, vehicle.gravity, pole.inertia, momentum]
+    return [*scalars, *vehicle.inertia_matrix.ravel().tolist(), *vehicle.pivot]
+
+
+def coordinates(seed: int) -> tuple[Floats, Floats]:
+    """Draw coordinates and rates; the pitch is at least 0.1 rad from ±90° and the pole from upright and hanging."""
+    rng = np.random.default_rng([6, seed])
+    q, q_dot = rng.normal(size=(2, 8))
+    q[3:6] = rng.uniform(-1.0, 1.0, 3) * [np.pi, np.pi / 2 - 0.1, np.pi]
+    q[6:8] = rng.uniform(0.1, np.pi - 0.1), rng.uniform(-np.pi, np.pi)
+    return q, 3.0 * q_dot
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_accelerations_solve_the_euler_lagrange_equations(derived: SimpleNamespace, seed: int) -> None:
+    rng = np.random.default_rng([7, seed])
+    vehicle, (q, q_dot), momentum = random_vehicle(seed), coordinates(seed), rng.normal()
+    wrench, disturbance = 5.0 * rng.normal(size=4), Disturbance(random_disturbances(1, seed)[0])
+    inputs = np.concatenate([wrench, disturbance.array])
+    flight = start(Simulation(vehicle=vehicle), state_from_coordinates(q, q_dot))
+
+    given = plain(vehicle, momentum), inputs
+    q_ddot = np.linalg.solve(
+        derived.mass(q, q_dot, np.zeros(8), *given), derived.forces(q, q_dot, np.zeros(8), *given)
+    )[:, 0]
+    expected = {
+        "position": q_ddot[:3],
+        "body_rate": derived.body_rate_dot(q, q_dot, q_ddot, *given)[:, 0],
+        "direction": derived.direction_ddot(q, q_dot, q_ddot, *given)[:, 0],
+    }
+    assert_allclose(flight.body_rate[0], derived.body_rate(q, q_dot, q_ddot, *given)[:, 0], rtol=0.0, atol=1e-12)
+    for name, value in accelerations(flight, wrench, disturbance.array, momentum).items():
+        size = float(np.linalg.norm(expected[name]))
+        assert_allclose(value, expected[name], rtol=0.0, atol=1e-9 * size, err_msg=name)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_without_offset_and_pole_inertia_the_translation_is_that_of_the_paper(seed: int) -> None:
+    """The closed form of `dynamics` has the same thrust, attitude and forces; only its attitude model differs."""
+    p = UNEQUAL
+    vehicle = random_vehicle(seed, pole=Pole(p.bob_mass, p.rod_length), pivot=(0.0, 0.0, 0.0))
+    vehicle = replace(vehicle, mass=p.quadrotor_mass)
+    state, disturbance = random_states(1, seed), random_disturbances(1, seed)
+    command = random_commands(1, seed, p)
+    closed = dynamics.accelerations(state, command, disturbance, p)
+    actual = accelerations(start(Simulation(vehicle=vehicle), state), command[0], disturbance[0], 0.0)
+    assert_allclose(actual["position"], closed.position[0], rtol=1e-12)
+    assert_allclose(actual["direction"], closed.direction[0], rtol=1e-12)
