@@ -22,6 +22,9 @@ where r̈_z depends on u. The bandwidths are scheduled: fast poles reject wind n
 slow poles avoid torque saturation far from it. The scheduling variable is the unstable mode of the pendulum:
 
     (7)  η = |e₂ + e₃/√κ| / G,     ω = ω_far + (ω_near − ω_far)/(1 + (η/η₀)²)
+
+For rigid vehicles, F, s and the parameters are those of the equivalent pendulum (`modelling.equivalent`, where σ is
+called s here), and the torques that make the demanded accelerations follow from the inverse dynamics.
 """
 
 from dataclasses import dataclass
@@ -31,6 +34,13 @@ import numpy as np
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling import flat_outputs, taylor
+from quadpend_baselines.modelling.equivalent import (
+    body_command,
+    design_disturbance,
+    design_parameters,
+    design_reference,
+    equivalent_model,
+)
 from quadpend_baselines.modelling.planar import limit_norm
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
@@ -69,16 +79,20 @@ class Flatness:
             bandwidth_scale: Factors on the bandwidths of position, pendulum, attitude, and of height and yaw together,
                 shape (n, 4) or (1, 4).
         """
-        p, gains, s = self.simulation.parameters, self.gains, State(estimate.state)
-        disturbance = Disturbance(estimate.disturbance)
+        model, gains, s = equivalent_model(self.simulation), self.gains, State(estimate.state)
+        p, acting = model.parameters, design_disturbance(estimate.disturbance, self.simulation)
+        disturbance = Disturbance(acting)
         vertical_bandwidth = gains.vertical_bandwidth * bandwidth_scale[:, 3]
-        desired = flat_outputs.flat_trajectory(measurement.reference, estimate.disturbance, p)
+        reference = design_reference(measurement.reference, self.simulation)
+        desired = flat_outputs.flat_trajectory(reference, acting, p)
         tangent = flat_outputs.tangent_from_attitude(taylor.from_derivatives(s.euler, s.euler_rate))
         axis_height = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _MIN_AXIS_HEIGHT)
-        thrust = self._thrust(estimate, measurement, tangent[0], axis_height, vertical_bandwidth)
+        thrust = self._thrust(s, disturbance, measurement, tangent[0], axis_height, vertical_bandwidth)
         r_z = s.direction[:, 2:]
-        pendulum = s.direction[:, :2] / r_z
-        pendulum_rate = (s.direction_rate[:, :2] - pendulum * s.direction_rate[:, 2:]) / r_z
+        pole = s.direction[:, :2] / r_z
+        pole_rate = (s.direction_rate[:, :2] - pole * s.direction_rate[:, 2:]) / r_z
+        pendulum = pole + model.pivot_share * (tangent[0] - pole)
+        pendulum_rate = pole_rate + model.pivot_share * (tangent[1] - pole_rate)
         bob_gravity = (p.gravity + measurement.reference[:, 0, 2] - disturbance.bob_force[:, 2] / p.bob_mass)[
             :, np.newaxis
         ]
@@ -89,8 +103,13 @@ class Flatness:
         drift -= 2.0 * pendulum_rate * s.direction_rate[:, 2:] / r_z
         s_d, t_d = taylor.to_derivatives(desired.pendulum_tangent), taylor.to_derivatives(desired.thrust_tangent)
 
-        e0 = s.position[:, :2] + p.rod_length * s.direction[:, :2]
-        e1 = s.velocity[:, :2] + p.rod_length * s.direction_rate[:, :2]
+        length = self.simulation.parameters.rod_length
+        e0 = s.position[:, :2] + length * s.direction[:, :2]
+        e1 = s.velocity[:, :2] + length * s.direction_rate[:, :2]
+        if self.simulation.is_rigid:
+            poles_d = (s_d[:2] - model.pivot_share * t_d[:2]) / (1.0 - model.pivot_share)
+            e0 += model.pendulum_arm * (pole - poles_d[0]) + model.thrust_arm * (tangent[0] - t_d[0])
+            e1 += model.pendulum_arm * (pole_rate - poles_d[1]) + model.thrust_arm * (tangent[1] - t_d[1])
         e2, e3 = bob_gravity * (pendulum - s_d[0]), bob_gravity * (pendulum_rate - s_d[1])
         s2 = stiffness * (pendulum - tangent[0]) + drift
         e4 = bob_gravity * (s2 - s_d[2])
@@ -117,7 +136,8 @@ class Flatness:
         attitude = flat_outputs.attitude_from_tangent(np.stack([*tangent, 0.5 * t2]), yaw)
         inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
         torque = inertia * taylor.to_derivatives(attitude)[2] - disturbance.torque
-        return np.column_stack([thrust, torque]), memory
+        command = np.column_stack([thrust, torque])
+        return body_command(estimate.state, command, estimate.disturbance, self.simulation), memory
 
     def _yaw_acceleration(self, s: State, measurement: Measurement, w: Floats) -> Floats:
         """Return the demanded ψ̈ for the bandwidth w, rad/s², shape (n,)."""
@@ -126,10 +146,10 @@ class Flatness:
         return np.asarray(reference_acceleration - 2.0 * self.gains.damping * w * rate - w * w * error)
 
     def _thrust(
-        self, estimate: Estimate, measurement: Measurement, tangent: Floats, axis_height: Floats, w: Floats
+        self, s: State, d: Disturbance, measurement: Measurement, tangent: Floats, axis_height: Floats, w: Floats
     ) -> Floats:
         """Return the thrust of equation (6), N, shape (n,), from t, b_z and the bandwidth w."""
-        p, s, d = self.simulation.parameters, State(estimate.state), Disturbance(estimate.disturbance)
+        p = design_parameters(self.simulation)
         feedback = 2.0 * self.gains.damping * w * s.velocity[:, 2], w * w * s.position[:, 2]
         acceleration = measurement.reference[:, 0, 2] - feedback[0] - feedback[1]
         axis = np.column_stack([tangent, np.ones_like(axis_height)]) * axis_height[:, np.newaxis]

@@ -7,6 +7,9 @@ x and u are those of `linear_model`, rotated into the axes of the heading. x_d a
 `flat_outputs` without wind. Q weights the errors of the flat outputs e = (ζ_x + l r_x, ζ_y + l r_y, ζ_z), their rates,
 roll, pitch, yaw and the angular rates. Each weight is the inverse square of a tolerance (Bryson's rule).
 
+For rigid vehicles, x_d and u_d are those of the equivalent pendulum (`modelling.equivalent`), and A and B are those of
+the rigid body with its pivot and drag.
+
 LQI appends the integrals σ_{k+1} = σ_k + T e_k to x. It integrates only while the command is within the limits of the
 actuators (anti-windup), and each component of σ is bounded. The norm of the horizontal position error is limited to
 `LqrGains.reach`, because linear feedback of a larger error would tilt the pendulum so far that it falls.
@@ -20,7 +23,7 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import LqrGains
-from quadpend_baselines.modelling import flat_outputs
+from quadpend_baselines.modelling.equivalent import body_command, design_simulation, reference_trajectory
 from quadpend_baselines.modelling.linear_model import (
     EULER,
     EULER_RATE,
@@ -64,8 +67,7 @@ def weights(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     state += np.diag(angle + angle_rate)
     if gains.integral > 0.0:
         state = block_diag(state, np.eye(_OUTPUTS) / gains.integral**2)
-    scale = simulation.command_scale
-    return state, np.diag((gains.effort * scale) ** -2.0)
+    return state, np.diag((gains.effort * design_simulation(simulation).command_scale) ** -2.0)
 
 
 def model(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
@@ -102,11 +104,11 @@ class Lqr:
         """Return the command of equation (1) and the integrals σ; see `output_feedback.ControlLaw`."""
         p = self.simulation.parameters
         calm = np.zeros_like(estimate.disturbance)
-        trajectory = flat_outputs.flat_trajectory(measurement.reference, calm, p)
         yaw = State(estimate.state).euler[:, 2]
         # The desired roll and pitch are computed for the actual heading, not for the desired one.
         heading = np.column_stack([yaw, measurement.yaw_reference[:, 1:]])
-        state, command = flat_outputs.state_and_command(trajectory, heading, calm, p)
+        state, command = reference_trajectory(measurement.reference, heading, calm, self.simulation)
+        command = body_command(state, command, calm, self.simulation)
         State(state).euler[:, 2] = measurement.yaw_reference[:, 0]
         x = rotate_state((estimate.state - state)[:, STATE_COLUMNS], -yaw)
         x[:, HORIZONTAL_POSITION] = limit_norm(x[:, HORIZONTAL_POSITION], self.gains.reach)

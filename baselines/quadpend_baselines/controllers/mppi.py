@@ -12,6 +12,9 @@ The command is (1) at j = 0 with the updated δ. x_d and u_d are the trajectory 
 K, Q, R and P are those of `lqr`, sampled with the period of the horizon. One sample has δ = 0, which is
 the linear feedback alone. The barrier penalises states close to an early termination. ε comes from fixed tables, so the
 controller is deterministic.
+
+Rollout and weights of a rigid vehicle are those of the equivalent pendulum with the paper's attitude model
+(`modelling.equivalent`), without the height of the pivot and the lag of the rotors.
 """
 
 from dataclasses import dataclass, replace
@@ -24,6 +27,7 @@ from quadpend_baselines.controllers import mppi_kernel
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import MppiGains
+from quadpend_baselines.modelling.equivalent import body_command, design_disturbance, design_simulation
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
@@ -70,15 +74,15 @@ class Mppi:
     @cached_property
     def horizon_simulation(self) -> Simulation:
         """The simulation with the period of the horizon."""
-        steps = self.gains.steps_per_period
-        return replace(self.simulation, period=CONTROL_PERIOD * steps, substeps=steps)
+        steps, design = self.gains.steps_per_period, design_simulation(self.simulation)
+        return replace(design, period=CONTROL_PERIOD * steps, substeps=steps)
 
     @cached_property
     def perturbations(self) -> Floats:
         """ε of equation (1), N and N·m, shape (64, samples − 1, knots, 4); the sum over the samples is zero."""
         g = self.gains
         half = np.random.default_rng(0).standard_normal((_TABLES, (g.samples - 1) // 2, g.knots, COMMAND_SIZE))
-        return np.concatenate([half, -half], axis=1) * (g.spread * self.simulation.command_scale)
+        return np.concatenate([half, -half], axis=1) * (g.spread * self.horizon_simulation.command_scale)
 
     def initial_memory(self, rows: int) -> MppiMemory:
         """Return δ = 0."""
@@ -103,6 +107,7 @@ class Mppi:
         knot_spacing = self.horizon_simulation.period * self.gains.horizon / (self.gains.knots - 1)
         share = self.simulation.period / knot_spacing
         next_knot = np.concatenate([perturbation[:, 1:], np.zeros_like(perturbation[:, :1])], axis=1)
+        command = body_command(estimate.state, command, estimate.disturbance, self.simulation)
         return command, MppiMemory(perturbation + share * (next_knot - perturbation), memory.updates + 1)
 
     def reference_horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
@@ -111,7 +116,7 @@ class Mppi:
             measurement.reference,
             measurement.yaw_reference,
             estimate.disturbance,
-            self.simulation.parameters,
+            self.simulation,
             self.horizon_simulation.period,
             self.gains.horizon,
         )
@@ -130,7 +135,7 @@ class Mppi:
         limits = simulation.command_scale * [[0.0, -1.0, -1.0, -1.0], [2.0, 1.0, 1.0, 1.0]]
         return mppi_kernel.costs(
             estimate.state,
-            estimate.disturbance,
+            design_disturbance(estimate.disturbance, self.simulation),
             simulation.parameters.as_array(),
             np.ascontiguousarray(horizon.state[..., STATE_COLUMNS]),
             horizon.command,

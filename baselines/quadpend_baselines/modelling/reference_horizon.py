@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.modelling import flat_outputs
-from quadpend_gym import Parameters
+from quadpend_baselines.modelling.equivalent import reference_trajectory
+from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE
 
@@ -27,7 +27,7 @@ class Horizon(NamedTuple):
 
 
 def reference_horizon(
-    reference: Floats, yaw_reference: Floats, disturbance: Floats, p: Parameters, period: float, periods: int
+    reference: Floats, yaw_reference: Floats, disturbance: Floats, simulation: Simulation, period: float, periods: int
 ) -> Horizon:
     """Return the reference over the horizon and the states and commands that follow it under a constant disturbance.
 
@@ -35,7 +35,7 @@ def reference_horizon(
         reference: F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3).
         yaw_reference: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3).
         disturbance: d_Q (N), d_B (N), d_τ (N·m), shape (n, 9).
-        p: The physical parameters.
+        simulation: The vehicle.
         period: Period of the horizon, s.
         periods: H, number of periods.
     """
@@ -53,10 +53,8 @@ def reference_horizon(
         np.broadcast_arrays(yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration), -1
     )
     disturbances = np.tile(disturbance, (steps, 1))
-    trajectory = flat_outputs.flat_trajectory(
-        np.moveaxis(future, 2, 1).reshape(-1, *reference.shape[1:]), disturbances, p
-    )
-    state, command = flat_outputs.state_and_command(trajectory, yaws.reshape(-1, 3), disturbances, p)
+    orders = np.moveaxis(future, 2, 1).reshape(-1, *reference.shape[1:])
+    state, command = reference_trajectory(orders, yaws.reshape(-1, 3), disturbances, simulation)
     displacement = [
         sum(period ** (i + order) / factorial(i + order) * future[:-1, i] for i in range(len(derivatives)))
         for order in (2, 1)  # of position, of velocity
