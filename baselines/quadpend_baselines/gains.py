@@ -176,6 +176,10 @@ GAINS: dict[str, Any] = {
     ),
 }
 
+# Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
+# those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`.
+RIGID_GAINS: dict[str, tuple[Any, str]] = {}
+
 # The searches. The gains without an entry are the paper's or derived from those of another controller.
 TUNED: dict[str, Tuning] = {
     "adrc-tuned": Tuning("quadpend tune adrc-tuned --trials 600", 272.92),

@@ -21,6 +21,7 @@ The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ int
 which makes no difference at ψ = 0.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from quadpend_gym import Simulation, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, Disturbance
 
+GainsOrFunction = AdrcGains | Callable[[Simulation], AdrcGains]
 # Observers in the bank: Luenberger stages of x and y, DESOs of x and y, height, yaw.
 _LUENBERGER, _HORIZONTAL, _HEIGHT, _YAW = slice(0, 2), slice(2, 4), 4, 5
 _OBSERVERS = 6
@@ -119,21 +121,23 @@ class ADRC:
     """The paper's controller as a policy with the `predict` protocol.
 
     Args:
-        gains: A name in `ADRC_GAINS` (``"paper"``, ``"matched"``, …) or an `AdrcGains`.
+        gains: A name in `ADRC_GAINS` (``"paper"``, ``"matched"``, …), an `AdrcGains`, or a function that returns them
+            for a nominal simulation.
         simulation: Nominal plant, torque limits and control period; None: the default simulation.
 
     Raises:
         ValueError: If no gains have this name.
     """
 
-    def __init__(self, gains: str | AdrcGains = "paper", simulation: Simulation | None = None) -> None:
+    def __init__(self, gains: str | GainsOrFunction = "paper", simulation: Simulation | None = None) -> None:
         """Design the observers and the feedback."""
         if isinstance(gains, str):
             if gains not in ADRC_GAINS:
                 raise ValueError(f"there are no ADRC gains {gains!r}; there are {', '.join(ADRC_GAINS)}")
             gains = ADRC_GAINS[gains]
-        self.gains = gains
         self.simulation = simulation or Simulation()
+        self.given_gains = gains
+        self.gains = gains = gains(self.simulation) if callable(gains) else gains
         self._bank = ObserverBank.design(
             [
                 (LUENBERGER_INPUT, gains.luenberger),
@@ -152,8 +156,8 @@ class ADRC:
         self.vertical_gains = np.array(vertical)[:0:-1]
 
     def with_simulation(self, simulation: Simulation) -> "ADRC":
-        """Return the same controller with the same gains, designed for another nominal simulation."""
-        return type(self)(self.gains, simulation)
+        """Return the same controller, designed for another nominal simulation."""
+        return type(self)(self.given_gains, simulation)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

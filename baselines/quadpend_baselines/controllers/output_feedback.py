@@ -61,7 +61,8 @@ class OutputFeedback:
 
     Args:
         make_law: Returns the control law from its gains and the nominal simulation.
-        gains: Gains of the control law; their field `estimator` holds those of the estimator.
+        gains: Gains of the control law, or a function that returns them for a nominal simulation; their field
+            `estimator` holds those of the estimator.
         simulation: Nominal plant, torque limits and control period; None: the default simulation.
     """
 
@@ -69,9 +70,10 @@ class OutputFeedback:
         self, make_law: Callable[[Any, Simulation], ControlLaw], gains: Any, simulation: Simulation | None = None
     ) -> None:
         """Design the estimator and the control law."""
-        self.make_law, self.gains, self.simulation = make_law, gains, simulation or Simulation()
-        self._law = make_law(gains, self.simulation)
-        self._estimator = Estimator(gains.estimator, self.simulation)
+        self.make_law, self.given_gains, self.simulation = make_law, gains, simulation or Simulation()
+        self.gains = gains(self.simulation) if callable(gains) else gains
+        self._law = make_law(self.gains, self.simulation)
+        self._estimator = Estimator(self.gains.estimator, self.simulation)
 
     @property
     def has_bandwidth_scale(self) -> bool:
@@ -79,8 +81,8 @@ class OutputFeedback:
         return "bandwidth_scale" in signature(self._law.command).parameters
 
     def with_simulation(self, simulation: Simulation) -> "OutputFeedback":
-        """Return the same controller with the same gains, designed for another nominal simulation."""
-        return OutputFeedback(self.make_law, self.gains, simulation)
+        """Return the same controller, designed for another nominal simulation."""
+        return OutputFeedback(self.make_law, self.given_gains, simulation)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

@@ -9,12 +9,13 @@ from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym import Simulation
 from quadpend_gym.core.validation import suggest
 
-# Each factory makes a controller from its gains and the nominal simulation (None: the default).
+# Each factory makes a controller from its gains, or a function that returns them for a nominal simulation, and the
+# nominal simulation (None: the default).
 CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "adrc-paper": ADRC,
     "adrc-matched": ADRC,
@@ -43,8 +44,8 @@ def controller(name: str, simulation: Simulation | None = None) -> Policy:
 
     Args:
         name: One of `CONTROLLERS`.
-        simulation: Nominal plant, torque limits and control period; None: the default simulation, which has the paper's
-            parameters.
+        simulation: Nominal vehicle, interface and control period; None: the default simulation, which has the paper's
+            vehicle. The gains are those of the vehicle, see `controllers.vehicle_gains`.
 
     Raises:
         ValueError: If no controller has this name.
@@ -53,4 +54,4 @@ def controller(name: str, simulation: Simulation | None = None) -> Policy:
         raise ValueError(
             f"there is no controller {name!r}{suggest(name, CONTROLLERS)}; there are {', '.join(CONTROLLERS)}"
         )
-    return CONTROLLER_FACTORIES[name](GAINS[name], simulation)
+    return CONTROLLER_FACTORIES[name](partial(gains_for, name), simulation)

@@ -1,0 +1,93 @@
+"""Gains for a nominal vehicle: those of `gains` for the paper's vehicle, scaled to the time constants of another one.
+
+Near hover, all vehicles have the same equations in units of their own time, length, force and torque:
+
+    rate   √K = √((M + m) g/(M' λ)), at which an upright pole falls       `Parameters.chain_stiffness` of the equivalent
+    length g/K, torque I K, force: the weight                             pendulum, see `modelling.equivalent`
+
+A gain in such units is the same number for all vehicles. `EXPONENTS` has the power of √K by which each gain is
+multiplied; gains that are not listed, such as damping ratios, angles and the noise of the sensors, do not change.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from quadpend_baselines.gains import GAINS, RIGID_GAINS, AdrcGains, FlatnessGains, LqrGains, MppiGains
+from quadpend_baselines.modelling.equivalent import design_parameters
+from quadpend_gym import Parameters, Simulation
+
+_LQR = {"position": -2, "velocity": -1, "angle_rate": 1, "reach": -2, "integral": -3, "integral_limit": -3}
+EXPONENTS: dict[type, dict[str, int]] = {
+    AdrcGains: {
+        "horizontal_bandwidth": 1,
+        "vertical_bandwidth": 1,
+        "luenberger.bandwidth": 1,
+        "horizontal.bandwidth": 1,
+        "horizontal.switching": 6,
+        "vertical.bandwidth": 1,
+        "vertical.switching": 2,
+    },
+    FlatnessGains: {
+        "position_bandwidth": 1,
+        "pendulum_bandwidth": 1,
+        "attitude_bandwidth": 1,
+        "vertical_bandwidth": 1,
+        "velocity": -1,
+        "far_pendulum_bandwidth": 1,
+        "far_attitude_bandwidth": 1,
+    },
+    LqrGains: _LQR,
+    MppiGains: {f"feedback.{name}": exponent for name, exponent in _LQR.items()},
+}
+
+
+def replace_gains(gains: Any, values: dict[str, float]) -> Any:
+    """Return gains with some fields replaced; the key ``a.b`` stands for field b of field a."""
+    for path, value in values.items():
+        name, _, rest = path.partition(".")
+        gains = replace(gains, **{name: replace_gains(getattr(gains, name), {rest: value}) if rest else value})
+    return gains
+
+
+def read_gain(gains: Any, path: str) -> Any:
+    """Return one field of gains; the path ``a.b`` stands for field b of field a."""
+    for name in path.split("."):
+        gains = getattr(gains, name)
+    return gains
+
+
+def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
+    """Return the gains for another vehicle.
+
+    Args:
+        gains: Gains of a controller.
+        tuned: Design parameters of the vehicle for which they were tuned.
+        other: Design parameters of the other vehicle.
+    """
+    rate = np.sqrt(other.chain_stiffness / tuned.chain_stiffness)
+    factors = {path: rate**exponent for path, exponent in EXPONENTS[type(gains)].items()}
+    if hasattr(gains, "estimator"):
+        factors["estimator.force_walk"] = rate**0.5 * other.hover_thrust / tuned.hover_thrust
+        factors["estimator.bob_force_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass
+        factors["estimator.torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
+    if isinstance(gains, MppiGains):
+        gains = replace(gains, steps_per_period=max(round(gains.steps_per_period / rate), 1))
+    return replace_gains(gains, {path: float(factor * read_gain(gains, path)) for path, factor in factors.items()})
+
+
+@lru_cache(maxsize=256)
+def gains_for(name: str, simulation: Simulation | None = None) -> Any:
+    """Return the gains of a controller for a nominal simulation.
+
+    Args:
+        name: Key of `GAINS`.
+        simulation: Nominal simulation; None: the default one. Simulations without a rigid vehicle have the gains
+            `GAINS`. Others have `RIGID_GAINS`, scaled from the vehicle for which these were tuned.
+    """
+    if simulation is None or not simulation.is_rigid:
+        return GAINS[name]
+    gains, vehicle = RIGID_GAINS.get(name, (GAINS[name], None))
+    return scale_gains(gains, design_parameters(Simulation(vehicle=vehicle)), design_parameters(simulation))
