@@ -54,6 +54,7 @@ class EstimatorGains:
     force_walk: float = 3.0  # random walk of the force on the quadrotor, N/√s
     bob_force_walk: float = 0.1  # random walk of the force on the bob, N/√s
     torque_walk: float = 0.1  # random walk of the torque, N·m/√s
+    predicts: bool = True  # whether known delays and lags of the loop are predicted through
 
 
 @dataclass(frozen=True)
@@ -175,6 +176,10 @@ GAINS: dict[str, Any] = {
         estimator=EstimatorGains(rate_noise=0.0205, force_walk=0.546, bob_force_walk=0.185, torque_walk=1.27),
     ),
 }
+
+# Controllers that are not told the known delays and lags of the loop, for comparison.
+for _name in ("flatness", "lqr"):
+    GAINS[f"{_name}-unpredicted"] = replace(GAINS[_name], estimator=replace(GAINS[_name].estimator, predicts=False))
 
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
 # those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`.

@@ -13,9 +13,11 @@ from quadpend_baselines.estimation.estimator import (
     measurement_from_observation,
     observation_from_state,
 )
-from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action, to_command
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.physics.state import ACTION_SIZE
 
 
 class ControlLaw(Protocol):
@@ -35,11 +37,13 @@ class Estimation(NamedTuple):
         measurement: The current measurement.
         estimate: The estimate after the current measurement.
         law_memory: The memory of the control law.
+        action: The action of the last control step, shape (n, 4); zeros at the start of an episode.
     """
 
     measurement: Measurement
     estimate: Estimate
     law_memory: Any
+    action: Floats32
 
 
 class OutputFeedbackMemory(NamedTuple):
@@ -47,12 +51,12 @@ class OutputFeedbackMemory(NamedTuple):
 
     Attributes:
         estimate: The latest estimate.
-        command: Thrust (N) and torques (N·m) applied after saturation, shape (n, 4).
+        action: The action of the current control step, shape (n, 4).
         law_memory: The memory of the control law.
     """
 
     estimate: Estimate
-    command: Floats
+    action: Floats32
     law_memory: Any
 
 
@@ -64,25 +68,31 @@ class OutputFeedback:
         gains: Gains of the control law, or a function that returns them for a nominal simulation; their field
             `estimator` holds those of the estimator.
         simulation: Nominal plant, torque limits and control period; None: the default simulation.
+        loop: The known delays and lags of the loop; None: there are none.
     """
 
     def __init__(
-        self, make_law: Callable[[Any, Simulation], ControlLaw], gains: Any, simulation: Simulation | None = None
+        self,
+        make_law: Callable[[Any, Simulation], ControlLaw],
+        gains: Any,
+        simulation: Simulation | None = None,
+        loop: Loop | None = None,
     ) -> None:
         """Design the estimator and the control law."""
         self.make_law, self.given_gains, self.simulation = make_law, gains, simulation or Simulation()
         self.gains = gains(self.simulation) if callable(gains) else gains
+        self.loop = loop or Loop()
         self._law = make_law(self.gains, self.simulation)
-        self._estimator = Estimator(self.gains.estimator, self.simulation)
+        self._estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
 
     @property
     def has_bandwidth_scale(self) -> bool:
         """Whether the `command` method of the control law takes a `bandwidth_scale`."""
         return "bandwidth_scale" in signature(self._law.command).parameters
 
-    def with_simulation(self, simulation: Simulation) -> "OutputFeedback":
-        """Return the same controller, designed for another nominal simulation."""
-        return OutputFeedback(self.make_law, self.given_gains, simulation)
+    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
+        """Return the same controller, designed for another nominal simulation and loop."""
+        return OutputFeedback(self.make_law, self.given_gains, simulation, loop)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -106,9 +116,14 @@ class OutputFeedback:
         started = episode_start_mask(episode_start, state is None, rows)
         updated: Any = None
         if state is not None and not started.all():
-            updated = self._estimator.update(state.estimate, state.command, measurement), state.law_memory
+            estimate = self._estimator.update(state.estimate, state.action, measurement)
+            updated = estimate, state.law_memory, state.action
         if started.any():
-            initial = self._estimator.initial_estimate(measurement), self._law.initial_memory(rows)
+            initial = (
+                self._estimator.initial_estimate(measurement),
+                self._law.initial_memory(rows),
+                np.zeros((rows, ACTION_SIZE), np.float32),
+            )
             updated = initial if updated is None else select_rows(started, initial, updated)
         return Estimation(measurement, *updated)
 
@@ -119,11 +134,12 @@ class OutputFeedback:
             estimation: The return value of `update`.
             options: Passed on to the `command` method of the control law.
         """
-        command, law_memory = self._law.command(
-            estimation.estimate, estimation.measurement, estimation.law_memory, **options
-        )
-        action, applied = to_action(command, self.simulation)
-        return action, OutputFeedbackMemory(estimation.estimate, applied, law_memory)
+        prediction = self._estimator.prediction
+        estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
+        command, law_memory = self._law.command(estimate, measurement, estimation.law_memory, **options)
+        wanted, _ = to_action(command, self.simulation)
+        action = prediction.loop.compensate(wanted, estimate.loop, self.simulation.period)
+        return action, OutputFeedbackMemory(estimation.estimate, action, law_memory)
 
     def estimated_disturbance(self, memory: OutputFeedbackMemory | Estimation) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9)."""
@@ -140,4 +156,4 @@ class OutputFeedback:
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
-        return memory._replace(command=to_command(action, self.simulation))
+        return memory._replace(action=action)

@@ -25,6 +25,8 @@ CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "lqi": partial(OutputFeedback, Lqr),
     "flatness": partial(OutputFeedback, Flatness),
     "mppi": partial(OutputFeedback, Mppi),
+    "flatness-unpredicted": partial(OutputFeedback, Flatness),
+    "lqr-unpredicted": partial(OutputFeedback, Lqr),
 }
 CONTROLLERS = tuple(CONTROLLER_FACTORIES)
 DESCRIPTIONS = {
@@ -36,6 +38,8 @@ DESCRIPTIONS = {
     "lqi": "lqr with integrators",
     "flatness": "nonlinear, flatness-based cascade; the best classical controller",
     "mppi": "model-predictive control with sampled trajectories (MPPI) around a linear feedback",
+    "flatness-unpredicted": "flatness, without the prediction through known delays and lags",
+    "lqr-unpredicted": "lqr, without the prediction through known delays and lags",
 }
 
 

@@ -8,17 +8,16 @@ is that of the simulation itself, with nominal parameters. L is the gain of the 
 `linear_model`, rotated by the yaw angle. The gain varies over the first steps of an episode, when the forces and, in
 output feedback, the rates are unknown; after that it is constant.
 
-Positions and velocities are relative to the reference, which accelerates. The observer therefore subtracts the motion
-of the reference over a period, a polynomial of order 6, after the prediction (1).
+The prediction (1) is that of `prediction`, which applies the known delays and lags of the loop to u.
 """
 
-from dataclasses import dataclass
-from functools import lru_cache
-from math import factorial
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 
 import numpy as np
 
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.prediction import Estimate, Measurement, Prediction, project_direction
 from quadpend_baselines.gains import EstimatorGains
 from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.modelling.linear_model import (
@@ -36,16 +35,13 @@ from quadpend_baselines.modelling.linear_model import (
     rotate_disturbance,
     rotate_state,
 )
-from quadpend_baselines.modelling.planar import limit_norm
 from quadpend_baselines.policy.protocol import select_rows
 from quadpend_gym import Simulation, read_observation
-from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, REFERENCE_START
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
-_MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
 _MAX_ESTIMATE = (
     300.0  # SI units, limit of disturbance estimates; rows with a larger state estimate restart the observer
 )
@@ -53,37 +49,6 @@ _MEASURED_COLUMNS = np.r_[POSITION, EULER, PENDULUM]  # columns of x that output
 # Standard deviations of the estimates at the start of an episode
 _INITIAL_FORCE, _INITIAL_BOB_FORCE, _INITIAL_TORQUE = 1.0, 0.1, 0.1  # N, N, N·m
 _INITIAL_RATE = 0.1  # of every rate that is not measured, SI units
-
-
-class Measurement(NamedTuple):
-    """Observations of n rows, converted for the estimator.
-
-    Attributes:
-        state: Layout of `quadpend_gym.physics.state`, shape (n, 18); position and velocity are relative to the
-            reference, and rates that are not measured are nan.
-        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
-        yaw_reference: ψ_d, ψ̇_d, ψ̈_d, in rad, rad/s and rad/s², shape (n, 3).
-    """
-
-    state: Floats
-    reference: Floats
-    yaw_reference: Floats
-
-
-class Estimate(NamedTuple):
-    """Memory of the estimator for n rows.
-
-    Attributes:
-        state: x̂, as `Measurement.state` but complete, shape (n, 18).
-        disturbance: d̂, in the layout of `Disturbance`, N and N·m, shape (n, 9).
-        reference: Reference derivatives of the latest measurement, shape (n, 5, 3).
-        age: Number of corrections since the episode began, shape (n,).
-    """
-
-    state: Floats
-    disturbance: Floats
-    reference: Floats
-    age: Integers
 
 
 def measurement_from_observation(observation: Floats32, rod_length: float) -> Measurement:
@@ -145,10 +110,17 @@ class Estimator:
     Attributes:
         gains: Noise levels of the Kalman filter.
         simulation: Nominal plant and control period.
+        loop: The known part of the loop; it is left out if `gains.predicts` is False.
     """
 
     gains: EstimatorGains
     simulation: Simulation
+    loop: Loop = field(default_factory=Loop)
+
+    @cached_property
+    def prediction(self) -> Prediction:
+        """The prediction (1)."""
+        return Prediction(self.simulation, self.loop if self.gains.predicts else Loop())
 
     def initial_estimate(self, measurement: Measurement) -> Estimate:
         """Return the estimate at the start of an episode.
@@ -160,18 +132,20 @@ class Estimator:
         trajectory = flat_outputs.flat_trajectory(measurement.reference, calm, p)
         reference_state, _ = flat_outputs.state_and_command(trajectory, measurement.yaw_reference, calm, p)
         state = np.where(np.isnan(measurement.state), reference_state, measurement.state)
-        _project_direction(state)
-        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64))
+        project_direction(state)
+        memory = np.zeros((rows, self.prediction.loop.memory_size))
+        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64), memory)
 
-    def update(self, estimate: Estimate, command: Floats, measurement: Measurement) -> Estimate:
+    def update(self, estimate: Estimate, action: Floats32, measurement: Measurement) -> Estimate:
         """Return the estimate one period later, by equations (1)–(2).
 
         Args:
             estimate: Estimate one period ago.
-            command: Thrust (N) and torques (N·m) applied over the period, shape (n, 4).
+            action: The action that was chosen for the period, before the known loop, shape (n, 4).
             measurement: Measurement at the end of the period.
         """
-        state, disturbance = self._predict(estimate, command), estimate.disturbance.copy()
+        predicted = self.prediction.advance(estimate, action)
+        state, disturbance = predicted.state, estimate.disturbance.copy()
         has_rates = not bool(np.isnan(State(measurement.state).velocity[0, 0]))
         table = gain_table(self.gains, self.simulation, has_rates)
         gain = table[np.minimum(estimate.age, len(table) - 1)]
@@ -181,33 +155,18 @@ class Estimator:
         correction = np.einsum("nij,nj->ni", gain, rotate_state(innovation, -yaw)[:, measured])
         state[:, STATE_COLUMNS] += rotate_state(correction[:, :MODEL_STATE_SIZE], yaw)
         disturbance[:, DISTURBANCE_COLUMNS] += rotate_disturbance(correction[:, MODEL_STATE_SIZE:], yaw)
-        _project_direction(state)
+        project_direction(state)
         disturbance[:, DISTURBANCE_COLUMNS] = np.clip(
             disturbance[:, DISTURBANCE_COLUMNS], -_MAX_ESTIMATE, _MAX_ESTIMATE
         )
         bounded = np.abs(state).max(axis=1) < _MAX_ESTIMATE  # false for nan as well
-        updated = Estimate(state, disturbance, measurement.reference, estimate.age + 1)
-        return updated if bounded.all() else select_rows(bounded, updated, self.initial_estimate(measurement))
-
-    def _predict(self, estimate: Estimate, command: Floats) -> Floats:
-        sim = self.simulation
-        state = estimate.state.copy()
-        parameters = np.tile(sim.parameters.as_array(), (len(state), 1))
-        advance(state, command, estimate.disturbance, parameters, sim.period, sim.substeps)
-        s = State(state)
-        for order, derivative in enumerate(np.moveaxis(estimate.reference, 1, 0), 2):
-            s.position[:] -= sim.period**order / factorial(order) * derivative
-            s.velocity[:] -= sim.period ** (order - 1) / factorial(order - 1) * derivative
-        return state
-
-
-def _project_direction(state: Floats) -> None:
-    """Limit |r_xy|, and set r_z and ṙ_z in place such that |r| = 1, r_z > 0 and r·ṙ = 0."""
-    s = State(state)
-    s.direction[:, :2] = limit_norm(s.direction[:, :2], _MAX_HORIZONTAL)
-    s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
-    along = np.sum(s.direction[:, :2] * s.direction_rate[:, :2], axis=1)
-    s.direction_rate[:, 2] = -along / s.direction[:, 2]
+        updated = predicted._replace(state=state, disturbance=disturbance, reference=measurement.reference)
+        # A delayed sensor repeats its first sample.
+        valid = bounded & (updated.age > self.prediction.loop.sensor_delay)
+        if valid.all():
+            return updated
+        initial = self.initial_estimate(measurement)._replace(age=np.where(bounded, updated.age, 0), loop=updated.loop)
+        return select_rows(valid, updated, initial)
 
 
 @lru_cache(maxsize=32)

@@ -4,6 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.base_controller import (
     change_simulation,
     check_action_scale,
@@ -78,9 +79,9 @@ class BandwidthScheduling:
         applied, controller_memory = self.base_controller.control(memory.controller, bandwidth_scale=scales)
         return applied, HybridMemory(controller_memory, applied, memory.anomaly_score)
 
-    def with_simulation(self, simulation: Simulation) -> "BandwidthScheduling":
-        """Return this hybrid for another nominal simulation; see `Hybrid.with_simulation`."""
-        return change_simulation(self, simulation)
+    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "BandwidthScheduling":
+        """Return this hybrid for another nominal simulation and loop; see `Hybrid.with_simulation`."""
+        return change_simulation(self, simulation, loop)
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data; see `Hybrid.as_data`."""

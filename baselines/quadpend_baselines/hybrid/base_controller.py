@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from quadpend_baselines.controllers.registry import controller
+from quadpend_baselines.estimation.loop import Loop, design_for
 from quadpend_baselines.hybrid.protocol import Hybrid
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
@@ -54,10 +55,10 @@ def control_period(base_controller: Any) -> float:
     return float(getattr(base_controller, "simulation", _DEFAULT).period)
 
 
-def change_simulation(hybrid: HybridType, simulation: Simulation) -> HybridType:
-    """Return `hybrid` with its base controller designed for another nominal simulation."""
+def change_simulation(hybrid: HybridType, simulation: Simulation, loop: Loop | None) -> HybridType:
+    """Return `hybrid` with its base controller designed for another nominal simulation and loop."""
     other = copy(hybrid)
-    other.base_controller = hybrid.base_controller.with_simulation(simulation)
+    other.base_controller = design_for(hybrid.base_controller, simulation, loop or Loop())
     return other
 
 

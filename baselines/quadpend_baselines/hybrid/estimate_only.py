@@ -4,6 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.base_controller import (
     change_simulation,
     estimate,
@@ -53,9 +54,9 @@ class EstimateOnly:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
         return action, memory._replace(controller=self.base_controller.with_applied_action(memory.controller, action))
 
-    def with_simulation(self, simulation: Simulation) -> "EstimateOnly":
-        """Return this hybrid for another nominal simulation; see `Hybrid.with_simulation`."""
-        return change_simulation(self, simulation)
+    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "EstimateOnly":
+        """Return this hybrid for another nominal simulation and loop; see `Hybrid.with_simulation`."""
+        return change_simulation(self, simulation, loop)
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data; see `Hybrid.as_data`."""

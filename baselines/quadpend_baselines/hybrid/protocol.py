@@ -27,6 +27,7 @@ controller's action, by ten, because the base controller keeps these values smal
 
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 
@@ -81,8 +82,8 @@ class Hybrid(Protocol):
             The action to apply to the environment, shape (n, 4), and the memory for the next call of `observe`.
         """
 
-    def with_simulation(self, simulation: Simulation) -> "Hybrid":
-        """Return this hybrid with a base controller that is designed for another nominal simulation."""
+    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
+        """Return this hybrid with a base controller that is designed for another nominal simulation and loop."""
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data from which `hybrid_from_data` makes the same hybrid.

@@ -4,6 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.base_controller import (
     MAGNIFICATION,
     change_simulation,
@@ -69,9 +70,9 @@ class ResidualAction:
         applied = np.clip(memory.base_action + residual, -1.0, 1.0)
         return applied, memory._replace(controller=self.base_controller.with_applied_action(memory.controller, applied))
 
-    def with_simulation(self, simulation: Simulation) -> "ResidualAction":
-        """Return this hybrid for another nominal simulation; see `Hybrid.with_simulation`."""
-        return change_simulation(self, simulation)
+    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "ResidualAction":
+        """Return this hybrid for another nominal simulation and loop; see `Hybrid.with_simulation`."""
+        return change_simulation(self, simulation, loop)
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data; see `Hybrid.as_data`."""

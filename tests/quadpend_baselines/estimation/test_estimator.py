@@ -21,6 +21,7 @@ from quadpend_baselines.modelling.linear_model import (
     VELOCITY,
     linearise,
 )
+from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import Disturbance, State
@@ -91,7 +92,7 @@ def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: P
     measurements = [measurement if has_rates else without_rates(measurement) for measurement, _ in recording]
     out = [observer.initial_estimate(measurements[0])]
     for measurement, (_, command) in zip(measurements[1:], recording[:-1], strict=True):
-        out.append(observer.update(out[-1], command, measurement))
+        out.append(observer.update(out[-1], to_action(command, observer.simulation)[0], measurement))
     return out
 
 
@@ -244,7 +245,7 @@ def test_estimated_direction_is_a_unit_vector_above_the_horizontal() -> None:
     for _ in range(5):
         tilted = tilted_pendulum(rng.uniform(0.0, 1.4, 50), rng.uniform(0.0, 7.0, 50), 50)
         State(tilted).direction_rate[:] = rng.normal(size=(50, 3))
-        hover = np.tile([PAPER.hover_thrust, 0.0, 0.0, 0.0], (50, 1))
+        hover = np.zeros((50, 4), np.float32)
         estimate = observer.update(estimate, hover, measurement_of(tilted))
         s = State(estimate.state)
         assert_allclose(np.linalg.norm(s.direction, axis=1), 1.0, rtol=1e-12)

@@ -6,6 +6,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy, RotorAllocation
+from quadpend_baselines.estimation.loop import Loop, design_for
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.factories import describe_error
@@ -21,7 +22,8 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     """Return the policy for a scenario.
 
     - A policy with the method `with_simulation` receives the scenario's nominal simulation: a classical controller,
-      also as base controller of a hybrid, and an own policy whose factory takes the simulation.
+      also as base controller of a hybrid, and an own policy whose factory takes the simulation. If the method has the
+      argument `loop`, it also receives the known delays and lags.
     - Where the action commands rotors, such a policy, if it is not learned, receives a `RotorAllocation`.
     - Where velocities are not observed, a learned policy that needs them receives finite differences.
 
@@ -30,7 +32,7 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     """
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
-        policy = adaptable.with_simulation(scenario.simulation)
+        policy = design_for(policy, scenario.simulation, Loop.of(scenario.sensors, scenario.actuators))
     sizes = getattr(policy, "observation_sizes", None)
     if sizes is None:
         rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]

@@ -33,6 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
@@ -144,12 +145,12 @@ class MlpPolicy:
             np.savez_compressed(file, **arrays)
         unfinished.replace(path)
 
-    def with_simulation(self, simulation: Simulation) -> "MlpPolicy":
-        """Return the policy with its base controller designed for another nominal simulation."""
+    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "MlpPolicy":
+        """Return the policy with its base controller designed for another nominal simulation and loop."""
         if self.hybrid is None:
             return self
         other = copy(self)
-        other.hybrid = self.hybrid.with_simulation(simulation)
+        other.hybrid = self.hybrid.with_simulation(simulation, loop)
         return other
 
     def predict(

@@ -1,0 +1,137 @@
+"""Prediction of the state: the nonlinear simulation, driven by the action that passes through the known loop.
+
+    (1)  x_{k+1} = f(x_k, ā_k, d̂),     ā_k = h(a_k, a_{k−1}, …)          f: one control period, h: `loop.Loop`
+
+Positions and velocities are relative to the reference, which accelerates. The prediction therefore subtracts the motion
+of the reference over a period, a polynomial of order 6.
+"""
+
+from dataclasses import dataclass, replace
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.modelling.planar import limit_norm
+from quadpend_baselines.policy.protocol import to_command
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats, Floats32, Integers
+from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.state import State
+
+_MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
+
+
+class Measurement(NamedTuple):
+    """Observations of n rows, converted for the estimator.
+
+    Attributes:
+        state: Layout of `quadpend_gym.physics.state`, shape (n, 18); position and velocity are relative to the
+            reference, and rates that are not measured are nan.
+        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
+        yaw_reference: ψ_d, ψ̇_d, ψ̈_d, in rad, rad/s and rad/s², shape (n, 3).
+    """
+
+    state: Floats
+    reference: Floats
+    yaw_reference: Floats
+
+
+class Estimate(NamedTuple):
+    """Memory of the estimator for n rows.
+
+    Attributes:
+        state: x̂, as `Measurement.state` but complete, shape (n, 18).
+        disturbance: d̂, in the layout of `Disturbance`, N and N·m, shape (n, 9).
+        reference: Reference derivatives of the latest measurement, shape (n, 5, 3).
+        age: Number of corrections since the episode began, shape (n,).
+        loop: Memory of the known loop, shape (n, k).
+    """
+
+    state: Floats
+    disturbance: Floats
+    reference: Floats
+    age: Integers
+    loop: Floats
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Equation (1).
+
+    Attributes:
+        simulation: Nominal plant and control period.
+        loop: The known part of the loop.
+    """
+
+    simulation: Simulation
+    loop: Loop
+
+    def advance(self, estimate: Estimate, action: Floats32) -> Estimate:
+        """Return the estimate one control period later, without a correction; its reference moves along.
+
+        Args:
+            estimate: Estimate at the beginning of the period.
+            action: The action that the controller has chosen for this period, shape (n, 4).
+        """
+        simulation = self.simulation
+        action, memory = self.loop.act(action, estimate.loop, simulation)
+        state = estimate.state.copy()
+        parameters = np.tile(simulation.parameters.as_array(), (len(state), 1))
+        command = to_command(action, simulation)
+        advance(state, command, estimate.disturbance, parameters, simulation.period, simulation.substeps)
+        s = State(state)
+        for order, derivative in enumerate(np.moveaxis(estimate.reference, 1, 0), 2):
+            s.position[:] -= simulation.period**order / factorial(order) * derivative
+            s.velocity[:] -= simulation.period ** (order - 1) / factorial(order - 1) * derivative
+        reference = shift_polynomial(estimate.reference, simulation.period)
+        return Estimate(state, estimate.disturbance, reference, estimate.age + 1, memory)
+
+    def carry_forward(
+        self, estimate: Estimate, action: Floats32, measurement: Measurement
+    ) -> tuple[Estimate, Measurement]:
+        """Return estimate and measurement at the time when the next action acts.
+
+        Args:
+            estimate: The latest estimate.
+            action: The latest action that the controller has chosen, shape (n, 4); it is taken to continue while the
+                lag is predicted through.
+            measurement: The latest measurement. Only its reference is carried forward.
+        """
+        time = self.loop.steps * self.simulation.period + self.loop.lag
+        if not time:
+            return estimate, measurement
+        periods, rest = divmod(time + 1e-9, self.simulation.period)
+        for _ in range(int(periods)):
+            estimate = self.advance(estimate, action)
+        if rest > 1e-6:
+            partial = replace(self.simulation, period=rest)
+            estimate = Prediction(partial, self.loop).advance(estimate, action)
+        project_direction(estimate.state)
+        return estimate, measurement._replace(
+            reference=estimate.reference, yaw_reference=shift_polynomial(measurement.yaw_reference, time)
+        )
+
+
+def project_direction(state: Floats) -> None:
+    """Limit |r_xy|, and set r_z and ṙ_z in place such that |r| = 1, r_z > 0 and r·ṙ = 0."""
+    s = State(state)
+    s.direction[:, :2] = limit_norm(s.direction[:, :2], _MAX_HORIZONTAL)
+    s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
+    along = np.sum(s.direction[:, :2] * s.direction_rate[:, :2], axis=1)
+    s.direction_rate[:, 2] = -along / s.direction[:, 2]
+
+
+def shift_polynomial(derivatives: Floats, time: float) -> Floats:
+    """Return the derivatives of a polynomial at a later time.
+
+    Args:
+        derivatives: Successive derivatives along axis 1, shape (n, k, …); those of higher order are zero.
+        time: s.
+    """
+    orders = derivatives.shape[1]
+    out = derivatives.copy()
+    for power in range(1, orders):
+        out[:, : orders - power] += time**power / factorial(power) * derivatives[:, power:]
+    return out
