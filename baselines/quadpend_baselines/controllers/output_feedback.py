@@ -137,7 +137,7 @@ class OutputFeedback:
         prediction = self._estimator.prediction
         estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
         command, law_memory = self._law.command(estimate, measurement, estimation.law_memory, **options)
-        wanted, _ = to_action(command, self.simulation)
+        wanted, _ = to_action(command, self.simulation, estimate.rigid)
         action = prediction.loop.compensate(wanted, estimate.loop, self.simulation.period)
         return action, OutputFeedbackMemory(estimation.estimate, action, law_memory)
 

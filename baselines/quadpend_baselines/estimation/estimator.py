@@ -5,7 +5,7 @@
 
 The extended states d are the forces on quadrotor and bob and the torque, modelled as random walks. The prediction (1)
 is that of the simulation itself, with nominal parameters. L is the gain of the Kalman filter for model (1) of
-`linear_model`, rotated by the yaw angle. The gain varies over the first steps of an episode, when the forces and, in
+`linear_model`, rotated by the yaw angle; the torque on a rigid vehicle is a vector of the world frame. The gain varies over the first steps of an episode, when the forces and, in
 output feedback, the rates are unknown; after that it is constant.
 
 The prediction (1) is that of `prediction`, which applies the known delays and lags of the loop to u.
@@ -38,6 +38,7 @@ from quadpend_baselines.modelling.linear_model import (
 from quadpend_baselines.policy.protocol import select_rows
 from quadpend_gym import Simulation, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, REFERENCE_START
 
@@ -120,7 +121,7 @@ class Estimator:
     @cached_property
     def prediction(self) -> Prediction:
         """The prediction (1)."""
-        return Prediction(self.simulation, self.loop if self.gains.predicts else Loop())
+        return Prediction(self.simulation, self.loop if self.gains.predicts else Loop(), self.gains.predicts)
 
     def initial_estimate(self, measurement: Measurement) -> Estimate:
         """Return the estimate at the start of an episode.
@@ -133,8 +134,9 @@ class Estimator:
         reference_state, _ = flat_outputs.state_and_command(trajectory, measurement.yaw_reference, calm, p)
         state = np.where(np.isnan(measurement.state), reference_state, measurement.state)
         project_direction(state)
-        memory = np.zeros((rows, self.prediction.loop.memory_size))
-        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64), memory)
+        memory = np.zeros((rows, self.prediction.memory_size))
+        rigid = self.prediction.rigid(state)
+        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64), memory, rigid)
 
     def update(self, estimate: Estimate, action: Floats32, measurement: Measurement) -> Estimate:
         """Return the estimate one period later, by equations (1)–(2).
@@ -154,13 +156,17 @@ class Estimator:
         yaw = State(state).euler[:, 2].copy()
         correction = np.einsum("nij,nj->ni", gain, rotate_state(innovation, -yaw)[:, measured])
         state[:, STATE_COLUMNS] += rotate_state(correction[:, :MODEL_STATE_SIZE], yaw)
-        disturbance[:, DISTURBANCE_COLUMNS] += rotate_disturbance(correction[:, MODEL_STATE_SIZE:], yaw)
+        disturbance[:, DISTURBANCE_COLUMNS] += rotate_disturbance(
+            correction[:, MODEL_STATE_SIZE:], yaw, self.simulation.is_rigid
+        )
         project_direction(state)
         disturbance[:, DISTURBANCE_COLUMNS] = np.clip(
             disturbance[:, DISTURBANCE_COLUMNS], -_MAX_ESTIMATE, _MAX_ESTIMATE
         )
         bounded = np.abs(state).max(axis=1) < _MAX_ESTIMATE  # false for nan as well
-        updated = predicted._replace(state=state, disturbance=disturbance, reference=measurement.reference)
+        rigid = self.prediction.rigid(state, predicted.rigid[:, ROTOR_THRUST:])
+        reference = measurement.reference
+        updated = predicted._replace(state=state, disturbance=disturbance, reference=reference, rigid=rigid)
         # A delayed sensor repeats its first sample.
         valid = bounded & (updated.age > self.prediction.loop.sensor_delay)
         if valid.all():

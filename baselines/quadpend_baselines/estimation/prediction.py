@@ -3,10 +3,12 @@
     (1)  x_{k+1} = f(x_k, ā_k, d̂),     ā_k = h(a_k, a_{k−1}, …)          f: one control period, h: `loop.Loop`
 
 Positions and velocities are relative to the reference, which accelerates. The prediction therefore subtracts the motion
-of the reference over a period, a polynomial of order 6.
+of the reference over a period, a polynomial of order 6. The state of a rigid vehicle includes the thrusts of its
+rotors, which are predicted without correction; f delays the action by the latency of the simulation.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import factorial
 from typing import NamedTuple
 
@@ -18,6 +20,7 @@ from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
 from quadpend_gym.physics.state import State
 
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
@@ -46,7 +49,9 @@ class Estimate(NamedTuple):
         disturbance: d̂, in the layout of `Disturbance`, N and N·m, shape (n, 9).
         reference: Reference derivatives of the latest measurement, shape (n, 5, 3).
         age: Number of corrections since the episode began, shape (n,).
-        loop: Memory of the known loop, shape (n, k).
+        loop: Memory of the known loop, shape (n, k), see `Loop.act`.
+        rigid: Quaternion, body rate and rotor thrusts (N) of a rigid vehicle, shape (n, 11), see
+            `quadpend_gym.physics.rigid_kernel`; shape (n, 0) for the paper's attitude model.
     """
 
     state: Floats
@@ -54,6 +59,7 @@ class Estimate(NamedTuple):
     reference: Floats
     age: Integers
     loop: Floats
+    rigid: Floats
 
 
 @dataclass(frozen=True)
@@ -62,11 +68,45 @@ class Prediction:
 
     Attributes:
         simulation: Nominal plant and control period.
-        loop: The known part of the loop.
+        known_loop: The known part of the loop, without the latency of the simulation.
+        predicts_latency: Whether the latency is known.
     """
 
     simulation: Simulation
-    loop: Loop
+    known_loop: Loop
+    predicts_latency: bool = True
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The known part of the loop, with the whole periods of the latency."""
+        return replace(self.known_loop, delay=self.known_loop.delay + self._latency[0])
+
+    @cached_property
+    def _latency(self) -> tuple[int, int]:
+        """The latency in whole control periods and the remaining substeps."""
+        delayed = self.simulation.delayed_substeps if self.predicts_latency else 0
+        return delayed // self.simulation.substeps, delayed % self.simulation.substeps
+
+    @cached_property
+    def memory_size(self) -> int:
+        """Length of a row of `Estimate.loop`; if the latency is not a whole number of periods, the last action follows
+        the memory of the loop.
+        """
+        return self.loop.memory_size + (4 if self._latency[1] else 0)
+
+    def rigid(self, state: Floats, thrusts: Floats | None = None) -> Floats:
+        """Return `Estimate.rigid` for states, shape (n, 18).
+
+        Args:
+            state: The states.
+            thrusts: Rotor thrusts, N, shape (n, 4); None: those at hover.
+        """
+        if not self.simulation.is_rigid:
+            return np.empty((len(state), 0))
+        rigid = rigid_from_state(state, self.simulation)
+        if thrusts is not None:
+            rigid[:, ROTOR_THRUST:] = thrusts
+        return rigid
 
     def advance(self, estimate: Estimate, action: Floats32) -> Estimate:
         """Return the estimate one control period later, without a correction; its reference moves along.
@@ -75,18 +115,28 @@ class Prediction:
             estimate: Estimate at the beginning of the period.
             action: The action that the controller has chosen for this period, shape (n, 4).
         """
-        simulation = self.simulation
-        action, memory = self.loop.act(action, estimate.loop, simulation)
-        state = estimate.state.copy()
-        parameters = np.tile(simulation.parameters.as_array(), (len(state), 1))
-        command = to_command(action, simulation)
-        advance(state, command, estimate.disturbance, parameters, simulation.period, simulation.substeps)
+        return self._advance(estimate, action, self.simulation)
+
+    def _advance(self, estimate: Estimate, action: Floats32, simulation: Simulation) -> Estimate:
+        """Advance by the period of `simulation`, which may differ from the control period."""
+        action, memory = self.loop.act(action, estimate.loop[:, : self.loop.memory_size], simulation)
+        state, rigid = estimate.state.copy(), estimate.rigid
+        parameters = np.tile(self.simulation.parameters.as_array(), (len(state), 1))
+        if simulation.is_rigid:
+            rigid, switch = rigid.copy(), self._latency[1]
+            before = estimate.loop[:, -4:] if switch else None
+            advance_rigid(state, rigid, action, estimate.disturbance, parameters, simulation, before, switch)
+            if switch:
+                memory = np.concatenate([memory, action], axis=1)
+        else:
+            command = to_command(action, simulation)
+            advance(state, command, estimate.disturbance, parameters, simulation.period, simulation.substeps)
         s = State(state)
         for order, derivative in enumerate(np.moveaxis(estimate.reference, 1, 0), 2):
             s.position[:] -= simulation.period**order / factorial(order) * derivative
             s.velocity[:] -= simulation.period ** (order - 1) / factorial(order - 1) * derivative
         reference = shift_polynomial(estimate.reference, simulation.period)
-        return Estimate(state, estimate.disturbance, reference, estimate.age + 1, memory)
+        return Estimate(state, estimate.disturbance, reference, estimate.age + 1, memory, rigid)
 
     def carry_forward(
         self, estimate: Estimate, action: Floats32, measurement: Measurement
@@ -95,23 +145,26 @@ class Prediction:
 
         Args:
             estimate: The latest estimate.
-            action: The latest action that the controller has chosen, shape (n, 4); it is taken to continue while the
-                lag is predicted through.
+            action: The latest action that the controller has chosen, shape (n, 4); it is taken to continue while a lag
+                of the actuators is predicted through.
             measurement: The latest measurement. Only its reference is carried forward.
         """
-        time = self.loop.steps * self.simulation.period + self.loop.lag
-        if not time:
+        substep = self.simulation.period / self.simulation.substeps
+        substeps = [self.simulation.substeps] * self.loop.steps
+        rest = self._latency[1] + round(self.loop.lag / substep)
+        while rest > 0:
+            substeps.append(min(rest, self.simulation.substeps))
+            rest -= substeps[-1]
+        if not substeps:
             return estimate, measurement
-        periods, rest = divmod(time + 1e-9, self.simulation.period)
-        for _ in range(int(periods)):
-            estimate = self.advance(estimate, action)
-        if rest > 1e-6:
-            partial = replace(self.simulation, period=rest)
-            estimate = Prediction(partial, self.loop).advance(estimate, action)
+        for number in substeps:
+            part = self.simulation
+            if number < part.substeps:
+                part = replace(part, period=number * substep, substeps=number, latency=0.0)
+            estimate = self._advance(estimate, action, part)
         project_direction(estimate.state)
-        return estimate, measurement._replace(
-            reference=estimate.reference, yaw_reference=shift_polynomial(measurement.yaw_reference, time)
-        )
+        yaw_reference = shift_polynomial(measurement.yaw_reference, sum(substeps) * substep)
+        return estimate, measurement._replace(reference=estimate.reference, yaw_reference=yaw_reference)
 
 
 def project_direction(state: Floats) -> None:
