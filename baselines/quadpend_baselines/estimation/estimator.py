@@ -5,8 +5,9 @@
 
 The extended states d are the forces on quadrotor and bob and the torque, modelled as random walks. The prediction (1)
 is that of the simulation itself, with nominal parameters. L is the gain of the Kalman filter for model (1) of
-`linear_model`, rotated by the yaw angle; the torque on a rigid vehicle is a vector of the world frame. The gain varies over the first steps of an episode, when the forces and, in
-output feedback, the rates are unknown; after that it is constant.
+`linear_model`, rotated by the yaw angle; the torque on a rigid vehicle is a vector of the world frame. The gain varies
+over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
+constant.
 
 The prediction (1) is that of `prediction`, which applies the known delays and lags of the loop to u.
 """

@@ -89,8 +89,9 @@ class Prediction:
 
     @cached_property
     def memory_size(self) -> int:
-        """Length of a row of `Estimate.loop`; if the latency is not a whole number of periods, the last action follows
-        the memory of the loop.
+        """Length of a row of `Estimate.loop`.
+
+        If the latency is not a whole number of periods, the last action follows the memory of the loop.
         """
         return self.loop.memory_size + (4 if self._latency[1] else 0)
 
