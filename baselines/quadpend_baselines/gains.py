@@ -177,9 +177,15 @@ GAINS: dict[str, Any] = {
     ),
 }
 
-# Controllers that are not told the known delays and lags of the loop, for comparison.
-for _name in ("flatness", "lqr"):
-    GAINS[f"{_name}-unpredicted"] = replace(GAINS[_name], estimator=replace(GAINS[_name].estimator, predicts=False))
+UNPREDICTED = "-unpredicted"  # end of the names of controllers that are not told the delays and lags of the loop
+
+
+def without_prediction(gains: Any) -> Any:
+    """Return gains whose estimator does not predict through known delays and lags."""
+    return replace(gains, estimator=replace(gains.estimator, predicts=False))
+
+
+GAINS |= {f"{name}{UNPREDICTED}": without_prediction(GAINS[name]) for name in ("flatness", "lqr")}
 
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
 # those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`.

@@ -15,7 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.gains import GAINS, RIGID_GAINS, AdrcGains, FlatnessGains, LqrGains, MppiGains
+from quadpend_baselines.gains import (
+    GAINS,
+    RIGID_GAINS,
+    UNPREDICTED,
+    AdrcGains,
+    FlatnessGains,
+    LqrGains,
+    MppiGains,
+    without_prediction,
+)
 from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_gym import Parameters, Simulation
 
@@ -89,5 +98,7 @@ def gains_for(name: str, simulation: Simulation | None = None) -> Any:
     """
     if simulation is None or not simulation.is_rigid:
         return GAINS[name]
-    gains, vehicle = RIGID_GAINS.get(name, (GAINS[name], None))
-    return scale_gains(gains, design_parameters(Simulation(vehicle=vehicle)), design_parameters(simulation))
+    tuned = name.removesuffix(UNPREDICTED)
+    gains, vehicle = RIGID_GAINS.get(tuned, (GAINS[tuned], None))
+    scaled = scale_gains(gains, design_parameters(Simulation(vehicle=vehicle)), design_parameters(simulation))
+    return scaled if tuned == name else without_prediction(scaled)
