@@ -16,6 +16,7 @@ from tqdm.auto import tqdm
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.viewer.shape import PAPER_SHAPE, Shape
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.recording import Recording, record_episode
@@ -28,6 +29,7 @@ SAMPLE_PERIOD = 0.04  # s, rounded to whole control periods
 # Channels of a sample and their numbers of components: m, rad, unit vector, N, N, N, m; all vectors in the world frame.
 CHANNELS = {"position": 3, "euler": 3, "direction": 3, "force": 3, "bob_force": 3, "estimate": 3, "error": 1}
 MISSING, _LARGEST = -32768, 32767  # the integer that stands for nan, and the largest integer
+_DISTANCE, _FARTHER = 2.7, 3.4 / 2.7  # m, of the page's camera, and that of the viewer's camera relative to it
 _OTHERS = 2  # policies in the replay, besides the first one
 
 
@@ -142,13 +144,13 @@ def _sample_interval(period: float) -> int:
 
 
 def _episode_data(recordings: list[Recording], scenario: Scenario) -> dict[str, Any]:
-    """Return the data of one episode: times, rod length, samples of the bob's reference and of each policy.
+    """Return the data of one episode: times, sizes, and samples of the bob's reference and of each policy.
 
     The times are the sampling rate (Hz), the time of the first sample (s) and the duration of the episode (s).
     """
     first, period = recordings[0].snapshots[0], scenario.simulation.period
     times = np.asarray(period * (sampled_steps(scenario.steps, period) + 1.0), np.float64)
-    reference = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length]
+    reference = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length] + first.shape.pivot
     fell = [recording.fell_at and round(recording.fell_at, 6) for recording in recordings]
     episodes = [
         {"fell": at, **encode(_samples(recording, period))} for at, recording in zip(fell, recordings, strict=True)
@@ -158,9 +160,23 @@ def _episode_data(recordings: list[Recording], scenario: Scenario) -> dict[str, 
         "start": period,
         "duration": scenario.steps * period,
         "rod_length": first.rod_length,
+        "shape": shape_data(first.shape),
         "reference": encode(reference),
         "episodes": episodes,
     }
+
+
+def shape_data(shape: Shape) -> dict[str, Any]:
+    """Return the sizes of the vehicle, with the distances of the page's camera.
+
+    `rise` is the height of the point at which the camera looks above the vehicles, None for the paper's vehicle, and
+    `longest` the length of the longest arrow of a force.
+    """
+    is_paper = shape is PAPER_SHAPE
+    distance_scale = shape.distance_scale * (1.0 if is_paper else _FARTHER)
+    rise = None if is_paper else shape.lift - 0.22 * _DISTANCE * distance_scale
+    data = {**shape._asdict(), "distance_scale": distance_scale, "rise": rise, "longest": shape.distance_scale}
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in data.items()}
 
 
 def _samples(recording: Recording, period: float) -> Floats:
