@@ -198,6 +198,31 @@ def test_with_simulation_changes_the_base_controller_only() -> None:
     assert_array_equal(other.predict(observation)[0], policy.forward(seen))
 
 
+BODY_RATES = Simulation(vehicle="hummingbird", interface="body_rates")
+
+
+def test_policy_is_refused_where_an_action_commands_something_else() -> None:
+    rates = mlp_policy(36, interface="body_rates", vehicle="hummingbird")
+    assert rates.with_simulation(BODY_RATES) is rates
+    assert_refused(lambda: rates.with_simulation(Simulation()), "command thrust and body rates.*commands thrust and torques")
+    trained_before = mlp_policy(36, settings={})
+    assert trained_before.with_simulation(Simulation()) is trained_before
+    assert_refused(lambda: trained_before.with_simulation(BODY_RATES), "'wrench'.*'body_rates'")
+
+
+def test_policy_from_elsewhere_and_scheduled_bandwidths_fly_every_interface() -> None:
+    elsewhere = mlp_policy(36)
+    assert elsewhere.with_simulation(BODY_RATES) is elsewhere
+    scheduled = mlp_policy(45, hybrid=BANDWIDTH_SCHEDULING, settings={})
+    assert scheduled.with_simulation(BODY_RATES) is not scheduled
+
+
+def test_policy_warns_of_another_vehicle() -> None:
+    policy = mlp_policy(36, interface="body_rates", vehicle="hummingbird")
+    with pytest.warns(UserWarning, match="trained on the vehicle hummingbird flies the vehicle x500"):
+        policy.with_simulation(Simulation(vehicle="x500", interface="body_rates"))
+
+
 def test_stable_baselines3_evaluates_a_policy() -> None:
     returns, lengths = evaluate_policy(
         mlp_policy(36 * 2, history=2),  # type: ignore[arg-type]

@@ -20,6 +20,8 @@ Fields of a card that determine the policy:
 | `action_repeat`   | control steps for which each output of the network is used                                       |
 | `history`         | number of latest observations that the network receives, oldest first                            |
 | `history_actions` | number of its own latest outputs that the network receives after them, oldest first              |
+| `interface`       | what an action commands, as `Simulation.interface`; optional, see `check_interface`              |
+| `vehicle`         | name of the vehicle of the training, null for the paper's; optional                              |
 
 A trained policy's card also has the settings, the score, the learning curve and the provenance of its training.
 """
@@ -32,6 +34,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium import logger
 
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
@@ -39,6 +42,7 @@ from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.validation import check_int
+from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_train.common.version_0_1 import current_card, current_name
@@ -50,6 +54,7 @@ OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 # Fields of the card of a policy whose only input is the latest observation
 PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1, "history": 1, "history_actions": 0}
 _LARGEST_FILE = 64 * 2**20  # bytes, unpacked
+_COMMANDS = {"wrench": "thrust and torques", "rotors": "rotor thrusts", "body_rates": "thrust and body rates"}
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -146,7 +151,12 @@ class MlpPolicy:
         unfinished.replace(path)
 
     def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "MlpPolicy":
-        """Return the policy with its base controller designed for another nominal simulation and loop."""
+        """Return the policy with its base controller designed for another nominal simulation and loop.
+
+        Raises:
+            ValueError: If the policy was trained with another command interface, see `check_interface`.
+        """
+        check_interface(self.card, simulation)
         if self.hybrid is None:
             return self
         other = copy(self)
@@ -245,6 +255,33 @@ def _pushed(memory: Floats32, value: Floats32) -> Floats32:
     return np.concatenate([memory[:, 1:], value[:, np.newaxis]], axis=1)[:, : memory.shape[1]]
 
 
+def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
+    """Check that a policy's actions mean in a simulation what they meant in its training.
+
+    The base controller of a hybrid of the kind ``"bandwidth_scheduling"`` commands any vehicle and interface. Cards of
+    policies that were trained here before there were other interfaces have no ``interface``: theirs is that of the
+    paper's vehicle, ``"wrench"``. Nothing is known about policies from elsewhere, so they are not checked.
+
+    Args:
+        card: The policy's card.
+        simulation: Nominal simulation in which the policy is to fly.
+
+    Raises:
+        ValueError: If the interfaces differ.
+    """
+    trained = card.get("interface", "wrench" if "settings" in card else None)
+    if trained is None or (card["hybrid"] or {}).get("kind") == "bandwidth_scheduling":
+        return
+    if trained != simulation.interface:
+        raise ValueError(
+            f"the policy was trained to command {_COMMANDS[trained]} (interface {trained!r}), but an action of the"
+            f" simulation commands {_COMMANDS[simulation.interface]} (interface {simulation.interface!r})"
+        )
+    vehicle = simulation.vehicle and simulation.vehicle.name
+    if (own := card.get("vehicle")) != vehicle:
+        logger.warn(f"a policy trained on the vehicle {own or 'paper'} flies the vehicle {vehicle or 'paper'}")
+
+
 def _check_card(card: Any) -> None:
     if not isinstance(card, dict) or card.get("format") != FORMAT:
         raise ValueError(f"the card is not of the format {FORMAT!r}")
@@ -259,6 +296,10 @@ def _check_card(card: Any) -> None:
         raise ValueError(f"the card has no {missing[0]!r}")
     for name, least in (("action_repeat", 1), ("history", 1), ("history_actions", 0)):
         check_int(card[name], name, least)
+    if card.get("interface", "wrench") not in INTERFACES:
+        raise ValueError(f"interface must be one of {', '.join(INTERFACES)}, not {card['interface']!r}")
+    if not isinstance(card.get("vehicle"), str | None):
+        raise ValueError(f"vehicle must be a name or null, not {card['vehicle']!r}")
 
 
 def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:

@@ -240,8 +240,11 @@ def _final_policy(model: Any, settings: TrainSettings, folder: Path, seconds: fl
     curve = read_curve(folder)
     survival, rmse = validate(policy, settings, CARD_SEED)
     best_at = min(curve, key=lambda score: score.penalised_rmse).steps if best.is_file() else model.num_timesteps
+    simulation = find_scenario(expand_sets(settings.scenarios)[0]).simulation  # all scenarios have the same
     card = {
         **policy.card,
+        "interface": simulation.interface,
+        "vehicle": simulation.vehicle and simulation.vehicle.name,
         "settings": to_mapping(settings),
         "seed": settings.seed,
         "steps": model.num_timesteps,
