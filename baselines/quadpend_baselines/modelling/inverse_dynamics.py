@@ -45,7 +45,7 @@ def _body_torques(
 ) -> None:
     settings = unpack_rigid(packed)
     physics = load_physics(parameters, 0)
-    body = rigid_physics(settings.loop.inertia, settings.pivot, settings.shape, physics)
+    body = rigid_physics(physics, settings.correlation, settings.pivot, settings.shape)
     states, accelerations, disturbances = state.T, acceleration.T, disturbance.T
     for row in range(state.shape[0]):
         euler, euler_rate = load(states, EULER, row), load(states, EULER_RATE, row)

@@ -14,7 +14,7 @@ from scipy import signal, stats
 
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import KINDS as ACTUATORS
-from quadpend_gym.actuators import as_actuators
+from quadpend_gym.actuators import GyroBias, as_actuators
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.models import ModelBatch
@@ -231,8 +231,11 @@ def _draw_actuators(figure: Any, models: tuple[Any, ...], seconds: float, seed: 
     for i in range(ACTION_SIZE):
         action[10 + 22 * i : 22 + 22 * i, i] = 0.5
 
+    needs_rates = any(isinstance(model, GyroBias) for model in models)
+    simulation = Simulation(vehicle="hummingbird", interface="body_rates") if needs_rates else Simulation()
+
     def act(sample: Floats, step: Integers, model: Any, memory: Floats, streams: Streams) -> None:
-        model.act(sample, memory, step, Simulation(), streams)
+        model.act(sample, memory, step, simulation, streams)
 
     acted = _apply(models, action, seed, act)
     for axes, values, title in zip(
