@@ -19,6 +19,10 @@ and the derivative of F₅ + ϑ̂/K for F⁽⁵⁾.
 
 The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ into the axes of the world (n and t above),
 which makes no difference at ψ = 0.
+
+For rigid vehicles, F, r and the parameters in (1) to (3) are those of the equivalent pendulum (`modelling.equivalent`).
+The controller follows the rotor thrusts by their nominal lag, which gives the mean thrust and torques of a period, and
+takes the body rates from its observers. It does not know the latency.
 """
 
 from collections.abc import Callable
@@ -28,11 +32,20 @@ import numpy as np
 
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
+from quadpend_baselines.modelling.equivalent import (
+    body_command,
+    design_parameters,
+    design_reference,
+    equivalent_model,
+    reference_offset,
+)
 from quadpend_baselines.modelling.planar import rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
-from quadpend_gym import Simulation, read_observation
-from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.state import DISTURBANCE_SIZE, Disturbance
+from quadpend_baselines.policy.rigid_actions import rotor_response
+from quadpend_gym import Parameters, Simulation, read_observation
+from quadpend_gym.core.arrays import Booleans, Floats, Floats32
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, rigid_from_state
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, Disturbance, State
 
 GainsOrFunction = AdrcGains | Callable[[Simulation], AdrcGains]
 # Observers in the bank: Luenberger stages of x and y, DESOs of x and y, height, yaw.
@@ -40,6 +53,7 @@ _LUENBERGER, _HORIZONTAL, _HEIGHT, _YAW = slice(0, 2), slice(2, 4), 4, 5
 _OBSERVERS = 6
 # States of a DESO: output, rate, disturbance ϑ, its rate.
 _VALUE, _RATE, _DISTURBANCE = 0, 1, 2
+_MAX_RATE = 100.0  # rad/s, limit of the estimated body rates
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 
 
@@ -71,6 +85,21 @@ class AdrcMeasurement(NamedTuple):
         return self.reference[:, order - 2]
 
 
+class RotorMemory(NamedTuple):
+    """Rotors of n rigid vehicles in the latest control period.
+
+    Attributes:
+        rigid: Quaternion, body rate and rotor thrusts (N) at its beginning, shape (n, 11).
+        thrusts: Rotor thrusts at its end, N, shape (n, 4).
+        reaction: Torques about the body's axes that do not accelerate the Euler angles, after a zero for the thrust,
+            N·m, shape (n, 4).
+    """
+
+    rigid: Floats
+    thrusts: Floats
+    reaction: Floats
+
+
 class AdrcMemory(NamedTuple):
     """Memory of ADRC for n rows.
 
@@ -78,11 +107,13 @@ class AdrcMemory(NamedTuple):
         estimate: States of the observers, shape (n, 6, 4).
         command: Thrust (N) and torques (N·m) applied after saturation, shape (n, 4).
         measurement: The latest measurement; None in the memory of the continuous-time simulation.
+        rotors: The rotors of rigid vehicles; otherwise empty.
     """
 
     estimate: Floats
     command: Floats
     measurement: AdrcMeasurement | None
+    rotors: RotorMemory | tuple[()] = ()
 
 
 def make_measurement(
@@ -165,6 +196,7 @@ class ADRC:
         """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
         measurement = measurement_from_observation(np.atleast_2d(np.asarray(observation, np.float32)))
+        measurement = self._equivalent_measurement(measurement)
         outputs = self.observer_outputs(measurement)
         estimate = self.initial_estimate(measurement, outputs)
         started = episode_start_mask(episode_start, state is None, measurement.yaw.size)
@@ -175,8 +207,52 @@ class ADRC:
             updated = self._bank.update(state.estimate, 0.5 * (before + after), outputs)
             estimate = np.where(started[:, np.newaxis, np.newaxis], estimate, updated)
         command = self.command(measurement, estimate)
+        if self.simulation.is_rigid:
+            action, memory = self._rigid_action(measurement, estimate, command, state, started)
+            return (action[0] if single else action), memory
         action, command = to_action(command, self.simulation)
         return (action[0] if single else action), AdrcMemory(estimate, command, measurement)
+
+    def _equivalent_measurement(self, measurement: AdrcMeasurement) -> AdrcMeasurement:
+        """Return the measurement of a rigid vehicle with the errors and the reference of the equivalent pendulum."""
+        if not self.simulation.is_rigid:
+            return measurement
+        model, reference = equivalent_model(self.simulation), measurement.reference
+        offset = model.pendulum_arm * measurement.direction[:, :2] + model.thrust_arm * measurement.tilt
+        error = measurement.error.copy()
+        error[:, :2] += offset - reference_offset(reference, self.simulation)
+        return measurement._replace(error=error, reference=design_reference(reference, self.simulation))
+
+    def _rigid_action(
+        self, measurement: AdrcMeasurement, estimate: Floats, command: Floats, before: Any, started: Booleans
+    ) -> tuple[Floats32, AdrcMemory]:
+        """Return the actions and the memory of rigid vehicles for thrust and torques for the Euler angles."""
+        simulation, rows = self.simulation, len(command)
+        state = np.zeros((rows, STATE_SIZE))
+        s = State(state)
+        pitch, roll = (rotate(measurement.tilt, -measurement.yaw, 0) * [1.0, -1.0]).T
+        s.euler[:] = np.column_stack([roll, pitch, measurement.yaw])
+        s.direction[:] = measurement.direction
+        # The rates of r and n follow from F⁽³⁾ = g σ̇ and from the rate of F₅.
+        third = measurement.reference_derivative(3)[:, :2] + estimate[:, _LUENBERGER, 3]
+        fifth = measurement.reference_derivative(5)[:, :2] + estimate[:, _HORIZONTAL, _RATE]
+        tilt_rate = third / simulation.parameters.gravity - fifth / self._stiffness
+        pitch_rate, roll_rate = (rotate(tilt_rate, -measurement.yaw, 0) * [1.0, -1.0]).T
+        rates = np.column_stack([roll_rate, pitch_rate, estimate[:, _YAW, _RATE]])
+        s.euler_rate[:] = np.clip(rates, -_MAX_RATE, _MAX_RATE)
+        body = body_command(state, command, np.zeros((rows, DISTURBANCE_SIZE)), simulation)
+        rigid = rigid_from_state(state, simulation)
+        if not started.all():
+            kept = ~started
+            rigid[kept, ROTOR_THRUST:] = before.rotors.thrusts[kept]
+        action, _ = to_action(body, simulation, rigid)
+        return action, self._driven(AdrcMemory(estimate, command, measurement), action, rigid, body - command)
+
+    def _driven(self, memory: AdrcMemory, action: Floats32, rigid: Floats, reaction: Floats) -> AdrcMemory:
+        """Return the memory with the mean command that `action` makes, and with the rotors at the end of the period."""
+        rate, thrusts = rigid[:, BODY_RATE:ROTOR_THRUST], rigid[:, ROTOR_THRUST:]
+        mean, end = rotor_response(action, rate, thrusts, self.simulation)
+        return memory._replace(command=mean - reaction, rotors=RotorMemory(rigid, end, reaction))
 
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
@@ -185,7 +261,7 @@ class ADRC:
         components are zero, because the observers cannot distinguish a force on the bob, a roll torque or a pitch
         torque from a force on the quadrotor.
         """
-        p, estimate = self.simulation.parameters, memory.estimate
+        p, estimate = self._parameters, memory.estimate
         out = Disturbance(np.zeros((estimate.shape[0], DISTURBANCE_SIZE)))
         out.force[:, :2] = -estimate[:, _HORIZONTAL, _DISTURBANCE] * p.quadrotor_mass * p.rod_length / self._stiffness
         out.force[:, 2] = (estimate[:, _HEIGHT, _DISTURBANCE] + p.gravity) * p.total_mass
@@ -194,20 +270,33 @@ class ADRC:
 
     def with_applied_action(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
+        if isinstance(memory.rotors, RotorMemory):
+            return self._driven(memory, action, memory.rotors.rigid, memory.rotors.reaction)
         return memory._replace(command=to_command(action, self.simulation))
 
     @property
     def _stiffness(self) -> float:
         """The product g K, m/s⁴."""
-        return self.simulation.parameters.gravity * self.simulation.parameters.chain_stiffness
+        return self._parameters.gravity * self._parameters.chain_stiffness
+
+    @property
+    def _parameters(self) -> Parameters:
+        """The parameters of the equivalent pendulum."""
+        return design_parameters(self.simulation)
 
     def fourth_derivative(self, measurement: AdrcMeasurement) -> Floats:
         """Return F₅ of equation (1), m/s⁴, shape (n, 2)."""
-        return self._stiffness * (measurement.direction[:, :2] - measurement.tilt)
+        share = equivalent_model(self.simulation).pivot_share
+        return (1.0 - share) * self._stiffness * (measurement.direction[:, :2] - measurement.tilt)
+
+    def _pendulum(self, measurement: AdrcMeasurement) -> Floats:
+        """Return σ of the equivalent pendulum, r_xy without a rigid vehicle, shape (n, 2)."""
+        share = equivalent_model(self.simulation).pivot_share
+        return measurement.direction[:, :2] + share * (measurement.tilt - measurement.direction[:, :2])
 
     def _thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
         """Return g_z of equation (4), 1/kg, shape (n,)."""
-        p, axis, r = self.simulation.parameters, measurement.thrust_axis, measurement.direction
+        p, axis, r = self._parameters, measurement.thrust_axis, measurement.direction
         projection = np.sum(r * axis, axis=-1) * r[:, 2]
         return np.asarray((axis[:, 2] - p.bob_mass / p.total_mass * projection) / p.quadrotor_mass)
 
@@ -222,17 +311,17 @@ class ADRC:
 
         Rates and disturbances are zero, except F̈ = g r_xy and ϑ_z = −g.
         """
-        gravity = self.simulation.parameters.gravity
+        gravity = self._parameters.gravity
         estimate = np.zeros((outputs.shape[0], _OBSERVERS, 4))
         estimate[:, :, _VALUE] = outputs
-        acceleration = gravity * measurement.direction[:, :2] - measurement.reference_derivative(2)[:, :2]
+        acceleration = gravity * self._pendulum(measurement) - measurement.reference_derivative(2)[:, :2]
         estimate[:, _LUENBERGER, 2] = acceleration
         estimate[:, _HEIGHT, _DISTURBANCE] = -gravity
         return estimate
 
     def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
         """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""
-        p, horizontal = self.simulation.parameters, estimate[:, _HORIZONTAL]
+        p, horizontal = self._parameters, estimate[:, _HORIZONTAL]
         disturbance = horizontal[..., _DISTURBANCE]
         errors = [estimate[:, _LUENBERGER, order] for order in range(4)]
         share = self.gains.mismatch / p.chain_stiffness
@@ -259,7 +348,7 @@ class ADRC:
 
     def observer_inputs(self, measurement: AdrcMeasurement, estimate: Floats, command: Floats) -> Floats:
         """Return the known input of every observer while `command` is applied, shape (n, 6)."""
-        p = self.simulation.parameters
+        p = self._parameters
         thrust, roll, pitch, yaw = command.T
         fourth = self.fourth_derivative(measurement)
         mismatch = self.gains.mismatch / p.chain_stiffness * estimate[:, _HORIZONTAL, _DISTURBANCE]

@@ -117,14 +117,25 @@ def design_reference(reference: Floats, simulation: Simulation) -> Floats:
     """Return the derivatives of F for those of F_d by equation (3); both of orders 2 … 6, shape (n, 5, 3)."""
     if not simulation.is_rigid:
         return reference
-    model, p = equivalent_model(simulation), design_parameters(simulation)
-    ratio = model.pivot_share / (1.0 - model.pivot_share)
-    second = (model.pendulum_arm + model.thrust_arm) / p.gravity
-    fourth = second**2 + (ratio * model.pendulum_arm - model.thrust_arm) / (p.gravity * p.chain_stiffness)
+    second, fourth = _series(simulation)
     out = reference.copy()
     out[:, :-2, :2] += second * reference[:, 2:, :2]
     out[:, :-4, :2] += fourth * reference[:, 4:, :2]
     return out
+
+
+def reference_offset(reference: Floats, simulation: Simulation) -> Floats:
+    """Return F − F_d of equation (3), the offset of the wanted F from the reference, m, shape (n, 2)."""
+    second, fourth = _series(simulation)
+    return np.asarray(second * reference[:, 0, :2] + fourth * reference[:, 2, :2])
+
+
+def _series(simulation: Simulation) -> tuple[float, float]:
+    """Return c₂ (s²) and c₂² + c₄ (s⁴) of equation (3)."""
+    (p, share, pendulum_arm, thrust_arm) = equivalent_model(simulation)
+    second = (pendulum_arm + thrust_arm) / p.gravity
+    ratio = share / (1.0 - share)
+    return second, second**2 + (ratio * pendulum_arm - thrust_arm) / (p.gravity * p.chain_stiffness)
 
 
 def reference_trajectory(

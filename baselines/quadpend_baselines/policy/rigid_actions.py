@@ -6,7 +6,7 @@ constant one for which, by the nominal model of lag and loop, the mean of thrust
 demanded ones:
 
     (1)  w_c = w + (w_d − w)/(1 − (L/H)(1 − exp(−H/L)))                  thrust and torques; w: present, w_d: demanded
-    (2)  ω_c = ω + (α_d − b α)/a,     ω(H) − ω = H (a (ω_c − ω) + b α)   body rates; α = I⁻¹(τ − ω × I ω)
+    (2)  ω_c = ω + (α_d − b α)/a,     ω(H) − ω = H (a (ω_c − ω) + b α)   body rates; α = I⁻¹(τ − τ₀ − ω × I ω)
 
 L is the time constant of the rotors. H is the control period, but at least 2 L: a shorter one makes commands that
 oscillate from one period to the next. Without lag, (1) is w_c = w_d.
