@@ -107,6 +107,17 @@ class MppiGains:
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
+@dataclass(frozen=True)
+class NmpcGains:
+    """Gains of `controllers.nmpc`, set by hand on the training scenarios."""
+
+    feedback: LqrGains = field(default_factory=LqrGains)  # weights of the cost
+    periods: int = 13  # H, periods of the horizon
+    period: float = 0.04  # T, s, period of the horizon
+    iterations: int = 2  # largest number of SQP steps in a control step
+    estimator: EstimatorGains = field(default_factory=EstimatorGains)
+
+
 class Tuning(NamedTuple):
     """The search that found the gains of a controller.
 
@@ -174,6 +185,10 @@ GAINS: dict[str, Any] = {
         spread=0.0787,
         temperature=0.332,
         estimator=EstimatorGains(rate_noise=0.0205, force_walk=0.546, bob_force_walk=0.185, torque_walk=1.27),
+    ),
+    "nmpc": NmpcGains(
+        feedback=LqrGains(position=0.1, velocity=1.56, angle=1.47, angle_rate=2.72),
+        estimator=EstimatorGains(rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06),
     ),
 }
 

@@ -1,13 +1,19 @@
 """Helpers of the controllers' tests: exact trajectories, simulation with true states, and rotated worlds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
+import pytest
 from gymnasium.vector import VectorEnv
 
+from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import ControlLaw
+from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
+from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
@@ -19,6 +25,23 @@ from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, Disturbance
 CALM = np.zeros(DISTURBANCE_SIZE)
 HOVER = Reference.hover()
 Callback = Callable[[Measurement, Floats, Any], None]
+
+# The controllers that can be made here: nmpc needs CasADi.
+AVAILABLE_CONTROLLERS = tuple(name for name in CONTROLLERS if name != "nmpc" or find_spec("casadi"))
+
+
+def controller_parameters(names: Iterable[str] = CONTROLLERS) -> list[Any]:
+    """Return the names for `pytest.mark.parametrize`; a test of a controller that cannot be made is skipped."""
+    reason = "casadi is not installed: pip install 'quadpend-gym[mpc]'"
+    marks = {name: () if name in AVAILABLE_CONTROLLERS else pytest.mark.skip(reason=reason) for name in names}
+    return [pytest.param(name, marks=mark) for name, mark in marks.items()]
+
+
+def quick_controller(name: str) -> Any:
+    """Return the controller with a name; nmpc with a short horizon, so that tests of many steps are fast."""
+    if name != "nmpc":
+        return controller(name)
+    return CONTROLLER_FACTORIES[name](replace(GAINS[name], periods=4, period=0.06, iterations=1), None)
 
 
 def disturbance_of(

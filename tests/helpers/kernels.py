@@ -1,6 +1,7 @@
 """Compile the kernels that most tests need, once before several processes run the tests."""
 
-from quadpend_baselines import CONTROLLERS, controller
+from quadpend_baselines import controller
+from tests.helpers.controllers import AVAILABLE_CONTROLLERS
 from tests.helpers.envs import make, make_vec
 from tests.helpers.wind import EXAMPLES
 from tests.helpers.wrappers import STACKS, wrapped
@@ -16,7 +17,7 @@ def compile_kernels() -> None:
         for env in (make(wind=wind), make_vec(3, wind=wind)):
             observation, _ = env.reset(seed=0)
             env.step(env.action_space.sample())
-    for name in CONTROLLERS:
+    for name in AVAILABLE_CONTROLLERS:
         controller(name).predict(observation)
 
 

@@ -58,6 +58,8 @@ FOLDERS = {
 }
 # (importing, imported) modules of this project where the import is inside a function, since it loads a heavy library.
 LATE_IMPORTS = {
+    ("quadpend_baselines.controllers.nmpc", "quadpend_baselines.controllers.nmpc_model"),  # casadi
+    ("quadpend_baselines.controllers.nmpc", "quadpend_baselines.controllers.nmpc_solver"),  # casadi
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.window"),  # pygame
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.picture"),  # pygame
     ("quadpend_train.policies.loading", "quadpend_train.policies.export"),  # torch and Stable-Baselines3
@@ -65,7 +67,7 @@ LATE_IMPORTS = {
     ("quadpend_train.policies.conversion", "quadpend_train.policies.torch_policy"),  # torch
 }
 LATE_SUBPACKAGES = ["quadpend_train.cli"]  # `quadpend --help` starts without torch, matplotlib and pygame
-HEAVY_LIBRARIES = HEAVY | {"PIL", "imageio", "onnxruntime", "optuna", "rich", "sb3_contrib", "sympy", "tqdm"}
+HEAVY_LIBRARIES = HEAVY | {"PIL", "casadi", "imageio", "onnxruntime", "optuna", "rich", "sb3_contrib", "sympy", "tqdm"}
 
 
 class Import(NamedTuple):

@@ -8,6 +8,7 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
+from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.policy.protocol import Policy
@@ -25,6 +26,7 @@ CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "lqi": partial(OutputFeedback, Lqr),
     "flatness": partial(OutputFeedback, Flatness),
     "mppi": partial(OutputFeedback, Mppi),
+    "nmpc": partial(OutputFeedback, Nmpc),
     "flatness-unpredicted": partial(OutputFeedback, Flatness),
     "lqr-unpredicted": partial(OutputFeedback, Lqr),
 }
@@ -38,6 +40,7 @@ DESCRIPTIONS = {
     "lqi": "lqr with integrators",
     "flatness": "nonlinear, flatness-based cascade; the best classical controller",
     "mppi": "model-predictive control with sampled trajectories (MPPI) around a linear feedback",
+    "nmpc": "nonlinear model-predictive control by real-time iterations; needs CasADi",
     "flatness-unpredicted": "flatness, without the prediction through known delays and lags",
     "lqr-unpredicted": "lqr, without the prediction through known delays and lags",
 }

@@ -15,6 +15,7 @@ from stable_baselines3.common.monitor import Monitor
 import quadpend_gym
 from quadpend_baselines import ADRC, CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.gains import GAINS
 from quadpend_gym import (
     Actuators,
@@ -34,14 +35,19 @@ from quadpend_gym.tasks.observation import (
     OUTPUT_FEEDBACK_COLUMNS,
 )
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
-from tests.helpers.controllers import rotate_states, rotate_vectors
+from tests.helpers.controllers import controller_parameters, quick_controller, rotate_states, rotate_vectors
 from tests.helpers.sources import ROOT
 
-every_controller = pytest.mark.parametrize("name", CONTROLLERS)
-WITH_ESTIMATOR = [name for name in CONTROLLERS if isinstance(controller(name), OutputFeedback)]
+every_controller = pytest.mark.parametrize("name", controller_parameters())
+WITH_ESTIMATOR = [name for name, make in CONTROLLER_FACTORIES.items() if getattr(make, "func", None) is OutputFeedback]
 # ADRC uses positions and angles only, also when velocities are observed.
 every_feedback = pytest.mark.parametrize(
-    ("name", "outputs"), [*((name, False) for name in CONTROLLERS), *((name, True) for name in WITH_ESTIMATOR)]
+    ("name", "outputs"),
+    [
+        pytest.param(*parameter.values, outputs, marks=parameter.marks)
+        for outputs, names in ((False, CONTROLLERS), (True, WITH_ESTIMATOR))
+        for parameter in controller_parameters(names)
+    ],
 )
 WIND = OrnsteinUhlenbeck(force=0.1, bob_force=0.01, torque=0.01)
 OTHER_SIMULATION = Simulation(
@@ -101,7 +107,7 @@ def test_evaluate_policy_of_sb3_accepts_every_controller(name: str) -> None:
 
 @every_feedback
 def test_rows_of_a_batch_are_independent(name: str, outputs: bool) -> None:
-    policy = controller(name)
+    policy = quick_controller(name)
     _, batch, _ = run(policy, make(3, outputs), seed=5)
     for row in range(3):
         _, alone, _ = run(policy, make(1, outputs), seed=5 + row)
@@ -111,7 +117,7 @@ def test_rows_of_a_batch_are_independent(name: str, outputs: bool) -> None:
 @every_feedback
 def test_episode_start_resets_the_memory_of_one_row(name: str, outputs: bool) -> None:
     """Row 1 starts a new episode and behaves as in a first episode; row 0 continues its episode."""
-    policy, steps = controller(name), 30
+    policy, steps = quick_controller(name), 30
     observations, actions, _ = run(policy, make(2, outputs), steps=2 * steps)
     new_observations, new_actions, _ = run(policy, make(2, outputs), seed=50, steps=steps)
     memory = None
@@ -189,7 +195,7 @@ def extreme_observations(normal: Floats32) -> Floats32:
 @every_feedback
 def test_extreme_observations_give_actions_in_range(name: str, outputs: bool) -> None:
     """20 steps at a distance of 100 m, with pendulum or body almost horizontal, at 20 m/s, or on a reference of 3 g."""
-    policy, memory = controller(name), None
+    policy, memory = quick_controller(name), None
     observation = extreme_observations(make(20).reset(seed=6)[0])[
         :, OUTPUT_FEEDBACK_COLUMNS if outputs else np.arange(OBSERVATION_SIZE)
     ]
@@ -208,7 +214,7 @@ def test_actions_do_not_change_when_the_world_is_rotated(name: str, outputs: boo
     """
     angle = np.deg2rad(70.0 if name in WITH_ESTIMATOR else 90.0)
     tolerance = 0.03 if name in ("adrc-paper", "adrc-matched") else 1e-4
-    policy, force, torque = controller(name), np.array([0.1, -0.05, 0.05]), (0.02, -0.01, 0.01)
+    policy, force, torque = quick_controller(name), np.array([0.1, -0.05, 0.05]), (0.02, -0.01, 0.01)
     env = make(3)
     env.reset(seed=7, options={"reference": circle(0.0)})
     start, actions = env.world.state.copy(), []
@@ -231,11 +237,11 @@ def circle(angle: float) -> Reference:
     )
 
 
-@pytest.mark.parametrize("name", WITH_ESTIMATOR)
+@pytest.mark.parametrize("name", controller_parameters(WITH_ESTIMATOR))
 @pytest.mark.parametrize("outputs", [False, True])
 def test_estimated_disturbance_converges_to_the_true_one_in_steady_wind(name: str, outputs: bool) -> None:
     """After 3 s, the estimates of all forces and torques are exact, except for the vertical force on the bob."""
-    policy: Any = controller(name)
+    policy: Any = quick_controller(name)
     force, bob_force, torque = (0.1, -0.05, 0.08), (0.02, 0.01, 0.0), (0.03, -0.02, 0.01)
     wind = Constant(force=force, bob_force=bob_force, torque=torque)
     _, _, memory = run(policy, make(2, outputs, wind), steps=300)
@@ -244,11 +250,11 @@ def test_estimated_disturbance_converges_to_the_true_one_in_steady_wind(name: st
 
 
 @pytest.mark.parametrize("outputs", [False, True], ids=["full", "outputs"])
-@pytest.mark.parametrize("name", CONTROLLERS)
+@every_controller
 def test_outliers_in_the_observation_leave_no_invalid_numbers(name: str, outputs: bool) -> None:
     """After positions that jump by 100 m and back, actions stay finite and in range."""
     env = QuadPendulumVectorEnv(3)
-    policy, memory = controller(name), None
+    policy, memory = quick_controller(name), None
     observation, _ = env.reset(seed=0)
     for step in range(60):
         measured = observation.copy()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_baselines import CONTROLLERS, controller
+from quadpend_baselines import controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import GAINS
@@ -24,7 +24,7 @@ from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Constant, Parameters, Reference, Simulation
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.controllers import HybridPolicy, constant, run_policy, zero_action
+from tests.helpers.controllers import AVAILABLE_CONTROLLERS, HybridPolicy, constant, run_policy, zero_action
 from tests.helpers.envs import assert_same, make_vec
 from tests.helpers.wrappers import SHORT
 
@@ -248,7 +248,7 @@ RESIDUAL = {"kind": "residual_action", "base_controller": "flatness"}
         (lambda: ResidualAction("lqr", "much"), "action_scale must be a number, not 'much'", TypeError),  # type: ignore[arg-type]
         *(
             (lambda name=name: BandwidthScheduling(name), "only the flatness-based .* has bandwidths", TypeError)
-            for name in CONTROLLERS
+            for name in AVAILABLE_CONTROLLERS
             if name != "flatness"
         ),
         (lambda: EstimateOnly(controller("lqr")).as_data(), "base controller is given by name, not as", ValueError),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import ADRC, CONTROLLERS, RotorAllocation, controller
+from quadpend_baselines import ADRC, RotorAllocation, controller
 from quadpend_gym import OBSERVATION_FIELDS, Parameters, Simulation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_train.policies import loading
@@ -17,6 +17,7 @@ from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.loading import load_policies, load_policy, policy_fingerprints, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.scenarios import Scenario
+from tests.helpers.controllers import AVAILABLE_CONTROLLERS
 from tests.helpers.policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, mlp_policy
 
 
@@ -37,7 +38,7 @@ def test_controllers_are_loaded_by_name() -> None:
     assert isinstance(load_policy("adrc-paper"), ADRC)
     assert len(load_policies("adrc-paper,adrc-matched")) == 2
     heavy = Simulation(Parameters(bob_mass=0.4))
-    for name in CONTROLLERS:
+    for name in AVAILABLE_CONTROLLERS:
         adapted: Any = controller(name).with_simulation(heavy)  # type: ignore[attr-defined]
         assert adapted.simulation == heavy
         assert type(adapted) is type(controller(name, heavy))

@@ -18,6 +18,7 @@ _EXTRAS = {
     ),
     "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
     "onnx": ("onnxruntime",),
+    "mpc": ("casadi",),
 }
 _TRACEBACK = "--traceback"
 

@@ -1,0 +1,215 @@
+"""NMPC: its model, its linear limit, optimal plans within the limits, real-time iterations, failures and refusals."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_baselines import controller
+from quadpend_baselines.controllers import nmpc
+from quadpend_baselines.controllers.lqr import riccati, weights
+from quadpend_baselines.controllers.nmpc import Nmpc, NmpcMemory
+from quadpend_baselines.gains import GAINS, LqrGains, NmpcGains
+from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
+from quadpend_gym import PAPER, Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.dynamics import accelerations
+from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
+from quadpend_gym.physics.rigid_settings import hover_wrench
+from quadpend_gym.physics.state import STATE_FIELDS, State
+from quadpend_gym.vehicles import VEHICLES, Drag, mixing
+from tests.helpers.controllers import (
+    CALM,
+    HOVER,
+    disturbance_of,
+    flat_state_and_command,
+    hover_states,
+    measurement_of,
+    simulate_with_true_state,
+    tilted_pendulum,
+    true_estimate,
+)
+from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
+
+ca = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
+from quadpend_baselines.controllers import nmpc_model  # noqa: E402
+
+FEEDBACK = LqrGains(0.4, 1.3, 1.6, 3.5)
+SMALL = NmpcGains(FEEDBACK, periods=8, period=0.04, iterations=1)
+WIND = disturbance_of((0.3, -0.2, 0.15), (0.05, 0.03, 0.0), (0.1, -0.05, 0.03))
+
+
+def test_model_has_the_equations_of_the_simulation() -> None:
+    state, command, wind = random_states(20, 1), random_commands(20, 1, UNEQUAL), random_disturbances(20, 1)
+    x, u, d = ca.SX.sym("x", 18), ca.SX.sym("u", 4), ca.SX.sym("d", 9)
+    equations = ca.Function("equations", [x, u, d], list(nmpc_model.accelerations(x, u, d, UNEQUAL)))
+    expected = accelerations(state, command, wind, UNEQUAL)
+    for name, value in zip(("position", "euler", "direction"), equations(state.T, command.T, wind.T), strict=True):
+        assert_allclose(np.array(value).T, getattr(expected, name), rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("substeps", [1, 2])
+def test_model_moves_like_the_simulation(substeps: int) -> None:
+    simulation = Simulation(UNEQUAL, period=0.04, substeps=substeps)
+    state, command, wind = random_states(20, 2), random_commands(20, 2, UNEQUAL), random_disturbances(20, 2)
+    moved = np.array(nmpc_model.period_map(simulation)(state.T, command.T, wind.T)).T
+    assert_allclose(moved, simulate_period(state, command, wind, UNEQUAL, 0.04, substeps), rtol=1e-10, atol=1e-10)
+
+
+def test_rigid_model_moves_like_the_simulation() -> None:
+    """The vehicle has products of inertia, an offset pivot and a pole with inertia, but no drag and no lag."""
+    vehicle = VEHICLES["hummingbird"]
+    vehicle = replace(
+        vehicle,
+        inertia=((3.2e-3, 2e-4, -1e-4), (2e-4, 4e-3, 3e-4), (-1e-4, 3e-4, 5.5e-3)),
+        pivot=(0.01, -0.02, 0.05),
+        pole=replace(vehicle.pole, drag_area=0.0),
+        drag=Drag(),
+        rotors=replace(vehicle.rotors, lag_up=0.0),
+    )
+    simulation = Simulation(vehicle=vehicle, period=5e-4, substeps=1)
+    state, wind = random_states(6, 3, 0.5), 0.2 * random_disturbances(6, 3)
+    action = np.random.default_rng(3).uniform(-0.3, 0.3, (6, 4))
+    command = hover_wrench(simulation) + simulation.command_scale * action
+    memory = rigid_from_state(state, simulation)
+    memory[:, ROTOR_THRUST:] = np.linalg.solve(mixing(vehicle), command.T).T
+    moved = np.array(nmpc_model.period_map(simulation)(state.T, command.T, wind.T)).T
+    advance_rigid(state, memory, action, wind, np.tile(simulation.parameters.as_array(), (6, 1)), simulation)
+    assert_allclose(moved, state, rtol=1e-10, atol=1e-10)
+
+
+def run_law(law: Nmpc, state: Floats, memory: NmpcMemory | None = None, wind: Floats = CALM) -> tuple[Any, NmpcMemory]:
+    """Return command and memory of a law for states near the hover reference."""
+    measurement = measurement_of(state)
+    memory = law.initial_memory(len(state)) if memory is None else memory
+    return law.command(true_estimate(measurement, wind), measurement, memory)
+
+
+def test_near_the_reference_the_command_is_that_of_the_lqr() -> None:
+    """The deviations are so small that their squares do not matter; the gain is that for the period of the horizon."""
+    law = Nmpc(SMALL, Simulation())
+    x_d, u_d = flat_state_and_command(HOVER, 0.0, CALM, PAPER)
+    state = x_d + 1e-5 * np.random.default_rng(4).normal(size=(3, 18))
+    State(state).direction[:, 2], State(state).direction_rate[:, 2] = 1.0, 0.0
+    command, _ = run_law(law, state)
+    gain, _ = riccati(FEEDBACK, law.horizon_simulation)
+    x = rotate_state((state - x_d)[:, STATE_COLUMNS], -State(state).euler[:, 2])
+    assert np.abs(command - u_d).max() > 1e-4
+    assert_allclose(command, u_d - x @ gain.T, atol=1e-6)
+
+
+def test_on_the_reference_the_command_balances_the_wind() -> None:
+    x_d, u_d = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
+    command, _ = run_law(Nmpc(SMALL, Simulation()), x_d, wind=WIND)
+    assert_allclose(command, u_d, atol=1e-6)
+
+
+def cost(law: Nmpc, state: Floats, commands: Floats) -> float:
+    """Return the cost (1) at hover of commands, shape (H, 4), by the simulation of the environment."""
+    simulation = law.horizon_simulation
+    (Q, R), (_, P) = weights(FEEDBACK, simulation), riccati(FEEDBACK, simulation)
+    x_d, u_d = flat_state_and_command(HOVER, 0.0, CALM, PAPER)
+    total = 0.0
+    for step, command in enumerate([*commands, u_d]):
+        x = rotate_state((state - x_d)[:, STATE_COLUMNS], -State(state).euler[:, 2])[0]
+        if step == len(commands):
+            return total + float(x @ P @ x) / 2.0
+        u = (command - u_d)[0]
+        total += float(x @ Q @ x + u @ R @ u) / 2.0
+        state = simulate_period(state, command, CALM, PAPER, simulation.period, simulation.substeps)
+        pendulum = State(state[0]).direction[2]
+        total += 1e4 * max(0.6 - pendulum, 0.0) ** 2
+    raise AssertionError
+
+
+def test_no_similar_plan_within_the_limits_costs_less() -> None:
+    """At a tilt of 20°, where the plan reaches the limits; a random change of the converged plan raises the cost."""
+    law, rng = Nmpc(replace(SMALL, iterations=30), Simulation()), np.random.default_rng(5)
+    state = tilted_pendulum(0.35, 0.4)
+    _, memory = run_law(law, state)
+    lowest, highest = law.limits.T
+    commands = memory.commands[0]
+    assert (np.isclose(commands, lowest) | np.isclose(commands, highest)).any()
+    least = cost(law, state, commands)
+    for size in (1e-3, 1e-2, 0.1):
+        for _ in range(20):
+            changed = commands + size * law.simulation.command_scale * rng.normal(size=commands.shape)
+            assert cost(law, state, np.clip(changed, lowest, highest)) > least * (1.0 - 1e-9)
+
+
+def test_nmpc_recovers_from_tilts_of_20_degrees() -> None:
+    simulation, start = Simulation(), tilted_pendulum(0.35, np.array([0.3, 2.0]), 2)
+    law = Nmpc(SMALL, simulation)
+    final = simulate_with_true_state(law, simulation, start, 150)
+    pose = slice(0, STATE_FIELDS["direction"].start)
+    assert_allclose(final[:, pose], hover_states(2)[:, pose], atol=0.2)
+
+
+@pytest.mark.parametrize("period", [0.005, 0.02])
+def test_hover_is_stable_in_wind_at_other_control_periods(period: float) -> None:
+    simulation, law = Simulation(period=period), Nmpc(SMALL, Simulation(period=period))
+    final = simulate_with_true_state(law, simulation, hover_states(), round(0.5 / period), disturbance=WIND)
+    x_d, _ = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
+    assert np.abs(final - x_d).max() < 0.5
+
+
+def test_command_depends_on_estimate_and_memory_only() -> None:
+    """Another instance returns the same bits, and so does a single row."""
+    state, memory = tilted_pendulum(np.array([0.02, 0.2, 0.4]), np.array([0.0, 1.0, 2.0]), 3), None
+    alone: list[Any] = [None] * 3
+    for _ in range(3):
+        command, memory = run_law(Nmpc(SMALL, Simulation()), state, memory)
+        for row in range(3):
+            single, alone[row] = run_law(Nmpc(SMALL, Simulation()), state[row : row + 1], alone[row])
+            assert_array_equal(single[0], command[row])
+            assert_array_equal(alone[row].states[0], memory.states[row])
+
+
+def test_after_a_failure_the_law_continues_its_plan_and_then_the_feedback_of_the_lqr(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    law, state = Nmpc(SMALL, Simulation()), tilted_pendulum(0.1, 0.5)
+    planned, memory = run_law(law, state)
+    plan = memory.commands[0]
+    assert_array_equal(memory.failures, 0)
+    monkeypatch.setattr(nmpc, "sqp_step", lambda *_: lambda X, U, *_: (np.nan * X, np.nan * U))
+    for step in range(1, 5):
+        command, memory = run_law(law, state, memory)
+        assert_array_equal(memory.failures, step)
+        assert_allclose(command[0], plan[0] + 0.25 * (plan[1] - plan[0]), atol=1e-12) if step == 1 else None
+    command, memory = run_law(law, state, memory)
+    x_d, u_d = flat_state_and_command(HOVER, 0.0, CALM, PAPER)
+    gain, _ = riccati(FEEDBACK, law.horizon_simulation)
+    feedback = u_d - (state - x_d)[:, STATE_COLUMNS] @ gain.T
+    assert_allclose(command, np.clip(feedback, *law.limits.T), atol=1e-9)
+    monkeypatch.undo()
+    command, memory = run_law(law, state, memory)
+    assert_array_equal([memory.failures, memory.age], [[5], [0]])
+    assert_allclose(command, planned, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("gains", "sentence"),
+    [
+        (NmpcGains(periods=0), "periods must be"),
+        (NmpcGains(iterations=0), "iterations must be"),
+        (NmpcGains(period=-0.1), "period must be"),
+        (NmpcGains(feedback=LqrGains(integral=0.3)), r"feedback.integral must be 0, not 0.3: NMPC has no integrators"),
+    ],
+)
+def test_gains_out_of_range_raise_an_error(gains: NmpcGains, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Nmpc(gains, Simulation())
+
+
+def test_without_casadi_one_sentence_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(nmpc, "find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"needs CasADi, which is not installed: pip install 'quadpend-gym\[mpc\]'"):
+        controller("nmpc")
+
+
+def test_gains_of_the_controller_plan_half_a_second() -> None:
+    gains = GAINS["nmpc"]
+    assert 0.5 < gains.periods * gains.period < 1.0
