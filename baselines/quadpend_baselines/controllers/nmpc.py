@@ -17,6 +17,9 @@ step, moved forward in time (real-time iteration; Diehl, Bock & Schlöder, SIAM 
 2005). The first plan of an episode is the motion under the feedback of the LQR. If a step fails, the law continues the
 previous plan, and after the time T the feedback of the LQR. The memory counts the failures.
 
+The model of a rigid vehicle is the rigid body with its pole (`nmpc_model`). x_d and u_d are those of the equivalent
+pendulum (`modelling.equivalent`). The lag of the rotors is left out.
+
 CasADi is an extra: ``pip install 'quadpend-gym[mpc]'``.
 """
 
@@ -31,6 +34,7 @@ import numpy as np
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import NmpcGains
+from quadpend_baselines.modelling.equivalent import body_command
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
@@ -122,11 +126,7 @@ class Nmpc:
 
     def command(self, estimate: Estimate, measurement: Measurement, memory: NmpcMemory) -> tuple[Floats, NmpcMemory]:
         """Return the command of equations (1)–(2) and the memory; see `output_feedback.ControlLaw`."""
-        gains, parameters = self.gains, self.simulation.parameters
-        reference, yaw_reference = measurement.reference, measurement.yaw_reference
-        horizon = reference_horizon(
-            reference, yaw_reference, estimate.disturbance, parameters, gains.period, gains.periods
-        )
+        gains, horizon = self.gains, self._horizon(estimate, measurement)
         states, commands = self._later(memory.states), self._later(memory.commands)
         age, failures = memory.age + 1, memory.failures.copy()
         old = age * self.simulation.period > gains.period
@@ -143,6 +143,21 @@ class Nmpc:
             else:
                 (states[row], commands[row]), age[row] = plan, 0
         return commands[:, 0].copy(), NmpcMemory(states, commands, age, failures)
+
+    def _horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
+        """Return the reference over the horizon; its commands have torques about the axes of the body."""
+        horizon = reference_horizon(
+            measurement.reference,
+            measurement.yaw_reference,
+            estimate.disturbance,
+            self.simulation,
+            self.gains.period,
+            self.gains.periods,
+        )
+        states, commands = horizon.state.reshape(-1, STATE_SIZE), horizon.command.reshape(-1, COMMAND_SIZE)
+        disturbances = np.tile(estimate.disturbance, (self.gains.periods + 1, 1))
+        commands = body_command(states, commands, disturbances, self.simulation)
+        return horizon._replace(command=commands.reshape(horizon.command.shape))
 
     def _later(self, plan: Floats) -> Floats:
         """Return the plan one control step later, by linear interpolation between its periods; (n, periods, …)."""

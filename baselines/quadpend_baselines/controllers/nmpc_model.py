@@ -3,8 +3,8 @@
 The functions repeat the equations of `quadpend_gym.physics.dynamics`, one substep of `quadpend_gym.physics.kernel`, and
 the equations of `quadpend_gym.physics.rigid_body` under their numbers and symbols. Tests compare them. A rigid vehicle
 has the same 18 numbers as state here, since its attitude stays away from the singularity of the Euler angles: equations
-(3) and (4) of `quadpend_gym.physics.attitude` convert body rates and Euler-angle rates. The model has no drag, no lag
-of the rotors and no gyroscopic torque of the propellers; the observer estimates their forces and torques.
+(3) and (4) of `quadpend_gym.physics.attitude` convert body rates and Euler-angle rates. The model has the drag
+against the body rate, but no other drag, no lag of the rotors and no gyroscopic torque of the propellers.
 """
 
 from typing import Any, NamedTuple
@@ -142,7 +142,8 @@ def rigid_accelerations(state: Any, command: Any, disturbance: Any, simulation: 
     d_Q, d_B, d_torque = (disturbance[DISTURBANCE_FIELDS[name]] for name in ("force", "bob_force", "torque"))
     R, E = rotation_matrix(x["euler"]), rates_matrix(x["euler"])
     rate, r, r_dot = E @ x["euler_rate"], x["direction"], x["direction_rate"]
-    free = per_inertia @ (command[1:] + R.T @ d_torque - ca.cross(rate, ca.DM(inertia) @ rate))
+    damping = ca.DM(list(vehicle.drag.angular)) * rate
+    free = per_inertia @ (command[1:] + R.T @ d_torque - damping - ca.cross(rate, ca.DM(inertia) @ rate))
     swing = ca.cross(free, pivot) + ca.cross(rate, ca.cross(rate, pivot))
     k_0 = ca.vertcat(0.0, 0.0, command[0] / M) + R.T @ (d_Q / M - d_B / m) + swing
     rho = R.T @ r

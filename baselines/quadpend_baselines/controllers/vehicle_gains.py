@@ -23,6 +23,7 @@ from quadpend_baselines.gains import (
     FlatnessGains,
     LqrGains,
     MppiGains,
+    NmpcGains,
     without_prediction,
 )
 from quadpend_baselines.modelling.equivalent import design_parameters
@@ -50,6 +51,7 @@ EXPONENTS: dict[type, dict[str, int]] = {
     },
     LqrGains: _LQR,
     MppiGains: {f"feedback.{name}": exponent for name, exponent in _LQR.items()},
+    NmpcGains: {"period": -1, **{f"feedback.{name}": exponent for name, exponent in _LQR.items()}},
 }
 
 

@@ -59,14 +59,14 @@ def test_model_moves_like_the_simulation(substeps: int) -> None:
 
 
 def test_rigid_model_moves_like_the_simulation() -> None:
-    """The vehicle has products of inertia, an offset pivot and a pole with inertia, but no drag and no lag."""
+    """The vehicle has products of inertia, an offset pivot, a pole with inertia and angular drag, but no lag."""
     vehicle = VEHICLES["hummingbird"]
     vehicle = replace(
         vehicle,
         inertia=((3.2e-3, 2e-4, -1e-4), (2e-4, 4e-3, 3e-4), (-1e-4, 3e-4, 5.5e-3)),
         pivot=(0.01, -0.02, 0.05),
         pole=replace(vehicle.pole, drag_area=0.0),
-        drag=Drag(),
+        drag=Drag(angular=(1e-3, 2e-3, 3e-3)),
         rotors=replace(vehicle.rotors, lag_up=0.0),
     )
     simulation = Simulation(vehicle=vehicle, period=5e-4, substeps=1)
