@@ -79,7 +79,12 @@ def true_estimate(measurement: Measurement, disturbance: Floats = CALM) -> Estim
     rows = len(measurement.state)
     disturbances = np.array(np.broadcast_to(disturbance, (rows, CALM.size)))
     return Estimate(
-        measurement.state, disturbances, measurement.reference, np.zeros(rows, np.int64), np.empty((rows, 0))
+        measurement.state,
+        disturbances,
+        measurement.reference,
+        np.zeros(rows, np.int64),
+        np.empty((rows, 0)),
+        np.empty((rows, 0)),
     )
 
 

@@ -204,7 +204,9 @@ BODY_RATES = Simulation(vehicle="hummingbird", interface="body_rates")
 def test_policy_is_refused_where_an_action_commands_something_else() -> None:
     rates = mlp_policy(36, interface="body_rates", vehicle="hummingbird")
     assert rates.with_simulation(BODY_RATES) is rates
-    assert_refused(lambda: rates.with_simulation(Simulation()), "command thrust and body rates.*commands thrust and torques")
+    assert_refused(
+        lambda: rates.with_simulation(Simulation()), "command thrust and body rates.*commands thrust and torques"
+    )
     trained_before = mlp_policy(36, settings={})
     assert trained_before.with_simulation(Simulation()) is trained_before
     assert_refused(lambda: trained_before.with_simulation(BODY_RATES), "'wrench'.*'body_rates'")
