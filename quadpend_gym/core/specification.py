@@ -1,5 +1,6 @@
 """The specification of an environment, whose `to_json` refuses what JSON cannot represent."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -42,5 +43,21 @@ class Specification:
         return None if env is None else env.__dict__.get("_spec")
 
     def __set__(self, env: Any, spec: EnvSpec | None) -> None:
-        given = {} if spec is None else {item.name: getattr(spec, item.name) for item in fields(spec) if item.init}
-        env.__dict__["_spec"] = None if spec is None else QuadPendulumSpec(**given)
+        if spec is None:
+            env.__dict__["_spec"] = None
+            return
+        given = {item.name: getattr(spec, item.name) for item in fields(spec) if item.init}
+        given["kwargs"] = _without_files(given["kwargs"], env.world.simulation.vehicle)
+        env.__dict__["_spec"] = QuadPendulumSpec(**given)
+
+
+def _without_files(arguments: Any, vehicle: Any) -> Any:
+    """Return arguments with `vehicle` in place of its file, which may be another one when the environment is remade."""
+    if not isinstance(arguments, Mapping):
+        return arguments
+    found = {
+        name: _without_files(value, vehicle) if name == "simulation" else value for name, value in arguments.items()
+    }
+    if str(found.get("vehicle")).endswith(".toml"):
+        found["vehicle"] = vehicle
+    return found

@@ -44,7 +44,8 @@ class Recorder:
         self._action = np.zeros((n, ACTION_SIZE), np.float32)
         self._return, self._force_sum = np.zeros(n), np.zeros((n, 3))
         self._states, self._latest = np.zeros((HISTORY_STEPS, n, STATE_SIZE)), 0
-        self._shape = shape_of(getattr(world.simulation, "vehicle", None))
+        self._shape = shape_of(world.simulation.vehicle)
+        self._force_scale = self._shape.metres_per_newton / PAPER_SHAPE.metres_per_newton
         self._picture: Any = None
         self._window: Any = None
 
@@ -97,6 +98,8 @@ class Recorder:
         thrust = 1.0 + float(self._action[row, THRUST])
         if len(outcome) == OUTCOME_SIZE:  # with actuators, the thrust after the actuators
             thrust = float(outcome[COMMAND][THRUST]) / world.simulation.command_scale[THRUST]
+        if (acting := world.thrust(row)) is not None:
+            thrust = acting / world.simulation.command_scale[THRUST]
         return Snapshot(
             clock * period,
             State(states[-1].copy()),
@@ -110,10 +113,7 @@ class Recorder:
             float(self._return[row]),
             fading @ positions,
             positions + rod_length * states[:, STATE_FIELDS["direction"]],
-            period
-            * _STREAK_SPEED
-            * self._force_sum[row]
-            * (self._shape.metres_per_newton / PAPER_SHAPE.metres_per_newton),
+            period * _STREAK_SPEED * self._force_sum[row] * self._force_scale,
             _ROTOR_SPEED * clock * period,
             self._shape,
         )

@@ -9,7 +9,7 @@ from quadpend_gym.core.delays import delay
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.envs.step_kernel import RigidStep, control_step
 from quadpend_gym.physics.parameters import Simulation
-from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, rigid_from_state
+from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.rigid_settings import pack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.trajectories import PackedTrajectories
@@ -86,6 +86,11 @@ class RigidRows:
         self._under_way = np.zeros((self._periods * ACTION_SIZE, rows)).T
         self._before = np.zeros((rows, ACTION_SIZE), np.float32)
         self._packed = pack_rigid(simulation)
+
+    def thrust(self, row: int) -> float:
+        """Return the thrust of all rotors of a vehicle, N."""
+        rotors = self.memory[row, ROTOR_THRUST:]
+        return float(rotors.sum() if self._simulation.rigid_vehicle.rotors else rotors[0])
 
     def start_episodes(self, rows: Integers, state: Floats) -> None:
         """Start new episodes in the sub-environments `rows`, shape (m,), with their states, shape (m, 18)."""

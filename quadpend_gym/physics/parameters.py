@@ -159,6 +159,11 @@ def as_simulation(value: Any, vehicle: Any = None, interface: str | None = None)
     given = {"vehicle": vehicle, "interface": interface}
     given = {name: item for name, item in given.items() if item is not None}
     if isinstance(value, Simulation):
+        if vehicle is not None:  # the new vehicle's numbers replace those that are the former vehicle's
+            former, default = Simulation(vehicle=value.vehicle), Simulation()
+            for name in ("parameters", "actuators"):
+                if getattr(value, name) == getattr(former, name):
+                    given[name] = getattr(default, name)
         return replace(value, **given) if given else value
     if isinstance(value, Mapping):
         return from_plain(Simulation, {**value, **given}, "simulation")
