@@ -2,7 +2,8 @@
 
 `make bench` runs this file as ``python -m benchmarks.speed``. Each rate is the best of several rounds in one process
 with one thread, unless its name says otherwise. The environments receive a small fixed action at every step, and the
-rates include resets. "Everything" means Dryden wind, noisy sensors and random parameters together.
+rates include resets. "hummingbird" is a rigid vehicle by body rates. "Everything" means Dryden wind, noisy sensors and
+random parameters together.
 """
 
 import argparse
@@ -39,6 +40,8 @@ from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import read_settings
 
 NUM_ENVS = (1, 64, 1024, 4096, 16384)
+# The rigid vehicle whose step takes longest: the loop on board and the allocation run in every substep.
+RIGID: dict[str, Any] = {"vehicle": "hummingbird", "interface": "body_rates"}
 _SECONDS = 0.15  # length of one timing
 _ROUNDS = 15
 
@@ -100,6 +103,7 @@ def measure_environments() -> dict[str, float]:
     calls = {
         "QuadPendulum-v0, single": single_env(gym.make("quadpend_gym:QuadPendulum-v0"), hover),
         "QuadPendulum-v0, single, wind": single_env(gym.make("quadpend_gym:QuadPendulum-v0", wind=wind), hover),
+        "QuadPendulum-v0, single, hummingbird": single_env(gym.make("quadpend_gym:QuadPendulum-v0", **RIGID), hover),
         "CartPole-v1, single": single_env(gym.make("CartPole-v1"), 1),
         "InvertedDoublePendulum-v5, single": single_env(gym.make("InvertedDoublePendulum-v5"), np.zeros(1)),
     }
@@ -107,6 +111,8 @@ def measure_environments() -> dict[str, float]:
         for suffix, model in (("", None), (", wind", wind)):
             env = QuadPendulumVectorEnv(n, wind=model, autoreset_mode=AutoresetMode.SAME_STEP)
             calls[f"QuadPendulum-v0, num_envs={n}{suffix}"] = vector_env(env, hover)
+        env = QuadPendulumVectorEnv(n, autoreset_mode=AutoresetMode.SAME_STEP, **RIGID)
+        calls[f"QuadPendulum-v0, num_envs={n}, hummingbird"] = vector_env(env, hover)
         calls[f"QuadPendulum-v0, num_envs={n}, everything"] = vector_env(make_everything(n), hover)
         cartpole = gym.make_vec("CartPole-v1", n, vectorization_mode="vector_entry_point")
         calls[f"CartPole-v1, num_envs={n}"] = vector_env(cartpole, np.int64(1))
@@ -232,6 +238,8 @@ def speed_ratios(rates: dict[str, float]) -> dict[str, float]:
     single = rates["QuadPendulum-v0, single"]
     ratios = {
         "single / CartPole-v1": single / rates["CartPole-v1, single"],
+        "single, hummingbird / CartPole-v1": rates["QuadPendulum-v0, single, hummingbird"]
+        / rates["CartPole-v1, single"],
         "single / InvertedDoublePendulum-v5": single / rates["InvertedDoublePendulum-v5, single"],
     }
     for n in NUM_ENVS:
@@ -239,6 +247,7 @@ def speed_ratios(rates: dict[str, float]) -> dict[str, float]:
         calm, everything = rates[f"QuadPendulum-v0, {label}"], rates[f"QuadPendulum-v0, {label}, everything"]
         ratios[f"{label} / CartPole-v1's"] = calm / rates[f"CartPole-v1, {label}"]
         ratios[f"{label}, everything / calm"] = everything / calm
+        ratios[f"{label}, hummingbird / paper"] = rates[f"QuadPendulum-v0, {label}, hummingbird"] / calm
     return ratios
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.parameters import PARAMETERS_SIZE, Simulation
-from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
+from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
+from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.observation import TARGET_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE
@@ -22,12 +24,19 @@ MEMORY_STATE = slice(0, STATE_SIZE)
 MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
 MEMORY_SIZE = MEMORY_REFERENCE.stop
+# The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`), and the last action.
+MEMORY_RIGID = slice(MEMORY_SIZE, MEMORY_SIZE + RIGID_SIZE)
+MEMORY_ACTION = slice(MEMORY_RIGID.stop, MEMORY_RIGID.stop + ACTION_SIZE)
+RIGID_MEMORY_SIZE = MEMORY_ACTION.stop
 
 # Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: the target and the rod length (m),
 # from which the tracking error is computed, and the state as the sensors report it.
 SENSED_ROD_LENGTH = TARGET_SIZE
 SENSED_STATE = slice(SENSED_ROD_LENGTH + 1, SENSED_ROD_LENGTH + 1 + STATE_SIZE)
 SENSED_SIZE = SENSED_STATE.stop
+
+
+_SETTINGS_SIZE = 16
 
 
 class CommandScale(NamedTuple):
@@ -56,6 +65,18 @@ class KernelWeights(NamedTuple):
     yaw: float
     effort: float
     tip: float
+
+
+class RigidStep(NamedTuple):
+    """What a control step of rigid vehicles needs besides the other settings.
+
+    Attributes:
+        vehicle: The vehicle with its interface.
+        switch: Number of substeps at the beginning in which the last action acts.
+    """
+
+    vehicle: RigidSettings
+    switch: int
 
 
 class KernelSettings(NamedTuple):
@@ -98,6 +119,18 @@ def pack_settings(settings: KernelSettings) -> Floats:
     """Return the settings as a flat array, shape (16,), which `unpack_settings` reads."""
     period, command_scale, limits, weights, moves_air, substeps = settings
     return np.array([period, *command_scale, *limits, *weights, moves_air, substeps], np.float64)
+
+
+def pack_rigid_settings(settings: KernelSettings, simulation: Simulation) -> Floats:
+    """Return the settings of rigid vehicles as a flat array that `unpack_settings` and `unpack_rigid_step` read."""
+    switch = simulation.delayed_substeps % simulation.substeps
+    return np.concatenate([pack_settings(settings), [switch], pack_rigid(simulation)])
+
+
+@inlined
+def unpack_rigid_step(packed: Any) -> RigidStep:
+    """Return the vehicle in an array that `pack_rigid_settings` made."""
+    return RigidStep(unpack_rigid(packed[_SETTINGS_SIZE + 1 :]), int(packed[_SETTINGS_SIZE]))
 
 
 @inlined

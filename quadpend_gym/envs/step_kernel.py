@@ -15,7 +15,7 @@ each loop over lanes. A single sub-environment runs the same code, so its number
 """
 
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.elementary import arcsin
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.envs.kernel_layout import (
+    MEMORY_ACTION,
     MEMORY_PARAMETERS,
     MEMORY_REFERENCE,
+    MEMORY_RIGID,
     MEMORY_STATE,
     SENSED_ROD_LENGTH,
     SENSED_SIZE,
@@ -62,7 +64,6 @@ from quadpend_gym.physics.kernel import (
 )
 from quadpend_gym.physics.parameters import ROD_LENGTH
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
-from quadpend_gym.physics.rigid_settings import unpack_rigid
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_TORQUE,
@@ -96,22 +97,6 @@ _STATE, _ACTION, _REFERENCE, _TIME, _END = accumulate(
 )
 _WIND = slice(DISTURBANCE.start, AIR_VELOCITY.stop)
 _TRACKING_ERROR = TRACKING_ERROR.start  # first row, for `store`
-
-
-class RigidStep(NamedTuple):
-    """What a step of rigid vehicles needs besides the arguments of `step`.
-
-    Attributes:
-        memory: Quaternion, body rate and rotor thrusts, shape (n, 11), see `rigid_kernel`; changed in place.
-        before: Actions during the first `switch` substeps, shape (n, 4).
-        packed: The vehicle, see `rigid_settings.pack_rigid`.
-        switch: Number of substeps at the beginning in which `before` acts.
-    """
-
-    memory: Any
-    before: Any
-    packed: Any
-    switch: int
 
 
 @inlined
@@ -215,7 +200,8 @@ def control_step(
     observation_lanes = np.empty((OBSERVATION_SIZE, BLOCK), np.float32)
     diverged = np.empty(BLOCK, np.bool_)
     if rigid is not None:
-        vehicle, before_lanes = unpack_rigid(rigid.packed), np.empty((ACTION_SIZE, BLOCK))
+        rigid_memory, last_action = memory[:, MEMORY_RIGID], memory[:, MEMORY_ACTION]
+        last_lanes = np.empty((ACTION_SIZE, BLOCK))
     for first in range(0, state.shape[0], BLOCK):
         lanes = min(BLOCK, state.shape[0] - first)
         gather(state, first, lanes, state_lanes)
@@ -230,23 +216,23 @@ def control_step(
                     add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
             integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
         else:
-            gather(rigid.memory, first, lanes, state_lanes[RIGID:])
-            gather(rigid.before, first, lanes, before_lanes)
+            gather(rigid_memory, first, lanes, state_lanes[RIGID:])
+            gather(last_action, first, lanes, last_lanes)
             integrate_rigid(
                 state_lanes,
-                before_lanes,
+                last_lanes,
                 action_lanes,
                 disturbance_lanes,
                 velocity_lanes,
                 physics_lanes,
-                vehicle,
+                rigid.vehicle,
                 lanes,
                 period,
                 substeps,
                 rigid.switch,
             )
             for lane in range(lanes):
-                store_wrench(state_lanes, vehicle, lane, command_lanes)
+                store_wrench(state_lanes, rigid.vehicle, lane, command_lanes)
         for lane in range(lanes):
             diverged[lane] = _diverged(state_lanes, lane)
         for lane in range(lanes):
@@ -258,7 +244,7 @@ def control_step(
                 store(state_lanes, THRUST_AXIS, lane, thrust_axis(load(state_lanes, EULER, lane)))
                 if rigid is not None:
                     for field in range(RIGID_SIZE):
-                        state_lanes[RIGID + field, lane] = rigid.memory[first + lane, field]
+                        state_lanes[RIGID + field, lane] = rigid_memory[first + lane, field]
         for lane in range(lanes):
             point = point_at(trajectories, first + lane, reference_lanes, lane, time[lane])
             observe_reference(point, lane, observation_lanes)
@@ -272,7 +258,8 @@ def control_step(
                 buffer[TERMINATED, lane] = 1.0
         scatter(state_lanes, first, lanes, state)
         if rigid is not None:
-            scatter(state_lanes[RIGID:], first, lanes, rigid.memory)
+            scatter(state_lanes[RIGID:], first, lanes, rigid_memory)
+            scatter(action_lanes, first, lanes, last_action)
         _copy(buffer, lanes, outcome[:, first:])
         if sensed.shape[1] > 0:
             _copy(sensed_lanes, lanes, sensed[:, first:])

@@ -26,14 +26,16 @@ from quadpend_gym.envs.kernel_layout import (
     MEMORY_REFERENCE,
     MEMORY_SIZE,
     MEMORY_STATE,
+    RIGID_MEMORY_SIZE,
     SENSED_SIZE,
     SENSED_STATE,
     make_settings,
+    pack_rigid_settings,
     pack_settings,
 )
 from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.rigid_step import RigidRows
+from quadpend_gym.envs.rigid_step import RigidRows, step_rigid, step_rigid_trajectories
 from quadpend_gym.envs.step_errors import NO_ERROR, check_inputs, clip_rounding, raise_step_error
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
@@ -83,18 +85,18 @@ class World:
         self.task = task
         self.simulation = simulation
         self.num_envs = num_envs
-        self._memory = np.zeros((num_envs, MEMORY_SIZE))
+        self._memory = np.zeros((num_envs, RIGID_MEMORY_SIZE if simulation.is_rigid else MEMORY_SIZE))
         self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
         self._sensed = np.zeros((SENSED_SIZE, 0))
         self.clock = np.zeros(num_envs, np.int64)
         self.episode = np.full(num_envs, -1, np.int64)
         self._seeds = np.zeros(num_envs, np.uint64)
-        self._observe_settings = pack_settings(make_settings(task, simulation, False, 0))
         self._reference_ranges = flatten(task.references)
         self._start_ranges = flatten(task.start)
         self._trajectories = TrajectoryTable(num_envs)
-        self._rigid = RigidRows(num_envs, simulation) if simulation.is_rigid else None
+        self._rigid = RigidRows(self._memory, simulation) if simulation.is_rigid else None
+        self._observe_settings = self._pack_settings(moves_air=False, substeps=0)
         self._parameter_ranges: ParameterRanges | None = None
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(as_wind(wind))
@@ -137,11 +139,14 @@ class World:
         self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
         all_models: tuple[Any, ...] = self._wind_models.models
         self._moves_air = any(model.moves_air for model in all_models)
-        settings = make_settings(self.task, self.simulation, self._moves_air, self.simulation.substeps)
-        self._settings = pack_settings(settings)
+        self._settings = self._pack_settings(self._moves_air, self.simulation.substeps)
         self._wind_columns = np.zeros((WIND_SIZE, self.num_envs))
         warn_if_too_strong(all_models, self.simulation)
         self._require_reset()
+
+    def _pack_settings(self, moves_air: bool, substeps: int) -> Floats:
+        settings = make_settings(self.task, self.simulation, moves_air, substeps)
+        return pack_rigid_settings(settings, self.simulation) if self._rigid is not None else pack_settings(settings)
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
         """Add sensors after the existing ones. Every sub-environment must then start a new episode.
@@ -192,8 +197,8 @@ class World:
         self._outcome_shape = self.step_info.outcome_size, self.num_envs + (8 if self._padded else 0)
 
     def _choose_kernel(self) -> None:
-        """Decide whether `step_kernel.step` is enough: no sensors, no trajectories, and the paper's attitude model."""
-        self._plain = not (self._sensors.models or self._trajectories.in_use or self._rigid is not None)
+        """Decide whether the shortest kernel is enough: no sensors and no trajectories."""
+        self._plain = not (self._sensors.models or self._trajectories.in_use)
 
     def seed(self, rows: Integers, seeds: Sequence[int]) -> None:
         """Seed the sub-environments `rows`, shape (m,), with non-negative integers; their next episode is number 0."""
@@ -252,7 +257,7 @@ class World:
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
         if self._rigid is not None:
-            self._rigid.start_episodes(rows, self.state[rows])
+            self._rigid.start_episodes(rows)
 
     def _set_reference(self, rows: Integers, fixed: tuple[Trajectory, ...]) -> None:
         """Set the references of new episodes: one for all, one for each, or, if `fixed` is empty, those of the task."""
@@ -296,10 +301,12 @@ class World:
         self._sensors.apply(lambda model, memory, random: model.sense(measured, memory, self.clock, period, random))
 
     def _actuate(self, action: Floats32) -> Floats32:
-        """Return the action after the actuators, shape (n, 4)."""
-        out = np.asfortranarray(action, np.float64)
-        self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, self.simulation, random))
-        return out.astype(np.float32, order="C")
+        """Return the action after the actuators and the latency, shape (n, 4)."""
+        if self._actuators.models:
+            out, simulation = np.asfortranarray(action, np.float64), self.simulation
+            self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
+            action = out.astype(np.float32, order="C")
+        return action if self._rigid is None else self._rigid.delay(action, self.clock)
 
     def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
         """Return observation and outcome of some sub-environments without advancing them.
@@ -319,15 +326,11 @@ class World:
         memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
         arguments = memory, clock, calm, action, self._observe_settings, observation, outcome
         sensed = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0))
-        if self._rigid is not None:
-            self._rigid.observe(rows, self._trajectories, *arguments, sensed)
-        elif self._trajectories.in_use:
-            first = self._trajectories.first[rows]
-            step_kernel.step_trajectories(*arguments, sensed, self._trajectories.numbers, first)
-        elif not self._sensors.models:
-            step_kernel.step(*arguments)
+        if self._plain:
+            step = step_kernel.step if self._rigid is None else step_rigid
+            step(*arguments)
         else:
-            step_kernel.step_sensed(*arguments, sensed)
+            self._step_general(*arguments, sensed, self._trajectories.first[rows])
         if self._sensors.models:
             sensed[SENSED_STATE] = self._sensed[SENSED_STATE, rows]
             step_kernel.observe_sensed(sensed, observation)
@@ -355,20 +358,14 @@ class World:
             error = check_inputs(action, self._wind_columns)
             if error != NO_ERROR:
                 return self._step_clipped(error, action)
-        if self._actuators.models:
             action = self._actuate(action)
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
         if self._plain:
-            error = step_kernel.step(memory, clock, wind, action, settings, observation, outcome)
-        elif self._rigid is not None:
-            arguments = memory, clock, wind, action, settings, observation, outcome, self._sensed
-            error = self._rigid.step(self._trajectories, *arguments)
-        elif not self._trajectories.in_use:
-            error = step_kernel.step_sensed(memory, clock, wind, action, settings, observation, outcome, self._sensed)
+            step = step_kernel.step if self._rigid is None else step_rigid
+            error = step(memory, clock, wind, action, settings, observation, outcome)
         else:
             arguments = memory, clock, wind, action, settings, observation, outcome, self._sensed
-            table = self._trajectories
-            error = step_kernel.step_trajectories(*arguments, table.numbers, table.first)
+            error = self._step_general(*arguments, self._trajectories.first)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")
@@ -379,6 +376,15 @@ class World:
         if self._wind_models.models:
             self._sample_wind()
         return observation, outcome[:, : self.num_envs] if self._padded else outcome
+
+    def _step_general(self, *arguments: Any) -> int:
+        """Call the kernel that writes sensed values; `arguments` are those of `step_sensed`, and the trajectories."""
+        *given, first = arguments
+        if self._rigid is not None:
+            return step_rigid_trajectories(*given, self._trajectories.numbers, first)
+        if self._trajectories.in_use:
+            return step_kernel.step_trajectories(*given, self._trajectories.numbers, first)
+        return step_kernel.step_sensed(*given)
 
     def _step_clipped(self, error: int, action: Floats32) -> tuple[Floats32, Floats]:
         """Repeat a refused step with the action clipped if the action exceeds ±1 by rounding only; else raise."""

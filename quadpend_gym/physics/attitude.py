@@ -54,14 +54,17 @@ def to_body(rotation: Rotation, v: Vec3) -> Vec3:
 
 @inlined
 def rotation_matrix(q: Quaternion) -> Rotation:
-    """Return R of a unit quaternion."""
-    xx, yy, zz = q.x * q.x, q.y * q.y, q.z * q.z
+    """Return R of a unit quaternion; the product of R with q·q of another one.
+
+    Within a Runge–Kutta step q·q is not quite 1. This form then still commutes with a rotation of the world.
+    """
+    ww, xx, yy, zz = q.w * q.w, q.x * q.x, q.y * q.y, q.z * q.z
     xy, xz, yz = q.x * q.y, q.x * q.z, q.y * q.z
     wx, wy, wz = q.w * q.x, q.w * q.y, q.w * q.z
     return Rotation(
-        Vec3(1.0 - 2.0 * (yy + zz), 2.0 * (xy + wz), 2.0 * (xz - wy)),
-        Vec3(2.0 * (xy - wz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz + wx)),
-        Vec3(2.0 * (xz + wy), 2.0 * (yz - wx), 1.0 - 2.0 * (xx + yy)),
+        Vec3((ww + xx) - (yy + zz), 2.0 * (xy + wz), 2.0 * (xz - wy)),
+        Vec3(2.0 * (xy - wz), (ww + yy) - (xx + zz), 2.0 * (yz + wx)),
+        Vec3(2.0 * (xz + wy), 2.0 * (yz - wx), (ww + zz) - (xx + yy)),
     )
 
 

@@ -276,7 +276,9 @@ def integrate_rigid(
                 _prepare(state, action, velocity, rigid, lane)
         if has_momentum:
             for lane in range(lanes):
-                state[_MOMENTUM, lane] = propeller_momentum(load_four(state, _ROTOR_THRUST, lane), rigid.rotors)
+                start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
+                middle = _thrusts_after(start, wanted, rigid.rotors.rise.y, rigid.rotors.fall.y)
+                state[_MOMENTUM, lane] = propeller_momentum(middle, rigid.rotors)
         for lane in range(lanes):
             physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
             _substep(state, disturbance, physics, body, rigid, lane, h)

@@ -9,7 +9,7 @@ substep of the integration
        (1)  τ = I (k_ω (ω_c − ω)) − k_τ (τ_now − τ₀ − ω × I ω) + ω × I ω + τ₀,
 
 2. the allocation converts thrust and torques into thrusts within the limits. If they cannot all be reached, it gives up
-   first the yaw torque, then the thrust, then the torques of roll and pitch,
+   first the yaw torque, then the thrust, then the torques of roll and pitch. It reduces the yaw torque to zero at most,
 3. the thrust of each rotor follows its command as a first-order lag, exactly integrated, with one time constant for
    rising and one for falling thrust.
 
@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, add, apply, axpy, cross, scale
+from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, add, apply, axpy, cross, multiply, scale
 
 WRENCH, BODY_RATES, ROTOR_THRUSTS = 0.0, 1.0, 2.0  # codes of the interfaces
 # A critically damped system of second order reaches 1 − 1/e of a step after this time, in units of 1/|pole|.
@@ -181,8 +181,16 @@ def allocate(wrench: Four, rotors: RotorSettings) -> Four:
     greatest = min(min((high - tilt.a) * p.a, (high - tilt.b) * p.b), min((high - tilt.c) * p.c, (high - tilt.d) * p.d))
     base = _plus(tilt, _times(min(max(wrench.a, least), greatest), lift))
     yaw = _column(unmixing, wrench.d, 3)
-    total = _plus(base, _times(_reachable_part(base, yaw, low, high), yaw))
-    return clip4(total, rotors.lowest, rotors.highest)
+    near, exact = _plus(base, _times(_reachable_part(base, yaw, low, high), yaw)), multiply(unmixing, wrench)
+    is_reachable = (min(min(exact.a, exact.b), min(exact.c, exact.d)) >= low) & (
+        max(max(exact.a, exact.b), max(exact.c, exact.d)) <= high
+    )
+    return Four(
+        exact.a if is_reachable else _clip(near.a, low, high),
+        exact.b if is_reachable else _clip(near.b, low, high),
+        exact.c if is_reachable else _clip(near.c, low, high),
+        exact.d if is_reachable else _clip(near.d, low, high),
+    )
 
 
 @inlined

@@ -26,6 +26,7 @@ def test_speed_writes_a_rate_for_every_environment(
     assert {
         "single / CartPole-v1",
         "num_envs=4 / CartPole-v1's",
+        "num_envs=4, hummingbird / paper",
         "MlpPolicy.predict / PPO.predict, one observation",
     } <= set(data["ratios"])
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.elementary import arcsin, log, sincos
+from quadpend_gym.core.elementary import arcsin, arctan2, log, sincos
 
 mpmath.mp.prec = 120
 
@@ -44,6 +44,18 @@ def test_arcsine_is_within_two_ulp() -> None:
     assert largest_error(arcsin, mpmath.asin, x) <= 2.0
 
 
+def test_arctangent_is_within_two_ulp_in_every_quadrant() -> None:
+    """The angles are near the branches too: at the axes, at tan = 0.66, 1 and their inverses."""
+    rng = np.random.default_rng(0)
+    branches = rng.choice([0.0, np.arctan(0.66), np.pi / 4, np.arctan(1 / 0.66), np.pi / 2], 3000)
+    near = branches + rng.choice([-1.0, 1.0], 3000) * np.geomspace(1e-16, 0.1, 3000)
+    angle = np.concatenate([rng.uniform(-np.pi, np.pi, 3000), near, np.pi - near, -near])
+    size = np.exp(rng.uniform(-50.0, 50.0, angle.size))
+    for y, x in zip((size * np.sin(angle)).tolist(), (size * np.cos(angle)).tolist(), strict=True):
+        exact = mpmath.atan2(y, x)
+        assert abs(mpmath.mpf(arctan2(y, x)) - exact) <= 2.0 * np.spacing(abs(float(exact)))
+
+
 def test_logarithm_is_within_two_ulp() -> None:
     rng = np.random.default_rng(0)
     near_one, normal = rng.uniform(0.5, 2.0, 4000), np.exp(rng.uniform(-708.0, 709.0, 4000))
@@ -54,7 +66,16 @@ def test_logarithm_is_within_two_ulp() -> None:
 
 @pytest.mark.parametrize(
     ("value", "exact"),
-    [(sincos(0.0)[0], 0.0), (sincos(0.0)[1], 1.0), (arcsin(0.0), 0.0), (arcsin(1.0), np.pi / 2), (log(1.0), 0.0)],
+    [
+        (arctan2(0.0, 0.0), 0.0),
+        (arctan2(0.0, -1.0), np.pi),
+        (arctan2(-1.0, 0.0), -np.pi / 2),
+        (sincos(0.0)[0], 0.0),
+        (sincos(0.0)[1], 1.0),
+        (arcsin(0.0), 0.0),
+        (arcsin(1.0), np.pi / 2),
+        (log(1.0), 0.0),
+    ],
 )
 def test_simple_values_are_exact(value: float, exact: float) -> None:
     assert value == exact

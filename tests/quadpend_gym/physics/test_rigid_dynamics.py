@@ -1,0 +1,229 @@
+"""Conservation laws, symmetries and exact solutions of rigid vehicles, and the order of the integrator."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
+from quadpend_gym.physics.state import Disturbance, State
+from quadpend_gym.vehicles import Pole, Rotors, Vehicle
+from tests.helpers.physics import UNEQUAL, random_disturbances, random_states, simulate_period
+from tests.helpers.rigid import SPINS, Flight, accelerations, at_rest, random_vehicle, start, start_tumbling
+
+NO_THRUST = np.array([-1.0, 0.0, 0.0, 0.0])
+ROWS = 20
+LIGHT = Pole(1e-5, 0.01)  # a pole that an attitude hardly notices, at the body's centre of mass
+
+
+def free_body(inertia: tuple[float, float, float], **fields: Any) -> Vehicle:
+    """Return a body without rotors whose pole is on its centre of mass, so that the pole has no effect on it."""
+    return Vehicle("free", 1.0, inertia, LIGHT, torque=(1.0, 1.0), **fields)
+
+
+def spinning(vehicle: Vehicle, rate: tuple[float, float, float], period: float, substeps: int) -> Flight:
+    """Return the start of a flight of a level body with this body rate (rad/s)."""
+    flight = start(Simulation(vehicle=vehicle, period=period, substeps=substeps), at_rest())
+    flight.memory[:, BODY_RATE:ROTOR_THRUST] = rate
+    return flight
+
+
+def spin_momentum(flight: Flight) -> Floats:
+    """Return the angular momentum of the body about its centre of mass, N·m·s, world frame, shape (n, 3)."""
+    inertia = flight.simulation.rigid_vehicle.inertia_matrix
+    return np.asarray(flight.attitude.apply(flight.body_rate @ inertia))
+
+
+def kinetic_energy_of_spin(flight: Flight) -> Floats:
+    """Return ½ ω·I ω in J, shape (n,)."""
+    rate = flight.body_rate
+    return np.asarray(0.5 * np.sum(rate * (rate @ flight.simulation.rigid_vehicle.inertia_matrix), axis=-1))
+
+
+def energy(flight: Flight) -> Floats:
+    """Return the kinetic plus potential energy of body and pole in J, shape (n,)."""
+    v, s = flight.simulation.rigid_vehicle, flight.named
+    velocity = pole_velocity(flight)
+    height = v.mass * s.position[:, 2] + v.pole.mass * flight.pole_position[:, 2]
+    return np.asarray(
+        0.5 * v.mass * np.sum(s.velocity**2, -1)
+        + 0.5 * v.pole.mass * np.sum(velocity**2, -1)
+        + 0.5 * v.pole.inertia * np.sum(s.direction_rate**2, -1)
+        + kinetic_energy_of_spin(flight)
+        + v.gravity * height
+    )
+
+
+def pole_velocity(flight: Flight) -> Floats:
+    """Return the velocity of the pole's centre of mass, m/s, world frame, shape (n, 3)."""
+    v, s = flight.simulation.rigid_vehicle, flight.named
+    return np.asarray(
+        s.velocity + flight.attitude.apply(np.cross(flight.body_rate, v.pivot)) + v.pole.length * s.direction_rate
+    )
+
+
+def test_a_symmetric_top_precesses_as_its_analytic_solution() -> None:
+    """The axis turns about L at the rate |L|/I₁, the body about its axis at the rate (I₁ − I₃)/I₁ ω₃."""
+    inertia, rate, time = (0.02, 0.02, 0.03), np.array([3.0, 0.0, 8.0]), 2.0
+    flight = spinning(free_body(inertia), tuple(rate), time, 2000).after(NO_THRUST)
+    momentum = np.array(inertia) * rate
+    about_axis = (1.0 - inertia[2] / inertia[0]) * rate[2]
+    expected = Rotation.from_rotvec(momentum / inertia[0] * time) * Rotation.from_rotvec([0.0, 0.0, about_axis * time])
+    assert (expected.inv() * flight.attitude[0]).magnitude() <= 1e-9
+    assert_allclose(flight.body_rate[0], expected.inv().apply(momentum) / inertia, rtol=0.0, atol=1e-9)
+
+
+def test_an_asymmetric_top_keeps_angular_momentum_and_energy() -> None:
+    """The body rate starts near the middle axis, so that the body tumbles."""
+    drift = asymmetric_drift(10_000)
+    assert drift["momentum"] <= 1e-8
+    assert drift["energy"] <= 1e-8
+
+
+def asymmetric_drift(steps: int) -> dict[str, float]:
+    """Return the relative change of |L| and energy, and the angle of L in rad, after steps of 1 ms."""
+    flight = spinning(free_body((0.02, 0.03, 0.045)), (0.1, 5.0, 0.2), 1e-3 * min(steps, 10_000), min(steps, 10_000))
+    before = spin_momentum(flight)[0], kinetic_energy_of_spin(flight)[0]
+    for _ in range(max(steps // 10_000, 1)):
+        flight.state[:, :6] = 0.0  # else it falls too far
+        flight = flight.after(NO_THRUST)
+    after, size = spin_momentum(flight)[0], float(np.linalg.norm(before[0]))
+    return {
+        "momentum": abs(float(np.linalg.norm(after)) / size - 1.0),
+        "angle": float(np.linalg.norm(after - before[0]) / size),
+        "energy": abs(float(kinetic_energy_of_spin(flight)[0] / before[1]) - 1.0),
+    }
+
+
+def test_energy_is_conserved_without_inputs() -> None:
+    vehicle = random_vehicle(0)
+    flight = start_tumbling(Simulation(vehicle=vehicle, period=2.0, substeps=4000), ROWS, 0)
+    x, y, _ = vehicle.pivot
+    trim = vehicle.pole.mass * vehicle.gravity * np.array([y, -x])  # N·m at a zero action; it balances the pole
+    nothing = np.array([-1.0, *(-trim / vehicle.torque[0]), 0.0])
+    assert_allclose(energy(flight.after(nothing)), energy(flight), rtol=0.0, atol=1e-8)
+
+
+def test_linear_momentum_changes_by_the_impulse_of_the_external_forces() -> None:
+    vehicle = random_vehicle(1)
+    flight, disturbance = (
+        start_tumbling(Simulation(vehicle=vehicle, period=0.5, substeps=500), ROWS, 1),
+        random_disturbances(ROWS, 1),
+    )
+    after = flight.after(NO_THRUST, disturbance)
+
+    def momentum(flight: Flight) -> Floats:
+        return np.asarray(vehicle.mass * flight.named.velocity + vehicle.pole.mass * pole_velocity(flight))
+
+    d, weight = Disturbance(disturbance), np.array([0.0, 0.0, vehicle.weight])
+    assert_allclose(momentum(after) - momentum(flight), 0.5 * (d.force + d.bob_force - weight), rtol=0.0, atol=1e-11)
+
+
+def test_the_integrator_is_of_fourth_order() -> None:
+    vehicle, disturbance = random_vehicle(2, with_rotors=True), random_disturbances(ROWS, 2)
+    action = np.random.default_rng(2).uniform(-1.0, 1.0, (ROWS, 4))
+    substeps = np.array([40, 80, 160, 320])
+
+    def arrive(count: int) -> Floats:
+        flight = start_tumbling(Simulation(vehicle=vehicle, interface="rotors", period=0.2, substeps=count), ROWS, 2)
+        after = flight.after(action, disturbance)
+        return np.column_stack([after.state[:, :6], after.state[:, 12:], after.memory])
+
+    exact = arrive(3000)
+    errors = [np.abs(arrive(int(count)) - exact) for count in substeps]
+    # Position, velocity, direction, direction rate, quaternion and body rate.
+    for first, last in ((0, 3), (3, 6), (6, 9), (9, 12), (12, 16), (16, 19)):
+        largest = [error[:, first:last].max() for error in errors]
+        slope = np.polyfit(np.log(0.2 / substeps), np.log(largest), 1)[0]
+        assert slope == pytest.approx(4.0, abs=0.15)
+
+
+@pytest.mark.parametrize("yaw", [0.3, -2.0])
+def test_a_rotation_about_the_vertical_rotates_the_motion(yaw: float) -> None:
+    vehicle = random_vehicle(3, with_rotors=True, drag={"area": 0.01, "rotor": (0.2, 0.3, 0.4), "angular": (0.01,) * 3})
+    simulation = Simulation(vehicle=vehicle, interface="body_rates", period=0.3, substeps=30)
+    turn, action = Rotation.from_euler("z", yaw), np.random.default_rng(3).uniform(-1.0, 1.0, (ROWS, 4))
+    here, disturbance = start_tumbling(simulation, ROWS, 3), random_disturbances(ROWS, 3)
+
+    def turned(array: Floats) -> Floats:
+        return np.asarray(turn.apply(array.reshape(-1, 3)).reshape(array.shape))
+
+    def turned_state(state: Floats) -> Floats:
+        result, s = turned(state), State(state)
+        State(result).euler[:], State(result).euler_rate[:] = s.euler + np.array([0.0, 0.0, yaw]), s.euler_rate
+        return result
+
+    there = start(simulation, turned_state(here.state)).after(action, turned(disturbance))
+    after = here.after(action, disturbance)
+    expected = turned_state(after.state)
+    angles = slice(6, 9)
+    assert_allclose(np.sin(there.state[:, angles]), np.sin(expected[:, angles]), rtol=0.0, atol=1e-10)
+    assert_allclose(np.cos(there.state[:, angles]), np.cos(expected[:, angles]), rtol=0.0, atol=1e-10)
+    assert_allclose(np.delete(there.state, range(6, 12), 1), np.delete(expected, range(6, 12), 1), atol=1e-10)
+    assert_allclose(there.memory[:, BODY_RATE:], after.memory[:, BODY_RATE:], rtol=0.0, atol=1e-10)
+
+
+def test_propellers_do_no_work() -> None:
+    """The torque of the propellers' angular momentum h e₃ is −ω × h e₃, so τ_g · ω = 0."""
+    momentum, rate, vehicle = 0.05, (2.0, -1.0, 0.5), free_body((0.02, 0.03, 0.04))
+    flight = spinning(vehicle, rate, 0.1, 1)
+    wheel, none = (accelerations(flight, np.zeros(4), np.zeros(9), h)["body_rate"] for h in (momentum, 0.0))
+    torque = vehicle.inertia_matrix @ (wheel - none)
+    assert_allclose(torque, [momentum * -rate[1], momentum * rate[0], 0.0], rtol=1e-12)
+    assert abs(torque @ rate) <= 1e-15
+
+
+def test_propellers_turn_against_their_yaw_torque_and_make_a_spinning_body_precess() -> None:
+    """For equal moments of inertia I, the body rate turns about e₃ at the rate h/I, since I ω + h e₃ stands still."""
+    inertia, speed_squared = 0.01, 1e6  # kg·m², (rad/s)² per newton
+    rotors = Rotors(
+        ((0.2, 0.0), (0.0, 0.2), (-0.2, 0.0), (0.0, -0.2)),
+        SPINS,
+        (0.5, 8.0),
+        torque_per_thrust=1e-5,  # hardly any yaw torque
+        inertia=1e-5,
+        thrust_coefficient=1.0 / speed_squared,
+    )
+    vehicle = replace(free_body((inertia,) * 3), rotors=rotors)
+    simulation = Simulation(vehicle=vehicle, interface="rotors", period=0.5, substeps=500)
+    flight = start(simulation, at_rest())
+    flight.memory[:, BODY_RATE:ROTOR_THRUST] = 1.0, 0.0, 0.0
+    after = flight.after(np.array([1.0, -1.0, 1.0, -1.0]))
+    speeds = np.sqrt(speed_squared * after.memory[0, ROTOR_THRUST:])
+    momentum = -rotors.inertia * float(np.array(SPINS) @ speeds)
+    assert momentum < -0.04
+    turn = momentum / inertia * 0.5
+    assert_allclose(after.body_rate[0, :2], [np.cos(turn), np.sin(turn)], rtol=0.0, atol=1e-5)
+
+
+def test_near_hover_a_rigid_body_moves_as_the_papers_model_to_second_order() -> None:
+    p = UNEQUAL
+    pole, inertia = Pole(p.bob_mass, p.rod_length), (p.inertia_roll, p.inertia_pitch, p.inertia_yaw)
+    vehicle = Vehicle("paper-like", p.quadrotor_mass, inertia, pole, torque=(5.0, 1.0), gravity=p.gravity)
+    simulation = Simulation(vehicle=vehicle, period=0.4, substeps=200)
+    rest, deviation = at_rest(ROWS), random_states(ROWS, 4)
+    actions, disturbance = np.random.default_rng(4).uniform(-1.0, 1.0, (ROWS, 4)), random_disturbances(ROWS, 4)
+    parameters = replace(p, quadrotor_drag_area=0.0, bob_drag_area=0.0)
+    sizes, errors = np.array([0.004, 0.002, 0.001]), []
+    for size in sizes:
+        state = rest + size * deviation
+        r, r_dot = State(state).direction, State(state).direction_rate
+        r /= np.linalg.norm(r, axis=-1, keepdims=True)
+        r_dot -= np.sum(r * r_dot, axis=-1, keepdims=True) * r
+        rigid = start(simulation, state).after(size * actions, size * disturbance).state
+        command = simulation.command_scale * (size * actions + [1.0, 0.0, 0.0, 0.0])
+        euler = simulate_period(state, command, size * disturbance, parameters, 0.4, 200)
+        errors.append(np.abs(rigid - euler).max(axis=0))
+    slopes = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    assert slopes.min() >= 1.9
+    assert slopes[9:11] == pytest.approx(2.0, abs=0.1)  # the rates of roll and pitch
+
+
+if __name__ == "__main__":  # python -m tests.quadpend_gym.physics.test_rigid_dynamics
+    for name, drift in asymmetric_drift(1_000_000).items():
+        print(f"asymmetric top, 10⁶ steps of 1 ms: change of the {name} {drift:.2g}")
