@@ -114,7 +114,7 @@ class NmpcGains:
     feedback: LqrGains = field(default_factory=LqrGains)  # weights of the cost
     periods: int = 13  # H, periods of the horizon
     period: float = 0.04  # T, s, period of the horizon
-    iterations: int = 2  # largest number of SQP steps in a control step
+    iterations: int = 1  # largest number of SQP steps in a control step
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
@@ -187,7 +187,7 @@ GAINS: dict[str, Any] = {
         estimator=EstimatorGains(rate_noise=0.0205, force_walk=0.546, bob_force_walk=0.185, torque_walk=1.27),
     ),
     "nmpc": NmpcGains(
-        feedback=LqrGains(position=0.1, velocity=1.56, angle=1.47, angle_rate=2.72),
+        feedback=LqrGains(position=0.1, velocity=1.56, angle=1.47, angle_rate=4.0),
         estimator=EstimatorGains(rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06),
     ),
 }

@@ -1,1 +1,1 @@
-"""Classical controllers: ADRC, flatness-based control, LQR, LQI and MPPI."""
+"""Classical controllers: ADRC, flatness-based control, LQR, LQI, MPPI and nonlinear MPC."""

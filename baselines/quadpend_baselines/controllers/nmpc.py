@@ -32,9 +32,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines.controllers.lqr import riccati, weights
-from quadpend_baselines.estimation.estimator import Estimate, Measurement
+from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import NmpcGains
-from quadpend_baselines.modelling.equivalent import body_command
+from quadpend_baselines.modelling.equivalent import body_command, design_parameters
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
@@ -42,7 +42,7 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.validation import check_int, check_positive
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, State
 
-_LONGEST_SUBSTEP = 0.05  # s, of the model; an upright pendulum falls with e-folding times of 0.15 s and more
+_LONGEST_SUBSTEP = 0.4  # of the model, as a share of the time in which an upright pole's tilt grows by the factor e
 _NO_PLAN = 10**9  # age of the plan at the start of an episode
 _MAX_STATE = 1e3  # SI units; a step to a larger state is a failure
 _CONVERGED = 1e-3  # share of the range of the action: after a smaller change, no further step is taken
@@ -106,7 +106,8 @@ class Nmpc:
     def horizon_simulation(self) -> Simulation:
         """The simulation with the period of the horizon, commanded by thrust and torques without latency."""
         period = self.gains.period
-        substeps = ceil(period / _LONGEST_SUBSTEP)
+        rate = np.sqrt(design_parameters(self.simulation).chain_stiffness)
+        substeps = ceil(period * rate / _LONGEST_SUBSTEP)
         return replace(self.simulation, period=period, substeps=substeps, interface="wrench", latency=0.0)
 
     @cached_property
