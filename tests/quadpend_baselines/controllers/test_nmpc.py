@@ -11,9 +11,10 @@ from quadpend_baselines import controller
 from quadpend_baselines.controllers import nmpc
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.controllers.nmpc import Nmpc, NmpcMemory
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import GAINS, LqrGains, NmpcGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
-from quadpend_gym import PAPER, Simulation
+from quadpend_gym import PAPER, QuadPendulumVectorEnv, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
@@ -153,6 +154,22 @@ def test_hover_is_stable_in_wind_at_other_control_periods(period: float) -> None
     final = simulate_with_true_state(law, simulation, hover_states(), round(0.5 / period), disturbance=WIND)
     x_d, _ = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
     assert np.abs(final - x_d).max() < 0.5
+
+
+def test_nmpc_balances_a_rigid_vehicle_by_its_body_rates() -> None:
+    simulation = Simulation(vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8)
+    policy: Any = controller("nmpc", simulation)
+    policy = OutputFeedback(Nmpc, replace(policy.gains, periods=5), simulation)
+    env = QuadPendulumVectorEnv(2, simulation=simulation, wind=None, max_episode_steps=None)
+    observation, _ = env.reset(seed=1, options={"reference": HOVER})
+    memory = None
+    for _ in range(60):
+        action, memory = policy.predict(observation, memory)
+        observation, _, terminated, _, _ = env.step(action)
+        assert not terminated.any()
+    assert_array_equal(memory.law_memory.failures, 0)
+    state = State(env.world.state)
+    assert (state.direction[:, 2] > np.cos(0.1)).all()
 
 
 def test_command_depends_on_estimate_and_memory_only() -> None:
