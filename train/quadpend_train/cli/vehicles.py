@@ -5,6 +5,8 @@ starts quickly.
 """
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -65,11 +67,11 @@ def vehicles(
     writable_folder(cache, "cache")
     writable_folder(out)
     settings: dict[str, Any] = {"cache_folder": cache, "processes": jobs}
-    measure = {
-        "presets": lambda: study.measure_presets(controllers, presets, episodes, seed, **settings),
-        "recovery": lambda: study.measure_recovery(controllers, presets, seed, **settings),
-        "as-flown": lambda: study.measure_as_flown(controllers, episodes, seed, **settings),
-        "leaderboard": lambda: _leaderboard(policies, episodes, seed, cache, jobs),
+    measure: dict[str, Callable[[], study.Table]] = {
+        "presets": partial(study.measure_presets, controllers, presets, episodes, seed, **settings),
+        "recovery": partial(study.measure_recovery, controllers, presets, seed, **settings),
+        "as-flown": partial(study.measure_as_flown, controllers, episodes, seed, **settings),
+        "leaderboard": partial(_leaderboard, policies, episodes, seed, cache, jobs),
     }
     for part in parts:
         table = measure[part]()

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import CONTROLLERS
+from quadpend_baselines.gains import UNPREDICTED
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
@@ -30,7 +31,6 @@ from quadpend_train.scenarios import HOVER, SCENARIOS, SETS, Scenario
 from quadpend_train.studies.recovery import START_LINES, StartGrid, classify_recovery, largest_recovered
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight
-UNPREDICTED = "-unpredicted"  # ends the names of controllers that do not predict over the latency
 _SEPARATOR = " · "
 
 
@@ -154,7 +154,7 @@ def _angle(value: float, line: str) -> str:
     return "–" if np.isnan(value) else f"{'≥ ' if value == last else ''}{np.degrees(value):.0f}"
 
 
-def _data(results: Mapping[tuple[str, ...], EpisodeResults]) -> dict[str, Any]:
+def _data(results: Mapping[Any, EpisodeResults]) -> dict[str, Any]:
     return {
         _SEPARATOR.join(key): {name: to_json_data(interval) for name, interval in summarise(found).items()}
         for key, found in results.items()
