@@ -78,14 +78,8 @@ def true_estimate(measurement: Measurement, disturbance: Floats = CALM) -> Estim
     """Return the estimate without error."""
     rows = len(measurement.state)
     disturbances = np.array(np.broadcast_to(disturbance, (rows, CALM.size)))
-    return Estimate(
-        measurement.state,
-        disturbances,
-        measurement.reference,
-        np.zeros(rows, np.int64),
-        np.empty((rows, 0)),
-        np.empty((rows, 0)),
-    )
+    age, none = np.zeros(rows, np.int64), np.empty((rows, 0))
+    return Estimate(measurement.state, disturbances, measurement.reference, age, none, none, np.ones(rows))
 
 
 def simulate_with_true_state(

@@ -17,7 +17,7 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, THRUST, TORQUE
 
 
 class ControlLaw(Protocol):
@@ -136,7 +136,12 @@ class OutputFeedback:
         """
         prediction = self._estimator.prediction
         estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
-        command, law_memory = self._law.command(estimate, measurement, estimation.law_memory, **options)
+        # A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
+        force_ratio = np.ones((len(estimate.state), DISTURBANCE_SIZE))
+        force_ratio[:, :TORQUE] = estimate.mass_ratio[:, np.newaxis]
+        nominal = estimate._replace(disturbance=estimate.disturbance / force_ratio)
+        command, law_memory = self._law.command(nominal, measurement, estimation.law_memory, **options)
+        command[:, THRUST] *= estimate.mass_ratio
         wanted, _ = to_action(command, self.simulation, estimate.rigid)
         action = prediction.loop.compensate(wanted, estimate.loop, self.simulation.period)
         return action, OutputFeedbackMemory(estimation.estimate, action, law_memory)

@@ -3,11 +3,16 @@
     (1)  predict   x̂⁻ = f(x̂, u, d̂),          d̂⁻ = d̂                        f: one period of `kernel.advance`
     (2)  correct   x̂  = x̂⁻ + L_x (y − C x̂⁻),  d̂ = d̂⁻ + L_d (y − C x̂⁻)
 
+    (3)  mass      μ̂ ← μ̂ − ε d̂_z/((M + m) g),   d̂_z ← (1 − ε) d̂_z          ε = 1 − e^(−T/mass_time)
+
 The extended states d are the forces on quadrotor and bob and the torque, modelled as random walks. The prediction (1)
 is that of the simulation itself, with nominal parameters. L is the gain of the Kalman filter for model (1) of
 `linear_model`, rotated by the yaw angle; the torque on a rigid vehicle is a vector of the world frame. The gain varies
 over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
 constant.
+
+Equation (3) attributes a lasting vertical force to the mass: at hover it cannot be distinguished from one, but a control
+law that takes a heavy vehicle for a downward wind overestimates the effect of the tilt on the pendulum.
 
 The prediction (1) is that of `prediction`, which applies the known delays and lags of the loop to u.
 """
@@ -40,13 +45,14 @@ from quadpend_baselines.policy.protocol import select_rows
 from quadpend_gym import Simulation, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
-from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, FORCE, STATE_SIZE, State
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, REFERENCE_START
 
 _VARYING_STEPS = 100  # corrections after which the gain is constant
 _MAX_ESTIMATE = (
     300.0  # SI units, limit of disturbance estimates; rows with a larger state estimate restart the observer
 )
+_MASS_RATIOS = 0.5, 2.0  # bounds of μ̂
 _MEASURED_COLUMNS = np.r_[POSITION, EULER, PENDULUM]  # columns of x that output feedback measures
 # Standard deviations of the estimates at the start of an episode
 _INITIAL_FORCE, _INITIAL_BOB_FORCE, _INITIAL_TORQUE = 1.0, 0.1, 0.1  # N, N, N·m
@@ -137,7 +143,7 @@ class Estimator:
         project_direction(state)
         memory = np.zeros((rows, self.prediction.memory_size))
         rigid = self.prediction.rigid(state)
-        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64), memory, rigid)
+        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64), memory, rigid, np.ones(rows))
 
     def update(self, estimate: Estimate, action: Floats32, measurement: Measurement) -> Estimate:
         """Return the estimate one period later, by equations (1)–(2).
@@ -164,16 +170,30 @@ class Estimator:
         disturbance[:, DISTURBANCE_COLUMNS] = np.clip(
             disturbance[:, DISTURBANCE_COLUMNS], -_MAX_ESTIMATE, _MAX_ESTIMATE
         )
+        mass_ratio = self._update_mass(estimate.mass_ratio, disturbance)
         bounded = np.abs(state).max(axis=1) < _MAX_ESTIMATE  # false for nan as well
         rigid = self.prediction.rigid(state, predicted.rigid[:, ROTOR_THRUST:])
         reference = measurement.reference
-        updated = predicted._replace(state=state, disturbance=disturbance, reference=reference, rigid=rigid)
+        updated = predicted._replace(
+            state=state, disturbance=disturbance, reference=reference, rigid=rigid, mass_ratio=mass_ratio
+        )
         # A delayed sensor repeats its first sample.
         valid = bounded & (updated.age > self.prediction.loop.sensor_delay)
         if valid.all():
             return updated
         initial = self.initial_estimate(measurement)._replace(age=np.where(bounded, updated.age, 0), loop=updated.loop)
         return select_rows(valid, updated, initial)
+
+
+    def _update_mass(self, mass_ratio: Floats, disturbance: Floats) -> Floats:
+        """Return μ̂ after equation (3), and change the vertical force in place."""
+        if not self.gains.mass_time:
+            return mass_ratio
+        weight, force = self.simulation.parameters.hover_thrust, disturbance[:, FORCE + 2]
+        share = -np.expm1(-self.simulation.period / self.gains.mass_time)
+        updated = np.clip(mass_ratio - share * force / weight, *_MASS_RATIOS)
+        force += (updated - mass_ratio) * weight
+        return updated
 
 
 @lru_cache(maxsize=32)

@@ -1,6 +1,6 @@
 """Prediction of the state: the nonlinear simulation, driven by the action that passes through the known loop.
 
-    (1)  x_{k+1} = f(x_k, ā_k, d̂),     ā_k = h(a_k, a_{k−1}, …)          f: one control period, h: `loop.Loop`
+    (1)  x_{k+1} = f(x_k, ā_k, d̂, μ̂),   ā_k = h(a_k, a_{k−1}, …)          f: one control period, h: `loop.Loop`
 
 Positions and velocities are relative to the reference, which accelerates. The prediction therefore subtracts the motion
 of the reference over a period, a polynomial of order 6. The state of a rigid vehicle includes the thrusts of its
@@ -20,10 +20,13 @@ from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.parameters import BOB_MASS, QUADROTOR_MASS
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
 from quadpend_gym.physics.state import State
 
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
+
+MASSES = [QUADROTOR_MASS, BOB_MASS]
 
 
 class Measurement(NamedTuple):
@@ -52,6 +55,7 @@ class Estimate(NamedTuple):
         loop: Memory of the known loop, shape (n, k), see `Loop.act`.
         rigid: Quaternion, body rate and rotor thrusts (N) of a rigid vehicle, shape (n, 11), see
             `quadpend_gym.physics.rigid_kernel`; shape (n, 0) for the paper's attitude model.
+        mass_ratio: μ̂, estimated mass divided by the nominal one, the same for quadrotor and bob, shape (n,).
     """
 
     state: Floats
@@ -60,6 +64,7 @@ class Estimate(NamedTuple):
     age: Integers
     loop: Floats
     rigid: Floats
+    mass_ratio: Floats
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,7 @@ class Prediction:
         action, memory = self.loop.act(action, estimate.loop[:, : self.loop.memory_size], simulation)
         state, rigid = estimate.state.copy(), estimate.rigid
         parameters = np.tile(self.simulation.parameters.as_array(), (len(state), 1))
+        parameters[:, MASSES] *= estimate.mass_ratio[:, np.newaxis]
         if simulation.is_rigid:
             rigid, switch = rigid.copy(), self._latency[1]
             before = estimate.loop[:, -4:] if switch else None
@@ -137,7 +143,7 @@ class Prediction:
             s.position[:] -= simulation.period**order / factorial(order) * derivative
             s.velocity[:] -= simulation.period ** (order - 1) / factorial(order - 1) * derivative
         reference = shift_polynomial(estimate.reference, simulation.period)
-        return Estimate(state, estimate.disturbance, reference, estimate.age + 1, memory, rigid)
+        return Estimate(state, estimate.disturbance, reference, estimate.age + 1, memory, rigid, estimate.mass_ratio)
 
     def carry_forward(
         self, estimate: Estimate, action: Floats32, measurement: Measurement
