@@ -179,7 +179,9 @@ GAINS: dict[str, Any] = {
         far_pendulum_bandwidth=3.48,
         far_attitude_bandwidth=7.08,
         near=0.179,
-        estimator=EstimatorGains(rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06),
+        estimator=EstimatorGains(
+            rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06, mass_time=0.3
+        ),
     ),
     "mppi": MppiGains(
         feedback=LqrGains(position=0.254, velocity=1.56, angle=1.47, angle_rate=2.72),

@@ -17,7 +17,7 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, THRUST, TORQUE
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, THRUST, TORQUE
 
 
 class ControlLaw(Protocol):
@@ -147,8 +147,13 @@ class OutputFeedback:
         return action, OutputFeedbackMemory(estimation.estimate, action, law_memory)
 
     def estimated_disturbance(self, memory: OutputFeedbackMemory | Estimation) -> Floats:
-        """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9)."""
-        return memory.estimate.disturbance
+        """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
+
+        The vertical force includes the weight of the estimated deviation from the nominal mass.
+        """
+        disturbance = memory.estimate.disturbance.copy()
+        disturbance[:, FORCE + 2] -= (memory.estimate.mass_ratio - 1.0) * self.simulation.parameters.hover_thrust
+        return disturbance
 
     def estimated_observation(self, observation: Floats32, memory: OutputFeedbackMemory | Estimation) -> Floats32:
         """Return the observation of the estimated state, shape (n, 36).
