@@ -11,8 +11,8 @@ is that of the simulation itself, with nominal parameters. L is the gain of the 
 over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
 constant.
 
-Equation (3) attributes a lasting vertical force to the mass: at hover it cannot be distinguished from one, but a control
-law that takes a heavy vehicle for a downward wind overestimates the effect of the tilt on the pendulum.
+Equation (3) attributes a lasting vertical force to the mass. At hover the two cannot be distinguished, but a law that
+takes the weight of a heavy vehicle for a downward wind overestimates the effect of the tilt on the pendulum.
 
 The prediction (1) is that of `prediction`, which applies the known delays and lags of the loop to u.
 """
@@ -183,7 +183,6 @@ class Estimator:
             return updated
         initial = self.initial_estimate(measurement)._replace(age=np.where(bounded, updated.age, 0), loop=updated.loop)
         return select_rows(valid, updated, initial)
-
 
     def _update_mass(self, mass_ratio: Floats, disturbance: Floats) -> Floats:
         """Return μ̂ after equation (3), and change the vertical force in place."""

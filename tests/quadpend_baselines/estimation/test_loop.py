@@ -1,0 +1,55 @@
+"""The known part of the loop: it acts as the actuators of the environment, and the lag is compensated."""
+
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_baselines.estimation.loop import FASTEST_LAG, Loop, design_for
+from quadpend_gym import Simulation
+from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, RotorFault, Rotors
+from quadpend_gym.core.streams import Streams
+from quadpend_gym.sensors import Delay, Noise
+
+SIMULATION = Simulation()
+ACTIONS = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3, 4)).astype(np.float32)
+
+
+def test_loop_takes_the_models_whose_behaviour_is_known() -> None:
+    lag, limit = MotorLag(0.03), RateLimit(5.0)
+    loop = Loop.of([Noise(position=0.01), Delay(2), Delay(1)], [ActionDelay(1), lag, ActionDelay(2), limit])
+    assert loop == Loop(delay=3, actuators=(lag, limit), sensor_delay=3)
+    assert Loop.of((), [limit, ActionDelay(1), RotorFault(), Rotors()]) == Loop(delay=1)
+    assert Loop.of() == Loop()
+
+
+def test_loop_acts_as_the_actuators_in_any_order() -> None:
+    actuators = [MotorLag(0.03), ActionDelay(2), RateLimit(30.0), ActionDelay(1)]
+    streams = Streams(np.zeros(3, np.uint64))
+    memories = [np.zeros((3, model.memory_size), order="F") for model in actuators]
+    loop = Loop.of((), actuators)
+    known = np.zeros((3, loop.memory_size))
+    for step, action in enumerate(ACTIONS):
+        expected = np.asfortranarray(action, np.float64)
+        for model, memory in zip(actuators, memories, strict=True):
+            model.act(expected, memory, np.full(3, step), SIMULATION, streams)
+        acting, known = loop.act(action, known, SIMULATION)
+        assert_allclose(acting, expected, atol=1e-6)
+
+
+def test_slow_lag_is_compensated_to_the_fastest_one() -> None:
+    loop, fast = Loop(actuators=(MotorLag(0.06),)), MotorLag(FASTEST_LAG)
+    memory, expected = np.zeros((3, 4)), np.zeros((3, 4), order="F")
+    for wanted in 0.1 * ACTIONS:
+        sent = loop.compensate(wanted, memory, SIMULATION.period)
+        assert np.abs(sent).max() < 1.0
+        _, memory = loop.act(sent, memory, SIMULATION)
+        fast.act(np.asfortranarray(wanted, np.float64), expected, np.zeros(3), SIMULATION, Streams(np.zeros(3)))
+        assert_allclose(memory, expected, atol=1e-6)
+    assert_array_equal(Loop(actuators=(fast,)).compensate(wanted, memory, SIMULATION.period), wanted)
+
+
+def test_policy_without_the_argument_loop_receives_the_simulation_only() -> None:
+    class Own:
+        def with_simulation(self, simulation: Simulation) -> Simulation:
+            return simulation
+
+    assert design_for(Own(), SIMULATION, Loop(delay=2)) is SIMULATION
