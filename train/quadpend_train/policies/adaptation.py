@@ -23,7 +23,8 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
 
     - A policy with the method `with_simulation` receives the scenario's nominal simulation: a classical controller,
       also as base controller of a hybrid, and an own policy whose factory takes the simulation. If the method has the
-      argument `loop`, it also receives the known delays and lags.
+      argument `loop`, it also receives the known delays and lags, unless the scenario has
+      `loop_known = false`.
     - Where the action commands rotors, such a policy, if it is not learned, receives a `RotorAllocation`.
     - Where velocities are not observed, a learned policy that needs them receives finite differences.
 
@@ -32,7 +33,8 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     """
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
-        policy = design_for(policy, scenario.simulation, Loop.of(scenario.sensors, scenario.actuators))
+        loop = Loop.of(scenario.sensors, scenario.actuators) if scenario.loop_known else Loop()
+        policy = design_for(policy, scenario.simulation, loop)
     sizes = getattr(policy, "observation_sizes", None)
     if sizes is None:
         rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]

@@ -67,6 +67,7 @@ class Scenario:
         history_actions: Number of past actions that are appended to the observation.
         task: Task, as the keyword of `gymnasium.make`; None: the task of `env_id`.
         duration: Length of an episode, s; a whole number of control periods (`simulation.period`).
+        loop_known: Whether controllers are told the delays, lags and rate limits among `sensors` and `actuators`.
 
     Raises:
         TypeError: If a value has the wrong type.
@@ -85,6 +86,7 @@ class Scenario:
     history_actions: int = 0
     task: Any = None
     duration: float = 10.0
+    loop_known: bool = True
 
     def __post_init__(self) -> None:
         if self.env_id not in ENVIRONMENTS:
@@ -93,8 +95,9 @@ class Scenario:
             raise TypeError(f"description must be a string, not {self.description!r}")
         check_int(self.history, "history", 1)
         check_int(self.history_actions, "history_actions", 0)
-        if not isinstance(self.output_feedback, bool):
-            raise TypeError(f"output_feedback must be true or false, not {self.output_feedback!r}")
+        for name in ("output_feedback", "loop_known"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"{name} must be true or false, not {getattr(self, name)!r}")
         object.__setattr__(self, "wind", Sum(as_wind(self.wind)))
         object.__setattr__(self, "sensors", as_sensors(self.sensors))
         object.__setattr__(self, "actuators", as_actuators(self.actuators))
@@ -193,7 +196,7 @@ class Scenario:
 # has them ("" for the scenario itself). They are left out of the hash of a scenario that does not set them, so the
 # hashes of older scenarios stay the same.
 _LATER_FIELDS: dict[str, dict[str, Any]] = {
-    "": {"duration": 10.0},
+    "": {"duration": 10.0, "loop_known": True},
     "task": {"trajectory": None},
     "simulation": {"vehicle": None, "interface": "wrench", "latency": 0.0},
 }

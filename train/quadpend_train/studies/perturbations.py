@@ -55,8 +55,8 @@ class PerturbationAxis:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     def scenario(self, value: float, base: Scenario = CALM) -> Scenario:
-        """Return `base` with the perturbation of a value."""
-        return replace(base, **self.fields(value, base.simulation))
+        """Return `base` with the perturbation of a value, which no controller is told."""
+        return replace(base, **self.fields(value, base.simulation), loop_known=False)
 
     def options(self, value: float, episodes: int, seed: int) -> dict[str, Any] | None:
         """Return the options of `reset` at a value, for `episodes` consecutive seeds from `seed` on."""
