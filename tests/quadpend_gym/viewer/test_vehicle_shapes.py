@@ -14,6 +14,7 @@ from quadpend_gym.viewer.camera import NEAR, Camera
 from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.shape import PAPER_SHAPE, shape_of
 from quadpend_gym.viewer.snapshot import Snapshot
+from quadpend_train.reports.replay import shape_data
 from tests.helpers.viewer import SIZE, centroid, draw_scene, expected_projection, find_colour, hovering, in_wind
 
 BODY = np.array([0.0, 0.0, 2.0])
@@ -95,3 +96,11 @@ def test_an_environment_draws_its_vehicle() -> None:
     recorder = env.unwrapped.recorder  # type: ignore[attr-defined]
     assert_allclose(recorder.snapshot().shape.hubs, VEHICLES["crazyflie"].rotors.positions)  # type: ignore[union-attr]
     assert env.render().std() > 5.0  # type: ignore[union-attr]
+
+
+def test_the_data_of_the_replay_have_the_sizes_of_the_vehicle() -> None:
+    paper, crazyflie = (shape_data(shape_of(VEHICLES[name])) for name in ("paper", "crazyflie"))
+    assert (paper["distance_scale"], paper["rise"], paper["longest"]) == (1.0, None, 1.0)
+    assert crazyflie["hubs"] == [list(place) for place in VEHICLES["crazyflie"].rotors.positions]  # type: ignore[union-attr]
+    assert crazyflie["front"] == (True, False, False, True)
+    assert crazyflie["distance_scale"] < 1.0

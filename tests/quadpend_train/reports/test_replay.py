@@ -15,8 +15,6 @@ from quadpend_baselines import ADRC
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.tasks import EPISODE_STEPS
-from quadpend_gym.vehicles import VEHICLES
-from quadpend_gym.viewer.shape import shape_of
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.leaderboard import leaderboard
@@ -32,7 +30,6 @@ from quadpend_train.reports.replay import (
     record_replay,
     sampled_steps,
     section,
-    shape_data,
 )
 from quadpend_train.scenarios import SCENARIOS
 from tests.helpers.browser import Browser, start
@@ -401,11 +398,3 @@ def test_labels_of_the_error_curves_do_not_overlap_and_shadows_are_in_the_pictur
         assert 0.0 <= left < right <= width
         assert all(right < other[1] or other[2] < left or abs(y - other[3]) >= 12.0 for other in labels[:i])
     assert 0.6 < max(page.run("plumb")) < 0.97
-
-
-def test_the_data_have_the_sizes_of_the_vehicle() -> None:
-    paper, crazyflie = (shape_data(shape_of(VEHICLES[name])) for name in ("paper", "crazyflie"))
-    assert (paper["distance_scale"], paper["rise"], paper["longest"]) == (1.0, None, 1.0)
-    assert crazyflie["hubs"] == [list(place) for place in VEHICLES["crazyflie"].rotors.positions]  # type: ignore[union-attr]
-    assert crazyflie["front"] == (True, False, False, True)
-    assert crazyflie["distance_scale"] < 1.0
