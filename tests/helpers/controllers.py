@@ -41,7 +41,7 @@ def quick_controller(name: str) -> Any:
     """Return the controller with a name; nmpc with a short horizon, so that tests of many steps are fast."""
     if name != "nmpc":
         return controller(name)
-    return CONTROLLER_FACTORIES[name](replace(GAINS[name], periods=4, period=0.06, iterations=1), None)
+    return CONTROLLER_FACTORIES[name](replace(GAINS[name], periods=2, period=0.08), None)
 
 
 def disturbance_of(
