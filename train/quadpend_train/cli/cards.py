@@ -39,7 +39,8 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
         return
     print(policy)
     opponent = "adrc-paper" if policy == "flatness" else "flatness"
-    for name, text in (*lines, ("compare", f"quadpend evaluate {policy} {opponent} --scenarios windy")):
+    vehicle = f" --vehicle {data['vehicle']} --interface {data['interface']}" if data.get("vehicle") else ""
+    for name, text in (*lines, ("compare", f"quadpend evaluate {policy} {opponent} --scenarios windy{vehicle}")):
         print(
             fill(
                 text,
@@ -84,6 +85,8 @@ def _learned(policy: MlpPolicy) -> Lines:
         "observes",
         f"the environment's observation of {' or '.join(map(str, policy.observation_sizes))} numbers{memory}",
     )
+    if vehicle := card.get("vehicle"):
+        yield "commands", f"{vehicle} by the interface {card['interface']}"
     if card["action_repeat"] > 1:
         yield "acts", f"every {card['action_repeat']} control steps"
     if {"settings", "score"} <= card.keys():
