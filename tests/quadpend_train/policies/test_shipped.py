@@ -17,7 +17,6 @@ LEARNERS = (
     "sac-gain-scheduling",
     "ppo-gain-scheduling-hover",
     "sac-gain-scheduling-hover",
-    "ppo-hummingbird",
 )
 FILES = sorted(SHIPPED.glob("*.npz"))
 
