@@ -13,8 +13,9 @@ substep of the integration
 3. the thrust of each rotor follows its command as a first-order lag, exactly integrated, with one time constant for
    rising and one for falling thrust.
 
-`rate_loop_gains` places the two poles of (1) and of the lag at one point, such that after a small step of ω_c the rate
-has covered 63 % of it after the stated time constant, whatever the lag. Without lag the loop is of first order.
+`rate_loop_gains` chooses the gains such that after a small step of ω_c the rate has covered 63 % of it after the stated
+time constant. It places the two poles of (1) and of the lag at one point if that is faster than k_τ = 0 allows; a slower
+loop has k_τ = 0. A step is small if no thrust reaches its limit.
 
 A vehicle without rotors has the thrust and the three torques themselves in place of four thrusts.
 """
@@ -82,9 +83,10 @@ def rate_loop_gains(time_constant: float, lag: float, step: float) -> tuple[floa
         lag: Time constant of the rotors, s; 0 for none.
         step: Length of a substep, s.
     """
-    decay = np.exp(-step / lag) if lag > 0.0 else 0.0
-    if decay < 1e-6:
-        return float(-np.expm1(-step / time_constant) / step), 0.0
+    decay, slow = np.exp(-step / lag) if lag > 0.0 else 0.0, 2.0 * _RISE * lag
+    if decay < 1e-6 or time_constant > slow:
+        speed_up = 1.0 + (0.5 * _RISE - 1.0) * (slow / time_constant) ** 2
+        return float(-speed_up * np.expm1(-step / time_constant) / step), 0.0
     pole = np.exp(-_RISE * step / time_constant)
     rate_gain = (1.0 - pole) ** 2 / ((1.0 - decay) * step)
     reach = step - lag * (1.0 - decay)

@@ -20,18 +20,19 @@ class Pole:
 
     mass: float  # m, kg, 10⁻⁵ to 10³
     length: float  # l, m, pivot to centre of mass, 0.01 to 20
-    inertia: float = 0.0  # J, kg·m², transverse, about the pole's own centre of mass; at most 10 m l²
+    inertia: float = 0.0  # J, kg·m², transverse, about the pole's own centre of mass; at most m extent²/4
     drag_area: float = 0.0  # m², C_d A, at most 10
-    extent: float | None = None  # m, full length from the pivot, for pictures; None: 2 l
+    extent: float | None = None  # m, full length from the pivot; None: 2 l
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
         check_number(self.mass, "pole.mass", 1e-5, 1e3)
         check_number(self.length, "pole.length", 0.01, 20.0)
-        check_number(self.inertia, "pole.inertia", 0.0, 10.0 * self.mass * self.length**2)
         check_number(self.drag_area, "pole.drag_area", 0.0, 10.0)
         if self.extent is not None:
             check_number(self.extent, "pole.extent", self.length, 40.0)
+        extent = 2.0 * self.length if self.extent is None else self.extent
+        check_number(self.inertia, "pole.inertia", 0.0, 0.25 * self.mass * extent**2)
 
     @property
     def equivalent_length(self) -> float:

@@ -15,6 +15,8 @@ from quadpend_gym.vehicles.parts import Drag, Pole, RateLoop, Rotors
 from quadpend_gym.vehicles.poles import as_pole
 
 ATTITUDES = ("rigid", "euler")
+_MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
+_FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
 
 
 @dataclass(frozen=True)
@@ -100,8 +102,13 @@ class Vehicle:
 
     @property
     def stiffness(self) -> float:
-        """K = (M + m) g / (M λ), 1/s², with the pole's `equivalent_length` λ; an upright pole falls at the rate √K."""
-        return self.weight / (self.mass * self.pole.equivalent_length)
+        """K = (M + m) g / (M' λ), 1/s²: an upright pole falls at the rate √K if the body stays level.
+
+        λ is the pole's `equivalent_length`. M' = M + m − m l/λ includes the part of its mass that moves with the pivot.
+        """
+        length = self.pole.equivalent_length
+        moved = self.mass + self.pole.mass * (1.0 - self.pole.length / length)
+        return self.weight / (moved * length)
 
     @property
     def parameters(self) -> Parameters:
@@ -232,8 +239,14 @@ def _check_rotors(vehicle: Vehicle) -> None:
             f" other (for example neighbours with opposite spins), not {rotors.positions!r} with {rotors.spins!r}"
         )
     hover = hover_thrusts(vehicle)
-    if not (low < hover.min() and hover.max() < high):
+    if not (low < (1.0 - _MARGIN) * hover.min() and (1.0 + _MARGIN) * hover.max() < high):
         raise ValueError(
             "rotors.positions, rotors.spins and pivot must allow hover within rotors.thrust of"
-            f" {low:g} to {high:g} N, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
+            f" {low:g} to {high:g} N and a margin of {_MARGIN:.0%}, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
+        )
+    lag = 0.5 * (rotors.lag_up + (rotors.lag_up if rotors.lag_down is None else rotors.lag_down))
+    if vehicle.rate_loop is not None and vehicle.rate_loop.time_constant < _FASTEST_LOOP * lag:
+        raise ValueError(
+            f"rate_loop.time_constant must be at least half the rotors' lag of {lag:g} s, not"
+            f" {vehicle.rate_loop.time_constant:g} s"
         )
