@@ -180,7 +180,7 @@ GAINS: dict[str, Any] = {
         far_attitude_bandwidth=7.08,
         near=0.179,
         estimator=EstimatorGains(
-            rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06, mass_time=0.3
+            rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06, mass_time=1.0
         ),
     ),
     "mppi": MppiGains(
