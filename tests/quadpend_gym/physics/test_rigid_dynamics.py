@@ -81,8 +81,7 @@ def test_a_symmetric_top_precesses_as_its_analytic_solution() -> None:
 def test_an_asymmetric_top_keeps_angular_momentum_and_energy() -> None:
     """The body rate starts near the middle axis, so that the body tumbles."""
     drift = asymmetric_drift(10_000)
-    assert drift["momentum"] <= 1e-8
-    assert drift["energy"] <= 1e-8
+    assert max(drift.values()) <= 1e-11
 
 
 def asymmetric_drift(steps: int) -> dict[str, float]:

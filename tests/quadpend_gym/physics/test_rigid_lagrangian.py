@@ -53,7 +53,7 @@ def derived() -> SimpleNamespace:
     # Virtual work: forces act along the displacements of both centres of mass, the torques along the rotation.
     forces = body.jacobian(q).T * (force + u * rotation * E3) + pole.jacobian(q).T * bob_force
     forces += spin.jacobian(q_dot).T * (torque + rotation.T * world_torque)
-    bias = (rate(momentum) - lagrangian.jacobian(q).T).subs(dict.fromkeys(q_ddot, 0))
+    bias = momentum.jacobian(q) * q_dot - lagrangian.jacobian(q).T  # the Euler–Lagrange equations without q̈
     arguments = [list(v) for v in (q, q_dot, q_ddot, [*scalars, *inertia, *pivot], [u, *inputs])]
     outputs = {
         "mass": momentum.jacobian(q_dot),

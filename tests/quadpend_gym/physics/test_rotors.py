@@ -143,7 +143,7 @@ def test_the_rate_loop_reaches_its_time_constant_whatever_the_lag(lag_ratio: flo
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_the_rate_loop_of_a_preset_reaches_its_time_constant(name: str) -> None:
-    vehicle = replace(VEHICLES[name], pole=LIGHT, pivot=(0.0, 0.0, 0.0))
-    simulation = Simulation(vehicle=vehicle, interface="body_rates", period=0.002, substeps=1)
+    """With its pole on its pivot."""
+    simulation = Simulation(vehicle=name, interface="body_rates", period=0.002, substeps=1)
     for axis in range(3):
-        assert rise_time(simulation, axis) == pytest.approx(vehicle.rate_loop.time_constant, rel=0.05)
+        assert rise_time(simulation, axis) == pytest.approx(VEHICLES[name].rate_loop.time_constant, rel=0.05)
