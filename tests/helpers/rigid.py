@@ -22,7 +22,7 @@ from quadpend_gym.physics.rigid_kernel import (
 from quadpend_gym.physics.rigid_settings import pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.physics.vectors import axpy, load, scale, store
-from quadpend_gym.vehicles import Pole, Rotors, Vehicle
+from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Vehicle
 from tests.helpers.physics import random_states
 
 SPINS = (1, -1, 1, -1)
@@ -55,6 +55,7 @@ def random_vehicle(seed: int, with_rotors: bool = False, **fields: Any) -> Vehic
         "pivot": tuple(rng.uniform(-0.08, 0.08, 3).tolist()),
         "rotors": random_rotors(rng, 9.81 * (mass + pole_mass)) if with_rotors else None,
         "torque": (10.0, 10.0),
+        "rate_loop": RateLoop(0.1),
     }
     return Vehicle(f"random-{seed}", float(mass), **{**given, **fields})
 

@@ -132,7 +132,7 @@ def rise_time(simulation: Simulation, axis: int) -> float:
 
 
 @pytest.mark.parametrize("step", [0.001, 0.002, 0.005])
-@pytest.mark.parametrize("lag_ratio", [0.0, 0.4, 1.0, 2.0])
+@pytest.mark.parametrize("lag_ratio", [0.0, 0.1, 0.4, 1.0, 2.0])
 def test_the_rate_loop_reaches_its_time_constant_whatever_the_lag(lag_ratio: float, step: float) -> None:
     vehicle = random_vehicle(3, with_rotors=True, pole=LIGHT, pivot=(0.0, 0.0, 0.0), rate_loop=RateLoop(0.05))
     vehicle = replace(vehicle, rotors=replace(vehicle.rotors, lag_up=0.05 * lag_ratio))
