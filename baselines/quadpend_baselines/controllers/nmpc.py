@@ -163,7 +163,8 @@ class Nmpc:
     def _later(self, plan: Floats) -> Floats:
         """Return the plan one control step later, by linear interpolation between its periods; (n, periods, …)."""
         following = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
-        return np.asarray(plan + self.simulation.period / self.gains.period * (following - plan))
+        share = min(self.simulation.period / self.gains.period, 1.0)
+        return np.asarray(plan + share * (following - plan))
 
     def _linear_feedback_plan(self, estimate: Estimate, horizon: Horizon) -> tuple[Floats, Floats]:
         """Return X and U of the motion from the estimated states under the feedback of the LQR, within the limits."""
