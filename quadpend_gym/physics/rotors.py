@@ -14,8 +14,8 @@ substep of the integration
    rising and one for falling thrust.
 
 `rate_loop_gains` chooses the gains such that after a small step of ω_c the rate has covered 63 % of it after the stated
-time constant. It places the two poles of (1) and of the lag at one point if that is faster than k_τ = 0 allows; a slower
-loop has k_τ = 0. A step is small if no thrust reaches its limit.
+time constant. It places the two poles of (1) and of the lag at one point if that is faster than k_τ = 0 allows; a
+slower loop has k_τ = 0. A step is small if no thrust reaches its limit.
 
 A vehicle without rotors has the thrust and the three torques themselves in place of four thrusts.
 """
