@@ -77,12 +77,13 @@ class Loop:
     @property
     def lag(self) -> float:
         """Sum of the time constants of the compensated lags, s."""
-        return sum(min(model.time_constant, FASTEST_LAG) for model in self.actuators if isinstance(model, MotorLag))
+        lags = [min(model.time_constant, FASTEST_LAG) for model in self.actuators if isinstance(model, MotorLag)]
+        return float(sum(lags))
 
     @property
     def memory_size(self) -> int:
         """Number of floats that `act` stores for each row."""
-        return self.steps * ACTION_SIZE + sum(model.memory_size for model in self.actuators)
+        return self.steps * ACTION_SIZE + sum(int(model.memory_size) for model in self.actuators)
 
     def act(self, action: Floats32, memory: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
         """Return the action that acts in a control step, shape (n, 4), and the memory after this step.

@@ -38,11 +38,12 @@ def test_loop_acts_as_the_actuators_in_any_order() -> None:
 def test_slow_lag_is_compensated_to_the_fastest_one() -> None:
     loop, fast = Loop(actuators=(MotorLag(0.06),)), MotorLag(FASTEST_LAG)
     memory, expected = np.zeros((3, 4)), np.zeros((3, 4), order="F")
+    streams = Streams(np.zeros(3, np.uint64))
     for wanted in 0.1 * ACTIONS:
         sent = loop.compensate(wanted, memory, SIMULATION.period)
         assert np.abs(sent).max() < 1.0
         _, memory = loop.act(sent, memory, SIMULATION)
-        fast.act(np.asfortranarray(wanted, np.float64), expected, np.zeros(3), SIMULATION, Streams(np.zeros(3)))
+        fast.act(np.asfortranarray(wanted, np.float64), expected, np.zeros(3, np.int64), SIMULATION, streams)
         assert_allclose(memory, expected, atol=1e-6)
     assert_array_equal(Loop(actuators=(fast,)).compensate(wanted, memory, SIMULATION.period), wanted)
 
