@@ -22,7 +22,7 @@ which makes no difference at ψ = 0.
 
 For rigid vehicles, F, r and the parameters in (1) to (3) are those of the equivalent pendulum (`modelling.equivalent`).
 The controller follows the rotor thrusts by their nominal lag, which gives the mean thrust and torques of a period, and
-takes the body rates from its observers. It does not know the latency.
+takes the body rates from the observation, or from its observers if they are not measured. It does not know the latency.
 """
 
 from collections.abc import Callable
@@ -46,6 +46,7 @@ from quadpend_gym import Parameters, Simulation, read_observation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, Disturbance, State
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
 GainsOrFunction = AdrcGains | Callable[[Simulation], AdrcGains]
 # Observers in the bank: Luenberger stages of x and y, DESOs of x and y, height, yaw.
@@ -195,7 +196,8 @@ class ADRC:
     ) -> tuple[Floats32, AdrcMemory]:
         """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
-        measurement = measurement_from_observation(np.atleast_2d(np.asarray(observation, np.float32)))
+        observation = np.atleast_2d(np.asarray(observation, np.float32))
+        measurement = measurement_from_observation(observation)
         measurement = self._equivalent_measurement(measurement)
         outputs = self.observer_outputs(measurement)
         estimate = self.initial_estimate(measurement, outputs)
@@ -208,7 +210,9 @@ class ADRC:
             estimate = np.where(started[:, np.newaxis, np.newaxis], estimate, updated)
         command = self.command(measurement, estimate)
         if self.simulation.is_rigid:
-            action, memory = self._rigid_action(measurement, estimate, command, state, started)
+            action, memory = self._rigid_action(
+                measurement, estimate, command, self._euler_rate(observation, measurement, estimate), state, started
+            )
             return (action[0] if single else action), memory
         action, command = to_action(command, self.simulation)
         return (action[0] if single else action), AdrcMemory(estimate, command, measurement)
@@ -223,8 +227,26 @@ class ADRC:
         error[:, :2] += offset - reference_offset(reference, self.simulation)
         return measurement._replace(error=error, reference=design_reference(reference, self.simulation))
 
+    def _euler_rate(self, observation: Floats32, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
+        """Return the rates of φ, θ, ψ, rad/s, shape (n, 3): measured, or estimated if they are not measured."""
+        if observation.shape[1] == OBSERVATION_SIZE:
+            return read_observation(observation, "euler_rate")
+        # The rates of r and n follow from F⁽³⁾ = g σ̇ and from the rate of F₅.
+        third = measurement.reference_derivative(3)[:, :2] + estimate[:, _LUENBERGER, 3]
+        fifth = measurement.reference_derivative(5)[:, :2] + estimate[:, _HORIZONTAL, _RATE]
+        tilt_rate = third / self._parameters.gravity - fifth / self._stiffness
+        pitch_rate, roll_rate = (rotate(tilt_rate, -measurement.yaw, 0) * [1.0, -1.0]).T
+        rates = np.column_stack([roll_rate, pitch_rate, estimate[:, _YAW, _RATE]])
+        return np.clip(rates, -_MAX_RATE, _MAX_RATE)
+
     def _rigid_action(
-        self, measurement: AdrcMeasurement, estimate: Floats, command: Floats, before: Any, started: Booleans
+        self,
+        measurement: AdrcMeasurement,
+        estimate: Floats,
+        command: Floats,
+        euler_rate: Floats,
+        before: Any,
+        started: Booleans,
     ) -> tuple[Floats32, AdrcMemory]:
         """Return the actions and the memory of rigid vehicles for thrust and torques for the Euler angles."""
         simulation, rows = self.simulation, len(command)
@@ -233,13 +255,7 @@ class ADRC:
         pitch, roll = (rotate(measurement.tilt, -measurement.yaw, 0) * [1.0, -1.0]).T
         s.euler[:] = np.column_stack([roll, pitch, measurement.yaw])
         s.direction[:] = measurement.direction
-        # The rates of r and n follow from F⁽³⁾ = g σ̇ and from the rate of F₅.
-        third = measurement.reference_derivative(3)[:, :2] + estimate[:, _LUENBERGER, 3]
-        fifth = measurement.reference_derivative(5)[:, :2] + estimate[:, _HORIZONTAL, _RATE]
-        tilt_rate = third / simulation.parameters.gravity - fifth / self._stiffness
-        pitch_rate, roll_rate = (rotate(tilt_rate, -measurement.yaw, 0) * [1.0, -1.0]).T
-        rates = np.column_stack([roll_rate, pitch_rate, estimate[:, _YAW, _RATE]])
-        s.euler_rate[:] = np.clip(rates, -_MAX_RATE, _MAX_RATE)
+        s.euler_rate[:] = euler_rate
         body = body_command(state, command, np.zeros((rows, DISTURBANCE_SIZE)), simulation)
         rigid = rigid_from_state(state, simulation)
         if not started.all():

@@ -8,7 +8,7 @@ demanded ones:
     (1)  w_c = w + (w_d − w)/(1 − (L/H)(1 − exp(−H/L)))                  thrust and torques; w: present, w_d: demanded
     (2)  ω_c = ω + (α_d − b α)/a,     ω(H) − ω = H (a (ω_c − ω) + b α)   body rates; α = I⁻¹(τ − τ₀ − ω × I ω)
 
-L is the time constant of the rotors. H is the control period, but at least 2 L: a shorter one makes commands that
+L is the time constant of the rotors. H is the control period, but at least L: a shorter one makes commands that
 oscillate from one period to the next. Without lag, (1) is w_c = w_d.
 """
 
@@ -25,7 +25,7 @@ from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, after, alloca
 from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, add, apply, axpy, cross, inverse, load, load_four, multiply
 
-_LAGS = 2.0  # H in units of L
+_LAGS = 1.0  # H in units of L
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,6 @@ import json
 import shlex
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,9 @@ from optuna.storages.journal import JournalFileBackend
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, replace_gains
 from quadpend_baselines.policy.rollout import rollout
+from quadpend_gym import Simulation
 from quadpend_gym.core.validation import check_int, suggest
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
@@ -106,12 +106,14 @@ SEARCH_SPACES: dict[str, dict[str, SearchRange]] = {
 }
 
 
-def replace_gains(gains: Any, values: dict[str, float]) -> Any:
-    """Return gains with some fields replaced; the key ``a.b`` stands for field b of field a."""
-    for path, value in values.items():
-        name, _, rest = path.partition(".")
-        gains = replace(gains, **{name: replace_gains(getattr(gains, name), {rest: value}) if rest else value})
-    return gains
+def search_space(name: str, simulation: Simulation) -> dict[str, SearchRange]:
+    """Return the ranges of the search; those of rigid vehicles are relative to the present gains of the vehicle."""
+    ranges = SEARCH_SPACES[name]
+    if not simulation.is_rigid:
+        return ranges
+    gains = gains_for(name, simulation)
+    now = {path: read_gain(gains, path) for path in ranges}
+    return {path: (now[path] * low / at, now[path] * high / at, now[path]) for path, (low, high, at) in ranges.items()}
 
 
 def loss(results: EpisodeResults) -> float:
@@ -180,12 +182,13 @@ def search(
     folder.mkdir(parents=True, exist_ok=True)
     file = JournalFileBackend(str(folder / f"{name}.log"))
     hashes = [scenario_hash(scenario) for scenario in _find_all(scenarios)]
-    start = {path: first for path, (_, _, first) in SEARCH_SPACES[name].items()}
+    space = search_space(name, _find_all(scenarios)[0].simulation)
+    start = {path: first for path, (_, _, first) in space.items()}
     with warnings.catch_warnings():  # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
         warnings.simplefilter("ignore", FutureWarning)
         sampler = optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
     study = optuna.create_study(
-        study_name=json.dumps([name, episodes, seed, SEARCH_SPACES[name], hashes, code_stamp()]),
+        study_name=json.dumps([name, episodes, seed, space, hashes, code_stamp()]),
         storage=JournalStorage(file),
         sampler=sampler,
         load_if_exists=True,
@@ -199,12 +202,11 @@ def search(
 
 def _objective(name: str, episodes: int, scenarios: Sequence[str]) -> Callable[[optuna.Trial], float]:
     env, simulation = training_scenarios(episodes, scenarios), _find_all(scenarios)[0].simulation
+    space, present = search_space(name, simulation), gains_for(name, simulation)
 
     def objective(trial: optuna.Trial) -> float:
-        values = {
-            path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in SEARCH_SPACES[name].items()
-        }
-        policy = CONTROLLER_FACTORIES[name](replace_gains(GAINS[name], values), simulation)
+        values = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in space.items()}
+        policy = CONTROLLER_FACTORIES[name](replace_gains(present, values), simulation)
         return loss(run_training_scenarios(policy, env, TUNING_SEED, scenarios))
 
     return objective
@@ -251,9 +253,10 @@ def tune(
     study = search(name, trials, episodes, seed, folder, scenarios)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
     simulation = _find_all(scenarios)[0].simulation
+    present = gains_for(name, simulation)
     before, after = (
         score(CONTROLLER_FACTORIES[name](gains, simulation), scenarios=scenarios)
-        for gains in (GAINS[name], replace_gains(GAINS[name], values))
+        for gains in (present, replace_gains(present, values))
     )
     command = f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}"
     found = {

@@ -1,0 +1,77 @@
+"""The equivalent point-mass pendulum, and the inverse dynamics of the attitude."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from quadpend_baselines.modelling import equivalent
+from quadpend_baselines.modelling.inverse_dynamics import body_torques
+from quadpend_gym import Simulation
+from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.rigid_settings import hover_wrench
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, State
+from quadpend_gym.vehicles import Drag, Pole, Vehicle
+from tests.helpers import rigid
+
+POLE = Pole(0.1, 0.4, 0.3 * 0.1 * 0.4**2)
+BODY = Vehicle("body", 0.5, (0.004, 0.003, 0.006), POLE, torque=(1.0, 1.0))
+
+
+def test_the_papers_vehicle_is_its_own_equivalent() -> None:
+    simulation, reference = Simulation(), np.ones((2, 5, 3))
+    disturbance, command = np.ones((2, DISTURBANCE_SIZE)), np.ones((2, 4))
+    assert equivalent.design_parameters(simulation) is simulation.parameters
+    assert equivalent.design_simulation(simulation) is simulation
+    assert equivalent.design_reference(reference, simulation) is reference
+    assert equivalent.design_disturbance(disturbance, simulation) is disturbance
+    assert equivalent.body_command(np.ones((2, 18)), command, disturbance, simulation) is command
+
+
+@pytest.mark.parametrize("disturbance", [np.zeros(9), np.array([0.02, 0.0, 0.1, 0.01, 0.02, 0.05, 0.0, 0.0, 0.0])])
+def test_a_pole_with_inertia_moves_like_the_equivalent_point_mass(disturbance: np.ndarray) -> None:
+    simulation = Simulation(vehicle=BODY, period=0.3, substeps=30)
+    state = rigid.at_rest(1)
+    State(state).direction[:] = [0.03, -0.02, np.sqrt(1.0 - 0.03**2 - 0.02**2)]
+    design = state.copy()
+    torque = np.array([1e-4, -2e-4, 1e-4])
+    flight = rigid.start(simulation, state).after(np.array([0.1, *torque]), disturbance)
+    p = equivalent.design_parameters(simulation)
+    acting = equivalent.design_disturbance(disturbance[np.newaxis], simulation)
+    command = np.array([[1.1 * p.hover_thrust, *torque]])
+    advance(design, command, acting, p.as_array()[np.newaxis], 0.3, 30)
+    assert_allclose(flight.state, design, atol=2e-5)
+
+
+def test_the_torques_make_the_demanded_accelerations() -> None:
+    vehicle = rigid.random_vehicle(3, drag=Drag(angular=(1e-3, 2e-3, 3e-3)))
+    simulation = Simulation(vehicle=vehicle, period=1e-5, substeps=1)
+    flight = rigid.start_tumbling(simulation, 5, 7, 0.5)
+    rng = np.random.default_rng(0)
+    wanted, disturbance = rng.normal(size=(5, 3)), rng.normal(size=(5, DISTURBANCE_SIZE))
+    disturbance[:, :3] *= 0.1
+    hover, scale = hover_wrench(simulation), simulation.command_scale
+    torques = body_torques(flight.state, wanted, np.full(5, hover[0]), disturbance, simulation)
+    action = np.column_stack([np.zeros(5), (torques - hover[1:]) / scale[1:]])
+    assert np.abs(action).max() < 1.0
+    after = flight.after(action, disturbance)
+    assert_allclose((after.named.euler_rate - flight.named.euler_rate) / 1e-5, wanted, atol=5e-3)
+
+
+def test_the_wanted_flat_output_of_a_raised_pivot_is_that_of_the_equations() -> None:
+    """For slow motion, F and its derivatives solve (1) and (2) with F_d = ζ + l r."""
+    simulation = Simulation(vehicle=replace(BODY, pivot=(0.0, 0.0, 0.06)))
+    (p, share, a, b), mu = equivalent.equivalent_model(simulation), 0.0
+    mu = share / (1.0 - share)
+    w = 0.3  # rad/s
+    powers = np.array([(1j * w) ** i for i in range(2, 7)])
+    sigma = powers[0] / p.gravity
+    t = sigma - sigma * powers[0] / p.chain_stiffness
+    s = (1.0 + mu) * sigma - mu * t
+    tracked = 1.0 - a * s - b * t  # F_d for F = exp(i w t)
+    reference = np.zeros((1, 5, 3))
+    reference[0, :, 0] = np.real(powers * tracked)
+    found = equivalent.design_reference(reference, simulation)[0, 0, 0]
+    assert found == pytest.approx(np.real(powers[0]), rel=1e-4)
+    assert np.abs(reference[0, 0, 0] - np.real(powers[0])) > 1e-3 * w**2
