@@ -206,8 +206,51 @@ def without_prediction(gains: Any) -> Any:
 GAINS |= {f"{name}{UNPREDICTED}": without_prediction(GAINS[name]) for name in ("flatness", "lqr")}
 
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
-# those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`.
-RIGID_GAINS: dict[str, tuple[Any, str]] = {}
+# those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`. They were set by hand
+# on scenarios of `training-hummingbird` and on a `crazyflie` in wind.
+RIGID_GAINS: dict[str, tuple[Any, str]] = {
+    "lqr": (
+        LqrGains(
+            position=0.0733,
+            velocity=0.602,
+            angle=3.81,
+            angle_rate=2.01,
+            reach=4.1,
+            estimator=EstimatorGains(rate_noise=0.00424, force_walk=0.17, bob_force_walk=0.000447, torque_walk=0.0219),
+        ),
+        "hummingbird",
+    ),
+    "lqi": (
+        LqrGains(
+            position=0.0975,
+            velocity=0.413,
+            angle=3.01,
+            angle_rate=1.53,
+            reach=2.11,
+            integral=0.129,
+            integral_limit=4.17,
+            estimator=EstimatorGains(rate_noise=0.00264, force_walk=0.34, bob_force_walk=0.000896, torque_walk=0.00066),
+        ),
+        "hummingbird",
+    ),
+    "flatness": (
+        FlatnessGains(
+            position_bandwidth=2.99,
+            pendulum_bandwidth=3.88,
+            attitude_bandwidth=11.0,
+            damping=0.602,
+            vertical_bandwidth=3.34,
+            acceleration=2.29,
+            velocity=1.41,
+            lean=1.05,
+            far_pendulum_bandwidth=2.01,
+            far_attitude_bandwidth=7.79,
+            near=0.179,
+            estimator=EstimatorGains(rate_noise=0.00393, force_walk=0.103, bob_force_walk=0.0476, torque_walk=0.022),
+        ),
+        "hummingbird",
+    ),
+}
 
 # The searches. The gains without an entry are the paper's or derived from those of another controller.
 TUNED: dict[str, Tuning] = {
