@@ -94,7 +94,7 @@ def test_reset_options_set_attitude_and_body_rate_of_a_rigid_vehicle() -> None:
     env.reset(seed=0, options={"state": state})
     flight, action = start(simulation, env.world.state), draw_actions(3)
     env.step(action)
-    assert_array_equal(env.world.state, flight.after(action).state)
+    assert_array_equal(env.world.state, flight.after(action.astype(np.float64)).state)
     assert_allclose(flight.named.euler[0], state["euler"])
 
 

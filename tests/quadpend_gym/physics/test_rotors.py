@@ -16,7 +16,7 @@ from quadpend_gym.physics.rigid_settings import hover_thrusts_of, pack_rigid, un
 from quadpend_gym.physics.rotors import allocate
 from quadpend_gym.physics.vectors import load_four, store_four
 from quadpend_gym.vehicles import VEHICLES, Pole, RateLoop, Vehicle, mixing
-from tests.helpers.rigid import at_rest, random_vehicle, start
+from tests.helpers.rigid import at_rest, random_vehicle, rotors_of, start
 
 PRESETS = [name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid"]
 LIGHT = Pole(1e-5, 0.01)
@@ -38,7 +38,7 @@ def allocated(wrench: Floats, vehicle: Vehicle) -> Floats:
 
 def draw_wrenches(vehicle: Vehicle, rows: int, seed: int) -> Floats:
     """Draw thrusts and torques, about half of them out of reach, shape (rows, 4)."""
-    low, high = vehicle.rotors.thrust
+    low, high = rotors_of(vehicle).thrust
     rng = np.random.default_rng([8, seed])
     within = rng.uniform(low, high, (rows, 4)) @ mixing(vehicle).T
     return np.asarray(within * rng.choice([0.3, 1.0, 2.0], (rows, 4)))
@@ -48,7 +48,7 @@ def draw_wrenches(vehicle: Vehicle, rows: int, seed: int) -> Floats:
 def test_a_reachable_wrench_is_allocated_exactly_and_every_thrust_is_within_its_limits(seed: int) -> None:
     vehicle = random_vehicle(seed, with_rotors=True)
     wrenches = draw_wrenches(vehicle, 500, seed)
-    low, high = vehicle.rotors.thrust
+    low, high = rotors_of(vehicle).thrust
     thrusts, exact = allocated(wrenches, vehicle), np.linalg.solve(mixing(vehicle), wrenches.T).T
     reachable = np.all((exact >= low) & (exact <= high), axis=-1)
     assert 20 < reachable.sum() < 480
@@ -61,7 +61,7 @@ def test_a_reachable_wrench_is_allocated_exactly_and_every_thrust_is_within_its_
 def test_yaw_is_given_up_first_then_thrust_then_roll_and_pitch(seed: int) -> None:
     """A linear programme finds the largest share of roll and pitch, and the nearest thrust, that are reachable."""
     vehicle = random_vehicle(seed, with_rotors=True)
-    low, high = vehicle.rotors.thrust
+    low, high = rotors_of(vehicle).thrust
     lift, roll, pitch, yaw = np.linalg.inv(mixing(vehicle)).T
     wrenches = draw_wrenches(vehicle, 40, seed)
     exact = np.linalg.solve(mixing(vehicle), wrenches.T).T
@@ -71,7 +71,9 @@ def test_yaw_is_given_up_first_then_thrust_then_roll_and_pitch(seed: int) -> Non
         # Variables: share of the tilt and total thrust, without yaw.
         sides = np.concatenate([np.column_stack([wanted, lift]), -np.column_stack([wanted, lift])])
         bounds = np.concatenate([np.full(4, high), np.full(4, -low)])
-        share = linprog([-1.0, 0.0], sides, bounds, bounds=[(0.0, 1.0), (None, None)]).x[0]
+        solution = linprog([-1.0, 0.0], sides, bounds, bounds=[(0.0, 1.0), (None, None)]).x
+        assert solution is not None
+        share = solution[0]
         assert_allclose(tilt, share * wrench[1:3], rtol=1e-6, atol=1e-9)
         room = np.sort(np.array([low, high])[:, None] - share * wanted, axis=0) / lift
         nearest = np.clip(wrench[0], room[0].max() - 1e-9, room[1].min() + 1e-9)
@@ -82,14 +84,14 @@ def test_yaw_is_given_up_first_then_thrust_then_roll_and_pitch(seed: int) -> Non
 
 def test_thrusts_follow_their_commands_as_first_order_lags_that_differ_up_and_down() -> None:
     vehicle = random_vehicle(1, with_rotors=True)
-    rotors = replace(vehicle.rotors, lag_up=0.03, lag_down=0.08)
+    rotors = replace(rotors_of(vehicle), lag_up=0.03, lag_down=0.08)
     simulation = Simulation(vehicle=replace(vehicle, rotors=rotors), interface="rotors", period=0.05, substeps=10)
     action = np.array([0.7, -0.6, 0.2, -0.1])
     hover, (low, high) = hover_thrusts_of(simulation), rotors.thrust
     wanted = np.where(action > 0.0, hover + action * (high - hover), hover + action * (hover - low))
 
     def rate(_: float, thrust: Floats) -> Floats:
-        return np.asarray((wanted - thrust) / np.where(wanted > thrust, rotors.lag_up, rotors.lag_down))
+        return np.asarray((wanted - thrust) / np.where(wanted > thrust, 0.03, 0.08))
 
     exact = solve_ivp(rate, (0.0, 0.05), hover, rtol=1e-10, atol=1e-12).y[:, -1]
     after = start(simulation, at_rest()).after(action)
@@ -99,12 +101,12 @@ def test_thrusts_follow_their_commands_as_first_order_lags_that_differ_up_and_do
 @pytest.mark.parametrize(("action", "place"), [(-1.0, "lowest"), (0.0, "hover"), (1.0, "highest")])
 def test_the_rotors_interface_commands_lowest_hover_and_highest_thrusts(action: float, place: str) -> None:
     vehicle = random_vehicle(2, with_rotors=True)
-    vehicle = replace(vehicle, rotors=replace(vehicle.rotors, lag_up=0.0))
+    vehicle = replace(vehicle, rotors=replace(rotors_of(vehicle), lag_up=0.0))
     simulation = Simulation(vehicle=vehicle, interface="rotors")
-    low, high = vehicle.rotors.thrust
+    low, high = rotors_of(vehicle).thrust
     thrusts = start(simulation, at_rest()).after(np.full(4, action)).memory[0, ROTOR_THRUST:]
-    expected = {"lowest": low, "hover": hover_thrusts_of(simulation), "highest": high}[place]
-    assert_allclose(thrusts, np.broadcast_to(expected, 4), rtol=1e-12)
+    expected = {"lowest": np.full(4, low), "hover": hover_thrusts_of(simulation), "highest": np.full(4, high)}
+    assert_allclose(thrusts, expected[place], rtol=1e-12)
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
@@ -126,7 +128,7 @@ def rise_time(simulation: Simulation, axis: int) -> float:
         flight, time = flight.after(action), time + simulation.period
         share = flight.memory[0, BODY_RATE + axis] / (1e-3 * limit)
         if share >= 1.0 - np.exp(-1.0):
-            return time - simulation.period * (share - 1.0 + np.exp(-1.0)) / (share - last)
+            return float(time - simulation.period * (share - 1.0 + np.exp(-1.0)) / (share - last))
         last = share
     return np.inf
 
@@ -135,7 +137,7 @@ def rise_time(simulation: Simulation, axis: int) -> float:
 @pytest.mark.parametrize("lag_ratio", [0.0, 0.1, 0.4, 1.0, 2.0])
 def test_the_rate_loop_reaches_its_time_constant_whatever_the_lag(lag_ratio: float, step: float) -> None:
     vehicle = random_vehicle(3, with_rotors=True, pole=LIGHT, pivot=(0.0, 0.0, 0.0), rate_loop=RateLoop(0.05))
-    vehicle = replace(vehicle, rotors=replace(vehicle.rotors, lag_up=0.05 * lag_ratio))
+    vehicle = replace(vehicle, rotors=replace(rotors_of(vehicle), lag_up=0.05 * lag_ratio))
     simulation = Simulation(vehicle=vehicle, interface="body_rates", period=step, substeps=1)
     for axis in range(3):
         assert rise_time(simulation, axis) == pytest.approx(0.05, rel=0.05)
