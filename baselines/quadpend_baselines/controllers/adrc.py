@@ -237,7 +237,7 @@ class ADRC:
         tilt_rate = third / self._parameters.gravity - fifth / self._stiffness
         pitch_rate, roll_rate = (rotate(tilt_rate, -measurement.yaw, 0) * [1.0, -1.0]).T
         rates = np.column_stack([roll_rate, pitch_rate, estimate[:, _YAW, _RATE]])
-        return np.clip(rates, -_MAX_RATE, _MAX_RATE)
+        return np.asarray(np.clip(rates, -_MAX_RATE, _MAX_RATE))
 
     def _rigid_action(
         self,

@@ -95,10 +95,9 @@ def to_action(command: Floats, simulation: Simulation, rigid: Floats | None = No
         Those of rigid vehicles leave out the lag of the rotors.
     """
     if simulation.is_rigid:
-        action, reached = rigid_actions(
-            command, hovering(len(command), simulation) if rigid is None else rigid, simulation
-        )
-        return np.clip(action, -1.0, 1.0).astype(np.float32), reached
+        start = hovering(len(command), simulation) if rigid is None else rigid
+        unlimited, reached = rigid_actions(command, start, simulation)
+        return np.clip(unlimited, -1.0, 1.0).astype(np.float32), reached
     scale = simulation.command_scale
     hover = scale * [1.0, 0.0, 0.0, 0.0]
     action = np.clip((command - hover) / scale, -1.0, 1.0).astype(np.float32)

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors, rigid_from_state
 from quadpend_gym.physics.rigid_settings import hover_wrench, make_rigid_settings, pack_rigid, unpack_rigid
@@ -102,8 +102,8 @@ def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tup
     """
     out, reached = np.empty_like(command), np.empty_like(command)
     response = np.array(_response(simulation))
-    arrays = (np.ascontiguousarray(array) for array in (command, rigid))
-    _rigid_actions(*arrays, pack_rigid(simulation), hover_wrench(simulation), response, out, reached)
+    wanted, start = np.ascontiguousarray(command), np.ascontiguousarray(rigid)
+    _rigid_actions(wanted, start, pack_rigid(simulation), hover_wrench(simulation), response, out, reached)
     return out, reached
 
 
@@ -136,7 +136,9 @@ def _rotor_response(
             omega = axpy(step, turn, omega)
 
 
-def rotor_response(action: Floats, rate: Floats, thrusts: Floats, simulation: Simulation) -> tuple[Floats, Floats]:
+def rotor_response(
+    action: Floats | Floats32, rate: Floats, thrusts: Floats, simulation: Simulation
+) -> tuple[Floats, Floats]:
     """Return the mean thrust (N) and torques (N·m) over a control period, and the rotor thrusts (N) at its end.
 
     The body rate changes by the nominal torques alone, as far as the on-board loop needs it.
