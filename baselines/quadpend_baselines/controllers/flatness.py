@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimator import Estimate, Measurement
+from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling import flat_outputs, taylor
 from quadpend_baselines.modelling.equivalent import (

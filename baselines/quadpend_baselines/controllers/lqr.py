@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
-from quadpend_baselines.estimation.estimator import Estimate, Measurement
+from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import LqrGains
 from quadpend_baselines.modelling.equivalent import body_command, design_simulation, reference_trajectory
 from quadpend_baselines.modelling.linear_model import (

@@ -25,7 +25,7 @@ import numpy as np
 
 from quadpend_baselines.controllers import mppi_kernel
 from quadpend_baselines.controllers.lqr import riccati, weights
-from quadpend_baselines.estimation.estimator import Estimate, Measurement
+from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import MppiGains
 from quadpend_baselines.modelling.equivalent import body_command, design_disturbance, design_simulation
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
