@@ -182,7 +182,8 @@ class Estimator:
         if valid.all():
             return updated
         initial = self.initial_estimate(measurement)._replace(age=np.where(bounded, updated.age, 0), loop=updated.loop)
-        return select_rows(valid, updated, initial)
+        selected: Estimate = select_rows(valid, updated, initial)
+        return selected
 
     def _update_mass(self, mass_ratio: Floats, disturbance: Floats) -> Floats:
         """Return μ̂ after equation (3), and change the vertical force in place."""
@@ -190,7 +191,7 @@ class Estimator:
             return mass_ratio
         weight, force = self.simulation.parameters.hover_thrust, disturbance[:, FORCE + 2]
         share = -np.expm1(-self.simulation.period / self.gains.mass_time)
-        updated = np.clip(mass_ratio - share * force / weight, *_MASS_RATIOS)
+        updated: Floats = np.clip(mass_ratio - share * force / weight, *_MASS_RATIOS)
         force += (updated - mass_ratio) * weight
         return updated
 

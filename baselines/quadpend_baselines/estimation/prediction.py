@@ -132,7 +132,8 @@ class Prediction:
         if simulation.is_rigid:
             rigid, switch = rigid.copy(), self._latency[1]
             before = estimate.loop[:, -4:] if switch else None
-            advance_rigid(state, rigid, action, estimate.disturbance, parameters, simulation, before, switch)
+            acting = action.astype(np.float64)
+            advance_rigid(state, rigid, acting, estimate.disturbance, parameters, simulation, before, switch)
             if switch:
                 memory = np.concatenate([memory, action], axis=1)
         else:

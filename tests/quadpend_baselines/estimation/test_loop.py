@@ -1,5 +1,7 @@
 """The known part of the loop: it acts as the actuators of the environment, and the lag is compensated."""
 
+from typing import Any
+
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -22,7 +24,7 @@ def test_loop_takes_the_models_whose_behaviour_is_known() -> None:
 
 
 def test_loop_acts_as_the_actuators_in_any_order() -> None:
-    actuators = [MotorLag(0.03), ActionDelay(2), RateLimit(30.0), ActionDelay(1)]
+    actuators: list[Any] = [MotorLag(0.03), ActionDelay(2), RateLimit(30.0), ActionDelay(1)]
     streams = Streams(np.zeros(3, np.uint64))
     memories = [np.zeros((3, model.memory_size), order="F") for model in actuators]
     loop = Loop.of((), actuators)
