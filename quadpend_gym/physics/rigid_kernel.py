@@ -1,9 +1,10 @@
 """Integration in time of rigid vehicles: the loop that advances a batch of states by one control period.
 
-A substep of length h first lets the on-board electronics convert the action to commanded rotor thrusts
+A substep first lets the on-board electronics convert the action to commanded rotor thrusts
 (`quadpend_gym.physics.rotors`). It then integrates attitude, body rate, direction and direction rate with the classical
 Runge–Kutta method (RK4) under the lagging thrusts, whose exact values at the start, the middle and the end of the
-substep are known. The centre of mass of both bodies follows from the same stages, so the linear momentum has no error.
+substep are known. The centre of mass of both bodies follows from the same stages, with Simpson's rule: the force at the
+pivot cancels exactly, and what remains is the error of this rule over the lagging thrust and the turning attitude.
 `quadpend_gym.physics.rigid_body` has the equations. At the end of a substep q and r are normalised, and ṙ is projected
 onto the plane perpendicular to r.
 
@@ -175,7 +176,7 @@ def _thrusts_after(start: Four, wanted: Four, rise: float, fall: float) -> Four:
 def _substep(
     state: Any, disturbance: Any, physics: Physics, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
 ) -> None:
-    """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
+    """Advance column `lane` by the time h (s); the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
     rotors = rigid.rotors
     start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
     thrusts_1 = _thrusts_after(start, wanted, rotors.rise.z, rotors.fall.z)
