@@ -176,7 +176,7 @@ def _thrusts_after(start: Four, wanted: Four, rise: float, fall: float) -> Four:
 def _substep(
     state: Any, disturbance: Any, physics: Physics, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
 ) -> None:
-    """Advance column `lane` by the time h (s); the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
+    """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
     rotors = rigid.rotors
     start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
     thrusts_1 = _thrusts_after(start, wanted, rotors.rise.z, rotors.fall.z)

@@ -11,10 +11,10 @@ is that of the simulation itself, with nominal parameters. L is the gain of the 
 over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
 constant.
 
-μ̂ is an effective ratio of weight to thrust, relative to the nominal one: equation (3) attributes every lasting vertical
-force to it, those of other masses and also those of slow vertical wind and of errors of the thrust. At hover they cannot
-be distinguished, but a law that takes the weight of a heavy vehicle for a downward wind overestimates the effect of the
-tilt on the pendulum. μ̂ scales the masses of quadrotor and pole, but not the moments of inertia.
+μ̂ is an effective ratio of weight to thrust, relative to the nominal one. Equation (3) attributes every lasting vertical
+force to it: other masses, but also slow vertical wind and errors of the thrust. At hover these cannot be distinguished,
+but a law that takes the weight of a heavy vehicle for a downward wind overestimates the effect of the tilt on the
+pendulum. μ̂ scales the masses of quadrotor and pole, but not the moments of inertia.
 
 The prediction (1) is that of `prediction`, which applies the known delays and lags of the loop to u.
 """
