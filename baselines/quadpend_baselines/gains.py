@@ -54,7 +54,7 @@ class EstimatorGains:
     force_walk: float = 3.0  # random walk of the force on the quadrotor, N/√s
     bob_force_walk: float = 0.1  # random walk of the force on the bob, N/√s
     torque_walk: float = 0.1  # random walk of the torque, N·m/√s
-    mass_time: float = 0.0  # s, time constant of the estimate of the mass; 0: the mass is nominal
+    mass_time: float = 0.0  # s, time constant of the estimate μ̂ of weight to thrust; 0: μ̂ = 1
     predicts: bool = True  # whether known delays and lags of the loop are predicted through
 
 

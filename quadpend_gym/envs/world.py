@@ -380,10 +380,11 @@ class World:
     def _step_general(self, *arguments: Any) -> int:
         """Call the kernel that writes sensed values; `arguments` are those of `step_sensed`, and the trajectories."""
         *given, first = arguments
+        with_trajectories: tuple[Any, ...] = (*given, self._trajectories.numbers, first)
         if self._rigid is not None:
-            return step_rigid_trajectories(*given, self._trajectories.numbers, first)
+            return step_rigid_trajectories(*with_trajectories)
         if self._trajectories.in_use:
-            return step_kernel.step_trajectories(*given, self._trajectories.numbers, first)
+            return step_kernel.step_trajectories(*with_trajectories)
         return step_kernel.step_sensed(*given)
 
     def _step_clipped(self, error: int, action: Floats32) -> tuple[Floats32, Floats]:

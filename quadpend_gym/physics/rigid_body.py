@@ -5,12 +5,12 @@ F = u R e₃ + d_Q, the force d_B on the pole, both at the centres of mass, the 
 that the body exerts on the pole at the pivot:
 
     (1)  ω̇₀ = I⁻¹ (τ + Rᵀ d_τ − ω × (I ω + h e₃))                        body rate without the pole
-    (2)  k₀ = u e₃/M + Rᵀ (d_Q/M − d_B/m) + ω̇₀ × p + ω × (ω × p)         pivot without the pole, relative to a free pole
+    (2)  a₀ = u e₃/M + Rᵀ (d_Q/M − d_B/m) + ω̇₀ × p + ω × (ω × p)         pivot without the pole, relative to a free pole
     (3)  W  = 1/M − [p]× I⁻¹ [p]×                                        acceleration of the pivot for each newton
     (4)  A  = ρ ρᵀ + j (1 − ρ ρᵀ),   j = J/(J + m l²),   ρ = Rᵀ r
-    (5)  (1 + m A W) N = m (A k₀ − l (ṙ·ṙ) ρ)                            force at the pivot
+    (5)  (1 + m A W) N = m (A a₀ − l (ṙ·ṙ) ρ)                            force at the pivot
     (6)  ω̇ = ω̇₀ − I⁻¹ (p × N)                                            body rate
-    (7)  k = k₀ − W N,   w = −R k/λ,   λ = l + J/(m l)
+    (7)  a = a₀ − W N,   w = −R a/λ,   λ = l + J/(m l)
     (8)  r̈ = w − (r·w + ṙ·ṙ) r                                           pendulum, equation (3) of `dynamics`
     (9)  Ẍ = (F + d_B)/(M + m) − g e₃                                    centre of mass, equation (4) of `dynamics`,
                                                                          X = ζ + m (R p + l r)/(M + m)
@@ -30,6 +30,7 @@ a constant inertia in the Euler angles. Both agree to second order near hover.
 | p      | `pivot`                      | m      | body  | pivot, from the body's centre of mass                       |
 | h      | `momentum`                   | N·m·s  | body  | angular momentum of the propellers along e₃                 |
 | u, τ   | `thrust`, `torque`           | N, N·m | body  | thrust along R e₃, and torque                               |
+| a₀, a  | `relative`, `pivot`          | m/s²   | body  | accelerations of (2) and (7)                                |
 
 The equations are those of Newton and Euler for both bodies with the constraint of the joint. Tests compare them with a
 Lagrangian that sympy differentiates and with MuJoCo.
@@ -181,7 +182,7 @@ def free_body_rate(rate: Vec3, wrench: Wrench, loads: Loads, rotation: Rotation,
 
 @inlined
 def pivot_force(relative: Vec3, direction: Vec3, squared_rate: float, physics: Physics, body: RigidPhysics) -> Vec3:
-    """Return N, equations (4) and (5); `relative` is k₀, `direction` is ρ and `squared_rate` is ṙ·ṙ."""
+    """Return N, equations (4) and (5); `relative` is a₀, `direction` is ρ and `squared_rate` is ṙ·ṙ."""
     mass, share = physics.bob_mass, body.shape / (1.0 + body.shape)
     along = (1.0 - share) * dot(direction, relative) - physics.rod_length * squared_rate
     load = axpy(along, direction, scale(share, relative))  # (5) is divided by m

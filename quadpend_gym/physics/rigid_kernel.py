@@ -1,9 +1,10 @@
 """Integration in time of rigid vehicles: the loop that advances a batch of states by one control period.
 
-A substep of length h first lets the on-board electronics convert the action to commanded rotor thrusts
+A substep first lets the on-board electronics convert the action to commanded rotor thrusts
 (`quadpend_gym.physics.rotors`). It then integrates attitude, body rate, direction and direction rate with the classical
 Runge–Kutta method (RK4) under the lagging thrusts, whose exact values at the start, the middle and the end of the
-substep are known. The centre of mass of both bodies follows from the same stages, so the linear momentum has no error.
+substep are known. The centre of mass of both bodies follows from the same stages, with Simpson's rule: the force at the
+pivot cancels exactly, and what remains is the error of this rule over the lagging thrust and the turning attitude.
 `quadpend_gym.physics.rigid_body` has the equations. At the end of a substep q and r are normalised, and ṙ is projected
 onto the plane perpendicular to r.
 

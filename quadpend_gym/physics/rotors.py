@@ -52,7 +52,8 @@ class RotorSettings(NamedTuple):
         spins: Sign of the yaw torque of each rotor.
         rise: Share of a thrust error that is left at the start, the middle and the end of a substep, rising thrust.
         fall: The same for falling thrust.
-        momentum: J_p/√k, N·m·s/√N: a rotor with the thrust f has the angular momentum J_p √(f/k).
+        momentum: J_p/√c, N·m·s/√N: a rotor with the thrust f has the angular momentum J_p √(f/c); c is the thrust per
+            squared speed, N·s²/rad².
     """
 
     has_rotors: float
@@ -141,7 +142,11 @@ def _limit_difference(share: Ratio, a: float, per_a: float, b: float, per_b: flo
 
 @inlined
 def _reachable_tilt(tilt: Four, per_lift: Four, low: float, high: float) -> float:
-    """Return the largest share of `tilt` in [0, 1] that is within the limits at some total thrust."""
+    """Return the largest share of `tilt` in [0, 1] that is within the limits at some total thrust.
+
+    Each rotor allows an interval of total thrusts. Intervals on a line have a common point if every two of them have
+    one, so it suffices to check all pairs of rotors.
+    """
     s, p = Four(tilt.a * per_lift.a, tilt.b * per_lift.b, tilt.c * per_lift.c, tilt.d * per_lift.d), per_lift
     share = Ratio(1.0, 1.0)
     share = _limit_difference(share, s.a, p.a, s.b, p.b, low, high)

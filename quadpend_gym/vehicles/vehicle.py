@@ -241,8 +241,8 @@ def _check_rotors(vehicle: Vehicle) -> None:
     hover = hover_thrusts(vehicle)
     if not (low < (1.0 - _MARGIN) * hover.min() and (1.0 + _MARGIN) * hover.max() < high):
         raise ValueError(
-            f"rotors.positions, rotors.spins and pivot must allow hover within rotors.thrust of {low:g} to {high:g} N and"
-            f" a margin of {_MARGIN:.0%}, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
+            f"rotors.positions, rotors.spins and pivot must allow hover within rotors.thrust of {low:g} to {high:g} N"
+            f" and a margin of {_MARGIN:.0%}, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
         )
     lag = 0.5 * (rotors.lag_up + (rotors.lag_up if rotors.lag_down is None else rotors.lag_down))
     if vehicle.rate_loop is not None and vehicle.rate_loop.time_constant < _FASTEST_LOOP * lag:

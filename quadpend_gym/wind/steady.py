@@ -10,8 +10,18 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import check_interval, check_number, check_positive, to_plain_fields
-from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, WORLD_VECTORS, Addable, Composite, Loads, Sum, add_rotated
+from quadpend_gym.core.validation import as_vector, check_interval, check_number, check_positive, to_plain_fields
+from quadpend_gym.wind.base import (
+    WIND_FIELDS,
+    WIND_SIZE,
+    WORLD_VECTORS,
+    Addable,
+    Composite,
+    Load,
+    Loads,
+    Sum,
+    add_rotated,
+)
 
 
 @dataclass(frozen=True)
@@ -127,24 +137,28 @@ class Drawn(Addable):
 
 @dataclass(frozen=True)
 class Rescaled(Composite):
-    """A wind whose forces and torques are multiplied by a factor. Its wind velocities do not change.
+    """A wind whose forces and torques are multiplied by factors. Its wind velocities do not change.
 
     A force that suits one vehicle is too strong or too weak for a vehicle of another weight; `scale` is then the ratio
-    of the weights. The drag of a wind velocity follows from the drag areas, which belong to the vehicle.
+    of the weights, and `torque_scale` that of the torque limits. The drag of a wind velocity follows from the drag
+    areas, which belong to the vehicle.
 
     Raises:
-        TypeError: If `wind` is not a wind, or `scale` not a number.
-        ValueError: If `scale` is not finite or below zero.
+        TypeError: If `wind` is not a wind, `scale` not a number, or `torque_scale` neither a number nor three numbers.
+        ValueError: If a factor is not finite or below zero.
     """
 
     wind: Any  # a model, a sum, the name of a preset or kind, or a mapping with its kind
     scale: float = 1.0
+    torque_scale: Load | None = None  # of torques, about all axes or about each; None: `scale`
     kind: str = field(default="rescaled", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
         object.__setattr__(self, "wind", Sum(self.wind))
         check_number(self.scale, "scale", 0.0)
+        for factor in self._torque_factors:
+            check_number(factor, "torque_scale", 0.0)
 
     @property
     def parts(self) -> tuple[Any, ...]:
@@ -156,5 +170,10 @@ class Rescaled(Composite):
         """Add the winds of its models, with scaled forces and torques."""
         wind = np.zeros((WIND_SIZE, step.size)).T
         super().sample(wind, memory, step, period, streams)
+        factors: dict[str, Any] = {"torque": self._torque_factors, "velocity": 1.0}
         for name, columns in WIND_FIELDS.items():
-            out[:, columns] += (1.0 if name == "velocity" else self.scale) * wind[:, columns]
+            out[:, columns] += np.asarray(factors.get(name, self.scale)) * wind[:, columns]
+
+    @cached_property
+    def _torque_factors(self) -> tuple[float, ...]:
+        return as_vector(self.scale if self.torque_scale is None else self.torque_scale, 3, "torque_scale")

@@ -6,14 +6,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimator import (
-    Estimate,
-    Estimator,
-    Measurement,
-    measurement_from_observation,
-    observation_from_state,
-)
+from quadpend_baselines.estimation.estimator import Estimator, measurement_from_observation, observation_from_state
 from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32

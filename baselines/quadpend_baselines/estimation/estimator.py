@@ -3,7 +3,7 @@
     (1)  predict   x̂⁻ = f(x̂, u, d̂),          d̂⁻ = d̂                        f: one period of `kernel.advance`
     (2)  correct   x̂  = x̂⁻ + L_x (y − C x̂⁻),  d̂ = d̂⁻ + L_d (y − C x̂⁻)
 
-    (3)  mass      μ̂ ← μ̂ − ε d̂_z/((M + m) g),   d̂_z ← (1 − ε) d̂_z          ε = 1 − e^(−T/mass_time)
+    (3)  weight    μ̂ ← μ̂ − ε d̂_z/((M + m) g),   d̂_z ← (1 − ε) d̂_z          ε = 1 − e^(−T/mass_time)
 
 The extended states d are the forces on quadrotor and bob and the torque, modelled as random walks. The prediction (1)
 is that of the simulation itself, with nominal parameters. L is the gain of the Kalman filter for model (1) of
@@ -11,8 +11,10 @@ is that of the simulation itself, with nominal parameters. L is the gain of the 
 over the first steps of an episode, when the forces and, in output feedback, the rates are unknown; after that it is
 constant.
 
-Equation (3) attributes a lasting vertical force to the mass. At hover the two cannot be distinguished, but a law that
-takes the weight of a heavy vehicle for a downward wind overestimates the effect of the tilt on the pendulum.
+μ̂ is an effective ratio of weight to thrust, relative to the nominal one. Equation (3) attributes every lasting vertical
+force to it: other masses, but also slow vertical wind and errors of the thrust. At hover these cannot be distinguished,
+but a law that takes the weight of a heavy vehicle for a downward wind overestimates the effect of the tilt on the
+pendulum. μ̂ scales the masses of quadrotor and pole, but not the moments of inertia.
 
 The prediction (1) is that of `prediction`, which applies the known delays and lags of the loop to u.
 """

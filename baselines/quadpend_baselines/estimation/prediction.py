@@ -55,7 +55,7 @@ class Estimate(NamedTuple):
         loop: Memory of the known loop, shape (n, k), see `Loop.act`.
         rigid: Quaternion, body rate and rotor thrusts (N) of a rigid vehicle, shape (n, 11), see
             `quadpend_gym.physics.rigid_kernel`; shape (n, 0) for the paper's attitude model.
-        mass_ratio: μ̂, estimated mass divided by the nominal one, the same for quadrotor and bob, shape (n,).
+        mass_ratio: μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob, shape (n,).
     """
 
     state: Floats

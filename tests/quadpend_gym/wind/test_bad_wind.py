@@ -55,6 +55,8 @@ BAD += [
     (Drawn, "wind", {"kind": "constant", "force": NAN}, "force must be a finite number"),
     (Rescaled, "wind", 3.0, "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0"),
     (Rescaled, "scale", -1.0, r"scale must be a finite number in \[0, inf\], not -1"),
+    (Rescaled, "torque_scale", (1.0, 1.0), r"torque_scale must be a number or 3 numbers, not \(1.0, 1.0\)"),
+    (Rescaled, "torque_scale", -1.0, r"torque_scale must be a finite number in \[0, inf\], not -1"),
     (
         Sum,
         "models",

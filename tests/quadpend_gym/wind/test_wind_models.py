@@ -114,6 +114,9 @@ def test_a_rescaled_wind_has_scaled_forces_and_torques_and_the_same_velocity() -
         scaled = sample_wind(Rescaled(wind, 0.5), 10, 3)
         assert_allclose(scaled, factors * sample_wind(wind, 10, 3), rtol=1e-15)
         assert_array_equal(sample_wind(Rescaled(wind, 1.0), 10, 3), sample_wind(wind, 10, 3))
+    factors[6:9] = 2.0, 3.0, 4.0
+    scaled = sample_wind(Rescaled(EVERY_LOAD, 0.5, (2.0, 3.0, 4.0)), 10, 3)
+    assert_allclose(scaled, factors * sample_wind(EVERY_LOAD, 10, 3), rtol=1e-15)
 
 
 def test_strength_and_heading_are_drawn_once_for_every_episode() -> None:

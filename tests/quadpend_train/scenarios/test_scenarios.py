@@ -199,6 +199,15 @@ def test_a_scenario_with_another_vehicle_has_forces_of_its_weight() -> None:
     assert hummingbird.with_vehicle(interface="wrench").simulation.interface == "wrench"
 
 
+def test_torques_of_the_wind_stay_as_strong_relative_to_the_torque_limits_of_the_vehicle() -> None:
+    gusts, light = find_scenario("gusts"), find_scenario("gusts · crazyflie · body_rates")
+    (model,), (scaled,) = gusts.wind.models, light.wind.models
+    own, other = gusts.simulation.actuators, light.simulation.actuators
+    yaw = other.yaw_torque / own.yaw_torque
+    assert scaled.torque_scale == (*2 * [other.roll_pitch_torque / own.roll_pitch_torque], yaw)
+    assert model.yaw_torque / own.yaw_torque == pytest.approx(yaw * model.yaw_torque / other.yaw_torque) == 0.05
+
+
 def test_a_scenario_with_a_vehicle_file_becomes_json(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("mass = 1\ninertia = [0.01, 0.01, 0.02]\npole = 'tube-1m'\ntorque = [1, 0.2]\n", encoding="utf-8")

@@ -106,6 +106,22 @@ def test_policy_that_does_not_fit_the_settings_is_refused(changes: Any, message:
     assert not (tmp_path / "run").exists()
 
 
+def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None:
+    """A policy of the paper's vehicle has no interface on its card; of one without settings nothing is known."""
+    start = tmp_path / "start.npz"
+    rates = replace(BRIEF, net_arch=(8, 6), start_from=str(start), scenarios=("calm · hummingbird · body_rates",))
+    mlp_policy(36, settings={}).save(start)
+    assert_refused(
+        lambda: training.initial_model(rates, None), "start.npz: the policy was trained to command thrust and torques"
+    )
+    mlp_policy(36, interface="body_rates", vehicle="hummingbird").save(start)
+    training.initial_model(rates, None)
+    assert_refused(lambda: training.initial_model(replace(rates, scenarios=("calm",)), None), "'body_rates'.*'wrench'")
+    mlp_policy(36).save(start)
+    with pytest.warns(UserWarning, match="nothing says what the actions of .*start.npz command"):
+        training.initial_model(rates, None)
+
+
 @each_algorithm
 def test_finished_run_goes_on_from_its_model(
     settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -51,7 +51,8 @@ def evaluate(
         replay: Episodes of each scenario that the report can replay; 0 omits the replay.
         document: Markdown file in which to update the generated parts.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
+            the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.common import documents
@@ -117,7 +118,8 @@ def compare(
         cache: Folder of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
+            the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.evaluation.comparison import compare as compare_policies

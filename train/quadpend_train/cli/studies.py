@@ -39,7 +39,8 @@ def tune(
         scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
+            the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.studies import tuning

@@ -84,7 +84,8 @@ def train(
             --patience may be changed.
         more_steps: Timesteps by which the finished run in the folder given by --resume is continued.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
+            the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
     from quadpend_train.policies.mlp_policy import MlpPolicy

@@ -75,7 +75,8 @@ def watch(
         seed: Seed of the episode.
         video: Options of the picture and of the video.
         vehicle: Vehicle of the scenario: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle; wind velocities stay.
+            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
+            the torque limits; wind velocities stay.
         interface: What the actions command in the scenario: wrench, rotors or body_rates.
     """
     from quadpend_gym.viewer import check_pygame

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from gymnasium import logger
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy, RotorAllocation
@@ -14,6 +15,7 @@ from quadpend_gym.core.models import is_project_class
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
+from quadpend_train.policies.mlp_policy import lacks_interface
 from quadpend_train.policies.own import PROTOCOL, FactoryPolicy, check_predict
 from quadpend_train.scenarios import Scenario
 
@@ -61,6 +63,9 @@ def estimated_disturbance(policy: Policy, memory: Any) -> Floats:
 def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenario) -> None:
     """Fly a policy for two steps in two sub-environments of a scenario, so that a mismatch is found early.
 
+    A learned policy from elsewhere is warned about unless the scenario has the interface ``"wrench"``, since nothing
+    says what its actions command.
+
     Args:
         name: Name of the policy for error messages.
         policy: The policy.
@@ -70,6 +75,10 @@ def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenar
     Raises:
         ValueError: If the policy fails, does not fit the scenario, or returns no valid action.
     """
+    interface, card = scenario.simulation.interface, getattr(policy, "card", {})
+    learned = getattr(policy, "observation_sizes", None) and not isinstance(policy, FactoryPolicy)
+    if learned and interface != "wrench" and lacks_interface(card):
+        logger.warn("nothing says what the actions of %s command: they are taken as those of %r", name, interface)
     env, memory = scenario.make_vec(2, AutoresetMode.SAME_STEP), None
     observation, _ = env.reset(seed=0)
     own = not is_project_class(type(getattr(policy, "policy", policy)))

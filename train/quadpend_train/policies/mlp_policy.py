@@ -255,6 +255,12 @@ def _pushed(memory: Floats32, value: Floats32) -> Floats32:
     return np.concatenate([memory[:, 1:], value[:, np.newaxis]], axis=1)[:, : memory.shape[1]]
 
 
+def lacks_interface(card: dict[str, Any]) -> bool:
+    """Return whether nothing says what the actions of a policy with this card command, see `check_interface`."""
+    scheduled = (card.get("hybrid") or {}).get("kind") == "bandwidth_scheduling"
+    return not (scheduled or "interface" in card or "settings" in card)
+
+
 def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
     """Check that a policy's actions mean in a simulation what they meant in its training.
 
@@ -279,7 +285,7 @@ def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
         )
     vehicle = simulation.vehicle and simulation.vehicle.name
     if (own := card.get("vehicle")) != vehicle:
-        logger.warn(f"a policy trained on the vehicle {own or 'paper'} flies the vehicle {vehicle or 'paper'}")
+        logger.warn("a policy trained on the vehicle %s flies the vehicle %s", own or "paper", vehicle or "paper")
 
 
 def _check_card(card: Any) -> None:

@@ -132,9 +132,9 @@ class Scenario:
     def with_vehicle(self, vehicle: Any = None, interface: str | None = None) -> "Scenario":
         """Return the scenario with another vehicle, another command interface, or both.
 
-        Forces and torques of the wind are multiplied by the ratio of the weights of the new and the old vehicle, so
-        that they are as strong for the one as for the other. Wind velocities, starts, references, sensors and actuators
-        do not change.
+        Forces of the wind are multiplied by the ratio of the weights of the new and the old vehicle, and torques by
+        that of their torque limits about each axis, so that they are as strong for the one as for the other. Wind
+        velocities, starts, references, sensors and actuators do not change.
 
         Args:
             vehicle: Vehicle, as `quadpend_gym.vehicles.as_vehicle` takes it; None: that of the scenario.
@@ -156,7 +156,10 @@ class Scenario:
             latency=old.latency,
         )
         scale = new.parameters.hover_thrust / old.parameters.hover_thrust
-        wind = self.wind if scale == 1.0 else [Rescaled(model, scale) for model in self.wind.models]
+        roll_pitch = new.actuators.roll_pitch_torque / old.actuators.roll_pitch_torque
+        torque_scale = (roll_pitch, roll_pitch, new.actuators.yaw_torque / old.actuators.yaw_torque)
+        same = {scale, *torque_scale} == {1.0}
+        wind = self.wind if same else [Rescaled(model, scale, torque_scale) for model in self.wind.models]
         note = f"; vehicle {found.name}, forces of the wind × {scale:.3g}"
         return replace(self, simulation=new, wind=wind, description=f"{self.description}{note}")
 

@@ -157,7 +157,8 @@ class TrainSettings:
     """Timesteps of the whole training."""
     start_from: str = ""
     """Learned policy whose network training starts from: the name of a policy of this package, a run folder, or a file
-    (.npz or .zip). Its network, hybrid and history must be those of the settings. The critic starts untrained."""
+    (.npz or .zip). Its network, hybrid, history and interface must be those of the settings. The critic starts
+    untrained."""
     max_seconds: float = 0.0
     """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit."""
     seed: int = 0

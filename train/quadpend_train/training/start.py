@@ -4,11 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from gymnasium import logger
 
 from quadpend_train.policies.export import export
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
-from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface, lacks_interface
 from quadpend_train.policies.sb3_models import actor_modules
+from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.settings import TrainSettings
 
 START = "start.npz"  # copy of the policy in the run folder, with which the run resumes
@@ -30,6 +32,7 @@ def load_actor(model: Any, settings: TrainSettings, folder: Path | None) -> None
     name, expected = settings.start_from, export(model, **settings.policy_interface())
     copied = folder is not None and (folder / START).is_file()
     policy = MlpPolicy.load(folder / START) if folder is not None and copied else start_policy(settings)
+    _check_commands(policy, settings)
     for field, default in _COMPARED.items():
         if policy.card.get(field, default) != (other := expected.card.get(field, default)):
             raise ValueError(
@@ -59,6 +62,18 @@ def start_policy(settings: TrainSettings) -> MlpPolicy:
     if not isinstance(policy, MlpPolicy):
         raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
     return policy
+
+
+def _check_commands(policy: MlpPolicy, settings: TrainSettings) -> None:
+    """Check that the actions of the policy command what those of the training command; warn if nothing says so."""
+    name, simulation = settings.start_from, find_scenario(expand_sets(settings.scenarios)[0]).simulation
+    interface = simulation.interface
+    if interface != "wrench" and lacks_interface(policy.card):
+        logger.warn("nothing says what the actions of %s command: they are taken as those of %r", name, interface)
+    try:
+        check_interface(policy.card, simulation)
+    except ValueError as error:
+        raise ValueError(f"start_from {name}: {error}") from error
 
 
 def start_provenance(settings: TrainSettings) -> dict[str, Any]:
