@@ -17,6 +17,7 @@ LEARNERS = (
     "sac-gain-scheduling",
     "ppo-gain-scheduling-hover",
     "sac-gain-scheduling-hover",
+    "ppo-hummingbird",
 )
 FILES = sorted(SHIPPED.glob("*.npz"))
 
