@@ -240,9 +240,13 @@ def circle(angle: float) -> Reference:
 @pytest.mark.parametrize("name", controller_parameters(WITH_ESTIMATOR))
 @pytest.mark.parametrize("outputs", [False, True])
 def test_estimated_disturbance_converges_to_the_true_one_in_steady_wind(name: str, outputs: bool) -> None:
-    """After 3 s, the estimates of all forces and torques are exact, except for the vertical force on the bob."""
+    """After 3 s, the estimates of all forces and torques are exact, except for the vertical force on the bob.
+
+    A controller that estimates the mass attributes a lasting vertical force to it, so there is none in its wind.
+    """
     policy: Any = quick_controller(name)
-    force, bob_force, torque = (0.1, -0.05, 0.08), (0.02, 0.01, 0.0), (0.03, -0.02, 0.01)
+    vertical = 0.0 if policy.gains.estimator.mass_time else 0.08
+    force, bob_force, torque = (0.1, -0.05, vertical), (0.02, 0.01, 0.0), (0.03, -0.02, 0.01)
     wind = Constant(force=force, bob_force=bob_force, torque=torque)
     _, _, memory = run(policy, make(2, outputs, wind), steps=300)
     estimate = policy.estimated_disturbance(memory)
