@@ -29,7 +29,7 @@ def test_replace_rows_works_through_tuples_of_arrays() -> None:
     copies = [tuple(memory.estimate) for memory in memories]
     whole = replace_rows(np.array([3, 1]), memories[1], memories[0])
     assert type(whole) is type(memories[0])
-    assert_array_equal(whole.command[[3, 1]], memories[1].command)
-    assert_array_equal(whole.command[[0, 2, 4]], memories[0].command[[0, 2, 4]])
+    assert_array_equal(whole.action[[3, 1]], memories[1].action)
+    assert_array_equal(whole.action[[0, 2, 4]], memories[0].action[[0, 2, 4]])
     assert_array_equal(whole.estimate.state[[3, 1]], memories[1].estimate.state)
     assert_same([tuple(memory.estimate) for memory in memories], copies)

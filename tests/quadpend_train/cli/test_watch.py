@@ -168,6 +168,7 @@ def test_an_interruption_leaves_the_older_file_unchanged(tmp_path: Path, monkeyp
 
 
 def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame.display.quit()  # another test may have opened a display with another driver
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     shown: list[int] = []
     press: dict[int, Callable[[], Any]] = {

@@ -10,6 +10,8 @@ import hashlib
 import json
 import re
 import shutil
+from collections.abc import Iterator
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import Policy
+from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.gains import GAINS
 from quadpend_train.common.version_0_1 import current_card, current_name, current_settings, provenance_file
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.policies.loading import load_policy, policy_names
@@ -41,6 +45,18 @@ KNOWN = json.loads((FOLDER / "known.json").read_text(encoding="utf-8"))
 PROCESSOR = ("model name", "cpu family", "model", "stepping")
 RUNS = ("ppo", "ppo-pace", "sac-residual")
 every_run = pytest.mark.parametrize("name", RUNS)
+
+
+@pytest.fixture(autouse=True)
+def flatness_without_estimate_of_the_mass(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Give `flatness`, the base controller of the hybrids, its gains of version 0.1."""
+    gains = GAINS["flatness"]
+    estimator = replace(gains.estimator, mass_time=0.0)
+    with monkeypatch.context() as patch:
+        patch.setitem(GAINS, "flatness", replace(gains, estimator=estimator))
+        gains_for.cache_clear()
+        yield
+    gains_for.cache_clear()
 
 
 def same_machine() -> bool:
