@@ -195,7 +195,7 @@ GAINS: dict[str, Any] = {
     ),
 }
 
-UNPREDICTED = "-unpredicted"  # end of the names of controllers that are not told the delays and lags of the loop
+UNPREDICTED = "-unpredicted"  # end of the names of controllers that do not know the delays and lags of the loop
 
 
 def without_prediction(gains: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.delays import check_steps, delay
+from quadpend_gym.core.delays import check_steps, delay, hold
 from quadpend_gym.core.models import Model, Registry, Stateless, ZeroInitialized
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import check_number, check_positive, to_plain_fields
@@ -141,9 +141,7 @@ class PacketLoss(_FromHover):
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace lost commands by the last one that arrived."""
-        lost = streams.uniform(step + 1, 1)[:, 0] < self.probability
-        action[lost] = memory[lost]
-        memory[:] = action
+        hold(action, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Delays by whole control steps, for sensors and actuators."""
+"""Delays by whole control steps, and values that are held, for sensors and actuators."""
 
 from typing import Any
 
-from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.arrays import Booleans, Floats, Integers
 from quadpend_gym.core.jit import compiled
 
 
@@ -28,6 +28,18 @@ def delay(values: Floats, step: Integers, memory: Floats, steps: int) -> None:
         steps: Length of the delay, at least 1.
     """
     _exchange(values.T, step, memory.T, steps)
+
+
+def hold(values: Floats, memory: Floats, held: Booleans) -> None:
+    """Replace the values of some rows by the last ones, and store the current ones in `memory`.
+
+    Args:
+        values: Current values, shape (n, k), changed in place.
+        memory: Last values, shape (n, k), changed in place.
+        held: Whether a row keeps its last values, shape (n,).
+    """
+    values[held] = memory[held]
+    memory[:] = values
 
 
 def check_steps(steps: Any) -> None:

@@ -45,7 +45,7 @@ from quadpend_gym.tasks import Task, flatten
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
-from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories
+from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories, start_pole
 from quadpend_gym.tasks.trajectories import Trajectory
 from quadpend_gym.tasks.trajectory_table import TrajectoryTable
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
@@ -93,7 +93,7 @@ class World:
         self.episode = np.full(num_envs, -1, np.int64)
         self._seeds = np.zeros(num_envs, np.uint64)
         self._reference_ranges = flatten(task.references)
-        self._start_ranges = flatten(task.start)
+        self._start_settings = flatten(task.start), start_pole(simulation)
         self._trajectories = TrajectoryTable(num_envs)
         self._rigid = RigidRows(self._memory, simulation) if simulation.is_rigid else None
         self._observe_settings = self._pack_settings(moves_air=False, substeps=0)
@@ -243,7 +243,7 @@ class World:
         """Set reference and state of new episodes."""
         self._set_reference(rows, options.references)
         keys, table = (self._seeds, self.episode), self._trajectories
-        arguments = rows, *keys, self._start_ranges, self.parameters, self.reference, self.state
+        arguments = rows, *keys, *self._start_settings, self.parameters, self.reference, self.state
         if table.in_use:
             draw_starts_on_trajectories(*arguments, table.numbers, table.first)
         else:

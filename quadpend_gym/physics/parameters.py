@@ -53,11 +53,14 @@ INTERFACES = ("wrench", "rotors", "body_rates")
 class Simulation:
     """Vehicle, physical parameters, command limits, and step sizes of the simulation.
 
-    With a vehicle, `parameters` and `actuators` that are not given are those of the vehicle.
+    With a vehicle, `parameters` and `actuators` that are not given are those of the vehicle. `dataclasses.replace`
+    keeps both, so ``replace(simulation, vehicle=…)`` would have the numbers of the former vehicle: use `as_simulation`,
+    or for a scenario `Scenario.with_vehicle`.
 
     Raises:
         TypeError: If a value has the wrong type.
-        ValueError: If a value is out of range, or the vehicle does not have the interface.
+        ValueError: If a value is out of range, the vehicle does not have the interface, or the parameters are those of
+            another vehicle of `VEHICLES`.
     """
 
     parameters: Parameters = PAPER
@@ -77,12 +80,12 @@ class Simulation:
             raise ValueError(f"substeps must be a whole number of at least 1, not {self.substeps!r}")
         if self.vehicle is not None:
             vehicle = as_vehicle(self.vehicle)
-            set_field(self, "vehicle", None if vehicle == VEHICLES["paper"] else vehicle)
-        if self.vehicle is not None:
             if self.parameters == PAPER:
-                set_field(self, "parameters", self.vehicle.parameters)
+                set_field(self, "parameters", vehicle.parameters)
+            _check_own(self.parameters, vehicle)
             if self.actuators == Actuators():
-                set_field(self, "actuators", Actuators(*torque_limits(self.vehicle)))
+                set_field(self, "actuators", Actuators(*torque_limits(vehicle)))
+            set_field(self, "vehicle", None if vehicle == VEHICLES["paper"] else vehicle)
         self._check_interface()
         check_number(self.latency, "latency", 0.0, 1.0)
         delayed = self.latency / self.period * self.substeps
@@ -142,6 +145,16 @@ class Simulation:
             loop = self.rigid_vehicle.rate_loop
             return np.array([hover, loop.roll_pitch, loop.roll_pitch, loop.yaw])
         return np.array([hover, a.roll_pitch_torque, a.roll_pitch_torque, a.yaw_torque])
+
+
+def _check_own(parameters: Parameters, vehicle: Vehicle) -> None:
+    """Refuse the parameters of another vehicle of `VEHICLES`, which `dataclasses.replace` would keep."""
+    others = [name for name, other in VEHICLES.items() if other.parameters == parameters]
+    if others and parameters != vehicle.parameters:
+        raise ValueError(
+            f"parameters must not be those of the vehicle {others[0]!r} if the vehicle is {vehicle.name!r}: to change"
+            " the vehicle of a simulation, use quadpend_gym.physics.parameters.as_simulation(simulation, vehicle=…)"
+        )
 
 
 def as_simulation(value: Any, vehicle: Any = None, interface: str | None = None) -> Simulation:

@@ -21,7 +21,7 @@ from quadpend_gym.physics.rotors import (
     rate_loop_gains,
 )
 from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3
-from quadpend_gym.vehicles import mixing
+from quadpend_gym.vehicles import hover_wrench, mixing
 
 _CODES = {"wrench": WRENCH, "body_rates": BODY_RATES, "rotors": ROTOR_THRUSTS}
 
@@ -67,13 +67,6 @@ def hover_thrusts_of(simulation: Simulation) -> Floats:
     return np.array(make_rigid_settings(simulation).rotors.hover)
 
 
-def hover_wrench(simulation: Simulation) -> Floats:
-    """Return thrust (N) and torques (N·m) that hold the vehicle with an upright pole at rest, shape (4,)."""
-    parameters, vehicle = simulation.parameters, simulation.rigid_vehicle
-    weight = parameters.bob_mass * parameters.gravity
-    return np.array([parameters.hover_thrust, vehicle.pivot[1] * weight, -vehicle.pivot[0] * weight, 0.0])
-
-
 @lru_cache(maxsize=128)
 def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     """Return the settings of a simulation whose vehicle is rigid."""
@@ -82,7 +75,7 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     size = np.sqrt(np.diag(inertia))
     correlation = inertia / np.outer(size, size)
     pole, parameters = vehicle.pole, simulation.parameters
-    hover = hover_wrench(simulation)
+    hover = hover_wrench(parameters, vehicle.pivot)
     rotors = vehicle.rotors
     if rotors is None:
         forward = np.eye(4)

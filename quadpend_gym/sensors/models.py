@@ -16,7 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from quadpend_gym.core.arrays import Booleans, Floats, Integers
-from quadpend_gym.core.delays import check_steps, delay
+from quadpend_gym.core.delays import check_steps, delay, hold
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import Model, Registry, ZeroInitialized
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
@@ -271,9 +271,7 @@ class Dropout(ZeroInitialized):
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace lost samples by the last sample received."""
         _store_first(measured, memory, step == 0)
-        lost = streams.uniform(step + 1, 1)[:, 0] < self.probability
-        measured[lost] = memory[lost]
-        memory[:] = measured
+        hold(measured, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability)
 
 
 @dataclass(frozen=True)
@@ -320,6 +318,4 @@ class SampleHold(ZeroInitialized):
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the measurement by the last sample."""
-        held = step % self.steps(period) != 0
-        measured[held] = memory[held]
-        memory[:] = measured
+        hold(measured, memory, step % self.steps(period) != 0)

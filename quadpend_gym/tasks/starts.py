@@ -3,20 +3,33 @@
 To first order in the tilt, a state that tracks the reference exactly is, with the gravity g and K = (M + m_c) g / (M l)
 (the paper's flat parametrisation (30)–(45), corrected):
 
-    (1)  r ∥ F̈_d + g e₃,                ṙ = (I − r rᵀ) F_d⁽³⁾ / |F̈_d + g e₃|
+    (1)  r ∥ F̈_d + c F_d⁽⁴⁾ + g e₃,     ṙ = (I − r rᵀ) (F_d⁽³⁾ + c F_d⁽⁵⁾) / |F̈_d + c F_d⁽⁴⁾ + g e₃|
     (2)  ζ = F_d − l r  horizontally,    z = z_d
-    (3)  R e₃ = r − F_d⁽⁴⁾ / (g K)  horizontally; rotated by −ψ_d this is (θ, −φ), whose rates include those due to ψ̇_d
+    (3)  R e₃ = r − (1 + μ) F_d⁽⁴⁾ / (g K)  horizontally; rotated by −ψ_d this is (θ, −φ), whose rates include those due
+         to ψ̇_d
+
+with c = μ = 0 for a pole without inertia on a pivot in the body's centre of mass. A pole with the inertia J moves like
+a point mass m' = m_c l/λ at λ = l + J/(m_c l) from the pivot, with the rest of its mass in the pivot; λ and
+M' = M + m_c − m' take the place of l and M in K. The pivot is at the height p above the centre of mass. Then
+
+    (4)  c = (λ − l + m_c p/(M + m_c)) / g + μ/K,    μ = M p/(M' λ)
+
+in the horizontal components, up to derivatives of order 5. `quadpend_baselines.modelling.equivalent` derives this.
 
 A start is this state plus a random deviation, which is uniform in each component.
 """
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import START_STREAM, Keys, derive, uniform_between
 from quadpend_gym.physics.dynamics import Physics, load_physics
+from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, norm, scale, store
 from quadpend_gym.tasks.references import ReferencePoint
@@ -32,6 +45,21 @@ class StartRanges(NamedTuple):
     angle_rate: float
     direction: float
     direction_rate: float
+
+
+class StartPole(NamedTuple):
+    """The numbers of a pole and its pivot that `Physics` does not have, inside compiled functions."""
+
+    shape: float  # J/(m_c l²)
+    pivot_height: float  # p, m
+
+
+def start_pole(simulation: Simulation) -> Floats:
+    """Return the values of `StartPole`, shape (2,); zero for the paper's vehicle."""
+    if not simulation.is_rigid:
+        return np.zeros(2)
+    settings = make_rigid_settings(simulation)
+    return np.array([settings.shape, settings.pivot.z])
 
 
 @inlined
@@ -51,19 +79,37 @@ def _roll_and_pitch(axis: Vec3, yaw: float) -> tuple[float, float]:
 
 
 @inlined
+def _horizontally(a: float, x: Vec3, y: Vec3) -> Vec3:
+    """Return a x + y in the horizontal components, and y in the vertical one."""
+    return Vec3(a * x.x + y.x, a * x.y + y.y, y.z)
+
+
+@inlined
 def draw_start(
-    key: Any, ranges: StartRanges, reference: ReferencePoint, physics: Physics, lanes: Any, lane: int
+    key: Any,
+    ranges: StartRanges,
+    pole: StartPole,
+    reference: ReferencePoint,
+    physics: Physics,
+    lanes: Any,
+    lane: int,
 ) -> None:
     """Draw a start near `reference` into column `lane` of an (18, n) buffer."""
-    gravity = physics.gravity
-    stiffness = (physics.quadrotor_mass + physics.bob_mass) * gravity / (physics.quadrotor_mass * physics.rod_length)
-    lift = Vec3(reference.d2.x, reference.d2.y, reference.d2.z + gravity)
+    gravity, total_mass = physics.gravity, physics.quadrotor_mass + physics.bob_mass
+    length = physics.rod_length * (1.0 + pole.shape)
+    carried_mass = physics.quadrotor_mass + physics.bob_mass * pole.shape / (1.0 + pole.shape)
+    stiffness = total_mass * gravity / (carried_mass * length)
+    pivot_ratio = physics.quadrotor_mass * pole.pivot_height / (carried_mass * length)
+    reach = physics.rod_length * pole.shape + physics.bob_mass / total_mass * pole.pivot_height
+    per_fourth = reach / gravity + pivot_ratio / stiffness
+    lift = _horizontally(per_fourth, reference.d4, Vec3(reference.d2.x, reference.d2.y, reference.d2.z + gravity))
     per_lift = 1.0 / norm(lift)
     along_r = axpy(per_lift, lift, _deviation(key, 0, ranges.direction))
     r = scale(1.0 / norm(along_r), along_r)
-    rate = axpy(per_lift, reference.d3, _deviation(key, 3, ranges.direction_rate))
+    lift_rate = _horizontally(per_fourth, reference.d5, reference.d3)
+    rate = axpy(per_lift, lift_rate, _deviation(key, 3, ranges.direction_rate))
     r_dot = axpy(-dot(r, rate), r, rate)
-    per_snap = -1.0 / (gravity * stiffness)
+    per_snap = -(1.0 + pivot_ratio) / (gravity * stiffness)
     roll, pitch = _roll_and_pitch(axpy(per_snap, reference.d4, r), reference.yaw)
     roll_rate, pitch_rate = _roll_and_pitch(axpy(per_snap, reference.d5, r_dot), reference.yaw)
     yaw_rate = reference.yaw_rate
@@ -87,16 +133,18 @@ def _draw_starts(
     seeds: Any,
     episodes: Any,
     ranges: Any,
+    pole: Any,
     parameters: Any,
     reference: Any,
     state: Any,
     trajectories: Any,
 ) -> None:
     bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
+    geometry = StartPole(pole[0], pole[1])
     for row in rows:
         key = derive(derive(seeds[row], episodes[row]), START_STREAM)
         point = point_at(trajectories, row, reference.T, row, 0.0)
-        draw_start(key, bounds, point, load_physics(parameters.T, row), state.T, row)
+        draw_start(key, bounds, geometry, point, load_physics(parameters.T, row), state.T, row)
 
 
 @compiled
@@ -105,6 +153,7 @@ def draw_starts(
     seeds: Keys,
     episodes: Integers,
     ranges: Floats,
+    pole: Floats,
     parameters: Floats,
     reference: Floats,
     state: Floats,
@@ -116,11 +165,12 @@ def draw_starts(
         seeds: Key of the random stream of each sub-environment, shape (n,).
         episodes: Number of the episode of each sub-environment, shape (n,).
         ranges: Values of `StartSettings`, see `quadpend_gym.tasks.flatten`, shape (6,).
+        pole: See `start_pole`, shape (2,).
         parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
         reference: References, shape (n, 20), see `Reference.as_array`.
         state: States, shape (n, 18), changed in place.
     """
-    _draw_starts(rows, seeds, episodes, ranges, parameters, reference, state, None)
+    _draw_starts(rows, seeds, episodes, ranges, pole, parameters, reference, state, None)
 
 
 @compiled
@@ -129,6 +179,7 @@ def draw_starts_on_trajectories(
     seeds: Keys,
     episodes: Integers,
     ranges: Floats,
+    pole: Floats,
     parameters: Floats,
     reference: Floats,
     state: Floats,
@@ -140,4 +191,4 @@ def draw_starts_on_trajectories(
     `numbers` and `first` are the fields of `PackedTrajectories`.
     """
     trajectories = PackedTrajectories(numbers, first)
-    _draw_starts(rows, seeds, episodes, ranges, parameters, reference, state, trajectories)
+    _draw_starts(rows, seeds, episodes, ranges, pole, parameters, reference, state, trajectories)

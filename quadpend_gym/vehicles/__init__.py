@@ -4,7 +4,7 @@ from quadpend_gym.vehicles.parameters import Parameters
 from quadpend_gym.vehicles.parts import Drag, Pole, RateLoop, Rotors
 from quadpend_gym.vehicles.poles import POLES, as_pole
 from quadpend_gym.vehicles.registry import VEHICLES, as_vehicle
-from quadpend_gym.vehicles.vehicle import Vehicle, hover_thrusts, mixing, torque_limits
+from quadpend_gym.vehicles.vehicle import Vehicle, hover_thrusts, hover_wrench, mixing, torque_limits
 
 __all__ = [
     "POLES",
@@ -18,6 +18,7 @@ __all__ = [
     "as_pole",
     "as_vehicle",
     "hover_thrusts",
+    "hover_wrench",
     "mixing",
     "torque_limits",
 ]

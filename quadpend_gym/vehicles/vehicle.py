@@ -3,6 +3,7 @@
 Frames: world z up; body x forward, y left, z up, with its origin in the body's centre of mass. SI units.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -142,6 +143,17 @@ def mixing(vehicle: Vehicle) -> Floats:
     return np.array([np.ones(4), y, -x, rotors.torque_per_thrust * np.array(rotors.spins)])
 
 
+def hover_wrench(parameters: Parameters, pivot: Sequence[float]) -> Floats:
+    """Return thrust (N) and torques about x, y, z (N·m) that hold body and upright pole at rest, shape (4,).
+
+    Args:
+        parameters: Masses and gravity.
+        pivot: p, m, body frame. Beside the centre of mass, the weight of the pole makes a torque.
+    """
+    pole, (x, y, _) = parameters.bob_mass * parameters.gravity, pivot
+    return np.array([parameters.hover_thrust, y * pole, -x * pole, 0.0])
+
+
 def hover_thrusts(vehicle: Vehicle) -> Floats:
     """Return the rotor thrusts that hold body and upright pole at rest, N, shape (4,).
 
@@ -150,8 +162,7 @@ def hover_thrusts(vehicle: Vehicle) -> Floats:
     Raises:
         ValueError: If the vehicle has no rotors.
     """
-    pole, (x, y, _) = vehicle.pole.mass * vehicle.gravity, vehicle.pivot
-    return np.asarray(np.linalg.solve(mixing(vehicle), [vehicle.weight, y * pole, -x * pole, 0.0]))
+    return np.asarray(np.linalg.solve(mixing(vehicle), hover_wrench(vehicle.parameters, vehicle.pivot)))
 
 
 def torque_limits(vehicle: Vehicle) -> tuple[float, float]:

@@ -157,7 +157,7 @@ class Rescaled(Composite):
         to_plain_fields(self)
         object.__setattr__(self, "wind", Sum(self.wind))
         check_number(self.scale, "scale", 0.0)
-        for factor in self._torque_factors:
+        for factor in self.torque_factors:
             check_number(factor, "torque_scale", 0.0)
 
     @property
@@ -170,10 +170,11 @@ class Rescaled(Composite):
         """Add the winds of its models, with scaled forces and torques."""
         wind = np.zeros((WIND_SIZE, step.size)).T
         super().sample(wind, memory, step, period, streams)
-        factors: dict[str, Any] = {"torque": self._torque_factors, "velocity": 1.0}
+        factors: dict[str, Any] = {"torque": self.torque_factors, "velocity": 1.0}
         for name, columns in WIND_FIELDS.items():
             out[:, columns] += np.asarray(factors.get(name, self.scale)) * wind[:, columns]
 
     @cached_property
-    def _torque_factors(self) -> tuple[float, ...]:
+    def torque_factors(self) -> tuple[float, ...]:
+        """The factors of the torques about x, y and z."""
         return as_vector(self.scale if self.torque_scale is None else self.torque_scale, 3, "torque_scale")

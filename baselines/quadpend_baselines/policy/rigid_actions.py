@@ -20,10 +20,11 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors, rigid_from_state
-from quadpend_gym.physics.rigid_settings import hover_wrench, make_rigid_settings, pack_rigid, unpack_rigid
+from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, after, allocate, clip4
 from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, add, apply, axpy, cross, inverse, load, load_four, multiply
+from quadpend_gym.vehicles import hover_wrench
 
 _LAGS = 1.0  # H in units of L
 
@@ -103,7 +104,8 @@ def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tup
     out, reached = np.empty_like(command), np.empty_like(command)
     response = np.array(_response(simulation))
     wanted, start = np.ascontiguousarray(command), np.ascontiguousarray(rigid)
-    _rigid_actions(wanted, start, pack_rigid(simulation), hover_wrench(simulation), response, out, reached)
+    hover = hover_wrench(simulation.parameters, simulation.rigid_vehicle.pivot)
+    _rigid_actions(wanted, start, pack_rigid(simulation), hover, response, out, reached)
     return out, reached
 
 

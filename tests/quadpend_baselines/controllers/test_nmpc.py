@@ -18,9 +18,8 @@ from quadpend_gym import PAPER, QuadPendulumVectorEnv, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
-from quadpend_gym.physics.rigid_settings import hover_wrench
 from quadpend_gym.physics.state import STATE_FIELDS, State
-from quadpend_gym.vehicles import VEHICLES, Drag, mixing
+from quadpend_gym.vehicles import VEHICLES, Drag, hover_wrench, mixing
 from tests.helpers.controllers import (
     CALM,
     HOVER,
@@ -73,7 +72,7 @@ def test_rigid_model_moves_like_the_simulation() -> None:
     simulation = Simulation(vehicle=vehicle, period=5e-4, substeps=1)
     state, wind = random_states(6, 3, 0.5), 0.2 * random_disturbances(6, 3)
     action = np.random.default_rng(3).uniform(-0.3, 0.3, (6, 4))
-    command = hover_wrench(simulation) + simulation.command_scale * action
+    command = hover_wrench(simulation.parameters, vehicle.pivot) + simulation.command_scale * action
     memory = rigid_from_state(state, simulation)
     memory[:, ROTOR_THRUST:] = np.linalg.solve(mixing(vehicle), command.T).T
     moved = np.array(nmpc_model.period_map(simulation)(state.T, command.T, wind.T)).T

@@ -15,7 +15,7 @@ from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_baselines.policy.protocol import to_action, to_command
 from quadpend_baselines.policy.rigid_actions import hovering
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Simulation
-from quadpend_gym.physics.rigid_settings import hover_wrench
+from quadpend_gym.vehicles import hover_wrench
 
 INTERFACES = ("wrench", "rotors", "body_rates")
 every_interface = pytest.mark.parametrize("interface", INTERFACES)
@@ -39,7 +39,9 @@ def test_controllers_fly_the_hummingbird_for_2_s(name: str, interface: str) -> N
 def test_actions_make_the_demanded_mean_thrust_and_torques(interface: str) -> None:
     simulation = Simulation(vehicle="hummingbird", interface=interface, period=0.02, substeps=8)
     torque = np.array([0.004, -0.003, 0.001])
-    command = np.tile(hover_wrench(simulation) + np.array([0.3, *torque]), (3, 1))
+    command = np.tile(
+        hover_wrench(simulation.parameters, simulation.rigid_vehicle.pivot) + np.array([0.3, *torque]), (3, 1)
+    )
     rigid = hovering(3, simulation)
     rigid[1, 4:7] = [0.5, -0.4, 0.2]
     rigid[2, 7:] *= [1.01, 1.02, 0.99, 1.0]

@@ -46,7 +46,7 @@ def fly(
     parameters: Any = None,
     reference: Reference = CIRCLE,
 ) -> Flight:
-    """Fly a controller that is told a simulation and a loop of sensors and actuators, in calm air."""
+    """Fly a controller that knows a simulation and a loop of sensors and actuators, in calm air."""
     env: Any = QuadPendulumVectorEnv(4, simulation=simulation, autoreset_mode=AutoresetMode.DISABLED)
     world, (sensors, actuators) = env.world, loop
     env = VectorParameterWrapper(env, parameters) if parameters else env

@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines.modelling import equivalent
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
-from quadpend_gym import Simulation
+from quadpend_gym import Simulation, StartSettings, Task
+from quadpend_gym.envs.world import World
 from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.rigid_settings import hover_wrench
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, State
-from quadpend_gym.vehicles import Drag, Pole, Vehicle
+from quadpend_gym.vehicles import Drag, Pole, Vehicle, hover_wrench
 from tests.helpers import rigid
 
 POLE = Pole(0.1, 0.4, 0.3 * 0.1 * 0.4**2)
@@ -44,6 +44,23 @@ def test_a_pole_with_inertia_moves_like_the_equivalent_point_mass(disturbance: n
     assert_allclose(flight.state, design, atol=2e-5)
 
 
+def test_a_start_without_deviation_is_on_the_trajectory_of_the_equivalent_pendulum() -> None:
+    rows, exact = np.arange(50), StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    world = World(50, Task(start=exact), Simulation(vehicle="hummingbird"))
+    world.seed(rows, range(50))
+    world.start_episodes(rows)
+    reference = np.array([world.trajectory(row).derivatives(np.zeros(1))[0] for row in rows])
+    state, _ = equivalent.reference_trajectory(
+        reference[:, 2:, :3], reference[:, :3, 3], np.zeros((50, DISTURBANCE_SIZE)), world.simulation
+    )
+    start = State(world.state.copy())
+    start.position[:] -= reference[:, 0, :3]
+    start.velocity[:] -= reference[:, 1, :3]
+    assert_allclose(start.array, state, atol=2e-3)
+    assert_allclose(start.direction, State(state).direction, atol=3e-4)
+    assert_allclose(start.direction_rate, State(state).direction_rate, atol=1e-4)
+
+
 def test_the_torques_make_the_demanded_accelerations() -> None:
     vehicle = rigid.random_vehicle(3, drag=Drag(angular=(1e-3, 2e-3, 3e-3)))
     simulation = Simulation(vehicle=vehicle, period=1e-5, substeps=1)
@@ -51,7 +68,7 @@ def test_the_torques_make_the_demanded_accelerations() -> None:
     rng = np.random.default_rng(0)
     wanted, disturbance = rng.normal(size=(5, 3)), rng.normal(size=(5, DISTURBANCE_SIZE))
     disturbance[:, :3] *= 0.1
-    hover, scale = hover_wrench(simulation), simulation.command_scale
+    hover, scale = hover_wrench(simulation.parameters, simulation.rigid_vehicle.pivot), simulation.command_scale
     torques = body_torques(flight.state, wanted, np.full(5, hover[0]), disturbance, simulation)
     action = np.column_stack([np.zeros(5), (torques - hover[1:]) / scale[1:]])
     assert np.abs(action).max() < 1.0

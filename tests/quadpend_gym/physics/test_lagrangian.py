@@ -9,15 +9,15 @@ import pytest
 import sympy as sp
 from numpy.testing import assert_allclose
 
-from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import accelerations, energy, momentum
-from quadpend_gym.physics.lagrangian import (
+from quadpend_baselines.paper.lagrangian import (
     coriolis_matrix,
     gravity_vector,
     input_matrix,
     mass_matrix,
     state_from_coordinates,
 )
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.dynamics import accelerations, energy, momentum
 from quadpend_gym.physics.parameters import QUADROTOR_DRAG_AREA, Parameters
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,

@@ -1,7 +1,8 @@
 """The equations of motion of rigid vehicles agree with a Lagrangian that sympy differentiates.
 
-The coordinates are those of `quadpend_gym.physics.lagrangian`: position, Euler angles, and the spherical angles of the
-pole. With the body rate ω(q, q̇), the direction r(q) and the pole's centre of mass c = ζ + R p + l r, the Lagrangian is
+The coordinates are those of `quadpend_baselines.paper.lagrangian`: position, Euler angles, and the spherical angles of
+the pole. With the body rate ω(q, q̇), the direction r(q) and the pole's centre of mass c = ζ + R p + l r, the Lagrangian
+is
 
     L = ½ M ζ̇·ζ̇ + ½ ω·I ω + h ω_z + ½ m ċ·ċ + ½ J ṙ·ṙ − M g ζ_z − m g c_z
 """
@@ -14,9 +15,9 @@ import pytest
 import sympy as sp
 from numpy.testing import assert_allclose
 
+from quadpend_baselines.paper.lagrangian import state_from_coordinates
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics import dynamics
-from quadpend_gym.physics.lagrangian import state_from_coordinates
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.vehicles import Pole, Vehicle

@@ -44,6 +44,16 @@ def test_parameters_that_are_not_those_of_the_vehicle_stay() -> None:
     assert as_simulation(Simulation(vehicle="hummingbird", parameters=heavy), "racer").parameters == heavy
 
 
+@pytest.mark.parametrize("vehicle", ["racer", "paper"])
+def test_replacing_a_vehicle_and_keeping_the_numbers_of_the_former_is_refused(vehicle: str) -> None:
+    hummingbird = Simulation(vehicle="hummingbird")
+    with pytest.raises(
+        ValueError, match=f"must not be those of the vehicle 'hummingbird' if the vehicle is '{vehicle}'"
+    ):
+        replace(hummingbird, vehicle=vehicle)
+    assert replace(hummingbird, vehicle=replace(hummingbird.vehicle, name="mine")).parameters == hummingbird.parameters
+
+
 def test_the_picture_shows_the_thrust_that_the_rotors_have_reached() -> None:
     env: Any = gym.make(ID, vehicle="hummingbird", interface="rotors", render_mode="rgb_array")
     env.reset(seed=0)

@@ -222,7 +222,10 @@ def test_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> 
 def test_a_vehicle_applies_to_all_scenarios_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ["--episodes", "2", "--vehicle", "crazyflie", "--cache", str(tmp_path)]
     main(["evaluate", "lqr", "--scenarios", "calm", "steady", *options, "--replay", "0", "--out", str(tmp_path)])
-    note = "Forces of the wind are scaled to the weight of the vehicle, by 0.0426 (0.292 N)"
+    note = (
+        "Forces of the wind are scaled to the weight of the vehicle, by 0.0426 (0.292 N), and its torques about"
+        " x / y / z to the torque limits, by 0.00119 / 0.00119 / 0.00127;"
+    )
     assert note in capsys.readouterr().out
     results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     assert list(results["scenarios"]) == ["calm · crazyflie", "steady · crazyflie"]

@@ -1,4 +1,4 @@
-"""What a scenario tells a policy."""
+"""What a policy is given by a scenario."""
 
 import warnings
 from dataclasses import replace

@@ -223,8 +223,8 @@ def assert_shown(page: Browser, sample: Floats) -> None:
 
 def test_the_page_opens_without_messages_and_does_not_play(page: Browser) -> None:
     assert page.run("document.readyState") == "complete"
-    assert page.run("replay.time") == 0.0
-    assert page.run("replay.playing") is False
+    assert [page.run("replay.time"), page.run("replay.playing")] == [0.0, False]
+    assert page.run("document.getElementById('replay-tracked').textContent") == "reference of the bob"
     drawn = "(() => { const c = document.getElementById('replay-view'); return new Set(c.getContext('2d')"
     assert page.run(f"{drawn}.getImageData(0, 0, c.width, c.height).data).size; }})()") > 50
     assert page.messages() == []

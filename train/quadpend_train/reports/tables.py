@@ -99,17 +99,21 @@ def leaderboard_note(comparison: Comparison) -> str:
 
 
 def vehicle_note(comparison: Comparison) -> str:
-    """Return that forces of the wind are scaled to the weight of the vehicle; empty if they are not."""
-    scaled = {
-        model.scale: scenario.simulation.parameters.hover_thrust
+    """Return by which factors forces and torques of the wind are scaled to the vehicle; empty if they are not."""
+    scaled = [
+        (model, scenario.simulation.parameters.hover_thrust)
         for scenario in comparison.scenarios.values()
         for model in scenario.wind.models
         if isinstance(model, Rescaled)
-    }
+    ]
     if not scaled:
         return ""
-    factors = ", ".join(f"{scale:.3g} ({weight:.3g} N)" for scale, weight in scaled.items())
-    return f"Forces of the wind are scaled to the weight of the vehicle, by {factors}; wind velocities are not."
+    forces = dict.fromkeys(f"{model.scale:.3g} ({weight:.3g} N)" for model, weight in scaled)
+    torques = dict.fromkeys(" / ".join(f"{factor:.3g}" for factor in model.torque_factors) for model, _ in scaled)
+    return (
+        f"Forces of the wind are scaled to the weight of the vehicle, by {', '.join(forces)}, and its torques about"
+        f" x / y / z to the torque limits, by {', '.join(torques)}; wind velocities are not."
+    )
 
 
 def comparison_markdown(comparison: Comparison) -> str:

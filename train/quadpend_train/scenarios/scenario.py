@@ -67,7 +67,7 @@ class Scenario:
         history_actions: Number of past actions that are appended to the observation.
         task: Task, as the keyword of `gymnasium.make`; None: the task of `env_id`.
         duration: Length of an episode, s; a whole number of control periods (`simulation.period`).
-        loop_known: Whether controllers are told the delays, lags and rate limits among `sensors` and `actuators`.
+        loop_known: Whether controllers know the delays, lags and rate limits among `sensors` and `actuators`.
 
     Raises:
         TypeError: If a value has the wrong type.

@@ -55,7 +55,7 @@ class PerturbationAxis:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     def scenario(self, value: float, base: Scenario = CALM) -> Scenario:
-        """Return `base` with the perturbation of a value, which no controller is told."""
+        """Return `base` with the perturbation of a value, which no controller knows."""
         return replace(base, **self.fields(value, base.simulation), loop_known=False)
 
     def options(self, value: float, episodes: int, seed: int) -> dict[str, Any] | None:

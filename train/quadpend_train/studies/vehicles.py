@@ -8,7 +8,7 @@ The study has three parts, each a table of Markdown:
   in calm air, as it does from all smaller ones (`quadpend_train.studies.recovery` defines a recovery);
 - ``as-flown``: the scenarios of the set `as-flown`, with controllers that predict over the latency, and without.
 
-A rigid vehicle is commanded by body rates. Every controller is told the nominal vehicle, its interface and its latency.
+A rigid vehicle is commanded by body rates. Every controller knows the nominal vehicle, its interface and its latency.
 """
 
 from collections.abc import Mapping, Sequence
