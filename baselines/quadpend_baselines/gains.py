@@ -190,7 +190,7 @@ GAINS: dict[str, Any] = {
         estimator=EstimatorGains(rate_noise=0.0205, force_walk=0.546, bob_force_walk=0.185, torque_walk=1.27),
     ),
     "nmpc": NmpcGains(
-        feedback=LqrGains(position=0.1, velocity=1.56, angle=1.47, angle_rate=4.0),
+        feedback=LqrGains(position=0.1, velocity=1.56, angle=1.47, angle_rate=2.0),
         estimator=EstimatorGains(rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06),
     ),
 }
