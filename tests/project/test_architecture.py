@@ -35,7 +35,7 @@ PACKAGES = {
         ["policy", "modelling"],
         ["estimation"],
         ["controllers"],
-        ["hybrid", "paper"],
+        ["hybrid", "paper", "optimal"],
         ["__init__"],
     ),
     "quadpend_train": (

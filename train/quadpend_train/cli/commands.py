@@ -57,6 +57,11 @@ COMMANDS = {
         "Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.",
         _RESULTS_ARE_CACHED,
     ),
+    "bound": Command(
+        "bound.bound",
+        "Plan the best flight of each episode, with all wind known in advance, and measure the gap of policies to it.",
+        "planned episodes are saved, and the same command continues",
+    ),
     "wind": Command("studies.wind", "Plot models of wind, and the effects of sensors and actuators."),
     "paper": Command("studies.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
 }

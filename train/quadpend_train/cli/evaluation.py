@@ -29,6 +29,7 @@ def evaluate(
     document: Path | None = None,
     vehicle: str | None = None,
     interface: str | None = None,
+    bound: Path | None = None,
 ) -> None:
     """Evaluate policies in the same episodes and compare them with the first policy.
 
@@ -54,17 +55,22 @@ def evaluate(
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
             the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
+        bound: The file bound.csv of quadpend bound with the same scenarios and seeds: the leaderboard on the terminal
+            and in the document gets a row of the best flights that were found with the wind known in advance.
     """
     from quadpend_train.common import documents
+    from quadpend_train.evaluation import bound as bounds
     from quadpend_train.reports import report, results, tables
 
+    chosen = named_scenarios(scenarios, vehicle, interface)
+    best = bound and bounds.bound_row(bounds.by_scenario(bounds.read_bound(bound), list(chosen), seed, episodes))
     if document:
         documents.check(document, results.PARTS)
     writable_folder(out)
     writable_folder(cache, "cache")
     made = report.evaluate(
         named_policies(policies),
-        named_scenarios(scenarios, vehicle, interface),
+        chosen,
         out,
         episodes=episodes,
         seed=seed,
@@ -76,7 +82,7 @@ def evaluate(
     )
     comparison, standings = made.comparison, made.leaderboard
     if document:
-        results.update_document(comparison, standings, made.robustness, document)
+        results.update_document(comparison, standings, made.robustness, document, best)
     console = make_console()
     if len(comparison.results) <= _MOST_ROWS:
         console.print(tables.comparison_table(comparison))
@@ -86,7 +92,7 @@ def evaluate(
         for sentence in sentences:
             console.print(f"• {sentence}", highlight=False)
     if len(comparison.policies) > 1:
-        console.print(tables.leaderboard_table(standings))
+        console.print(tables.leaderboard_table(standings, best))
         if note := tables.leaderboard_note(comparison):
             console.print(note, highlight=False)
     console.print(f"Written: {out}/{', '.join(made.files)}", highlight=False)

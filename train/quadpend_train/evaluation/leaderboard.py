@@ -23,7 +23,7 @@ class LeaderboardRow(NamedTuple):
         worst_survival: Survival in the scenario where it is smallest, %; the interval ignores the selection of this
             scenario.
         worst_scenario: Name of that scenario.
-        wins: Number of scenarios won, summed over all other policies, see `compare_all_pairs`.
+        wins: Number of scenarios won, summed over all other policies, see `compare_all_pairs`; None: not counted.
         losses: Number of scenarios lost, summed in the same way.
     """
 
@@ -32,8 +32,8 @@ class LeaderboardRow(NamedTuple):
     survival: Interval
     worst_survival: Interval
     worst_scenario: str
-    wins: int
-    losses: int
+    wins: int | None
+    losses: int | None
 
 
 def leaderboard(comparison: Comparison) -> list[LeaderboardRow]:

@@ -54,7 +54,11 @@ def write(
 
 
 def update_document(
-    comparison: Comparison, standings: Sequence[LeaderboardRow], measured: Robustness | None, path: Path
+    comparison: Comparison,
+    standings: Sequence[LeaderboardRow],
+    measured: Robustness | None,
+    path: Path,
+    bound: LeaderboardRow | None = None,
 ) -> None:
     """Update the `PARTS` of a Markdown document.
 
@@ -63,6 +67,7 @@ def update_document(
         standings: Leaderboard of the comparison.
         measured: Robustness of the same policies, or None.
         path: Markdown file.
+        bound: Row above the leaderboard, see `quadpend_train.evaluation.bound`, or None.
 
     Raises:
         ValueError: If the document does not contain the comments of a part exactly once.
@@ -77,7 +82,7 @@ def update_document(
     parts = {
         "provenance": provenance,
         "tuning": tables.tuning_markdown(comparison.policies),
-        "leaderboard": tables.leaderboard_markdown(standings),
+        "leaderboard": tables.leaderboard_markdown(standings, bound),
         "pairwise": "\n".join(pairs),
         "matrix": tables.matrix_markdown(comparison),
         "robustness": robustness.markdown(measured) if measured else "Not measured.",

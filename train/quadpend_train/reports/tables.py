@@ -42,11 +42,11 @@ def comparison_table(comparison: Comparison) -> Table:
     return table
 
 
-def leaderboard_table(standings: Sequence[LeaderboardRow]) -> Table:
-    """Return the leaderboard as a table for the terminal."""
+def leaderboard_table(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> Table:
+    """Return the leaderboard as a table for the terminal, below the row of `bound_row` if there is one."""
     title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
     table = _table(title, LEADERBOARD_COLUMNS)
-    for cells in _leaderboard_cells(standings):
+    for cells in _leaderboard_cells(standings, bound):
         table.add_row(*cells)
     return table
 
@@ -121,9 +121,9 @@ def comparison_markdown(comparison: Comparison) -> str:
     return _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _comparison_cells(comparison))
 
 
-def leaderboard_markdown(standings: Sequence[LeaderboardRow]) -> str:
-    """Return the leaderboard as a Markdown table."""
-    return _markdown_table(LEADERBOARD_COLUMNS, _leaderboard_cells(standings))
+def leaderboard_markdown(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> str:
+    """Return the leaderboard as a Markdown table, below the row of `bound_row` if there is one."""
+    return _markdown_table(LEADERBOARD_COLUMNS, _leaderboard_cells(standings, bound))
 
 
 def tuning_markdown(policies: Sequence[str]) -> str:
@@ -209,18 +209,19 @@ def _comparison_cells(comparison: Comparison) -> list[list[str]]:
     ]
 
 
-def _leaderboard_cells(standings: Sequence[LeaderboardRow]) -> list[list[str]]:
+def _leaderboard_cells(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None) -> list[list[str]]:
+    ranked = [("–", bound)] if bound else []
+    ranked += [(str(rank), row) for rank, row in enumerate(standings, 1)]
     return [
         [
-            str(rank),
+            rank,
             row.policy,
             format_interval(row.penalised_rmse),
             format_interval(row.survival),
             f"{format_interval(row.worst_survival)} {row.worst_scenario}",
-            str(row.wins),
-            str(row.losses),
+            *("–" if count is None else str(count) for count in (row.wins, row.losses)),
         ]
-        for rank, row in enumerate(standings, 1)
+        for rank, row in ranked
     ]
 
 

@@ -1,0 +1,250 @@
+"""The optimal flight of an episode that is known in advance: direct multiple shooting, solved by IPOPT.
+
+With the states x_k and the actions a_k (after their delay) of all N control steps of an episode as variables:
+
+    (1)  minimise    1/N Σ_{k=1}^{N} |e_k|² + 1/N Σ_{k=0}^{N−1} Σ_i ρ_i a_{k,i}²
+    (2)  subject to  x_0 given,   x_{k+1} = f(x_k, a_k, w_k, p),   −1 ≤ a_k ≤ 1,   a_k = 0 during the delay
+    (3)              r_z ≥ cos α_max,   cos φ cos θ ≥ cos γ_max,   |e_k| ≤ e_max,   z ≥ z_ground
+
+e_k is the tracking error, f one control step of the environment (`plant`), w_k the wind over it, p the parameters, and
+(3) the limits of the task (`Limits`) with small margins. Without its second term, (1) is the squared RMSE of the
+episode. The weights ρ are so small that they raise the RMSE by some hundredths of a millimetre. They are necessary: the
+RMSE hardly depends on the yaw and on changes of the torques within a few control periods. IPOPT uses the exact Hessian
+of the Lagrangian, which is block diagonal, since stage k has the variables (x_k, a_k). The problem is not convex, so
+the flight is a local optimum.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from quadpend_baselines.optimal.episode import Flight, KnownEpisode, tracked_point
+from quadpend_baselines.optimal.plant import KNOWN_SIZE, Plant, lag_memories, step, symbolic_parameters
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_FIELDS, STATE_SIZE
+from quadpend_gym.tasks.task import Limits
+from quadpend_gym.wind import WIND_SIZE
+
+ACTION_WEIGHTS = (1e-6, 1e-6, 1e-6, 1e-5)  # ρ, m²
+COSINE_MARGIN, LENGTH_MARGIN = 1e-4, 1e-3  # of the limits (3): of the cosines, and in m
+MAX_ITERATIONS = 200
+_SCALE = 1e4  # of the cost: from m² to cm²
+_LIMITED = 2  # numbers of each stage that have limits but are not variables
+_OPTIONS = {
+    "print_time": False,
+    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-5, "constr_viol_tol": 1e-6, "max_iter": MAX_ITERATIONS},
+}
+
+
+class Solution(NamedTuple):
+    """The solution of (1)–(3), or the last iterate if IPOPT found none.
+
+    Attributes:
+        states: States of the plant, shape (N + 1, n).
+        actions: Actions after the delay, shape (N, 4), in [−1, 1].
+        rmse: Root mean square of the tracking error, m.
+        status: Return status of IPOPT, "Solve_Succeeded" at an optimum.
+        iterations: Iterations of IPOPT.
+    """
+
+    states: Floats
+    actions: Floats
+    rmse: float
+    status: str
+    iterations: int
+
+
+class Transcription:
+    """The problem (1)–(3) of a plant for episodes of `steps` control steps.
+
+    Args:
+        plant: The plant.
+        limits: Limits of the task.
+        steps: Number N of control steps.
+    """
+
+    def __init__(self, plant: Plant, limits: Limits, steps: int) -> None:
+        """Differentiate the equations and build the solver."""
+        self.plant, self.limits, self.steps = plant, limits, steps
+        x, a, known, y = step(plant)
+        p = symbolic_parameters(known[WIND_SIZE:])
+        target, weight, v = ca.SX.sym("target", 3), ca.SX.sym("weight"), ca.vertcat(x, a)
+        position, direction, euler = (x[STATE_FIELDS[name]] for name in ("position", "direction", "euler"))
+        error = ca.vertcat(position[:2] + p.rod_length * direction[:2], position[2]) - target
+        cost = weight * ca.sumsqr(error) + ca.dot(ca.DM(ACTION_WEIGHTS), a**2) / steps
+        limited = ca.vertcat(ca.cos(euler[0]) * ca.cos(euler[1]), ca.sumsqr(error))
+        self._stage = _Stage(v, ca.vertcat(known, target, weight), y, _SCALE * cost, limited)
+        self._jacobian = ca.Function("linearised", [v, known], [ca.jacobian(y, v)], {"cse": True}).map(steps)
+        self._solver = _solver(self._stage, steps)
+
+    def guess(self, flight: Flight, episode: KnownEpisode) -> tuple[Floats, Floats]:
+        """Return states of the plant and actions after the delay to begin with, from a flight that may end early.
+
+        After the end of the flight they are those of an upright pole at the reference.
+        """
+        actions = np.zeros((self.steps, ACTION_SIZE))
+        delayed = flight.actions[: max(len(flight.actions) - self.plant.delay, 0)]
+        actions[self.plant.delay : self.plant.delay + len(delayed)] = delayed
+        states = np.zeros((self.steps + 1, STATE_SIZE))
+        states[1:, STATE_FIELDS["position"]] = episode.target
+        states[1:, STATE_FIELDS["velocity"]] = np.gradient(episode.target, self.plant.simulation.period, axis=0)
+        states[:, DIRECTION + 2] = 1.0
+        states[: len(flight.states)] = flight.states
+        return np.hstack([states, lag_memories(self.plant, actions)]), actions
+
+    def solve(self, episode: KnownEpisode, states: Floats, actions: Floats) -> Solution:
+        """Return the optimal flight of an episode.
+
+        Args:
+            episode: The episode, of N control steps.
+            states: States of the plant to begin with, shape (N + 1, n).
+            actions: Actions after the delay to begin with, shape (N, 4).
+        """
+        first = np.hstack([states, np.vstack([actions, np.zeros(ACTION_SIZE)])])
+        lowest, highest = self._bounds(episode.start)
+        least = [float(np.cos(self.limits.body_angle)) + COSINE_MARGIN, -np.inf]
+        most = [np.inf, (self.limits.tracking_error - LENGTH_MARGIN) ** 2]
+        zeros = np.zeros(self.plant.state_size)
+        found = self._solver(
+            x0=first.ravel(),
+            p=self._numbers(episode).ravel(),
+            lbx=lowest.ravel(),
+            ubx=highest.ravel(),
+            lbg=np.concatenate([np.tile([*zeros, *least], self.steps), least]),
+            ubg=np.concatenate([np.tile([*zeros, *most], self.steps), most]),
+        )
+        stats = self._solver.stats()
+        plan = np.array(found["x"]).reshape(first.shape)
+        x, a = plan[:, : self.plant.state_size], np.clip(plan[:-1, self.plant.state_size :], -1.0, 1.0)
+        error = tracked_point(x[1:, :STATE_SIZE], episode.parameters) - episode.target
+        rmse = float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+        return Solution(x, a, rmse, str(stats["return_status"]), int(stats["iter_count"]))
+
+    def linearise(self, episode: KnownEpisode, solution: Solution) -> tuple[Floats, Floats]:
+        """Return the derivatives of f along a solution with respect to x and a, shapes (N, n, n) and (N, n, 4)."""
+        size, v = self.plant.state_size, np.hstack([solution.states[:-1], solution.actions])
+        blocks = np.array(self._jacobian(v.T, self._numbers(episode)[:-1, :KNOWN_SIZE].T))
+        stacked = blocks.reshape(size, self.steps, size + ACTION_SIZE).transpose(1, 0, 2)
+        return np.ascontiguousarray(stacked[..., :size]), np.ascontiguousarray(stacked[..., size:])
+
+    def _numbers(self, episode: KnownEpisode) -> Floats:
+        """Return wind, parameters, target and weight of the error of each stage, shape (N + 1, 25)."""
+        out = np.zeros((self.steps + 1, KNOWN_SIZE + 4))
+        out[:-1, :WIND_SIZE] = episode.wind
+        out[:, WIND_SIZE:KNOWN_SIZE] = episode.parameters
+        out[1:, KNOWN_SIZE:-1], out[0, KNOWN_SIZE:-1] = episode.target, episode.target[0]
+        out[1:, -1] = 1.0 / self.steps
+        return out
+
+    def _bounds(self, start: Floats) -> tuple[Floats, Floats]:
+        """Return the bounds of the variables of each stage, shape (N + 1, n + 4)."""
+        size, limits = self.plant.state_size, self.limits
+        lowest = np.full((self.steps + 1, size + ACTION_SIZE), -np.inf)
+        highest = -lowest
+        lowest[1:, DIRECTION + 2] = np.cos(limits.pendulum_angle) + COSINE_MARGIN
+        lowest[1:, POSITION + 2] = limits.ground + LENGTH_MARGIN
+        lowest[:, size:], highest[:, size:] = -1.0, 1.0
+        for fixed in (lowest, highest):
+            fixed[0, :size], fixed[0, :STATE_SIZE] = 0.0, start
+            fixed[: self.plant.delay, size:] = fixed[-1, size:] = 0.0
+        return lowest, highest
+
+
+@lru_cache(maxsize=8)
+def transcription(plant: Plant, limits: Limits, steps: int) -> Transcription:
+    """Return `Transcription`, built once for equal arguments."""
+    return Transcription(plant, limits, steps)
+
+
+class _Stage(NamedTuple):
+    """Expressions of one stage.
+
+    Attributes:
+        v: Its variables, x and a.
+        q: Numbers that are given.
+        next: State of the next stage.
+        cost: Its share of (1).
+        limited: Numbers with limits.
+    """
+
+    v: Any
+    q: Any
+    next: Any
+    cost: Any
+    limited: Any
+
+    def function(self, name: str, inputs: list[Any], output: Any, stages: int) -> Any:
+        """Return a function of v, q and further inputs that evaluates `output` at several stages, side by side."""
+        return ca.Function(name, [self.v, self.q, *inputs], [output], {"cse": True}).map(stages)
+
+
+def _solver(stage: _Stage, N: int) -> Any:
+    """Return IPOPT for the problem (1)–(3), with derivatives whose blocks are evaluated stage by stage."""
+    size, given, rows = stage.v.numel(), stage.q.numel(), stage.next.numel() + _LIMITED
+    V, P = ca.MX.sym("V", size * (N + 1)), ca.MX.sym("P", given * (N + 1))
+    v, q = ca.reshape(V, size, N + 1), ca.reshape(P, given, N + 1)
+    cost = ca.sum2(stage.function("cost", [], stage.cost, N + 1)(v, q))
+    limited = stage.function("limited", [], stage.limited, N + 1)(v, q)
+    gaps = v[: stage.next.numel(), 1:] - stage.function("next", [], stage.next, N)(v[:, :-1], q[:, :-1])
+    g = ca.vertcat(ca.vec(ca.vertcat(gaps, limited[:, :-1])), limited[:, -1])
+    gradient = stage.function("gradient", [], ca.densify(ca.gradient(stage.cost, stage.v)), N + 1)(v, q)
+    scale, multipliers = ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
+    derivatives = {
+        "grad_f": ca.Function("nlp_grad_f", [V, P], [cost, ca.vec(gradient)], ["x", "p"], ["f", "grad_f_x"]),
+        "jac_g": ca.Function("nlp_jac_g", [V, P], [g, _jacobian(stage, v, q, N)], ["x", "p"], ["g", "jac_g_x"]),
+        "hess_lag": ca.Function(
+            "nlp_hess_l",
+            [V, P, scale, multipliers],
+            [_hessian(stage, v, q, scale, multipliers, rows, N)],
+            ["x", "p", "lam_f", "lam_g"],
+            ["triu_hess_gamma_x_x"],
+        ),
+    }
+    return ca.nlpsol("optimal_flight", "ipopt", {"x": V, "p": P, "f": cost, "g": g}, {**_OPTIONS, **derivatives})
+
+
+def _nonzeros(matrix: Any) -> Any:
+    return ca.vertcat(*matrix.nonzeros())
+
+
+def _jacobian(stage: _Stage, v: Any, q: Any, N: int) -> Any:
+    """Return the Jacobian of the constraints: the rows of a stage are its gap to the next stage and its limits."""
+    size, gaps = stage.v.numel(), stage.next.numel()
+    rows, stages, all_stages = gaps + _LIMITED, np.arange(N)[:, np.newaxis], np.arange(N + 1)[:, np.newaxis]
+    motion, limited = ca.jacobian(stage.next, stage.v), ca.jacobian(stage.limited, stage.v)
+    (motion_row, motion_column), (limited_row, limited_column) = (
+        np.array(matrix.sparsity().get_triplet()) for matrix in (motion, limited)
+    )
+    first_limited = np.where(all_stages < N, rows * all_stages + gaps, rows * N)
+    row = [rows * stages + motion_row, rows * stages + np.arange(gaps), first_limited + limited_row]
+    column = [size * stages + motion_column, size * (stages + 1) + np.arange(gaps), size * all_stages + limited_column]
+    values = ca.vertcat(
+        -ca.vec(stage.function("motion", [], _nonzeros(motion), N)(v[:, :-1], q[:, :-1])),
+        ca.DM.ones(gaps * N),
+        ca.vec(stage.function("limits", [], _nonzeros(limited), N + 1)(v, q)),
+    )
+    return _sparse((rows * N + _LIMITED, size * (N + 1)), row, column, values)
+
+
+def _hessian(stage: _Stage, v: Any, q: Any, scale: Any, multipliers: Any, rows: int, N: int) -> Any:
+    """Return the upper triangle of the Hessian of the Lagrangian, one block on the diagonal for each stage."""
+    size, gaps = stage.v.numel(), stage.next.numel()
+    factor, dual = ca.SX.sym("factor"), ca.SX.sym("dual", rows)
+    lagrangian = factor * stage.cost - ca.dot(dual[:gaps], stage.next) + ca.dot(dual[gaps:], stage.limited)
+    block = ca.triu(ca.hessian(lagrangian, stage.v)[0])
+    row, column = np.array(block.sparsity().get_triplet())
+    before, last = ca.reshape(multipliers[: rows * N], rows, N), ca.vertcat(ca.MX(gaps, 1), multipliers[rows * N :])
+    blocks = stage.function("hessian", [factor, dual], _nonzeros(block), N + 1)
+    values = ca.vec(blocks(v, q, ca.repmat(scale, 1, N + 1), ca.horzcat(before, last)))
+    first = size * np.arange(N + 1)[:, np.newaxis]
+    return _sparse((size * (N + 1),) * 2, [first + row], [first + column], values)
+
+
+def _sparse(shape: tuple[int, int], rows: list[Any], columns: list[Any], values: Any) -> Any:
+    """Return a sparse matrix from the indices of its entries, arrays of any shape, and its values in their order."""
+    row, column = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns))
+    order = np.lexsort((row, column))
+    sparsity = ca.Sparsity.triplet(*shape, row[order].tolist(), column[order].tolist())
+    return ca.MX(sparsity, values[order.tolist()])

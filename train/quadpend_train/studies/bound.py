@@ -1,0 +1,259 @@
+"""How good a flight could be: the optimum of each episode with start, reference, wind and parameters known in advance.
+
+`quadpend_baselines.optimal` plans the flight. A flight counts as the environment flies it, with float32 actions, so a
+number in the tables is never better than what is possible. The planner starts from the flight of a classical
+controller; where it finds no better flight, the controller's flight counts, since a clairvoyant could repeat it.
+"""
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
+from multiprocessing import get_context
+from pathlib import Path
+from signal import SIG_IGN, SIGINT, signal
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from tqdm.auto import tqdm
+
+import quadpend_baselines
+from quadpend_baselines import controller
+from quadpend_baselines.controllers import nmpc_model
+from quadpend_baselines.optimal.episode import Flight, known_episode, record_flight
+from quadpend_baselines.optimal.plant import Plant
+from quadpend_baselines.optimal.replay import track
+from quadpend_baselines.optimal.transcription import transcription
+from quadpend_baselines.policy.rollout import rollout
+from quadpend_gym.actuators import ActionDelay, MotorLag
+from quadpend_gym.core.source_hash import source_hash
+from quadpend_train.common.files import to_json_data
+from quadpend_train.evaluation.bound import (
+    CLAIRVOYANT,
+    BoundEpisode,
+    by_scenario,
+    penalised_rmse,
+    read_bound,
+    write_bound,
+)
+from quadpend_train.evaluation.comparison import Comparison
+from quadpend_train.evaluation.episodes import EpisodeResults, collect_results
+from quadpend_train.evaluation.formatting import format_interval, format_number
+from quadpend_train.evaluation.statistics import Interval, mean, proportion
+from quadpend_train.policies.adaptation import adapt_policy
+from quadpend_train.scenarios import Scenario, scenario_hash
+
+FIRST_GUESS = "flatness"  # controller whose flight the planner starts from, and against which gaps are measured
+_SOURCES = [Path(str(quadpend_baselines.__file__)).parent / "optimal", Path(str(nmpc_model.__file__))]
+_MILLIMETRES = 1000.0
+
+
+class Task(NamedTuple):
+    """One episode to plan.
+
+    Attributes:
+        name: Name of the scenario.
+        scenario: The scenario.
+        seed: Seed of the episode.
+    """
+
+    name: str
+    scenario: Scenario
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Hash of the scenario, the seed and the code of the planner, twelve hexadecimal digits."""
+        parts = [scenario_hash(self.scenario), self.seed, source_hash(_SOURCES)]
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:12]
+
+
+def left_out(scenario: Scenario) -> str:
+    """Return why the episodes of a scenario cannot be planned; empty if they can."""
+    if scenario.simulation.is_rigid:
+        return "the planner has the paper's attitude model, and the vehicle is a rigid body"
+    others = [model for model in scenario.actuators if not isinstance(model, ActionDelay | MotorLag)]
+    if others:
+        return f"the planner has delays and lags of the action, but no {others[0].kind}"
+    return ""
+
+
+def plant_of(scenario: Scenario) -> Plant:
+    """Return the plant of a scenario that is not left out. Sensors do not matter to a planner that knows the state."""
+    return Plant(
+        scenario.simulation,
+        any(model.moves_air for model in scenario.wind.models),
+        tuple(model.time_constant for model in scenario.actuators if isinstance(model, MotorLag)),
+        sum(model.steps for model in scenario.actuators if isinstance(model, ActionDelay)),
+    )
+
+
+def plan_episode(task: Task) -> BoundEpisode:
+    """Return the best flight of an episode: the planned one, or that of the first guess if it is better.
+
+    If the flight planned from the first guess falls, the planner starts again from an upright pole at the reference.
+    """
+    name, scenario, seed = task
+    begin, steps = time.process_time(), scenario.steps
+    longer = scenario.make_vec(1, AutoresetMode.SAME_STEP, max_episode_steps=steps + 1)
+    env = scenario.make_vec(1, AutoresetMode.SAME_STEP)
+    world: Any = env.unwrapped.world  # type: ignore[attr-defined]
+    policy = adapt_policy(controller(FIRST_GUESS), scenario)
+    episode, guess = known_episode(longer, seed, steps), record_flight(policy, longer, seed, steps)
+    problem = transcription(plant_of(scenario), world.task.limits, steps)
+
+    def fly(flown: Any) -> EpisodeResults:
+        return collect_results(rollout(flown, env, seed), np.array([steps]), scenario.simulation.period)
+
+    guessed, iterations = fly(policy), 0
+    for flight in (guess, Flight(guess.states[:1], guess.actions[:0])):
+        solution = problem.solve(episode, *problem.guess(flight, episode))
+        iterations += solution.iterations
+        best, source = fly(track(solution, problem, episode, world)), "optimum"
+        if best.survived[0]:
+            break
+    if guessed.penalised_rmse[0] < best.penalised_rmse[0]:
+        best, source = guessed, FIRST_GUESS
+    survived = bool(best.survived[0])
+    return BoundEpisode(
+        name,
+        seed,
+        survived,
+        _MILLIMETRES * float(best.rmse[0]) if survived else np.nan,
+        _MILLIMETRES * float(best.settled_rmse[0]),
+        _MILLIMETRES * solution.rmse,
+        source,
+        solution.status,
+        iterations,
+        round(time.process_time() - begin, 2),
+        task.key,
+    )
+
+
+def plan(
+    scenarios: Mapping[str, Scenario],
+    episodes: int,
+    seed: int,
+    folder: Path,
+    jobs: int = 1,
+    recompute: bool = False,
+) -> dict[str, list[BoundEpisode]]:
+    """Plan the missing episodes of `bound.csv` in a folder, which is written after each of them.
+
+    Args:
+        scenarios: Scenarios by name, none of which is left out.
+        episodes: Number of episodes of each scenario.
+        seed: Seed of the first episode.
+        folder: Folder of `bound.csv`. Its other episodes are kept.
+        jobs: Number of processes; the results do not depend on it.
+        recompute: Whether to plan stored episodes again.
+
+    Returns:
+        The episodes of each scenario.
+    """
+    path = folder / "bound.csv"
+    stored = {(item.scenario, item.seed): item for item in read_bound(path)} if path.exists() else {}
+    tasks = [Task(name, scenario, seed + k) for k in range(episodes) for name, scenario in scenarios.items()]
+    missing = [task for task in tasks if recompute or not _is_current(task, stored)]
+    with (
+        tqdm(total=len(tasks), initial=len(tasks) - len(missing), unit="episode", leave=False) as bar,
+        closing(_planned(missing, jobs)) as planned,
+    ):
+        for episode in planned:
+            stored[episode.scenario, episode.seed] = episode
+            write_bound(path, [stored[place] for place in sorted(stored, key=lambda place: (place[0], place[1]))])
+            bar.update()
+    return by_scenario(list(stored.values()), list(scenarios), seed, episodes)
+
+
+def _is_current(task: Task, stored: Mapping[tuple[str, int], BoundEpisode]) -> bool:
+    found = stored.get((task.name, task.seed))
+    return found is not None and found.key == task.key
+
+
+def _planned(tasks: Sequence[Task], jobs: int) -> Iterator[BoundEpisode]:
+    """Yield the flights as soon as they are planned, in other processes if there are several jobs."""
+    if jobs == 1 or len(tasks) < 2:
+        yield from map(plan_episode, tasks)
+        return
+    pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
+    try:
+        for future in as_completed([pool.submit(plan_episode, task) for task in tasks]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+class Gap(NamedTuple):
+    """How far a policy is from the optimum in one scenario, in the episodes that were planned.
+
+    Attributes:
+        rmse: Penalised RMSE, mm.
+        gap: Its difference from that of the clairvoyant, episode by episode, mm.
+        closed: Share of the gap of `FIRST_GUESS` that the policy closes; nan for that policy.
+    """
+
+    rmse: Interval
+    gap: Interval
+    closed: float
+
+
+def gaps(found: Mapping[str, Sequence[BoundEpisode]], comparison: Comparison) -> dict[str, dict[str, Gap]]:
+    """Return the gaps of all policies of a comparison over the same episodes, by scenario and policy."""
+    out = {}
+    for scenario, episodes in found.items():
+        best = penalised_rmse(episodes)
+        values = {p: _MILLIMETRES * comparison.results[scenario, p].penalised_rmse for p in comparison.policies}
+        first = float(np.mean(values[FIRST_GUESS])) if FIRST_GUESS in values else np.nan
+        out[scenario] = {
+            policy: Gap(
+                mean(value),
+                mean(value - best),
+                np.nan if policy == FIRST_GUESS else _closed(first, float(np.mean(value)), float(np.mean(best))),
+            )
+            for policy, value in values.items()
+        }
+    return out
+
+
+def _closed(first: float, value: float, best: float) -> float:
+    return (first - value) / (first - best) if first > best else np.nan
+
+
+def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, Mapping[str, Gap]]) -> str:
+    """Return a Markdown table with a line for each scenario."""
+    policies = list(next(iter(measured.values())))
+    headings = ["scenario", "survivable (%)", f"{CLAIRVOYANT} (mm)"]
+    for policy in policies:
+        headings += [f"{policy} (mm)", "gap (mm)", *(["closed (%)"] if policy != FIRST_GUESS else [])]
+    rows = []
+    for scenario, episodes in found.items():
+        survived = 100.0 * np.mean([item.survived for item in episodes])
+        cells = [scenario, f"≥ {survived:.3g}", format_interval(mean(penalised_rmse(episodes)))]
+        for policy in policies:
+            gap = measured[scenario][policy]
+            cells += [format_number(gap.rmse.value), format_interval(gap.gap)]
+            if policy != FIRST_GUESS:
+                cells.append("–" if np.isnan(gap.closed) else f"{100.0 * gap.closed:.0f}")
+        rows.append(cells)
+    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+
+
+def as_data(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, Mapping[str, Gap]]) -> dict[str, Any]:
+    """Return the numbers of the table as data for JSON, in mm and as shares."""
+    return {
+        scenario: {
+            CLAIRVOYANT: to_json_data(
+                {
+                    "survival": proportion(np.array([[item.survived for item in episodes]])),
+                    "penalised_rmse": mean(penalised_rmse(episodes)),
+                    "settled_rmse": mean(np.array([[item.settled_rmse for item in episodes]])),
+                }
+            ),
+            **{policy: to_json_data(gap) for policy, gap in measured[scenario].items()},
+        }
+        for scenario, episodes in found.items()
+    }
