@@ -85,7 +85,10 @@ def _with_delay(A: Floats, B: Floats, delay: int) -> tuple[Floats, Floats]:
     if not delay:
         return A, B
     steps, n, under_way = len(A), A.shape[1], ACTION_SIZE * delay
-    delayed_A, delayed_B = np.zeros((steps, n + under_way, n + under_way)), np.zeros((steps, n + under_way, ACTION_SIZE))
+    delayed_A, delayed_B = (
+        np.zeros((steps, n + under_way, n + under_way)),
+        np.zeros((steps, n + under_way, ACTION_SIZE)),
+    )
     delayed_A[:, :n, :n], delayed_A[:, :n, n : n + ACTION_SIZE] = A, B
     delayed_A[:, n : n + under_way - ACTION_SIZE, n + ACTION_SIZE :] = np.eye(under_way - ACTION_SIZE)
     delayed_B[:, -ACTION_SIZE:] = np.eye(ACTION_SIZE)

@@ -202,7 +202,9 @@ def _solver(stage: _Stage, N: int) -> Any:
             ["triu_hess_gamma_x_x"],
         ),
     }
-    return ca.nlpsol("optimal_flight", "ipopt", {"x": V, "p": P, "f": cost, "g": g}, {**_OPTIONS, **derivatives})
+    problem: Any = {"x": V, "p": P, "f": cost, "g": g}
+    options: Any = {**_OPTIONS, **derivatives}
+    return ca.nlpsol("optimal_flight", "ipopt", problem, options)
 
 
 def _nonzeros(matrix: Any) -> Any:
@@ -233,7 +235,7 @@ def _hessian(stage: _Stage, v: Any, q: Any, scale: Any, multipliers: Any, rows: 
     size, gaps = stage.v.numel(), stage.next.numel()
     factor, dual = ca.SX.sym("factor"), ca.SX.sym("dual", rows)
     lagrangian = factor * stage.cost - ca.dot(dual[:gaps], stage.next) + ca.dot(dual[gaps:], stage.limited)
-    block = ca.triu(ca.hessian(lagrangian, stage.v)[0])
+    block: Any = ca.triu(ca.hessian(lagrangian, stage.v)[0])
     row, column = np.array(block.sparsity().get_triplet())
     before, last = ca.reshape(multipliers[: rows * N], rows, N), ca.vertcat(ca.MX(gaps, 1), multipliers[rows * N :])
     blocks = stage.function("hessian", [factor, dual], _nonzeros(block), N + 1)

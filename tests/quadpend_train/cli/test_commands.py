@@ -193,10 +193,11 @@ def test_missing_extras_are_named_in_one_sentence(tmp_path: Path) -> None:
     needs = "quadpend: this command needs {}, which is not installed: pip install 'quadpend-gym[train]'"
     assert without(["tyro"], [["list"], ["train"]]) == [needs.format("tyro")] * 2
     commands = [["train", "--out", here + "a"], ["tune", "lqr", "--out", here], ["wind", "storm", "--out", here]]
-    missing = ["torch", "optuna", "matplotlib", "pygame"]
+    missing = ["torch", "optuna", "matplotlib", "pygame", "casadi"]
     watch = ["watch", "flatness", "--out", here + "a.png"]
-    assert without(missing, [["card", "flatness"], *commands, watch]) == [
+    assert without(missing, [["card", "flatness"], *commands, ["bound"], watch]) == [
         *(needs.format(name) for name in ("torch", "optuna", "matplotlib")),
+        needs.format("casadi").replace("train", "mpc"),
         "quadpend: pictures need pygame-ce: pip install 'quadpend-gym[view]'",
     ]
 

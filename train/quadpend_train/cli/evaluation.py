@@ -63,7 +63,7 @@ def evaluate(
     from quadpend_train.reports import report, results, tables
 
     chosen = named_scenarios(scenarios, vehicle, interface)
-    best = bound and bounds.bound_row(bounds.by_scenario(bounds.read_bound(bound), list(chosen), seed, episodes))
+    best = bounds.stored_row(bound, list(chosen), seed, episodes) if bound else None
     if document:
         documents.check(document, results.PARTS)
     writable_folder(out)

@@ -94,7 +94,7 @@ def _parsed(row: Mapping[str, str]) -> BoundEpisode:
 def by_scenario(
     episodes: Sequence[BoundEpisode], scenarios: Sequence[str], seed: int, most: int
 ) -> dict[str, list[BoundEpisode]]:
-    """Return the stored episodes of some scenarios, all with the same seeds `seed`, `seed` + 1, …
+    """Return the stored episodes of some scenarios, all with the same consecutive seeds.
 
     Args:
         episodes: Stored episodes.
@@ -139,3 +139,8 @@ def bound_row(found: Mapping[str, Sequence[BoundEpisode]]) -> LeaderboardRow:
         None,
         None,
     )
+
+
+def stored_row(path: Path, scenarios: Sequence[str], seed: int, most: int) -> LeaderboardRow:
+    """Return `bound_row` of a `bound.csv`; the arguments are those of `read_bound` and `by_scenario`."""
+    return bound_row(by_scenario(read_bound(path), scenarios, seed, most))

@@ -8,7 +8,7 @@ controller; where it finds no better flight, the controller's flight counts, sin
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
 from multiprocessing import get_context
@@ -174,7 +174,7 @@ def _is_current(task: Task, stored: Mapping[tuple[str, int], BoundEpisode]) -> b
     return found is not None and found.key == task.key
 
 
-def _planned(tasks: Sequence[Task], jobs: int) -> Iterator[BoundEpisode]:
+def _planned(tasks: Sequence[Task], jobs: int) -> Generator[BoundEpisode, None, None]:
     """Yield the flights as soon as they are planned, in other processes if there are several jobs."""
     if jobs == 1 or len(tasks) < 2:
         yield from map(plan_episode, tasks)
