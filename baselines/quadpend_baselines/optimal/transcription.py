@@ -8,8 +8,8 @@ With the states x_k and the actions a_k (after their delay) of all N control ste
 
 e_k is the tracking error, f one control step of the environment (`plant`), w_k the wind over it, p the parameters, and
 (3) the limits of the task (`Limits`) with small margins. Without its second term, (1) is the squared RMSE of the
-episode. The weights ρ are so small that they raise the RMSE by some hundredths of a millimetre. They are necessary: the
-RMSE hardly depends on the yaw and on changes of the torques within a few control periods. IPOPT uses the exact Hessian
+episode. The weights ρ raise it by some hundredths of a millimetre only. They are necessary: the RMSE hardly depends on
+the yaw and on changes of the torques within a few control periods. IPOPT uses the exact Hessian
 of the Lagrangian, which is block diagonal, since stage k has the variables (x_k, a_k). The problem is not convex, so
 the flight is a local optimum.
 """
