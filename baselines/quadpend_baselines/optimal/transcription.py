@@ -32,6 +32,7 @@ COSINE_MARGIN, LENGTH_MARGIN = 1e-4, 1e-3  # of the limits (3): of the cosines, 
 MAX_ITERATIONS = 200
 _SCALE = 1e4  # of the cost: from m² to cm²
 _LIMITED = 2  # numbers of each stage that have limits but are not variables
+_INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # how CasADi reports Ctrl-C
 _OPTIONS = {
     "print_time": False,
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-5, "constr_viol_tol": 1e-6, "max_iter": MAX_ITERATIONS},
@@ -101,6 +102,9 @@ class Transcription:
             episode: The episode, of N control steps.
             states: States of the plant to begin with, shape (N + 1, n).
             actions: Actions after the delay to begin with, shape (N, 4).
+
+        Raises:
+            KeyboardInterrupt: After Ctrl-C.
         """
         first = np.hstack([states, np.vstack([actions, np.zeros(ACTION_SIZE)])])
         lowest, highest = self._bounds(episode.start)
@@ -116,6 +120,8 @@ class Transcription:
             ubg=np.concatenate([np.tile([*zeros, *most], self.steps), most]),
         )
         stats = self._solver.stats()
+        if stats["return_status"] in _INTERRUPTED:
+            raise KeyboardInterrupt
         plan = np.array(found["x"]).reshape(first.shape)
         x, a = plan[:, : self.plant.state_size], np.clip(plan[:-1, self.plant.state_size :], -1.0, 1.0)
         error = tracked_point(x[1:, :STATE_SIZE], episode.parameters) - episode.target
