@@ -18,7 +18,7 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export, export_zip
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, output_layer, read_zip
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, output_layer, read_zip
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
 from tests.helpers.wrappers import HISTORY, make_wrapped_vec
@@ -73,6 +73,20 @@ def test_exported_policy_acts_like_the_model(algo: str, activation: str, tmp_pat
     policy.save(tmp_path / "policy.npz")
     assert_same_actions(policy, made)
     assert_same_actions(MlpPolicy.load(tmp_path / "policy.npz"), made)
+
+
+@algorithms
+def test_exported_policy_has_the_input_scales_of_the_model(algo: str, tmp_path: Path) -> None:
+    scales = {"features_extractor_class": MultiScaleInputs, "features_extractor_kwargs": {"scales": (3.0, 20.0)}}
+    policy = export(made := model(algo, gain=20.0, **scales))
+    assert policy.card["input_scales"] == [3.0, 20.0]
+    assert policy.layers[0][0].shape == (3 * 36, 8)
+    policy.save(tmp_path / "policy.npz")
+    assert_same_actions(MlpPolicy.load(tmp_path / "policy.npz"), made)
+    without = MlpPolicy(
+        [(policy.layers[0][0][:36], policy.layers[0][1]), *policy.layers[1:]], {**policy.card, "input_scales": []}
+    )
+    assert np.abs(without.predict(observations())[0] - policy.predict(observations())[0]).max() > 0.1
 
 
 @algorithms

@@ -122,6 +122,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "last layer must have 4 outputs, not 5",
     ),
     "another observation": (parts(inputs=30), "must take 36 or 27 numbers, .* not 30"),
+    "a card for two scales": (parts(input_scales=[8.0, 64.0]), "must take 108 or 81 numbers, .* not 36"),
+    "a scale of zero": (parts(input_scales=[0.0]), r"input_scales\[0\] must be above zero, not 0.0"),
     "a card for more inputs": (parts(history=2), "must take 72 or 54 numbers, .* not 36"),
     "another format": (parts(format="quadpend policy 9"), "not of the format 'quadpend policy 2'"),
     "another activation": (parts(activation="gelu"), "activation must be one of relu, tanh, elu, not 'gelu'"),

@@ -88,6 +88,7 @@ def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
     [
         ({"net_arch": (8, 7)}, r"widths \[36, 8, 6, 4\], but the settings have \[36, 8, 7, 4\]"),
         ({"activation_fn": "tanh"}, "has activation 'relu', but the settings have 'tanh'"),
+        ({"input_scales": (8.0,)}, r"has input_scales None, but the settings have \[8.0\]"),
         ({"history": 2}, "has history 1, but the settings have 2"),
         ({"hybrid": RESIDUAL}, "has hybrid None, but the settings have {'kind': 'residual_action'"),
         ({"algo": "sac"}, "has squashed False, but the settings have True"),

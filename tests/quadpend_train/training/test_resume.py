@@ -26,7 +26,7 @@ RUNS: dict[str, TrainSettings] = {
     "ppo, curriculum": replace(SEGMENTS, curriculum=(OTHER, SHORT), curriculum_steps=512, save_freq=256),
     "ppo, residual action": replace(SEGMENTS, hybrid=RESIDUAL),
     "ppo, bandwidth scheduling": replace(SEGMENTS, hybrid=HybridSettings("flatness", "bandwidth_scheduling")),
-    "ppo, history": replace(SEGMENTS, history=2, history_actions=1),
+    "ppo, history and input scales": replace(SEGMENTS, history=2, history_actions=1, input_scales=(8.0,)),
     "ppo, gSDE": replace(SEGMENTS, sde_sample_freq=4),
     "ppo, evaluated": replace(SEGMENTS, eval_freq=256, save_freq=256),
     "ppo, mixed": replace(SEGMENTS, scenarios=(SHORT, OTHER)),

@@ -155,6 +155,8 @@ RESIDUAL = {"base_controller": "flatness", "mode": "residual_action"}
         ({"hybrid": {"action_repeat": 0}}, "action_repeat must be a whole number of at least 1, not 0"),
         ({"net_arch": (0,)}, r"net_arch\[0\] must be a whole number"),
         ({"net_arch": 64}, "net_arch"),
+        ({"input_scales": 8.0}, "input_scales must be a list of numbers, not 8.0"),
+        ({"input_scales": (8.0, -1.0)}, r"input_scales\[1\] must be above zero, not -1.0"),
         ({"gamma": 5.0}, r"gamma must be a finite number in \[0, 1\], not 5.0"),
         ({"max_seconds": -3.0}, "max_seconds must be a finite number"),
         ({"final_learning_rate": -1e-3}, "final_learning_rate must be a finite number"),

@@ -78,7 +78,8 @@ def _learned(policy: MlpPolicy) -> Lines:
     card = policy.card
     widths = [policy.layers[0][0].shape[0], *(weights.shape[1] for weights, _ in policy.layers)]
     yield "what", f"hybrid: {_pairs(card['hybrid'])}" if card["hybrid"] else "network that acts alone"
-    yield "network", f"{' → '.join(map(str, widths))}, {card['activation']}"
+    scales = f", input scales {', '.join(f'{scale:g}' for scale in policy.input_scales)}" if policy.input_scales else ""
+    yield "network", f"{' → '.join(map(str, widths))}, {card['activation']}{scales}"
     memory = f", the latest {card['history']} of them" if card["history"] > 1 else ""
     memory += f", and its own latest {card['history_actions']} actions" if card["history_actions"] else ""
     yield (

@@ -46,7 +46,7 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     if normalization is not None:
         fields["normalization"] = normalization.as_data()
     policy = MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE, **card})
-    inputs = np.random.default_rng(0).normal(size=(64, layers[0][0].shape[0])).astype(np.float32)
+    inputs = np.random.default_rng(0).normal(size=(64, *model.observation_space.shape)).astype(np.float32)
     expected, _ = model.predict(inputs if normalization is None else normalization.apply(inputs), deterministic=True)
     if not np.allclose(policy.forward(inputs), expected, atol=_TOLERANCE):
         raise ValueError("the actions of the model differ from those of its policy network, so it cannot be exported")

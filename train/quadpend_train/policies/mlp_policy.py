@@ -15,6 +15,7 @@ Fields of a card that determine the policy:
 | `activation`      | activation function of the hidden layers, one of `ACTIVATIONS`                                   |
 | `squashed`        | whether the output goes through tanh; otherwise it is clipped to [−1, 1]                         |
 | `bound`           | limit of the output before tanh; optional                                                        |
+| `input_scales`    | scales s₁, s₂, … of the inputs x, which become [x, tanh(s₁ x), tanh(s₂ x), …]; optional          |
 | `normalization`   | mean, standard deviation and limit of the normalised inputs, see `Normalization`; optional       |
 | `hybrid`          | data for `quadpend_baselines.hybrid.hybrid_from_data`; null for a policy without base controller |
 | `action_repeat`   | control steps for which each output of the network is used                                       |
@@ -41,7 +42,7 @@ from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.core.validation import check_int
+from quadpend_gym.core.validation import check_int, check_positive
 from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
@@ -82,6 +83,7 @@ class MlpPolicy:
     Attributes:
         layers: The layers.
         card: The card.
+        input_scales: Scales of the inputs, see the module's docstring; empty without them.
         hybrid: The hybrid that the policy is part of, or None.
         observation_sizes: Sizes of the observations that the policy accepts: 36, 27 or both.
 
@@ -102,13 +104,14 @@ class MlpPolicy:
         self._activation, self._squashed = ACTIVATIONS[card["activation"]], card["squashed"]
         self._stateless = self.hybrid is None and self._history == 1 and not self._history_actions
         _check_layers(self.layers)
-        inputs = self.layers[0][0].shape[0]
+        self.input_scales = check_input_scales(card.get("input_scales", ()))
+        inputs, parts = self.layers[0][0].shape[0], 1 + len(self.input_scales)
         self._normalization = (
-            normalization_from_data(card["normalization"], inputs) if "normalization" in card else None
+            normalization_from_data(card["normalization"], inputs // parts) if "normalization" in card else None
         )
-        self.observation_sizes = tuple(size for size in OBSERVATION_SIZES if self._input_size(size) == inputs)
+        self.observation_sizes = tuple(size for size in OBSERVATION_SIZES if parts * self._input_size(size) == inputs)
         if not self.observation_sizes:
-            sizes = " or ".join(str(self._input_size(size)) for size in OBSERVATION_SIZES)
+            sizes = " or ".join(str(parts * self._input_size(size)) for size in OBSERVATION_SIZES)
             raise ValueError(f"the first layer must take {sizes} numbers, as the card implies, not {inputs}")
 
     @classmethod
@@ -195,6 +198,9 @@ class MlpPolicy:
         """Return the network's output for inputs of shape (m,) or (n, m), shape (4,) or (n, 4)."""
         if self._normalization is not None:
             inputs = self._normalization.apply(inputs)
+        if self.input_scales:
+            scaled = [np.tanh(np.float32(scale) * inputs) for scale in self.input_scales]
+            inputs = np.concatenate([inputs, *scaled], axis=-1)
         for weights, biases in self.layers[:-1]:
             inputs = self._activation(inputs @ weights + biases)
         weights, biases = self.layers[-1]
@@ -229,9 +235,21 @@ class MlpPolicy:
         return action, memory
 
     def _input_size(self, size: int) -> int:
-        """Return how many numbers the network receives if an observation has `size` numbers."""
+        """Return how many numbers the policy passes to the network if an observation has `size` numbers."""
         seen = size if self.hybrid is None else self.hybrid.observation_size(size)
         return int(self._history * seen + self._history_actions * ACTION_SIZE)
+
+
+def check_input_scales(scales: Any) -> tuple[float, ...]:
+    """Return input scales after a check that they are a list of numbers above zero.
+
+    Raises:
+        TypeError: If they are not a list of numbers.
+        ValueError: If a scale is not above zero.
+    """
+    if not isinstance(scales, tuple | list):
+        raise TypeError(f"input_scales must be a list of numbers, not {scales!r}")
+    return tuple(check_positive(scale, f"input_scales[{i}]") for i, scale in enumerate(scales))
 
 
 def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:

@@ -2,10 +2,12 @@
 
 import json
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
+from gymnasium import spaces
 
 ACTIVATION_MODULES = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
 # Algorithms by the part of its module that names the policy class of a saved model
@@ -22,6 +24,29 @@ _BY_MODULE = {
 }
 # Algorithms by a setting that only they have, for the policy classes that algorithms share and those of users
 _BY_SETTING = {"cg_max_steps": "TRPO", "clip_range": "PPO", "gae_lambda": "A2C", "target_policy_noise": "TD3"}
+
+
+class MultiScaleInputs(torch.nn.Module):
+    """The map of an input x to [x, tanh(s₁ x), tanh(s₂ x), …], also a features extractor for Stable-Baselines3.
+
+    Args:
+        observation_space: Space of the inputs.
+        scales: The scales s₁, s₂, …
+
+    Attributes:
+        scales: The scales.
+        features_dim: Number of outputs.
+    """
+
+    def __init__(self, observation_space: spaces.Box, scales: Sequence[float]) -> None:
+        """Compute the number of outputs."""
+        super().__init__()
+        self.scales = tuple(scales)
+        self.features_dim = observation_space.shape[0] * (1 + len(self.scales))
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return features of shape (n, features_dim) of inputs of shape (n, m)."""
+        return torch.cat([inputs, *(torch.tanh(scale * inputs) for scale in self.scales)], dim=-1)
 
 
 def algorithm_class(name: str) -> Any:
@@ -76,14 +101,19 @@ def actor_modules(model: Any) -> list[torch.nn.Module]:
     """
     policy = model.policy
     if hasattr(policy, "mlp_extractor") and not hasattr(policy, "lstm_actor"):  # PPO, A2C, TRPO
-        return [policy.mlp_extractor.policy_net, policy.action_net]
+        return [*_multi_scale(policy), policy.mlp_extractor.policy_net, policy.action_net]
     if hasattr(policy, "actor") and hasattr(policy.actor, "latent_pi"):  # SAC, TQC
-        return [policy.actor.latent_pi, policy.actor.mu, torch.nn.Tanh()]
+        return [*_multi_scale(policy.actor), policy.actor.latent_pi, policy.actor.mu, torch.nn.Tanh()]
     if hasattr(policy, "actor"):  # TD3, DDPG
         return [policy.actor.mu]
     if hasattr(policy, "action_net") and not hasattr(policy, "lstm_actor"):  # ARS
         return [policy.action_net]
     raise ValueError(f"the policy of {type(model).__name__} is not a feedforward network")
+
+
+def _multi_scale(part: Any) -> list[torch.nn.Module]:
+    """Return the features extractor of a policy or of an actor if it changes the inputs."""
+    return [part.features_extractor] if isinstance(part.features_extractor, MultiScaleInputs) else []
 
 
 def read_zip(path: Path) -> Any:

@@ -10,7 +10,7 @@ import torch
 from quadpend_gym.core.arrays import Floats32
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 from quadpend_train.policies.network_policy import NetworkPolicy
-from quadpend_train.policies.sb3_models import ACTIVATION_MODULES
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs
 
 _IDENTITIES = (torch.nn.Identity, torch.nn.Dropout, torch.nn.Flatten)  # in evaluation, for one vector per row
 Layers = list[tuple[Floats32, Floats32]]
@@ -51,10 +51,13 @@ def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[Layers, dict[str, A
 
     Raises:
         ValueError: If the network does not consist of linear layers with one kind of activation function between them,
-            and an optional limit and tanh at the end.
+            optional `MultiScaleInputs` at the beginning, and an optional limit and tanh at the end.
     """
     found = [module for module in _flat(modules) if not isinstance(module, _IDENTITIES)]
     fields: dict[str, Any] = {"activation": "relu", "squashed": bool(found) and type(found[-1]) is torch.nn.Tanh}
+    if found and isinstance(first := found[0], MultiScaleInputs):
+        fields["input_scales"] = list(first.scales)
+        found.pop(0)
     if fields["squashed"]:
         found.pop()
     if found and isinstance(limit := found[-1], torch.nn.Hardtanh) and limit.min_val == -limit.max_val:

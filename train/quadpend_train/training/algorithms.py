@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, algorithm_class, output_layer
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, output_layer
 from quadpend_train.training.settings import TrainSettings
 
 
@@ -21,6 +21,11 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
     """
     special = _ppo(settings) if settings.algo == "ppo" else _sac(settings)
     policy = special.pop("policy_kwargs", {})
+    if settings.input_scales:
+        policy |= {
+            "features_extractor_class": MultiScaleInputs,
+            "features_extractor_kwargs": {"scales": settings.input_scales},
+        }
     model = algorithm_class(settings.algo)(
         "MlpPolicy",
         env,

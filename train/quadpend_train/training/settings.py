@@ -13,7 +13,7 @@ from quadpend_gym import RewardWeights
 from quadpend_gym.core.validation import check_int, check_number, check_positive, from_plain, suggest
 from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
-from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
+from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy, check_input_scales
 from quadpend_train.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
 
 PRESETS = Path(__file__).with_name("presets")
@@ -189,6 +189,9 @@ class TrainSettings:
     """Widths of the hidden layers of actor and critic."""
     activation_fn: Literal["relu", "tanh", "elu"] = "relu"
     """Activation function of the hidden layers."""
+    input_scales: tuple[float, ...] = ()
+    """Scales s₁, s₂, … of the inputs x of actor and critic, which also receive tanh(s₁ x), tanh(s₂ x), …: large scales
+    resolve small errors. Empty for x alone."""
     sde_sample_freq: int = 0
     """Steps between two samples of the noise of gSDE (state-dependent exploration); 0 disables gSDE."""
     save_freq: int = 1_000_000
@@ -216,6 +219,7 @@ class TrainSettings:
         if not isinstance(self.net_arch, tuple | list):
             raise TypeError(f"net_arch must be a list of widths, not {self.net_arch!r}")
         object.__setattr__(self, "net_arch", tuple(self.net_arch))
+        object.__setattr__(self, "input_scales", check_input_scales(self.input_scales))
         for name in ("total_timesteps", "num_envs", "history", "batch_size", "save_freq"):
             check_int(getattr(self, name), name, 1)
         for name in ("n_eval_episodes", "num_threads"):

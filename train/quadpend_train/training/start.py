@@ -15,7 +15,10 @@ from quadpend_train.training.settings import TrainSettings
 
 START = "start.npz"  # copy of the policy in the run folder, with which the run resumes
 # Fields of a card that must be the same, with their defaults
-_COMPARED = {"activation": None, "squashed": None, "bound": None, "normalization": None, **PLAIN_INTERFACE}
+_COMPARED = {
+    **dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")),
+    **PLAIN_INTERFACE,
+}
 
 
 def load_actor(model: Any, settings: TrainSettings, folder: Path | None) -> None:
