@@ -12,7 +12,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-from quadpend_train.training import callbacks
+from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import HybridSettings, PpoSettings, TrainSettings
 from tests.helpers.envs import assert_same
@@ -177,6 +177,34 @@ def test_run_without_a_checkpoint_starts_again(tmp_path: Path) -> None:
     for name in ("settings.json", "provenance.json"):
         (dead / name).write_text((tmp_path / "whole" / name).read_text())
     assert weight_difference(MlpPolicy.load(training.resume(dead, progress=False)), policy) == 0.0
+
+
+def test_run_interrupted_during_or_just_after_its_imitation_gives_the_same_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The imitation starts again in the first case and is not repeated in the second."""
+    settings, fit, fits = RUNS["ppo, imitation"], dagger._fit, 0
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+
+    def interrupted_fit(*arguments: Any) -> None:
+        nonlocal fits
+        fits += 1
+        if fits == 3:
+            raise KeyboardInterrupt
+        fit(*arguments)
+
+    policy = train_policy(settings, whole)
+    monkeypatch.setattr(dagger, "_fit", interrupted_fit)
+    with pytest.raises(KeyboardInterrupt):
+        train_policy(settings, broken)
+    assert f"`quadpend train --resume {broken}` starts it again" in capsys.readouterr().out
+    with monkeypatch.context() as patch:
+        interrupt_at(32, patch)
+        with pytest.raises(KeyboardInterrupt):
+            training.resume(broken, progress=False)
+    assert fits == 13
+    assert weight_difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
+    assert fits == 13
 
 
 def test_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:

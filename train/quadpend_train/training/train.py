@@ -80,13 +80,13 @@ def train(
     """
     if (folder / SETTINGS).exists():
         raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
-    model = initial_model(settings, folder)
+    model = _untrained_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     if settings.start_from:
         start_policy(settings).save(folder / START)
     _write_json(folder / SETTINGS, to_mapping(settings))
     _write_json(folder / PROVENANCE, {**provenance(), **start_provenance(settings)})
-    return _learn(model, settings, folder, progress, callbacks)
+    return _begin(model, settings, folder, progress, callbacks)
 
 
 def resume(folder: Path, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
@@ -113,7 +113,7 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
         raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
     settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings)
     if not (folder / CHECKPOINT).is_file():
-        return _learn(initial_model(settings, folder), settings, folder, progress)
+        return _begin(_untrained_model(settings, folder), settings, folder, progress)
     torch.set_num_threads(settings.num_threads)
     model = algorithm_class(settings.algo).load(folder / CHECKPOINT, env=make_env(settings), device="cpu")
     if settings.algo != "ppo":
@@ -183,6 +183,13 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
         settings: The settings of the run.
         folder: The folder for TensorBoard's event files; None writes no event files.
     """
+    model = _untrained_model(settings, folder)
+    _imitate(model, settings)
+    return model
+
+
+def _untrained_model(settings: TrainSettings, folder: Path | None) -> Any:
+    """Return the model of a run, with the network of the policy `start_from` if the settings name one."""
     torch.set_num_threads(settings.num_threads)
     for name in expand_sets((*settings.scenarios, *settings.curriculum)):
         check_own_models(name, find_scenario(name))
@@ -192,11 +199,30 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
     model = make_model(settings, env, folder)
     if settings.start_from:
         load_actor(model, settings, folder)
+    return model
+
+
+def _imitate(model: Any, settings: TrainSettings) -> None:
+    """Train the actor to imitate the base controller, if the settings say so."""
     if settings.hybrid.imitation_timesteps:
+        env = model.get_env()
         env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
         error = dagger(model, env, settings)
         print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
-    return model
+
+
+def _begin(
+    model: Any, settings: TrainSettings, folder: Path, progress: bool, callbacks: Sequence[BaseCallback] = ()
+) -> Path:
+    """Imitate and learn. The first checkpoint of a run with imitation is the model after the imitation."""
+    if settings.hybrid.imitation_timesteps:
+        try:
+            _imitate(model, settings)
+        except KeyboardInterrupt:
+            print(f"Interrupted during the imitation; `quadpend train --resume {folder}` starts it again.")
+            raise
+        save_checkpoint(model, folder)
+    return _learn(model, settings, folder, progress, callbacks)
 
 
 def _interrupt(*_: Any) -> None:
