@@ -66,8 +66,12 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
             seed = [int(seed) + row for row in range(self.num_envs)]
         if seed is not None and (not hasattr(seed, "__len__") or len(seed) != self.num_envs):
             raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
+        mask = (options or {}).get("reset_mask")
         results = [
-            env.reset(seed=None if seed is None else seed[rows], options=options)
+            env.reset(
+                seed=None if seed is None else seed[rows],
+                options=options if mask is None else {**(options or {}), "reset_mask": mask[rows]},
+            )
             for env, rows in zip(self.envs, self._rows, strict=True)
         ]
         return np.concatenate([observation for observation, _ in results]), _concatenate([info for _, info in results])

@@ -52,6 +52,17 @@ class SB3VecEnv(VecEnv):
         self._lengths[:] = 0
         return observation
 
+    def restart(self, rows: Any) -> Any:
+        """Start the next episode in some sub-environments, and return the observations of all.
+
+        Args:
+            rows: Mask of the sub-environments, shape (num_envs,), bool.
+        """
+        observation, _ = self.env.reset(options={"reset_mask": rows})
+        self._returns[rows] = 0.0
+        self._lengths[rows] = 0
+        return observation
+
     def step_async(self, actions: Any) -> None:
         """Store the actions for `step_wait`."""
         self._actions = actions

@@ -1,4 +1,4 @@
-"""Create models of PPO, SAC and TQC from training settings."""
+"""Create models of PPO, SAC, TQC and APG from training settings."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,29 +8,31 @@ import torch
 
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, output_layer
+from quadpend_train.scenarios import expand_sets, find_scenario
+from quadpend_train.training.apg import APG
 from quadpend_train.training.settings import TrainSettings
 
 
 def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> Any:
-    """Return an untrained model of Stable-Baselines3 or sb3-contrib.
+    """Return an untrained model.
 
     Args:
         settings: The training settings.
         env: The training environment.
         folder: The folder for TensorBoard's event files; None writes no event files.
     """
-    special = _ppo(settings) if settings.algo == "ppo" else _sac(settings)
+    special = {"ppo": _ppo, "apg": _apg}.get(settings.algo, _sac)(settings)
     policy = special.pop("policy_kwargs", {})
     if settings.input_scales:
         policy |= {
             "features_extractor_class": MultiScaleInputs,
             "features_extractor_kwargs": {"scales": settings.input_scales},
         }
-    model = algorithm_class(settings.algo)(
+    kind: Any = APG if settings.algo == "apg" else algorithm_class(settings.algo)
+    model = kind(
         "MlpPolicy",
         env,
         learning_rate=_linear_schedule(settings.learning_rate, settings.final_learning_rate),
-        batch_size=settings.batch_size,
         gamma=settings.gamma,
         use_sde=settings.sde_sample_freq > 0,
         sde_sample_freq=settings.sde_sample_freq or -1,
@@ -51,6 +53,7 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
 
 def _ppo(settings: TrainSettings) -> dict[str, Any]:
     return {
+        "batch_size": settings.batch_size,
         "n_steps": settings.ppo.n_steps,
         "n_epochs": settings.ppo.n_epochs,
         "gae_lambda": settings.ppo.gae_lambda,
@@ -62,6 +65,7 @@ def _ppo(settings: TrainSettings) -> dict[str, Any]:
 
 def _sac(settings: TrainSettings) -> dict[str, Any]:
     return {
+        "batch_size": settings.batch_size,
         "train_freq": (settings.sde_sample_freq or 1, "step"),
         "gradient_steps": settings.sac.gradient_steps * (settings.sde_sample_freq or 1),
         "buffer_size": settings.sac.buffer_size,
@@ -70,6 +74,30 @@ def _sac(settings: TrainSettings) -> dict[str, Any]:
         "ent_coef": f"auto_{settings.sac.ent_coef_init}",
         "target_entropy": settings.sac.target_entropy,
     }
+
+
+def _apg(settings: TrainSettings) -> dict[str, Any]:
+    scenarios = [find_scenario(name) for name in expand_sets(settings.scenarios)]
+    return {
+        "scenarios": scenarios,
+        "apg": settings.apg,
+        "episode_steps": settings.max_episode_steps or scenarios[0].steps,
+    }
+
+
+def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
+    """Return a model from a file that its method `save` wrote. Except for APG this executes code that is in the file.
+
+    Args:
+        settings: The training settings.
+        env: The training environment.
+        path: The file; events of TensorBoard are written to its folder.
+    """
+    if settings.algo != "apg":
+        return algorithm_class(settings.algo).load(path, env=env, device="cpu")
+    model = make_model(settings, env, path.parent)
+    model.restore(path)
+    return model
 
 
 def _linear_schedule(initial: float, final: float) -> Callable[[float], float]:

@@ -98,7 +98,7 @@ class StopConditions(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.rollouts += 1
-        if self.settings.algo == "ppo" or self.rollouts % _CHECK_INTERVAL == 0:
+        if self.settings.algo in ("ppo", "apg") or self.rollouts % _CHECK_INTERVAL == 0:
             self.check_finite()
         if warmup := self.settings.ppo.critic_warmup_steps if self.settings.algo == "ppo" else 0:
             for name, parameter in self.model.policy.named_parameters():

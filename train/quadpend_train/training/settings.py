@@ -17,7 +17,8 @@ from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy, check_inp
 from quadpend_train.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
 
 PRESETS = Path(__file__).with_name("presets")
-ALGORITHMS = ("ppo", "sac", "tqc")
+SB3_ALGORITHMS = ("ppo", "sac", "tqc")
+ALGORITHMS = (*SB3_ALGORITHMS, "apg")
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,37 @@ class SacSettings:
         check_number(self.tau, "tau", 0.0, 1.0)
         check_positive(self.ent_coef_init, "ent_coef_init")
         check_number(self.target_entropy, "target_entropy")
+
+
+@dataclass(frozen=True)
+class ApgSettings:
+    """Settings of APG only; its module explains the cost."""
+
+    window: int = 100
+    """Control steps through which gradients are propagated; one gradient step per window."""
+    squared_error: float = 100.0
+    """Weight w₂ of the squared tracking error, 1/m²."""
+    error: float = 0.1
+    """Weight w₁ of the tracking error, 1/m."""
+    yaw: float = 0.1
+    """Weight w_ψ of the squared yaw error, 1/rad²."""
+    effort: float = 1e-3
+    """Weight w_a of the squared actions."""
+    rate: float = 1e-4
+    """Weight w_ω of the squared Euler-angle rates, s²/rad²."""
+    lean: float = 100.0
+    """Weight w_l of the cost of leaning."""
+    max_grad_norm: float = 1.0
+    """Largest norm of the gradient of a gradient step."""
+    max_state_gradient: float = 1000.0
+    """Largest norm of the gradient of the summed cost of a row with respect to its state at one step."""
+
+    def __post_init__(self) -> None:
+        check_int(self.window, "window", 1)
+        for name in ("squared_error", "error", "yaw", "effort", "rate", "lean"):
+            check_number(getattr(self, name), name, 0.0)
+        for name in ("max_grad_norm", "max_state_gradient"):
+            check_positive(getattr(self, name), name)
 
 
 @dataclass(frozen=True)
@@ -145,8 +177,8 @@ class TrainSettings:
         ValueError: If a setting is out of range, or two settings contradict each other.
     """
 
-    algo: Literal["ppo", "sac", "tqc"] = "ppo"
-    """Algorithm; TQC comes from sb3-contrib."""
+    algo: Literal["ppo", "sac", "tqc", "apg"] = "ppo"
+    """Algorithm; TQC comes from sb3-contrib, APG (analytic policy gradients) is in this package."""
     scenarios: tuple[str, ...] = ("windy",)
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()
@@ -208,6 +240,8 @@ class TrainSettings:
     """Settings of PPO only."""
     sac: SacSettings = field(default_factory=SacSettings)
     """Settings of SAC and TQC only."""
+    apg: ApgSettings = field(default_factory=ApgSettings)
+    """Settings of APG only."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.start_from, str):
@@ -285,6 +319,7 @@ _TABLES: dict[str, Any] = {
     "hybrid": HybridSettings,
     "ppo": PpoSettings,
     "sac": SacSettings,
+    "apg": ApgSettings,
     "reward": RewardWeights,
 }
 

@@ -33,9 +33,8 @@ from quadpend_train.common.version_0_1 import provenance_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.scenarios import check_own_models, expand_sets, find_scenario, scenario_hash
-from quadpend_train.training.algorithms import make_model
+from quadpend_train.training.algorithms import load_model, make_model
 from quadpend_train.training.callbacks import (
     BEST,
     DIVERGED,
@@ -115,8 +114,8 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
     if not (folder / CHECKPOINT).is_file():
         return _begin(_untrained_model(settings, folder), settings, folder, progress)
     torch.set_num_threads(settings.num_threads)
-    model = algorithm_class(settings.algo).load(folder / CHECKPOINT, env=make_env(settings), device="cpu")
-    if settings.algo != "ppo":
+    model = load_model(settings, make_env(settings), folder / CHECKPOINT)
+    if settings.algo in ("sac", "tqc"):
         model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
     return _learn(model, settings, folder, progress)
 
@@ -152,9 +151,9 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
         raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
     settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings, LIMITS[:1])
     torch.set_num_threads(settings.num_threads)
-    model = algorithm_class(settings.algo).load(folder / MODEL, env=make_env(settings), device="cpu")
+    model = load_model(settings, make_env(settings), folder / MODEL)
     steps = model.num_timesteps
-    if settings.algo != "ppo":
+    if settings.algo in ("sac", "tqc"):
         model.learning_starts = steps + settings.sac.learning_starts
     save_checkpoint(model, folder)
     made = json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8"))

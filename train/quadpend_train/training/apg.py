@@ -1,0 +1,186 @@
+"""Analytic policy gradients (APG): gradients of the tracking cost through the differentiable dynamics.
+
+The rows of the training environment fly windows of H control steps. The policy π receives the environment's
+observation, with the noise of the sensors and the errors of the observer, and the environment gives every next state.
+The differentiable dynamics f follow the flight, so that the derivatives of the cost reach the policy:
+
+    (1)  o_t  = observation of the environment,     ∂o_t/∂x_t = ∂s/∂x        s: the part that depends on the state
+    (2)  a_t  = clip(π(o_t), −1, 1)
+    (3)  x_{t+1} = state of the environment,        ∂x_{t+1}/∂(x_t, a_t) = ∂f/∂(x_t, a_t)
+    (4)  J    = mean over rows and steps of c(x_{t+1}, a_t)
+
+The error of an estimate, o − s(x), is thus taken to be independent of the policy, as it is for a linear observer. In (1)
+s is linear: tracking errors, direction, attitude and their rates. The cost of a step is
+
+    (5)  c = w₂ |e|² + w₁ |e| + w_ψ ψ_e² + w_a |a_τ|² + w_ω |η̇|² + w_l ℓ
+
+with the tracking error e (m), the yaw error ψ_e, the torques' actions a_τ, and ℓ, which grows steeply from 60 % of the
+limits of the tilts of pendulum and body on, so that falls have a cost before they happen. States are carried over
+from window to window, without gradients. Episodes end and begin in different windows for different rows.
+
+Sources: Xu et al., Accelerated policy learning with parallel differentiable simulation, ICLR 2022; Wiedemann et al.,
+Training efficient controllers via analytic policy gradient, ICRA 2023.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from torch import Tensor
+
+from quadpend_gym.physics.state import EULER_RATE, STATE_SIZE
+from quadpend_gym.tasks import TASKS
+from quadpend_gym.tasks.observation import REFERENCE_START
+from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor, thrust_axis
+from quadpend_train.differentiable.observation import observe_state, reference_derivatives, tracking_errors
+from quadpend_train.differentiable.plant import Plant
+from quadpend_train.envs.concatenated import worlds
+from quadpend_train.scenarios import Scenario
+from quadpend_train.scenarios.scenario import ENVIRONMENTS
+from quadpend_train.training.settings import ApgSettings
+
+
+class APG(OnPolicyAlgorithm):
+    """Analytic policy gradients with the interface of Stable-Baselines3.
+
+    Args:
+        policy: As for `OnPolicyAlgorithm`; its critic is not used.
+        env: Training environment, an `SB3VecEnv` with the sub-environments of `scenarios`.
+        scenarios: The scenarios, which `check_covered` accepts.
+        apg: Settings.
+        episode_steps: Control steps of an episode.
+        options: Further arguments of `OnPolicyAlgorithm`.
+    """
+
+    def __init__(
+        self, policy: Any, env: Any, scenarios: Sequence[Scenario], apg: ApgSettings, episode_steps: int, **options: Any
+    ) -> None:
+        """Make the policy and the differentiable plant."""
+        unused: dict[str, Any] = {"n_steps": 1, "gae_lambda": 1.0, "ent_coef": 0.0, "vf_coef": 0.0}
+        super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
+        self.apg = apg
+        self._plant = Plant(scenarios, self.n_envs)
+        self._limits = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
+        self._episode_windows = max(episode_steps // apg.window, 1)
+        share = self.n_envs // len(scenarios)
+        self._phase = np.tile(np.arange(share) * self._episode_windows // share, len(scenarios))
+        self._memory = self._plant.initial_memory()
+        self._cost = torch.zeros(())
+
+    def collect_rollouts(self, env: Any, callback: Any, rollout_buffer: Any, n_rollout_steps: int) -> bool:
+        """Fly a window and compute its cost, equations (1) to (5)."""
+        callback.on_rollout_start()
+        self._restart_rows(env)
+        everything = worlds(env.env)
+        started = torch.as_tensor(np.asarray(self._last_episode_starts))[:, None]
+        memory = torch.where(started, torch.zeros_like(self._memory), self._memory.detach())
+        state = _gather(everything, "state")
+        cost = torch.zeros(())
+        for _ in range(self.apg.window):
+            physics, wind = as_physics(_gather(everything, "parameters")), _gather(everything, "wind")
+            time = self._plant.simulation.period * (1.0 + _gather(everything, "clock"))
+            target = reference_derivatives(_gather(everything, "reference"), time)
+            motion = as_motion(state)
+            action = self._mean_action(motion, physics.rod_length)
+            after, memory = self._plant.step(motion, action.clamp(-1.0, 1.0), wind, physics, memory)
+            cost = cost + self._step_cost(after, action, target, physics.rod_length)
+            applied = action.detach().clamp(-1.0, 1.0).numpy()
+            self._last_obs, rewards, ended, infos = env.step(applied)
+            self._last_episode_starts = ended
+            self.num_timesteps += env.num_envs
+            callback.update_locals(locals())
+            if not callback.on_step():
+                return False
+            self._update_info_buffer(infos, ended)
+            flying = torch.as_tensor(~ended, dtype=state.dtype)[:, None]
+            predicted = as_state(after)
+            state = _gather(everything, "state") + flying * (predicted - predicted.detach())
+            memory = flying * memory
+            if state.requires_grad:
+                state.register_hook(self._limit_gradient)
+        self._cost, self._memory = cost / (self.apg.window * env.num_envs), memory.detach()
+        callback.on_rollout_end()
+        return True
+
+    def train(self) -> None:
+        """Take a step of Adam along the gradient of the cost of the last window."""
+        self._update_learning_rate(self.policy.optimizer)
+        self.policy.optimizer.zero_grad()
+        torch.autograd.backward(self._cost)
+        parameters = [item for item in self.policy.parameters() if item.grad is not None]
+        norm = torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
+        if torch.isfinite(norm):
+            self.policy.optimizer.step()
+        self._n_updates += 1
+        self.logger.record("train/cost", float(self._cost.detach()))
+        self.logger.record("train/gradient_norm", float(norm))
+
+    def _restart_rows(self, env: Any) -> None:
+        """Begin new episodes in the rows whose turn it is, so that episodes begin in every window."""
+        window = self.num_timesteps // (self.apg.window * env.num_envs)
+        rows = (self._phase + window) % self._episode_windows == 0
+        if rows.any():
+            self._last_obs = env.restart(rows)
+            self._last_episode_starts = np.asarray(self._last_episode_starts) | rows
+
+    def _mean_action(self, motion: Motion, rod_length: Tensor) -> Tensor:
+        """Return π(o), with the derivative of equation (1)."""
+        observed = torch.as_tensor(self._last_obs)
+        no_target = torch.zeros(len(observed), 2, 4)
+        part = observe_state(motion, tracking_errors(motion, rod_length, no_target))
+        change = torch.nn.functional.pad(part - part.detach(), (0, observed.shape[1] - REFERENCE_START))
+        mean: Tensor = self.policy.get_distribution(observed + change).distribution.mean  # type: ignore[attr-defined]
+        return mean
+
+    def _step_cost(self, motion: Motion, action: Tensor, target: Tensor, rod_length: Tensor) -> Tensor:
+        """Return the sum over the rows of equation (5)."""
+        w, tracking = self.apg, tracking_errors(motion, rod_length, target)
+        squared = (tracking.error**2).sum(dim=1)
+        cost = w.squared_error * squared + w.error * torch.sqrt(squared + 1e-8)
+        cost = cost + w.yaw * tracking.yaw_error[:, 0] ** 2
+        cost = cost + w.effort * (action**2).sum(dim=1) + w.rate * (motion.euler_rate**2).sum(dim=1)
+        excess = torch.relu(action.abs() - 1.0)
+        lean = torch.relu(0.81 - motion.direction[:, 2]) ** 2 + torch.relu(0.67 - thrust_axis(motion.euler)[:, 2]) ** 2
+        return (cost + w.lean * lean + (excess**2).sum(dim=1)).sum()
+
+    def _limit_gradient(self, gradient: Tensor) -> Tensor:
+        """Limit the norm of the gradient of each row, which grows without bound while a row falls."""
+        norm = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
+        limit = self.apg.max_state_gradient / (self.apg.window * len(gradient))
+        return gradient * (limit / (norm + 1e-12)).clamp(max=1.0)
+
+    def save(self, path: Any, *_: Any, **__: Any) -> None:
+        """Write everything that training changes to an npz archive, which executes no code when it is loaded."""
+        arrays = {f"policy.{name}": value.numpy() for name, value in self.policy.state_dict().items()}
+        for number, values in self.policy.optimizer.state_dict()["state"].items():
+            arrays |= {f"optimizer.{number}.{name}": value.numpy() for name, value in values.items()}
+        counts = np.array([self.num_timesteps, self._n_updates])
+        with Path(path).open("wb") as file:
+            np.savez(file, counts=counts, **arrays)
+
+    def restore(self, path: Path) -> None:
+        """Read what `save` has written."""
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            arrays = {name: torch.as_tensor(data[name]) for name in data.files}
+        self.num_timesteps, self._n_updates = arrays.pop("counts").tolist()
+        optimizer = self.policy.optimizer.state_dict()
+        weights: dict[str, Tensor] = {}
+        for name, value in arrays.items():
+            part, _, rest = name.partition(".")
+            if part == "policy":
+                weights[rest] = value
+            else:
+                number, _, key = rest.partition(".")
+                optimizer["state"].setdefault(int(number), {})[key] = value
+        self.policy.load_state_dict(weights)
+        self.policy.optimizer.load_state_dict(optimizer)
+
+
+def _gather(everything: Sequence[Any], name: str) -> Tensor:
+    """Return an attribute of all worlds, one below the other."""
+    return tensor(np.concatenate([getattr(world, name) for world in everything]))
