@@ -5,8 +5,10 @@ integration is that of `quadpend_gym.physics.kernel`; these modules explain symb
 results agree to 1e-12 (``tests/quadpend_train/differentiable/test_dynamics.py``).
 """
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -62,34 +64,35 @@ def as_physics(parameters: Tensor) -> Physics:
     return Physics(m, m_c, rod_length, gravity, torch.cat([ixx, iyy, izz], dim=1), *areas)
 
 
-def dot(a: Tensor, b: Tensor) -> Tensor:
-    """Return the dot product of each row, shape (n, 1)."""
-    return (a * b).sum(dim=1, keepdim=True)
+def axpy(factor: float, a: Tensor, b: Tensor) -> Tensor:
+    """Return factor · a + b."""
+    return torch.add(b, a, alpha=factor)
 
 
 def thrust_axis(euler: Tensor) -> Tensor:
-    """Return the thrust axis R e₃, equation (1), shape (n, 3)."""
-    sin_roll, sin_pitch, sin_yaw = torch.sin(euler).unbind(dim=1)
-    cos_roll, cos_pitch, cos_yaw = torch.cos(euler).unbind(dim=1)
+    """Return the thrust axis R e₃, equation (1), shape (..., 3)."""
+    sin_roll, sin_pitch, sin_yaw = torch.sin(euler).unbind(dim=-1)
+    cos_roll, cos_pitch, cos_yaw = torch.cos(euler).unbind(dim=-1)
     tilted = sin_pitch * cos_roll
     return torch.stack(
-        [cos_yaw * tilted + sin_yaw * sin_roll, sin_yaw * tilted - cos_yaw * sin_roll, cos_pitch * cos_roll], dim=1
+        [cos_yaw * tilted + sin_yaw * sin_roll, sin_yaw * tilted - cos_yaw * sin_roll, cos_pitch * cos_roll], dim=-1
     )
 
 
 def unconstrained_acceleration(force: Tensor, bob_force: Tensor, p: Physics) -> Tensor:
     """Return w, the acceleration of r without the force of the rod; `force` is F."""
-    return (bob_force / p.bob_mass - force / p.quadrotor_mass) / p.rod_length
+    return bob_force / (p.bob_mass * p.rod_length) - force / (p.quadrotor_mass * p.rod_length)
 
 
 def direction_acceleration(r: Tensor, r_dot: Tensor, w: Tensor) -> Tensor:
     """Return r̈, equation (3)."""
-    return w - (r * w + r_dot * r_dot).sum(dim=1, keepdim=True) * r
+    along = torch.addcmul(r_dot * r_dot, r, w).sum(dim=1, keepdim=True)
+    return torch.addcmul(w, along, r, value=-1.0)
 
 
 def centre_acceleration(force: Tensor, bob_force: Tensor, p: Physics) -> Tensor:
     """Return Ẍ, equation (4); `force` is F."""
-    gravity = torch.cat([torch.zeros_like(p.gravity), torch.zeros_like(p.gravity), p.gravity], dim=1)
+    gravity = p.gravity * p.gravity.new_tensor([0.0, 0.0, 1.0])
     return (force + bob_force) / (p.quadrotor_mass + p.bob_mass) - gravity
 
 
@@ -116,58 +119,61 @@ def advance(motion: Motion, command: Tensor, forces: Forces, p: Physics, period:
         substeps: Number of Runge–Kutta steps in the period.
     """
     thrust, torque = command[:, :1], command[:, 1:]
-    euler_ddot = (torque + forces.torque) / p.inertia  # equation (2)
-    axis = thrust_axis(motion.euler)
-    for _ in range(substeps):
-        motion, axis = _substep(motion, axis, thrust, euler_ddot, forces, p, period / substeps)
-    return motion
-
-
-def _substep(
-    motion: Motion, axis: Tensor, thrust: Tensor, euler_ddot: Tensor, forces: Forces, p: Physics, h: float
-) -> tuple[Motion, Tensor]:
-    """Advance by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
-    position, velocity, euler, euler_rate, r, v1 = motion
     bob_force = forces.bob_force
+    h = period / substeps
+    # All times at which Runge–Kutta evaluates the forces: start, middle and end of each substep, shape (k, 1, 1)
+    times = torch.arange(2 * substeps + 1, dtype=command.dtype)[:, None, None] * (0.5 * h)
+    euler_ddot = (torque + forces.torque) / p.inertia  # equation (2)
+    euler = motion.euler + times * (motion.euler_rate + 0.5 * times * euler_ddot)
+    force = forces.force + thrust * thrust_axis(euler)  # F, shape (k, n, 3), as w and Ẍ
+    w, centre_ddot = unconstrained_acceleration(force, bob_force, p), centre_acceleration(force, bob_force, p)
 
-    def euler_at(time: float) -> Tensor:
-        return euler + time * (euler_rate + 0.5 * time * euler_ddot)
-
-    euler_end = euler_at(h)
-    axis_end = thrust_axis(euler_end)
-    force_0 = forces.force + thrust * axis
-    force_m = forces.force + thrust * thrust_axis(euler_at(0.5 * h))
-    force_1 = forces.force + thrust * axis_end
-
-    w_0, w_m, w_1 = (unconstrained_acceleration(force, bob_force, p) for force in (force_0, force_m, force_1))
-    a1 = direction_acceleration(r, v1, w_0)
-    v2 = v1 + 0.5 * h * a1
-    a2 = direction_acceleration(r + 0.5 * h * v1, v2, w_m)
-    v3 = v1 + 0.5 * h * a2
-    a3 = direction_acceleration(r + 0.5 * h * v2, v3, w_m)
-    v4 = v1 + h * a3
-    a4 = direction_acceleration(r + h * v3, v4, w_1)
-    r_end = r + h / 6.0 * (v1 + v4 + 2.0 * (v2 + v3))
-    v_end = v1 + h / 6.0 * (a1 + a4 + 2.0 * (a2 + a3))
-    r_end = r_end / torch.linalg.vector_norm(r_end, dim=1, keepdim=True)
-    v_end = v_end - dot(r_end, v_end) * r_end
+    r, r_dot = motion.direction, motion.direction_rate
+    for w_0, w_m, w_1 in zip(w[:-1:2], w[1::2], w[2::2], strict=True):
+        r, r_dot = _substep(r, r_dot, w_0, w_m, w_1, h)
 
     offset = p.bob_mass * p.rod_length / (p.quadrotor_mass + p.bob_mass)  # μ
-    # Ẍ is an affine function of the force, so the means of Simpson's rule are those of the force.
-    ddot_position = centre_acceleration((force_0 + 2.0 * force_m) / 3.0, bob_force, p)
-    ddot_velocity = centre_acceleration((force_0 + 4.0 * force_m + force_1) / 6.0, bob_force, p)
-    centre_rate = velocity + offset * v1
-    centre = position + offset * r + h * centre_rate + 0.5 * h * h * ddot_position
-    centre_rate = centre_rate + h * ddot_velocity
-    end = Motion(
-        centre - offset * r_end,
-        centre_rate - offset * v_end,
-        euler_end,
-        euler_rate + h * euler_ddot,
-        r_end,
-        v_end,
+    centre_rate = motion.velocity + offset * motion.direction_rate
+    to_position, to_velocity = _quadrature(period, substeps)
+    return Motion(
+        motion.position
+        + offset * (motion.direction - r)
+        + period * centre_rate
+        + torch.tensordot(centre_ddot.new_tensor(to_position), centre_ddot, dims=1),
+        centre_rate - offset * r_dot + torch.tensordot(centre_ddot.new_tensor(to_velocity), centre_ddot, dims=1),
+        euler[-1],
+        axpy(period, euler_ddot, motion.euler_rate),
+        r,
+        r_dot,
     )
-    return end, axis_end
+
+
+def _substep(r: Tensor, v1: Tensor, w_0: Tensor, w_m: Tensor, w_1: Tensor, h: float) -> tuple[Tensor, Tensor]:
+    """Return r and ṙ after h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
+    a1 = direction_acceleration(r, v1, w_0)
+    v2 = axpy(0.5 * h, a1, v1)
+    a2 = direction_acceleration(axpy(0.5 * h, v1, r), v2, w_m)
+    v3 = axpy(0.5 * h, a2, v1)
+    a3 = direction_acceleration(axpy(0.5 * h, v2, r), v3, w_m)
+    v4 = axpy(h, a3, v1)
+    a4 = direction_acceleration(axpy(h, v3, r), v4, w_1)
+    r_end = axpy(h / 6.0, axpy(2.0, v2 + v3, v1 + v4), r)
+    v_end = axpy(h / 6.0, axpy(2.0, a2 + a3, a1 + a4), v1)
+    r_end = r_end / torch.linalg.vector_norm(r_end, dim=1, keepdim=True)
+    along = (r_end * v_end).sum(dim=1, keepdim=True)
+    return r_end, torch.addcmul(v_end, along, r_end, value=-1.0)
+
+
+@lru_cache(maxsize=32)
+def _quadrature(period: float, substeps: int) -> tuple[list[float], list[float]]:
+    """Return the weights with which Simpson's rule integrates Ẍ twice, to the position, and once, to the velocity."""
+    h, size = period / substeps, 2 * substeps + 1
+    position, velocity = np.zeros(size), np.zeros(size)
+    for first in range(0, size - 1, 2):
+        position += h * velocity
+        position[first : first + 2] += h * h / 6.0 * np.array([1.0, 2.0])
+        velocity[first : first + 3] += h / 6.0 * np.array([1.0, 4.0, 1.0])
+    return position.tolist(), velocity.tolist()
 
 
 def tensor(array: Any, dtype: torch.dtype = torch.float32) -> Tensor:

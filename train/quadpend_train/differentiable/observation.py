@@ -15,18 +15,19 @@ from quadpend_gym.tasks.task import Limits
 from quadpend_train.differentiable.dynamics import Motion, thrust_axis
 
 
-def reference_derivatives(reference: Tensor, time: Tensor) -> Tensor:
-    """Return the four channels of references and their derivatives of order 0 to 6, shape (n, 7, 4).
+def reference_derivatives(reference: Tensor, time: Tensor, orders: int = ORDERS) -> Tensor:
+    """Return the four channels of references and their derivatives, shape (n, orders, 4).
 
     Args:
         reference: Laid out as `Reference.as_array`, shape (n, 20).
         time: s, shape (n,).
+        orders: Number of derivatives, at least 2; the first is that of order 0.
     """
     offset, rate, amplitude, frequency, phase = reference.split(CHANNELS, dim=1)
     t = time[:, None]
     sine, cosine = torch.sin(frequency * t + phase), torch.cos(frequency * t + phase)
     waves = (sine, cosine, -sine, -cosine)
-    out = [amplitude * frequency**order * waves[order % 4] for order in range(ORDERS)]
+    out = [amplitude * frequency**order * waves[order % 4] for order in range(orders)]
     out[0] = out[0] + offset + rate * t
     out[1] = out[1] + rate
     return torch.stack(out, dim=1)
@@ -46,7 +47,7 @@ def tracking_errors(motion: Motion, rod_length: Tensor, reference: Tensor) -> Tr
     Args:
         motion: The motion.
         rod_length: l, m, shape (n, 1).
-        reference: Channels and their derivatives from `reference_derivatives`, shape (n, 7, 4).
+        reference: Channels and their derivatives from `reference_derivatives`, shape (n, k, 4) with k ≥ 2.
     """
     to_bob = rod_length * rod_length.new_tensor([1.0, 1.0, 0.0])  # the horizontal error is that of the bob
     return Tracking(

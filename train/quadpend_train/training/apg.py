@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from quadpend_gym.physics.state import EULER_RATE, STATE_SIZE
@@ -56,6 +57,8 @@ class APG(OnPolicyAlgorithm):
         episode_steps: Control steps of an episode.
         options: Further arguments of `OnPolicyAlgorithm`.
     """
+
+    policy_aliases = OnPolicyAlgorithm.policy_aliases | {"MlpPolicy": ActorCriticPolicy}
 
     def __init__(
         self, policy: Any, env: Any, scenarios: Sequence[Scenario], apg: ApgSettings, episode_steps: int, **options: Any
