@@ -12,8 +12,8 @@ from quadpend_gym.physics.kernel import advance as kernel_advance
 from quadpend_gym.physics.parameters import PAPER
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_train.differentiable import dynamics, observation
-from quadpend_train.differentiable.plant import Plant, check_covered
-from quadpend_train.scenarios import Scenario, find_scenario
+from quadpend_train.differentiable.plant import Plant
+from quadpend_train.scenarios import Scenario
 
 ROWS = 64
 TOLERANCE = {"rtol": 1e-12, "atol": 1e-12}
@@ -62,7 +62,9 @@ def test_gradients_equal_finite_differences() -> None:
     state, command, disturbance, parameters = tensors(random_states(random, 2), *random_inputs(random, 2))
     for item in (state, command, disturbance):
         item.requires_grad_()
-    assert torch.autograd.gradcheck(lambda *inputs: advance(*inputs, parameters, 0.01, 2), (state, command, disturbance))
+    assert torch.autograd.gradcheck(
+        lambda *inputs: advance(*inputs, parameters, 0.01, 2), (state, command, disturbance)
+    )
 
 
 # A steady wind with drag and gusts, every actuator that is covered, other references, and random parameters
@@ -94,9 +96,13 @@ def test_plant_and_observation_equal_the_environment() -> None:
         results = [env.step(part) for env, part in zip(envs, np.split(action, len(envs)), strict=True)]
         state, expected = dynamics.as_state(motion), gather("state")
         assert_allclose(state[: 2 * share], expected[: 2 * share], **TOLERANCE)
-        assert_allclose(state, expected, rtol=0.0, atol=1e-7)  # the environment rounds the actuators' actions to float32
+        assert_allclose(
+            state, expected, rtol=0.0, atol=1e-7
+        )  # the environment rounds the actuators' actions to float32
         motion = dynamics.as_motion(gather("state"))
-        target = observation.reference_derivatives(reference, torch.full((len(action),), 0.01 * step, dtype=torch.float64))
+        target = observation.reference_derivatives(
+            reference, torch.full((len(action),), 0.01 * step, dtype=torch.float64)
+        )
         tracking = observation.tracking_errors(motion, physics.rod_length, target)
         assert_allclose(tracking.error, np.concatenate([info["tracking_error"] for *_, info in results]), **TOLERANCE)
         observed = observation.observe(motion, tracking, target)

@@ -10,6 +10,7 @@ A step is that of `quadpend_gym.envs.step_kernel` after the actuators `ActionDel
 
 import math
 from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 

@@ -22,9 +22,7 @@ Sources: Xu et al., Accelerated policy learning with parallel differentiable sim
 Training efficient controllers via analytic policy gradient, ICRA 2023.
 """
 
-import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -34,15 +32,14 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
-from quadpend_gym.physics.state import EULER_RATE, STATE_SIZE
-from quadpend_gym.tasks import TASKS
+from quadpend_gym import Simulation
+from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.tasks.observation import REFERENCE_START
 from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor, thrust_axis
 from quadpend_train.differentiable.observation import observe_state, reference_derivatives, tracking_errors
 from quadpend_train.differentiable.plant import Plant
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.scenarios import Scenario
-from quadpend_train.scenarios.scenario import ENVIRONMENTS
 from quadpend_train.training.settings import ApgSettings
 
 
@@ -68,11 +65,11 @@ class APG(OnPolicyAlgorithm):
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
         self._plant = Plant(scenarios, self.n_envs)
-        self._limits = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
         self._episode_windows = max(episode_steps // apg.window, 1)
         share = self.n_envs // len(scenarios)
         self._phase = np.tile(np.arange(share) * self._episode_windows // share, len(scenarios))
         self._memory = self._plant.initial_memory()
+        self._sensitivity = _sensitivity(scenarios[0].simulation, self.observation_space.shape[0])  # type: ignore[index]
         self._cost = torch.zeros(())
 
     def collect_rollouts(self, env: Any, callback: Any, rollout_buffer: Any, n_rollout_steps: int) -> bool:
@@ -87,10 +84,9 @@ class APG(OnPolicyAlgorithm):
         for _ in range(self.apg.window):
             physics, wind = as_physics(_gather(everything, "parameters")), _gather(everything, "wind")
             time = self._plant.simulation.period * (1.0 + _gather(everything, "clock"))
-            target = reference_derivatives(_gather(everything, "reference"), time)
-            motion = as_motion(state)
-            action = self._mean_action(motion, physics.rod_length)
-            after, memory = self._plant.step(motion, action.clamp(-1.0, 1.0), wind, physics, memory)
+            target = reference_derivatives(_gather(everything, "reference"), time, orders=2)
+            action = self._mean_action(state)
+            after, memory = self._plant.step(as_motion(state), action.clamp(-1.0, 1.0), wind, physics, memory)
             cost = cost + self._step_cost(after, action, target, physics.rod_length)
             applied = action.detach().clamp(-1.0, 1.0).numpy()
             self._last_obs, rewards, ended, infos = env.step(applied)
@@ -131,13 +127,11 @@ class APG(OnPolicyAlgorithm):
             self._last_obs = env.restart(rows)
             self._last_episode_starts = np.asarray(self._last_episode_starts) | rows
 
-    def _mean_action(self, motion: Motion, rod_length: Tensor) -> Tensor:
+    def _mean_action(self, state: Tensor) -> Tensor:
         """Return π(o), with the derivative of equation (1)."""
         observed = torch.as_tensor(self._last_obs)
-        no_target = torch.zeros(len(observed), 2, 4)
-        part = observe_state(motion, tracking_errors(motion, rod_length, no_target))
-        change = torch.nn.functional.pad(part - part.detach(), (0, observed.shape[1] - REFERENCE_START))
-        mean: Tensor = self.policy.get_distribution(observed + change).distribution.mean  # type: ignore[attr-defined]
+        observed = observed + (state - state.detach()) @ self._sensitivity
+        mean: Tensor = self.policy.get_distribution(observed).distribution.mean  # type: ignore[attr-defined]
         return mean
 
     def _step_cost(self, motion: Motion, action: Tensor, target: Tensor, rod_length: Tensor) -> Tensor:
@@ -182,6 +176,18 @@ class APG(OnPolicyAlgorithm):
                 optimizer["state"].setdefault(int(number), {})[key] = value
         self.policy.load_state_dict(weights)
         self.policy.optimizer.load_state_dict(optimizer)
+
+
+def _sensitivity(simulation: Simulation, size: int) -> Tensor:
+    """Return ∂o/∂x of equation (1), transposed, shape (18, m), for an observation of m numbers."""
+    rod_length = torch.full((1, 1), simulation.parameters.rod_length)
+
+    def observed(state: Tensor) -> Tensor:
+        motion = as_motion(state[None])
+        return observe_state(motion, tracking_errors(motion, rod_length, torch.zeros(1, 2, 4)))[0]
+
+    jacobian: Tensor = torch.func.jacrev(observed)(torch.zeros(STATE_SIZE))
+    return torch.nn.functional.pad(jacobian.T, (0, size - REFERENCE_START))
 
 
 def _gather(everything: Sequence[Any], name: str) -> Tensor:
