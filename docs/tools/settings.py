@@ -10,10 +10,17 @@ from quadpend_train.common import documents
 from quadpend_train.common.files import read_mapping
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module
+from quadpend_train.training.apg_settings import ApgSettings
 from quadpend_train.training.settings import PRESETS, HybridSettings, PpoSettings, SacSettings, TrainSettings
 
 PAGE = Path(__file__).parents[1] / "training.md"
-GROUPS = {"settings": TrainSettings, "hybrid": HybridSettings, "ppo": PpoSettings, "sac": SacSettings}
+GROUPS = {
+    "settings": TrainSettings,
+    "hybrid": HybridSettings,
+    "ppo": PpoSettings,
+    "sac": SacSettings,
+    "apg": ApgSettings,
+}
 
 
 def settings_of(kind: type) -> Iterator[tuple[str, str, str]]:

@@ -12,6 +12,8 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
+from quadpend_train.training.algorithms import load_model
+from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import PpoSettings, SacSettings, TrainSettings
 
 # Scenarios whose episodes end after a few steps for every policy.
@@ -37,6 +39,8 @@ def train_policy(settings: TrainSettings, folder: Path, **options: Any) -> MlpPo
 
 def model_of(folder: Path, settings: TrainSettings) -> Any:
     """Return the model of a finished run."""
+    if settings.algo == "apg":
+        return load_model(settings, make_env(settings), folder / "model.zip")
     return algorithm_class(settings.algo).load(folder / "model.zip", device="cpu")
 
 

@@ -43,7 +43,7 @@ PACKAGES = {
         ["scenarios"],
         ["policies"],
         ["evaluation"],
-        ["envs"],
+        ["envs", "differentiable"],
         ["training"],
         ["studies"],
         ["reports"],

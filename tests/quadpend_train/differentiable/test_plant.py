@@ -90,6 +90,7 @@ def test_plant_and_observation_equal_the_environment() -> None:
     plant = Plant(SCENARIOS, share * len(SCENARIOS), torch.float64)
     memory, motion = plant.initial_memory(), dynamics.as_motion(gather("state"))
     physics, reference = dynamics.as_physics(gather("parameters")), gather("reference")
+    limits = torch.tensor([observation.limit_row(world.task.limits) for world in worlds]).repeat_interleave(share, 0)
     for step in range(1, 31):
         action = random.normal(size=(plant.initial_memory().shape[0], 4)).astype(np.float32) * np.float32(0.02)
         motion, memory = plant.step(motion, torch.as_tensor(action), gather("wind"), physics, memory)
@@ -107,5 +108,5 @@ def test_plant_and_observation_equal_the_environment() -> None:
         assert_allclose(tracking.error, np.concatenate([info["tracking_error"] for *_, info in results]), **TOLERANCE)
         observed = observation.observe(motion, tracking, target)
         assert_allclose(observed, np.concatenate([result[0] for result in results]), rtol=1e-6, atol=1e-6)
-        margins = observation.margins(motion, tracking, physics.rod_length, worlds[0].task.limits)
+        margins = observation.margins(motion, tracking, physics.rod_length, limits)
         assert_array_equal(observation.outside(margins), np.concatenate([result[2] for result in results]))

@@ -1,6 +1,7 @@
 """A resumed run gives bit for bit the policy of an uninterrupted run."""
 
 import csv
+import json
 import os
 import signal
 from dataclasses import replace
@@ -14,6 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
+from quadpend_train.training.apg_settings import ApgSettings
 from quadpend_train.training.settings import HybridSettings, PpoSettings, TrainSettings
 from tests.helpers.envs import assert_same
 from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, interrupt_at, model_of, train_policy, trained_arrays
@@ -21,6 +23,7 @@ from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, interrupt_at,
 SEGMENTS = replace(BRIEF, save_freq=512)  # a segment has two rollouts
 SEGMENTS_SAC = replace(BRIEF_SAC, save_freq=128)
 RESIDUAL = HybridSettings("adrc-matched", "residual_action", action_scale=0.3)
+LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
 RUNS: dict[str, TrainSettings] = {
     "ppo": SEGMENTS,
     "ppo, curriculum": replace(SEGMENTS, curriculum=(OTHER, SHORT), curriculum_steps=512, save_freq=256),
@@ -42,6 +45,14 @@ RUNS: dict[str, TrainSettings] = {
         SEGMENTS_SAC, hybrid=RESIDUAL, eval_freq=128, curriculum=(OTHER,), curriculum_steps=256
     ),
     "tqc": replace(SEGMENTS_SAC, algo="tqc"),
+    "apg, mixed": replace(
+        SEGMENTS,
+        algo="apg",
+        scenarios=(SHORT, LAGGED),
+        hybrid=HybridSettings("adrc-matched"),
+        apg=ApgSettings(window=8),
+        eval_freq=256,
+    ),
 }
 every_run = pytest.mark.parametrize("settings", RUNS.values(), ids=RUNS.keys())
 
@@ -64,7 +75,7 @@ def test_resumed_run_equals_an_uninterrupted_run(
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     policy = train_policy(settings, whole)
     rows = settings.num_envs
-    rollout = rows * (settings.ppo.n_steps if settings.algo == "ppo" else 1)
+    rollout = rows * {"ppo": settings.ppo.n_steps, "apg": settings.apg.window}.get(settings.algo, 1)
     segment = rollout * -(-settings.save_freq // rollout)
     stops = (
         [segment // 2, segment + segment // 2 + rows, 2 * segment + rows]

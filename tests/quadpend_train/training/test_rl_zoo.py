@@ -12,13 +12,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
 from quadpend_train.policies.sb3_models import algorithm_class
-from quadpend_train.training.settings import ALGORITHMS
+from quadpend_train.training.settings import SB3_ALGORITHMS
 from tests.helpers.envs import IDS
 from tests.helpers.sources import ROOT
 
 FOLDER = ROOT / "train/quadpend_train/rl_zoo"
 ZOO = {"n_timesteps", "n_envs", "normalize"}  # keys that the Zoo removes before it makes the model
-algorithms = pytest.mark.parametrize("algo", ALGORITHMS)
+algorithms = pytest.mark.parametrize("algo", SB3_ALGORITHMS)
 
 
 def read(algo: str) -> dict[str, dict[str, Any]]:
@@ -47,7 +47,7 @@ def make_model(algo: str, name: str, entry: dict[str, Any]) -> Any:
 
 
 def test_there_is_a_file_for_every_algorithm() -> None:
-    assert {path.stem for path in FOLDER.glob("*.yml")} == set(ALGORITHMS)
+    assert {path.stem for path in FOLDER.glob("*.yml")} == set(SB3_ALGORITHMS)
 
 
 @algorithms

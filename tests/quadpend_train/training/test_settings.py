@@ -167,7 +167,7 @@ RESIDUAL = {"base_controller": "flatness", "mode": "residual_action"}
         ({"hybrid": {"action_scale": 4.0}}, r"action_scale .* \[0, 3\], not 4.0"),
         ({"hybrid": {"fallback_gain": -1.0}}, "fallback_gain .* not -1"),
         ({"hybrid": {"fallback_gain": 1.0}}, "fallback_gain must be 0 with mode 'estimate_only', not 1"),
-        ({"algo": "dqn"}, "algo must be one of ppo, sac, tqc, not 'dqn'"),
+        ({"algo": "dqn"}, "algo must be one of ppo, sac, tqc, apg, not 'dqn'"),
         ({"activation_fn": "foo"}, "activation_fn must be one of relu, tanh, elu, not 'foo'"),
         ({"hybrid": {"base_controller": "pid"}}, "base_controller must be one of adrc-paper, .*, not 'pid'"),
         (

@@ -25,7 +25,7 @@ COMMANDS = {
     "list": Command(
         "listing.list_names", "List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors."
     ),
-    "train": Command("training.train", "Train PPO, SAC or TQC."),
+    "train": Command("training.train", "Train PPO, SAC, TQC or APG."),
     "evaluate": Command(
         "evaluation.evaluate",
         "Evaluate policies in the same episodes and compare them with the first policy.",

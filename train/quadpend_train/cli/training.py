@@ -72,13 +72,13 @@ def train(
     vehicle: str | None = None,
     interface: str | None = None,
 ) -> None:
-    """Train PPO, SAC or TQC.
+    """Train PPO, SAC, TQC or APG.
 
     Args:
         run: Settings that replace those of the file.
         settings: Settings file: the name of a preset in train/quadpend_train/training/presets, the path of a TOML or
             JSON file, or a policy file (.npz), whose card contains the settings of its training. Without it, --algo
-            selects the preset ppo, sac or tqc, and --start-from the settings of its policy.
+            selects the preset ppo, sac, tqc or apg, and --start-from the settings of its policy.
         out: Folder of the run.
         resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
             --patience may be changed.

@@ -14,6 +14,8 @@ from quadpend_gym.tasks.references import CHANNELS, ORDERS
 from quadpend_gym.tasks.task import Limits
 from quadpend_train.differentiable.dynamics import Motion, thrust_axis
 
+_TINY = 1e-12  # m², keeps the derivative of the norm finite at zero
+
 
 def reference_derivatives(reference: Tensor, time: Tensor, orders: int = ORDERS) -> Tensor:
     """Return the four channels of references and their derivatives, shape (n, orders, 4).
@@ -80,9 +82,9 @@ class Margins(NamedTuple):
     """Distances to the limits of a task, which are negative outside, each of shape (n, 1).
 
     Attributes:
-        pendulum: cos α − cos of the limit.
-        body: Cosine of the tilt of the body − cos of the limit.
-        tracking: Limit − norm of the tracking error, m.
+        pendulum: (cos α − cos α_max) / (1 − cos α_max): 1 upright, 0 at the limit.
+        body: The same for the tilt of the body.
+        tracking: 1 − |e|/limit.
         ground: Height of the lower of quadrotor and bob above the ground, m.
     """
 
@@ -92,14 +94,27 @@ class Margins(NamedTuple):
     ground: Tensor
 
 
-def margins(motion: Motion, tracking: Tracking, rod_length: Tensor, limits: Limits) -> Margins:
-    """Return the distances to the limits at which an episode terminates."""
+def limit_row(limits: Limits) -> list[float]:
+    """Return the limits of a task as `margins` takes them: two cosines and two lengths in m."""
+    return [math.cos(limits.pendulum_angle), math.cos(limits.body_angle), limits.tracking_error, limits.ground]
+
+
+def margins(motion: Motion, tracking: Tracking, rod_length: Tensor, limits: Tensor) -> Margins:
+    """Return the distances to the limits at which an episode terminates.
+
+    Args:
+        motion: The motion.
+        tracking: Its tracking errors.
+        rod_length: l, m, shape (n, 1).
+        limits: A `limit_row` of each row, shape (n, 4).
+    """
+    pendulum, body, largest, ground = limits.split(1, dim=1)
     height, upright = motion.position[:, 2:], motion.direction[:, 2:]
     return Margins(
-        upright - math.cos(limits.pendulum_angle),
-        thrust_axis(motion.euler)[:, 2:] - math.cos(limits.body_angle),
-        limits.tracking_error - torch.linalg.vector_norm(tracking.error, dim=1, keepdim=True),
-        torch.minimum(height, height + rod_length * upright) - limits.ground,
+        (upright - pendulum) / (1.0 - pendulum),
+        (thrust_axis(motion.euler)[:, 2:] - body) / (1.0 - body),
+        1.0 - torch.sqrt((tracking.error**2).sum(dim=1, keepdim=True) + _TINY) / largest,
+        torch.minimum(height, height + rod_length * upright) - ground,
     )
 
 

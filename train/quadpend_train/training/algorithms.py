@@ -9,7 +9,7 @@ import torch
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, output_layer
 from quadpend_train.scenarios import expand_sets, find_scenario
-from quadpend_train.training.apg import APG
+from quadpend_train.training.apg import APG, check_apg
 from quadpend_train.training.settings import TrainSettings
 
 
@@ -77,12 +77,10 @@ def _sac(settings: TrainSettings) -> dict[str, Any]:
 
 
 def _apg(settings: TrainSettings) -> dict[str, Any]:
+    check_apg(settings)
     scenarios = [find_scenario(name) for name in expand_sets(settings.scenarios)]
-    return {
-        "scenarios": scenarios,
-        "apg": settings.apg,
-        "episode_steps": settings.max_episode_steps or scenarios[0].steps,
-    }
+    episode_steps = settings.max_episode_steps or scenarios[0].steps
+    return {"scenarios": scenarios, "apg": settings.apg, "episode_steps": episode_steps}
 
 
 def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:

@@ -9,14 +9,17 @@ The differentiable dynamics f follow the flight, so that the derivatives of the 
     (3)  x_{t+1} = state of the environment,        ∂x_{t+1}/∂(x_t, a_t) = ∂f/∂(x_t, a_t)
     (4)  J    = mean over rows and steps of c(x_{t+1}, a_t)
 
-The error of an estimate, o − s(x), is thus taken to be independent of the policy, as it is for a linear observer. In (1)
-s is linear: tracking errors, direction, attitude and their rates. The cost of a step is
+The error of an estimate, o − s(x), is thus taken to be independent of the policy, as it is for a linear observer. In
+(1) s is linear: tracking errors, direction, attitude and their rates. The cost of a step is
 
-    (5)  c = w₂ |e|² + w₁ |e| + w_ψ ψ_e² + w_a |a_τ|² + w_ω |η̇|² + w_l ℓ
+    (5)  c = w₂ |e|² + w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ
 
-with the tracking error e (m), the yaw error ψ_e, the torques' actions a_τ, and ℓ, which grows steeply from 60 % of the
-limits of the tilts of pendulum and body on, so that falls have a cost before they happen. States are carried over
-from window to window, without gradients. Episodes end and begin in different windows for different rows.
+    (6)  ℓ = Σ max(0.6 − m, 0)²
+
+with the tracking error e (m), the yaw error ψ_e, the action a, and the margins m to the limits of the tilts of pendulum
+and body and of the tracking error (1 far from the limit, 0 at the limit), so that falls have a cost before they happen.
+An action outside [−1, 1] has the further cost of the squared excess. States are carried over from window to window,
+without gradients. Episodes begin in all windows, each in its share of the rows.
 
 Sources: Xu et al., Accelerated policy learning with parallel differentiable simulation, ICLR 2022; Wiedemann et al.,
 Training efficient controllers via analytic policy gradient, ICRA 2023.
@@ -34,13 +37,22 @@ from torch import Tensor
 
 from quadpend_gym import Simulation
 from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_gym.tasks import TASKS
 from quadpend_gym.tasks.observation import REFERENCE_START
-from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor, thrust_axis
-from quadpend_train.differentiable.observation import observe_state, reference_derivatives, tracking_errors
-from quadpend_train.differentiable.plant import Plant
+from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor
+from quadpend_train.differentiable.observation import (
+    limit_row,
+    margins,
+    observe_state,
+    reference_derivatives,
+    tracking_errors,
+)
+from quadpend_train.differentiable.plant import Plant, check_covered
 from quadpend_train.envs.concatenated import worlds
-from quadpend_train.scenarios import Scenario
-from quadpend_train.training.settings import ApgSettings
+from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
+from quadpend_train.scenarios.scenario import ENVIRONMENTS
+from quadpend_train.training.apg_settings import ApgSettings
+from quadpend_train.training.settings import TrainSettings
 
 
 class APG(OnPolicyAlgorithm):
@@ -65,6 +77,9 @@ class APG(OnPolicyAlgorithm):
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
         self._plant = Plant(scenarios, self.n_envs)
+        tasks = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
+        limits = torch.tensor([limit_row(task.limits) for task in tasks])
+        self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
         self._episode_windows = max(episode_steps // apg.window, 1)
         share = self.n_envs // len(scenarios)
         self._phase = np.tile(np.arange(share) * self._episode_windows // share, len(scenarios))
@@ -95,7 +110,8 @@ class APG(OnPolicyAlgorithm):
             callback.update_locals(locals())
             if not callback.on_step():
                 return False
-            self._update_info_buffer(infos, ended)
+            if ended.any():
+                self._update_info_buffer(infos, ended)
             flying = torch.as_tensor(~ended, dtype=state.dtype)[:, None]
             predicted = as_state(after)
             state = _gather(everything, "state") + flying * (predicted - predicted.detach())
@@ -142,8 +158,9 @@ class APG(OnPolicyAlgorithm):
         cost = cost + w.yaw * tracking.yaw_error[:, 0] ** 2
         cost = cost + w.effort * (action**2).sum(dim=1) + w.rate * (motion.euler_rate**2).sum(dim=1)
         excess = torch.relu(action.abs() - 1.0)
-        lean = torch.relu(0.81 - motion.direction[:, 2]) ** 2 + torch.relu(0.67 - thrust_axis(motion.euler)[:, 2]) ** 2
-        return (cost + w.lean * lean + (excess**2).sum(dim=1)).sum()
+        near = margins(motion, tracking, rod_length, self._limits)[:3]
+        lean = torch.relu(0.6 - torch.cat(near, dim=1))
+        return (cost + w.lean * (lean**2).sum(dim=1) + (excess**2).sum(dim=1)).sum()
 
     def _limit_gradient(self, gradient: Tensor) -> Tensor:
         """Limit the norm of the gradient of each row, which grows without bound while a row falls."""
@@ -176,6 +193,27 @@ class APG(OnPolicyAlgorithm):
                 optimizer["state"].setdefault(int(number), {})[key] = value
         self.policy.load_state_dict(weights)
         self.policy.optimizer.load_state_dict(optimizer)
+
+
+def check_apg(settings: TrainSettings) -> None:
+    """Check that APG covers the settings of a run.
+
+    Raises:
+        ValueError: If the policy does not act alone on one observation with all velocities, or the differentiable
+            dynamics does not cover a scenario.
+    """
+    for name, only in {"history": 1, "history_actions": 0, "curriculum": (), "sde_sample_freq": 0}.items():
+        if (value := getattr(settings, name)) != only:
+            raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
+    if settings.hybrid.mode != "estimate_only":
+        raise ValueError(f"mode must be 'estimate_only' with algo 'apg', not {settings.hybrid.mode!r}")
+    for name in expand_sets(settings.scenarios):
+        check_covered(name, scenario := find_scenario(name))
+        if scenario.output_feedback and not settings.hybrid.base_controller:
+            raise ValueError(
+                f"the scenario {name} has no velocities in its observation: algo 'apg' needs a base_controller, which"
+                " estimates them"
+            )
 
 
 def _sensitivity(simulation: Simulation, size: int) -> Tensor:

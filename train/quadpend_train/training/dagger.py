@@ -34,7 +34,7 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
     """Fit the model's policy to the actions of its base controller.
 
     Args:
-        model: An untrained model of PPO, SAC or TQC.
+        model: An untrained model of PPO, SAC, TQC or APG.
         env: Training environment with a `VectorHybridWrapper` whose hybrid is `EstimateOnly`.
         settings: Settings of the run.
 

@@ -15,6 +15,7 @@ from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy, check_input_scales
 from quadpend_train.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
+from quadpend_train.training.apg_settings import ApgSettings
 
 PRESETS = Path(__file__).with_name("presets")
 SB3_ALGORITHMS = ("ppo", "sac", "tqc")
@@ -73,37 +74,6 @@ class SacSettings:
         check_number(self.tau, "tau", 0.0, 1.0)
         check_positive(self.ent_coef_init, "ent_coef_init")
         check_number(self.target_entropy, "target_entropy")
-
-
-@dataclass(frozen=True)
-class ApgSettings:
-    """Settings of APG only; its module explains the cost."""
-
-    window: int = 100
-    """Control steps through which gradients are propagated; one gradient step per window."""
-    squared_error: float = 100.0
-    """Weight w₂ of the squared tracking error, 1/m²."""
-    error: float = 0.1
-    """Weight w₁ of the tracking error, 1/m."""
-    yaw: float = 0.1
-    """Weight w_ψ of the squared yaw error, 1/rad²."""
-    effort: float = 1e-3
-    """Weight w_a of the squared actions."""
-    rate: float = 1e-4
-    """Weight w_ω of the squared Euler-angle rates, s²/rad²."""
-    lean: float = 100.0
-    """Weight w_l of the cost of leaning."""
-    max_grad_norm: float = 1.0
-    """Largest norm of the gradient of a gradient step."""
-    max_state_gradient: float = 1000.0
-    """Largest norm of the gradient of the summed cost of a row with respect to its state at one step."""
-
-    def __post_init__(self) -> None:
-        check_int(self.window, "window", 1)
-        for name in ("squared_error", "error", "yaw", "effort", "rate", "lean"):
-            check_number(getattr(self, name), name, 0.0)
-        for name in ("max_grad_norm", "max_state_gradient"):
-            check_positive(getattr(self, name), name)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Train PPO, SAC or TQC, and resume interrupted runs.
+"""Train PPO, SAC, TQC or APG, and resume interrupted runs.
 
 The files of a run folder:
 

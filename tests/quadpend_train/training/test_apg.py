@@ -1,0 +1,102 @@
+"""Analytic policy gradients lower their cost, and refuse what the differentiable dynamics does not cover."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3.common.callbacks import CallbackList
+
+from quadpend_train.training.algorithms import load_model, make_model
+from quadpend_train.training.apg_settings import ApgSettings
+from quadpend_train.training.environment import make_env
+from quadpend_train.training.settings import HybridSettings, TrainSettings
+from tests.helpers.bad_input import assert_refused
+from tests.helpers.envs import assert_same
+from tests.helpers.training import train_policy, trained_arrays
+
+LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
+BRIEF = TrainSettings(
+    algo="apg",
+    scenarios=("calm", LAGGED),
+    total_timesteps=16 * 50 * 10,
+    num_envs=16,
+    max_episode_steps=100,
+    net_arch=(8,),
+    hybrid=HybridSettings("adrc-matched"),
+    learning_rate=3e-2,
+    final_learning_rate=1e-2,
+    n_eval_episodes=1,
+    apg=ApgSettings(window=50),
+)
+
+
+def model_and_env(settings: TrainSettings) -> Any:
+    env = make_env(settings)
+    return make_model(settings, env, None).learn(0), env
+
+
+def cost(model: Any, env: Any) -> float:
+    """Return the cost of a window from the starts of seed 0."""
+    env.seed(0)
+    model._last_obs = env.reset()
+    model._last_episode_starts = np.ones(env.num_envs, np.bool_)
+    callback = CallbackList([])
+    callback.init_callback(model)
+    model.collect_rollouts(env, callback, None, 1)
+    return float(model._cost.detach())
+
+
+def test_ten_updates_lower_the_cost() -> None:
+    model, env = model_and_env(replace(BRIEF, max_episode_steps=50))
+    before = cost(model, env)
+    model.learn(BRIEF.total_timesteps)
+    assert cost(model, env) < 0.9 * before
+
+
+def test_gradient_of_the_cost_equals_a_finite_difference() -> None:
+    """In calm air without an observer, where equations (1) and (3) are exact, for the bias of each action."""
+    apg = replace(BRIEF.apg, max_state_gradient=1e9)
+    settings = replace(BRIEF, scenarios=("calm",), hybrid=HybridSettings(), max_episode_steps=50, apg=apg)
+    model, env = model_and_env(settings)
+    bias = model.policy.action_net.bias
+    cost(model, env)
+    torch.autograd.backward(model._cost)
+    found = bias.grad.numpy().copy()
+    for i, step in enumerate((1e-2, 1e-3, 1e-3, 1e-2)):
+        values = []
+        for sign in (1.0, -1.0):
+            with torch.no_grad():
+                bias[i] += sign * step
+            values.append(cost(model, env))
+            with torch.no_grad():
+                bias[i] -= sign * step
+        assert found[i] == pytest.approx((values[0] - values[1]) / (2.0 * step), rel=0.01)
+
+
+def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
+    model, env = model_and_env(BRIEF)
+    model.learn(2 * 16 * 50)
+    model.save(tmp_path / "model.zip")
+    with np.load(tmp_path / "model.zip", allow_pickle=False) as data:
+        assert all(data[name].dtype.kind in "fi" for name in data.files)
+    assert_same(trained_arrays(load_model(BRIEF, env, tmp_path / "model.zip")), trained_arrays(model))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scenarios": ("windy · hummingbird",)}, "vehicle 'hummingbird': the differentiable dynamics covers only"),
+        ({"scenarios": (json.dumps({"actuators": {"kind": "rate_limit"}}),)}, "actuator 'rate_limit'.*covers only"),
+        ({"scenarios": ("output_feedback",), "hybrid": HybridSettings()}, "output_feedback.*needs a base_controller"),
+        ({"history": 2}, "history must be 1 with algo 'apg', not 2"),
+        ({"hybrid": HybridSettings("flatness", "residual_action")}, "mode must be 'estimate_only' with algo 'apg'"),
+    ],
+    ids=["vehicle", "actuator", "velocities", "history", "mode"],
+)
+def test_what_is_not_covered_is_refused_before_training(changes: Any, message: str, tmp_path: Path) -> None:
+    assert_refused(lambda: train_policy(replace(BRIEF, **changes), tmp_path / "run"), message, ValueError)
+    assert not (tmp_path / "run").exists()
