@@ -10,6 +10,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from quadpend_gym import OrnsteinUhlenbeck, QuadPendulumVectorEnv
+from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 
 NUM_ENVS, STEPS = 3, 150
@@ -125,3 +126,16 @@ def test_environments_without_reward_terms_have_no_means() -> None:
     env.reset()
     env.step(np.ones(2, np.int64))
     assert env.take_means() == {}
+
+
+def test_restart_begins_new_episodes_in_some_rows_only() -> None:
+    envs = [QuadPendulumVectorEnv(2, autoreset_mode="SameStep") for _ in range(2)]
+    env = SB3VecEnv(ConcatenatedVectorEnv(envs))
+    env.seed(3)
+    env.reset()
+    before, *_ = env.step(np.zeros((4, 4), np.float32))
+    rows = np.array([True, False, False, True])
+    after = env.restart(rows)
+    np.testing.assert_array_equal(after[~rows], before[~rows])
+    assert (after[rows] != before[rows]).any(axis=1).all()
+    assert [*envs[0].world.clock, *envs[1].world.clock] == [0, 1, 1, 0]
