@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results vehicles animation pictures test check static kernels format bench time-to-beat golden docs tour screenshots clean help
+.PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels format bench time-to-beat golden docs tour screenshots clean help
 
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
 	rm -rf runs/demo
@@ -40,6 +40,9 @@ results: .venv/.installed  ## docs/results.md: learned policies and classical co
 FLYERS := flatness lqr lqi mppi adrc-matched
 vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, from large tilts, and as flown in an experiment
 	$(BIN)/quadpend vehicles $(FLYERS) --episodes 200 --seed $(TEST_SEED) --jobs 2 --out docs/vehicles-results --document docs/vehicles-results.md
+
+bound: .venv/.installed  ## docs/bound.md: the best flights of episodes whose wind is known in advance, and the gap to them
+	$(BIN)/quadpend bound flatness ppo-gain-scheduling --scenarios test --episodes 8 --seed $(TEST_SEED) --out docs/bound --document docs/bound.md
 
 animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
 	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenarios docs/gust.toml --seconds 1.5 5 --speed 0.5 \

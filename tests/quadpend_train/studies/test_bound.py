@@ -45,6 +45,8 @@ def test_the_bound_is_below_the_policies_and_its_episodes_are_planned_once(
     before = document.read_text()
     main(command)
     assert document.read_text() == before
+    with pytest.raises(pytest.fail.Exception, match="planned again"):
+        main([*command, "--recompute"])
     with pytest.raises(pytest.fail.Exception, match="planned again"):  # another duration, so another episode
         main([*command[:4], f"short={json.dumps({'wind': 'windy', 'duration': 0.2})}", *settings])
     capsys.readouterr()
