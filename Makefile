@@ -53,16 +53,15 @@ pictures: .venv/.installed  ## figures of docs/models.md and docs/trajectories.m
 	$(BIN)/python -m docs.tools.trajectories
 
 WORKERS := auto  # processes that run the tests; 0 runs them in one process
-test: .venv/.installed  ## run the tests
+test: .venv/.installed kernels  ## run the tests
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 check: .venv/.installed  ## run what CI runs: format, lint, types, docs, tests
-	$(MAKE) --jobs 2 static kernels
-	$(MAKE) test
-
-static: .venv/.installed  # all checks of `make check` but the tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(MAKE) --jobs 2 static test
+
+static: .venv/.installed  # the checks of `make check` that run beside the kernels and the tests
 	$(BIN)/mypy
 	$(MAKE) docs
 

@@ -77,7 +77,7 @@ def measurement_of(state: Floats, reference: Reference = HOVER, time: float = 0.
 def true_estimate(measurement: Measurement, disturbance: Floats = CALM) -> Estimate:
     """Return the estimate without error."""
     rows = len(measurement.state)
-    disturbances = np.array(np.broadcast_to(disturbance, (rows, CALM.size)))
+    disturbances = np.array(np.broadcast_to(disturbance, (rows, CALM.size)), order="C")
     age, none = np.zeros(rows, np.int64), np.empty((rows, 0))
     return Estimate(measurement.state, disturbances, measurement.reference, age, none, none, np.ones(rows))
 
@@ -108,7 +108,7 @@ def simulate_with_true_state(
     state = np.array(np.atleast_2d(state), order="C")
     memory = law.initial_memory(len(state))
     parameters = np.tile(simulation.parameters.as_array(), (len(state), 1))
-    disturbances = np.array(np.broadcast_to(disturbance, (len(state), CALM.size)))
+    disturbances = np.array(np.broadcast_to(disturbance, (len(state), CALM.size)), order="C")
     for step in range(steps):
         measurement = measurement_of(state, reference, step * simulation.period)
         command, memory = law.command(true_estimate(measurement, disturbance), measurement, memory)

@@ -131,7 +131,7 @@ class Prediction:
         parameters[:, MASSES] *= estimate.mass_ratio[:, np.newaxis]
         if simulation.is_rigid:
             rigid, switch = rigid.copy(), self._latency[1]
-            before = estimate.loop[:, -4:] if switch else None
+            before = np.ascontiguousarray(estimate.loop[:, -4:]) if switch else None
             acting = action.astype(np.float64)
             advance_rigid(state, rigid, acting, estimate.disturbance, parameters, simulation, before, switch)
             if switch:

@@ -85,5 +85,6 @@ def body_torques(
     """
     out = np.empty_like(acceleration)
     parameters = simulation.parameters.as_array()[:, np.newaxis]
+    thrust = np.ascontiguousarray(thrust)
     _body_torques(state, acceleration, thrust, disturbance, parameters, pack_rigid(simulation), out)
     return out
