@@ -13,6 +13,7 @@ from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.scenarios import Scenario
 from quadpend_train.studies.perturbations import PERTURBATION_AXES
 from quadpend_train.studies.recovery import START_GRIDS, StartGrid
 from quadpend_train.studies.robustness import Robustness, measure_robustness
@@ -115,7 +116,7 @@ def small_grid() -> StartGrid:
     return replace(grid, x=x, y=y)
 
 
-def brief_robustness() -> Robustness:
-    """The robustness of two ADRC controllers on two axes and one grid."""
+def brief_robustness(duration: float) -> Robustness:
+    """The robustness of two ADRC controllers on two axes and one grid, from episodes of `duration` seconds."""
     policies = {"one": [ADRC("paper")], "other": [ADRC("matched")]}
-    return measure_robustness(policies, AXES, {"tilt_rate": small_grid()}, episodes=8)
+    return measure_robustness(policies, AXES, {"tilt_rate": small_grid()}, episodes=8, base=Scenario(duration=duration))

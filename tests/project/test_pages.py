@@ -21,6 +21,7 @@ from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE
 from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Vehicle
 from quadpend_train.cli.main import main
+from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -66,6 +67,7 @@ def test_python_on_every_page_runs(block: str, tmp_path: Path, monkeypatch: pyte
     for long, brief in BRIEF.items():
         block = re.sub(long, brief, block)
     monkeypatch.chdir(tmp_path)
+    shorten_scenarios(monkeypatch, 1.0)
     write_files(tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     exec(compile(block, "page.md", "exec"), {"__name__": "__main__"})

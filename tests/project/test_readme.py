@@ -9,6 +9,7 @@ import pytest
 
 import quadpend_gym
 from quadpend_train.cli.main import main
+from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -21,6 +22,7 @@ def test_the_commands_in_the_readme_and_the_quickstart_run(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    shorten_scenarios(monkeypatch, 1.0)
     train = ["--total-timesteps", "1024", "--num-envs", "16", "--batch-size", "64", "--n-eval-episodes", "1"]
     evaluate = ["--episodes", "2"]
     brief = {"train": train, "evaluate": evaluate, "compare": evaluate, "wind": ["--seconds", "1"], "card": []}

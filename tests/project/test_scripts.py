@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
 SCRIPTS = sorted((ROOT / "train").glob("*.py"))
@@ -18,6 +19,7 @@ Run = Callable[..., str]
 @pytest.fixture
 def run_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
     """Run a script of `train/` with arguments as `python` does, but in this process, and return what it prints."""
+    shorten_scenarios(monkeypatch, 1.0)
 
     def run(name: str, *arguments: str) -> str:
         monkeypatch.chdir(tmp_path)

@@ -24,6 +24,7 @@ from quadpend_train.scenarios import SCENARIOS, SETS
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import PRESETS
 from tests.helpers.policies import mlp_policy
+from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 from tests.helpers.training import BRIEF
 
@@ -220,7 +221,10 @@ def test_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> 
     assert "\nquadpend: there is no policy 'nix'" in printed
 
 
-def test_a_vehicle_applies_to_all_scenarios_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_vehicle_applies_to_all_scenarios_of_a_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shorten_scenarios(monkeypatch, 0.6)
     options = ["--episodes", "2", "--vehicle", "crazyflie", "--cache", str(tmp_path)]
     main(["evaluate", "lqr", "--scenarios", "calm", "steady", *options, "--replay", "0", "--out", str(tmp_path)])
     note = (

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports.side_by_side import SideBySideView
 from quadpend_train.scenarios import Scenario, find_scenario
 from tests.helpers.bad_input import assert_refused
+from tests.helpers.scenarios import short
 
 SEED = 3_000_000
 SIZE = (320, 180)
@@ -52,8 +54,9 @@ def count(picture: Any, colour: tuple[int, int, int]) -> int:
 @pytest.mark.parametrize("name", ["adrc-paper", "flatness", "ppo-gain-scheduling-0"])
 @pytest.mark.parametrize("scenario", ["windy", "output_feedback", "lagged"])
 def test_a_recording_agrees_with_the_evaluated_episode(name: str, scenario: str) -> None:
-    results = run_episodes([load_policy(name)], scenario, 1, SEED)
-    recorded = record_episode(name, load_policy(name), find_scenario(scenario), SEED)
+    brief = short(scenario, 2.5)
+    results = run_episodes([load_policy(name)], brief, 1, SEED)
+    recorded = record_episode(name, load_policy(name), brief, SEED)
     steps = len(recorded.snapshots)
     assert steps == results.steps[0, 0]
     assert recorded.survived == results.survived[0, 0]
@@ -63,7 +66,7 @@ def test_a_recording_agrees_with_the_evaluated_episode(name: str, scenario: str)
 
 @pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-gain-scheduling-0"])
 def test_a_recording_contains_the_policys_estimate_of_the_wind(name: str) -> None:
-    scenario = find_scenario('{"wind": {"kind": "constant", "force": [0.3, -0.2, 0.1]}}')
+    scenario = find_scenario('{"wind": {"kind": "constant", "force": [0.3, -0.2, 0.1]}, "duration": 6.0}')
     recorded = record_episode(name, load_policy(name), scenario, SEED)
     assert_allclose(recorded.disturbance[:, :3], [[0.3, -0.2, 0.1]] * len(recorded.snapshots))
     assert_allclose(recorded.estimate[500:, :3].mean(axis=0), [0.3, -0.2, 0.1], atol=0.01)
@@ -82,7 +85,7 @@ def test_the_estimate_of_a_policy_without_estimator_is_nan() -> None:
 
 def test_the_thrust_of_rotor_actuators_is_recorded() -> None:
     light = '{"parameters": {"inertia_roll": 0.004, "inertia_pitch": 0.004}}'
-    scenario = find_scenario(f'{{"simulation": {light}, "actuators": {{"kind": "rotors"}}}}')
+    scenario = find_scenario(f'{{"simulation": {light}, "actuators": {{"kind": "rotors"}}, "duration": 2.0}}')
     recorded = record_episode("adrc-paper", controller("adrc-paper"), scenario, SEED)
     assert len(recorded.snapshots) > 50
     assert np.isfinite(recorded.estimate).all()
@@ -185,6 +188,10 @@ def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: p
         draw(self, surface, step)
         press.get(len(shown), lambda: None)()
 
+    clock = SimpleNamespace(
+        perf_counter=lambda: len(shown) / 60.0, sleep=lambda seconds: None
+    )  # 60 pictures per second
+    monkeypatch.setattr("quadpend_train.cli.watch.time", clock)
     monkeypatch.setattr(SideBySideView, "draw", drawing)
     watch(("flatness",), (CALM,), SEED, VideoOptions(size=SIZE, speed=4.0, seconds=(0.0, 0.5)))
     assert not pygame.display.get_init()

@@ -13,14 +13,16 @@ from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.reports.tables import markdown, verdicts
 from tests.helpers.policies import BiasedADRC, ZeroThrust, synthetic_results
+from tests.helpers.scenarios import short
 
 
 def test_every_policy_runs_through_the_same_episodes() -> None:
-    first, again = run_episodes([ADRC()], "windy", 5), run_episodes([ADRC()], "windy", 5)
+    windy = short("windy", 3.0)
+    first, again = run_episodes([ADRC()], windy, 5), run_episodes([ADRC()], windy, 5)
     np.testing.assert_array_equal(first.error, again.error)
-    other = run_episodes([ADRC("matched")], "windy", 5)
+    other = run_episodes([ADRC("matched")], windy, 5)
     np.testing.assert_allclose(first.error[..., 0], other.error[..., 0], atol=1e-3)
-    fewer = run_episodes([ADRC()], "windy", 3)
+    fewer = run_episodes([ADRC()], windy, 3)
     np.testing.assert_array_equal(first.error[:, :3], fewer.error)
 
 
@@ -43,7 +45,7 @@ def test_a_constant_offset_is_the_difference_of_the_settled_rmse() -> None:
 
 
 def test_equal_policies_have_no_winner() -> None:
-    comparison = compare({"one": [ADRC()], "two": [ADRC()]}, ["calm"], episodes=10)
+    comparison = compare({"one": [ADRC()], "two": [ADRC()]}, {"calm": short("calm", 2.0)}, episodes=10)
     (verdict,) = verdicts(comparison)
     assert verdict == (
         "In calm, two and one show no significant difference:"
@@ -117,7 +119,7 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
     run = str(tmp_path / "run")
     folders = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     main(["train", "--out", run, "--total-timesteps", "1024", "--num-envs", "16", "--batch-size", "256"])
-    main(["evaluate", "adrc-paper", f"ppo={run}", "--scenarios", "calm", "--episodes", "3", *folders])
+    main(["evaluate", "adrc-paper", f"ppo={run}", "--scenarios", '{"duration": 1.0}', "--episodes", "3", *folders])
     assert "ppo and adrc-paper show no significant difference" in capsys.readouterr().out
 
 
@@ -164,5 +166,6 @@ def test_nan_becomes_null_in_json(tmp_path: Path) -> None:
 
 
 def test_the_markdown_table_has_a_row_for_every_scenario_and_policy() -> None:
-    comparison = compare({"a": [ADRC()], "b": [ADRC("matched")]}, ["calm", "windy"], episodes=3)
+    scenarios = {name: short(name, 1.0) for name in ("calm", "windy")}
+    comparison = compare({"a": [ADRC()], "b": [ADRC("matched")]}, scenarios, episodes=3)
     assert markdown(comparison).count("\n| ") == 5 + 4  # and the leaderboard

@@ -15,6 +15,7 @@ from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair, 
 from quadpend_train.reports.tables import leaderboard_note, leaderboard_table, verdicts
 from quadpend_train.scenarios import Scenario
 from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_results
+from tests.helpers.scenarios import shorten_scenarios
 
 
 def compared(**policies: list[EpisodeResults]) -> Comparison:
@@ -53,7 +54,8 @@ def test_a_known_difference_is_significant_and_in_its_interval() -> None:
     )
 
 
-def test_equal_policies_have_no_winner() -> None:
+def test_equal_policies_have_no_winner(monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten_scenarios(monkeypatch, 3.0)
     same = compare({"one": "adrc-paper", "two": "adrc-paper"}, ["calm", "windy"], 10)
     assert (
         compare_pair(same, "one", "two")
@@ -140,7 +142,8 @@ def test_survival_comes_first() -> None:
     assert result.survival.high < 0.0
 
 
-def test_the_leaderboard_orders_policies_of_known_quality() -> None:
+def test_the_leaderboard_orders_policies_of_known_quality(monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten_scenarios(monkeypatch, 3.0)
     policies = {"biased": [BiasedADRC(0.03)], "unbiased": [BiasedADRC(0.0)], "falling": [ZeroThrust()]}
     comparison = compare(policies, ["calm", "hover"], 20)
     assert compare_pair(comparison, "unbiased", "biased").won == ["calm", "hover"]
@@ -177,7 +180,10 @@ def test_a_win_of_a_learner_needs_good_training_seeds() -> None:
     assert compare_pair(compared(a=[steady], b=[other]), "a", "b").results["s0"].winner == 1
 
 
-def test_the_compare_command_prints_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_compare_command_prints_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shorten_scenarios(monkeypatch, 5.0)
     options: Any = ["--scenarios", "calm", "steady", "--episodes", "10", "--cache", str(tmp_path)]
     main(["compare", "adrc-paper", "mine=adrc-matched", *options])
     printed = " ".join(capsys.readouterr().out.split())
@@ -194,8 +200,8 @@ def test_too_few_episodes_are_said_in_words() -> None:
     needed = episodes_needed(36)
     assert needed > 10
     for episodes in (5, needed - 1, needed):
-        base = np.linspace(0.1, 0.2, episodes)
-        results = {"worse": base + 0.01, "better": base, "best": base - 0.01}
+        base, lead = np.linspace(0.1, 0.2, episodes), np.linspace(0.009, 0.011, episodes)  # Wilcoxon's ties are slow
+        results = {"worse": base + lead, "better": base, "best": base - 1.01 * lead}
         three = compared(**{name: [synthetic_results(values)] * 6 for name, values in results.items()})
         three = replace(three, episodes=episodes)
         assert (leaderboard(three)[0].wins > 0) == (episodes == needed)

@@ -16,6 +16,7 @@ from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.reports import replay
 from quadpend_train.reports.html_page import Section, write
+from quadpend_train.scenarios import Scenario
 from quadpend_train.studies.perturbations import PERTURBATION_AXES
 from quadpend_train.studies.recovery import START_GRIDS
 from quadpend_train.studies.robustness import Robustness, measure_robustness
@@ -59,7 +60,8 @@ class Checker(HTMLParser):
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
     policies = {"adrc-paper": [ADRC("paper")], NASTY: [ADRC("matched")]}
-    return compare(policies, {"calm": "calm", NASTY: json.dumps({"description": NASTY, "wind": "windy"})}, 4)
+    windy = json.dumps({"description": NASTY, "wind": "windy", "duration": 1.0})
+    return compare(policies, {"calm": Scenario(duration=1.0), NASTY: windy}, 4)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +70,7 @@ def robustness(comparison: Comparison) -> Robustness:
     x, y = (axis._replace(values=values) for axis in (START_GRIDS["tilt_rate"].x, START_GRIDS["tilt_rate"].y))
     policies = {name: [ADRC()] for name in comparison.policies}
     grids = {"map": replace(START_GRIDS["tilt_rate"], title=NASTY, x=x, y=y)}
-    return measure_robustness(policies, {"delay": PERTURBATION_AXES["delay"]}, grids, 4)
+    return measure_robustness(policies, {"delay": PERTURBATION_AXES["delay"]}, grids, 4, base=Scenario(duration=1.0))
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +134,7 @@ def test_pages_of_the_same_data_differ_only_in_the_date(
 
 
 def test_one_policy_in_one_scenario_makes_a_page(tmp_path: Path) -> None:
-    comparison = compare({"adrc": [ADRC()]}, ["calm"], 2)
+    comparison = compare({"adrc": [ADRC()]}, {"calm": Scenario(duration=1.0)}, 2)
     write(comparison, leaderboard(comparison), None, tmp_path / "sub" / "page.html")
     checker = parsed((tmp_path / "sub" / "page.html").read_text(encoding="utf-8"))
     assert "robustness" not in checker.ids
@@ -140,6 +142,6 @@ def test_one_policy_in_one_scenario_makes_a_page(tmp_path: Path) -> None:
 
 
 def test_robustness_of_other_policies_is_an_error(robustness: Robustness, tmp_path: Path) -> None:
-    comparison = compare({"adrc": [ADRC()]}, ["calm"], 2)
+    comparison = compare({"adrc": [ADRC()]}, {"calm": Scenario(duration=1.0)}, 2)
     with pytest.raises(ValueError, match="robustness must be of adrc, not adrc-paper"):
         write(comparison, leaderboard(comparison), robustness, tmp_path / "page.html")

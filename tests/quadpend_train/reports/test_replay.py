@@ -31,7 +31,7 @@ from quadpend_train.reports.replay import (
     sampled_steps,
     section,
 )
-from quadpend_train.scenarios import SCENARIOS
+from quadpend_train.scenarios import SCENARIOS, Scenario
 from tests.helpers.browser import Browser, start
 from tests.helpers.policies import synthetic_results
 
@@ -42,7 +42,7 @@ def constructed(rmse: dict[str, Any]) -> Comparison:
     """A comparison with the given penalised RMSE (m) in one scenario."""
     results = {("calm", name): synthetic_results(values) for name, values in rmse.items()}
     known: dict[str, list[str]] = {name: [] for name in rmse}
-    scenarios, episodes = {"calm": SCENARIOS["calm"]}, results["calm", next(iter(rmse))].rmse.shape[1]
+    scenarios, episodes = {"calm": Scenario(duration=0.5)}, results["calm", next(iter(rmse))].rmse.shape[1]
     return Comparison(tuple(rmse), scenarios, episodes, 0, results, known)
 
 
@@ -78,7 +78,7 @@ def test_the_replay_contains_the_first_policy_and_the_two_best_others() -> None:
 
 
 def test_the_replay_contains_policies_given_as_objects() -> None:
-    comparison = compare({"object": ADRC(), "name": "adrc-paper"}, ["calm"], episodes=1)
+    comparison = compare({"object": ADRC(), "name": "adrc-paper"}, {"calm": Scenario(duration=0.5)}, episodes=1)
     data = record_replay(comparison, leaderboard(comparison), {"object": [ADRC()], "name": "adrc-paper"}, 1)
     assert data is not None
     one, other = data["scenarios"]["calm"][0]["episodes"]
@@ -170,7 +170,7 @@ def test_missing_values_differ_from_zero() -> None:
 
 
 def test_the_option_replay_sets_the_number_of_episodes(tmp_path: Path) -> None:
-    command = ["evaluate", "adrc-paper", "--scenarios", "calm", "--episodes", "2", "--out", str(tmp_path)]
+    command = ["evaluate", "adrc-paper", "--scenarios", '{"duration": 0.5}', "--episodes", "2", "--out", str(tmp_path)]
     command += ["--cache", str(tmp_path / "cache")]
     for count in (0, 1):
         main([*command, "--replay", str(count)])

@@ -8,6 +8,7 @@ import pytest
 
 from quadpend_train.cli.main import main
 from quadpend_train.reports.results import PARTS
+from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
 RESULTS = ROOT / "docs/results.md"
@@ -24,7 +25,10 @@ def brief_axes(monkeypatch: pytest.MonkeyPatch) -> None:
     )  # type: ignore[index]
 
 
-def test_evaluate_writes_the_same_files_every_time(tmp_path: Path, brief_axes: None) -> None:
+def test_evaluate_writes_the_same_files_every_time(
+    tmp_path: Path, brief_axes: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten_scenarios(monkeypatch, 1.0)
     document = tmp_path / "results.md"
     empty = "".join(f"<!-- begin {part} -->\n<!-- end {part} -->\n" for part in PARTS)
     document.write_text(f"# Title\n{empty}The end\n", encoding="utf-8")
@@ -60,7 +64,7 @@ def test_evaluate_writes_the_same_files_every_time(tmp_path: Path, brief_axes: N
 def test_a_document_without_a_place_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = tmp_path / "results.md"
     document.write_text("nothing\n", encoding="utf-8")
-    command = ["evaluate", "adrc-paper", "lqr", "--scenarios", "calm", "--episodes", "2"]
+    command = ["evaluate", "adrc-paper", "lqr", "--scenarios", '{"duration": 0.5}', "--episodes", "2"]
     command += ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out"), "--document", str(document)]
     with pytest.raises(SystemExit):
         main(command)

@@ -11,7 +11,7 @@ from tests.helpers.policies import brief_robustness
 
 
 def test_plots_of_robustness_are_reproducible(tmp_path: Path) -> None:
-    robustness = brief_robustness()
+    robustness = brief_robustness(1.0)
     for name in ("first", "second"):
         figures.write_png(robustness_plots.curves(robustness), tmp_path / f"{name}.png")
     assert (tmp_path / "first.png").read_bytes() == (tmp_path / "second.png").read_bytes()

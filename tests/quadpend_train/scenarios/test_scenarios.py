@@ -93,9 +93,10 @@ def test_a_controller_gets_rotor_allocation_and_the_nominal_simulation() -> None
 
 
 def test_evaluate_takes_names_for_scenarios(tmp_path: Path) -> None:
-    (tmp_path / "gale.toml").write_text('wind = "storm"\n', encoding="utf-8")
+    (tmp_path / "gale.toml").write_text('wind = "storm"\nduration = 1.0\n', encoding="utf-8")
     options = ["--episodes", "2", "--out", str(tmp_path), "--cache", str(tmp_path)]
-    main(["evaluate", "adrc-paper", *options, "--scenarios", 'light={"wind": "dryden"}', str(tmp_path / "gale.toml")])
+    scenarios = ['light={"wind": "dryden", "duration": 1.0}', str(tmp_path / "gale.toml")]
+    main(["evaluate", "adrc-paper", *options, "--scenarios", *scenarios])
     results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     assert list(results["scenarios"]) == ["light", "gale"]
     assert results["scenarios"]["light"]["wind"]["models"][0]["kind"] == "dryden"

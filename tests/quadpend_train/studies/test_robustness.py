@@ -1,6 +1,7 @@
 """Robustness: survival falls under perturbations, and tolerance limits are interpolated correctly."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from tests.helpers.policies import brief_robustness
 
 @pytest.fixture(scope="module")
 def robustness() -> Robustness:
-    return brief_robustness()
+    return brief_robustness(4.0)
 
 
 def points(axis: PerturbationAxis, survival: list[float]) -> list[CurvePoint]:
@@ -86,12 +87,13 @@ def test_robustness_is_written_as_json_and_as_a_table(robustness: Robustness, tm
 
 def test_jobs_with_different_starts_have_separate_cached_results(tmp_path: Path) -> None:
     options = PERTURBATION_AXES["tilt"].options(1.0, 3, 0)
-    jobs = {"calm": Job("adrc-paper", CALM_HOVER, 3, 0), "tilted": Job("adrc-paper", CALM_HOVER, 3, 0, options)}
+    hover = replace(CALM_HOVER, duration=2.0)
+    jobs = {"calm": Job("adrc-paper", hover, 3, 0), "tilted": Job("adrc-paper", hover, 3, 0, options)}
     first = run_jobs(jobs, tmp_path)
     assert len(list(tmp_path.iterdir())) == 2
     assert first["calm"].survived.all()
     assert not first["tilted"].survived.any()
-    alone = run_episodes([ADRC("paper")], CALM_HOVER, 3, 0, options)
+    alone = run_episodes([ADRC("paper")], hover, 3, 0, options)
     np.testing.assert_array_equal(first["tilted"].error, alone.error)
     stamps = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     again = run_jobs(jobs, tmp_path)

@@ -12,6 +12,7 @@ from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import TUNING_SEED, run_episodes
 from quadpend_train.scenarios import SETS
 from quadpend_train.studies import tuning
+from tests.helpers.scenarios import shorten_scenarios
 
 
 def test_every_controller_has_gains_and_every_tuned_one_a_search_space() -> None:
@@ -38,6 +39,7 @@ def test_replace_gains_replaces_nested_fields_only() -> None:
 def test_the_concatenated_scenarios_give_the_results_of_each_scenario_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("windy", "training_upset")
     monkeypatch.setitem(SETS, "training", names)
+    shorten_scenarios(monkeypatch, 3.0)
     together = tuning.run_training_scenarios(controller("adrc-paper"), tuning.training_scenarios(3), TUNING_SEED)
     apart = [run_episodes([controller("adrc-paper")], name, 3, TUNING_SEED) for name in names]
     np.testing.assert_array_equal(together.steps, np.concatenate([results.steps[0] for results in apart]))
@@ -56,6 +58,7 @@ def test_a_search_continues_and_its_result_is_scored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(SETS, "training", ("calm",))
+    shorten_scenarios(monkeypatch, 1.0)
     monkeypatch.setattr(tuning, "SCORE_EPISODES", 2)
     options = ["tune", "adrc-tuned", "--episodes", "2", "--out", str(tmp_path)]
     main([*options, "--trials", "2"])

@@ -1,0 +1,18 @@
+"""Short episodes, for tests whose statements do not depend on the length of an episode."""
+
+from dataclasses import replace
+
+import pytest
+
+from quadpend_train.scenarios import SCENARIOS, Scenario, find_scenario
+
+
+def short(name: str, duration: float) -> Scenario:
+    """Return a scenario with shorter episodes; `duration` in s."""
+    return replace(find_scenario(name), duration=duration)
+
+
+def shorten_scenarios(monkeypatch: pytest.MonkeyPatch, duration: float) -> None:
+    """Let the episodes of every named scenario last for `duration` seconds."""
+    for name in SCENARIOS:
+        monkeypatch.setitem(SCENARIOS, name, short(name, duration))
