@@ -106,19 +106,15 @@ def test_simulated_cost_of_the_kernel_is_that_of_the_cost_matrix_up_to_its_nonli
     (Q, R), (_, P) = weights(PLAIN, simulation), riccati(PLAIN, simulation)
     x = np.random.default_rng(14).normal(size=MODEL_STATE_SIZE)
 
-    def excess(size: float) -> float:
-        cost = 0.0
+    sizes, cost = np.array([0.01, 0.005]), np.zeros(4)
 
-        def add_cost(measurement: Measurement, command: Floats, memory: object) -> None:
-            nonlocal cost
-            x_k, effort = measurement.state[:, STATE_COLUMNS], command - [PAPER.hover_thrust, 0.0, 0.0, 0.0]
-            cost += 0.25 * (np.sum(x_k @ Q * x_k) + np.sum(effort @ R * effort))
+    def add_cost(measurement: Measurement, command: Floats, memory: object) -> None:
+        x_k, effort = measurement.state[:, STATE_COLUMNS], command - [PAPER.hover_thrust, 0.0, 0.0, 0.0]
+        cost[:] += 0.5 * (np.sum(x_k @ Q * x_k, axis=1) + np.sum(effort @ R * effort, axis=1))
 
-        start = states_near_hover(size * np.stack([x, -x]))
-        simulate_with_true_state(Lqr(PLAIN, simulation), simulation, start, 1500, callback=add_cost)
-        return cost / (0.5 * size**2 * x @ P @ x) - 1.0
-
-    large, small = excess(0.01), excess(0.005)
+    start = states_near_hover(np.outer([*sizes, *-sizes], x))
+    simulate_with_true_state(Lqr(PLAIN, simulation), simulation, start, 1500, callback=add_cost)
+    large, small = cost.reshape(2, 2).mean(axis=0) / (0.5 * sizes**2 * (x @ P @ x)) - 1.0
     assert abs(large) < 1e-3
     assert large / small == pytest.approx(4.0, rel=0.1)
 
@@ -182,7 +178,7 @@ def test_offset_of_lqr_in_steady_wind_is_that_of_the_linear_model() -> None:
     for share in (0.5, 0.25):
         x = np.linalg.solve(np.eye(MODEL_STATE_SIZE) - A + B @ K, E @ (share * WIND)[DISTURBANCE_COLUMNS])
         predicted = output_matrix(PAPER.rod_length) @ x
-        offset = settled(OutputFeedback(Lqr, gains, simulation), share * WIND)
+        offset = settled(OutputFeedback(Lqr, gains, simulation), share * WIND, seconds=12.0)
         errors.append(np.linalg.norm(offset - predicted) / np.linalg.norm(predicted))
     assert errors[1] < 0.01
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.2)

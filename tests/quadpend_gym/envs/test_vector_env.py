@@ -26,7 +26,7 @@ from tests.helpers.envs import (
     select_info,
 )
 
-SEED, STEPS, MAX_ROWS = 100, 45, 200
+SEED, STEPS, MAX_ROWS = 100, 45, 130  # two blocks of 64 and two rows more
 # Limits with which some episodes terminate, others are truncated, and every sub-environment has several episodes.
 SHORT: dict[str, Any] = {"task": Task(limits=Limits(body_angle=0.5)), "max_episode_steps": 20}
 TRAJECTORY = Waypoints((0, 0.15, 0.4), ((0, 0, 2), (0.0002, 0, 2, 0.05), (0.001, 0.001, 2.01)))
