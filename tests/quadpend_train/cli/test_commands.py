@@ -231,7 +231,7 @@ def test_a_vehicle_applies_to_all_scenarios_of_a_command(
         "Forces of the wind are scaled to the weight of the vehicle, by 0.0426 (0.292 N), and its torques about"
         " x / y / z to the torque limits, by 0.00119 / 0.00119 / 0.00127;"
     )
-    assert note in capsys.readouterr().out
+    assert note in " ".join(capsys.readouterr().out.split())
     results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     assert list(results["scenarios"]) == ["calm · crazyflie", "steady · crazyflie"]
     assert note in (tmp_path / "comparison.md").read_text(encoding="utf-8")
