@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from quadpend_gym.physics.drag import AIR_DENSITY
-from quadpend_gym.physics.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import STATE_FIELDS
 
 
@@ -60,7 +59,7 @@ def as_state(motion: Motion) -> Tensor:
 
 def as_physics(parameters: Tensor) -> Physics:
     """Return the parameters in an array with the order of `Parameters.as_array`, shape (n, 9)."""
-    m, m_c, rod_length, gravity, ixx, iyy, izz, *areas = parameters.split([1] * PARAMETERS_SIZE, dim=1)
+    m, m_c, rod_length, gravity, ixx, iyy, izz, *areas = torch.split(parameters, 1, dim=1)
     return Physics(m, m_c, rod_length, gravity, torch.cat([ixx, iyy, izz], dim=1), *areas)
 
 
@@ -102,7 +101,8 @@ def drag(motion: Motion, air_velocity: Tensor, p: Physics) -> tuple[Tensor, Tens
     bob_relative = relative - p.rod_length * motion.direction_rate
 
     def force(area: Tensor, velocity: Tensor) -> Tensor:
-        return 0.5 * AIR_DENSITY * area * torch.linalg.vector_norm(velocity, dim=1, keepdim=True) * velocity
+        speed: Tensor = torch.linalg.vector_norm(velocity, dim=1, keepdim=True)
+        return 0.5 * AIR_DENSITY * area * speed * velocity
 
     return force(p.quadrotor_drag_area, relative), force(p.bob_drag_area, bob_relative)
 

@@ -25,7 +25,7 @@ def reference_derivatives(reference: Tensor, time: Tensor, orders: int = ORDERS)
         time: s, shape (n,).
         orders: Number of derivatives, at least 2; the first is that of order 0.
     """
-    offset, rate, amplitude, frequency, phase = reference.split(CHANNELS, dim=1)
+    offset, rate, amplitude, frequency, phase = torch.split(reference, CHANNELS, dim=1)
     t = time[:, None]
     sine, cosine = torch.sin(frequency * t + phase), torch.cos(frequency * t + phase)
     waves = (sine, cosine, -sine, -cosine)
@@ -108,7 +108,7 @@ def margins(motion: Motion, tracking: Tracking, rod_length: Tensor, limits: Tens
         rod_length: l, m, shape (n, 1).
         limits: A `limit_row` of each row, shape (n, 4).
     """
-    pendulum, body, largest, ground = limits.split(1, dim=1)
+    pendulum, body, largest, ground = torch.split(limits, 1, dim=1)
     height, upright = motion.position[:, 2:], motion.direction[:, 2:]
     return Margins(
         (upright - pendulum) / (1.0 - pendulum),

@@ -92,7 +92,7 @@ class Plant:
         """
         action, memory = self._act(action, memory)
         command = self._scale * (self._hover + action)
-        force, bob_force, torque = wind[:, :DISTURBANCE_SIZE].split(3, dim=1)
+        force, bob_force, torque = torch.split(wind[:, :DISTURBANCE_SIZE], 3, dim=1)
         if self._moves_air.any():
             on_quadrotor, on_bob = drag(motion, wind[:, WIND_FIELDS["velocity"]], physics)
             force, bob_force = force + self._moves_air * on_quadrotor, bob_force + self._moves_air * on_bob
@@ -104,10 +104,10 @@ class Plant:
         if not self.memory_size:
             return action, memory
         actions, memories = [], []
-        rows = zip(self._chains, action.split(self._share), memory.split(self._share), strict=True)
+        rows = zip(self._chains, torch.split(action, self._share), torch.split(memory, self._share), strict=True)
         for chain, out, stored in rows:
             sizes = [int(model.memory_size) for model in chain]
-            *parts, unused = stored.split([*sizes, self.memory_size - sum(sizes)], dim=1)
+            *parts, unused = torch.split(stored, [*sizes, self.memory_size - sum(sizes)], dim=1)
             for i, model in enumerate(chain):
                 out, parts[i] = _actuate(model, out, parts[i], self.simulation.period)
             actions.append(out)

@@ -117,7 +117,7 @@ class APG(OnPolicyAlgorithm):
             state = _gather(everything, "state") + flying * (predicted - predicted.detach())
             memory = flying * memory
             if state.requires_grad:
-                state.register_hook(self._limit_gradient)
+                state.register_hook(self._limit_gradient)  # type: ignore[no-untyped-call]
         self._cost, self._memory = cost / (self.apg.window * env.num_envs), memory.detach()
         callback.on_rollout_end()
         return True
@@ -147,7 +147,8 @@ class APG(OnPolicyAlgorithm):
         """Return π(o), with the derivative of equation (1)."""
         observed = torch.as_tensor(self._last_obs)
         observed = observed + (state - state.detach()) @ self._sensitivity
-        mean: Tensor = self.policy.get_distribution(observed).distribution.mean  # type: ignore[attr-defined]
+        distribution: Any = self.policy.get_distribution(observed).distribution
+        mean: Tensor = distribution.mean
         return mean
 
     def _step_cost(self, motion: Motion, action: Tensor, target: Tensor, rod_length: Tensor) -> Tensor:
@@ -160,13 +161,15 @@ class APG(OnPolicyAlgorithm):
         excess = torch.relu(action.abs() - 1.0)
         near = margins(motion, tracking, rod_length, self._limits)[:3]
         lean = torch.relu(0.6 - torch.cat(near, dim=1))
-        return (cost + w.lean * (lean**2).sum(dim=1) + (excess**2).sum(dim=1)).sum()
+        total: Tensor = (cost + w.lean * (lean**2).sum(dim=1) + (excess**2).sum(dim=1)).sum()
+        return total
 
     def _limit_gradient(self, gradient: Tensor) -> Tensor:
         """Limit the norm of the gradient of each row, which grows without bound while a row falls."""
         norm = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
         limit = self.apg.max_state_gradient / (self.apg.window * len(gradient))
-        return gradient * (limit / (norm + 1e-12)).clamp(max=1.0)
+        limited: Tensor = gradient * (limit / (norm + 1e-12)).clamp(max=1.0)
+        return limited
 
     def save(self, path: Any, *_: Any, **__: Any) -> None:
         """Write everything that training changes to an npz archive, which executes no code when it is loaded."""

@@ -25,7 +25,7 @@ class ApgSettings:
     """Weight w_l of the cost of leaning."""
     max_grad_norm: float = 1.0
     """Largest norm of the gradient of a gradient step."""
-    max_state_gradient: float = 1000.0
+    max_state_gradient: float = 3000.0
     """Largest norm of the gradient of the summed cost of a row with respect to its state at one step."""
 
     def __post_init__(self) -> None:

@@ -56,7 +56,12 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
         rates = [_LEARNING_RATES[0] ** (1.0 - part) * _LEARNING_RATES[1] ** part for part in (done, now)]
         batches = max(round(passes[number] * len(actions) / _BATCH_SIZE), 1)
         _fit(
-            model, optimizer, observations[: labels.stop], actions[: labels.stop], np.geomspace(*rates, batches), random
+            model,
+            optimizer,
+            observations[: labels.stop],
+            actions[: labels.stop],
+            np.geomspace(rates[0], rates[1], batches),
+            random,
         )
     with torch.no_grad():
         error = _mean_action(model, torch.as_tensor(observations[labels])) - torch.as_tensor(actions[labels])
