@@ -78,6 +78,8 @@ def test_ablations_show_failures_and_remedies(tmp_path: Path, monkeypatch: pytes
     """The printed law falls, the corrected one has the predicted offset, the matched one has none; noise requires slow
     observers.
     """
+    monkeypatch.setattr(ablations, "EPISODE_STEPS", 600)
+    monkeypatch.setattr(ablations, "SETTLING_STEPS", 400)
     noisy = [f"ω_n = {bandwidth} rad/s, noise 1 mm and mrad" for bandwidth in (15, 500)]
     chosen = [case for case in ablations.cases() if case.group in {"law", "remedy"} or case.name in noisy]
     chosen += [case for case in ablations.cases() if "ρ = 5e6" in case.name]
