@@ -11,6 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import pytest
 import tyro
 
@@ -21,6 +22,7 @@ from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE
 from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Vehicle
 from quadpend_train.cli.main import main
+from tests.helpers.envs import IDS
 from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 
@@ -35,6 +37,9 @@ BRIEF = {
     r'"MlpPolicy", env,': '"MlpPolicy", env, n_steps=64,',
     r"num_envs, num_steps, updates = [^#]*": "num_envs, num_steps, updates = 64, 8, 2  ",
     r"episodes=\d+": "episodes=2",
+    r"duration=4\.0": "duration=0.5",
+    r"range\(200\)": "range(20)",
+    r"video_length=200": "video_length=20",
 }
 
 
@@ -68,6 +73,8 @@ def test_python_on_every_page_runs(block: str, tmp_path: Path, monkeypatch: pyte
         block = re.sub(long, brief, block)
     monkeypatch.chdir(tmp_path)
     shorten_scenarios(monkeypatch, 1.0)
+    for name in IDS:
+        monkeypatch.setattr(gym.spec(name), "max_episode_steps", 100)
     write_files(tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     exec(compile(block, "page.md", "exec"), {"__name__": "__main__"})

@@ -17,7 +17,7 @@ from quadpend_train.evaluation import cache, jobs
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
 from quadpend_train.policies.loading import policy_fingerprint
-from quadpend_train.scenarios import Scenario, find_scenario
+from quadpend_train.scenarios import Scenario
 
 BOTH = {"one": "adrc-paper", "two": "adrc-matched"}
 CALM, STORM = {"calm": Scenario(duration=1.0)}, {"storm": Scenario(wind="storm", duration=1.0)}
@@ -162,7 +162,7 @@ def test_results_of_a_model_that_changes_meanwhile_are_not_cached(
 ) -> None:
     keys = iter(["before", "after"])
     monkeypatch.setattr(jobs.Job, "cache_key", lambda self: next(keys))
-    job = {"calm": jobs.Job("adrc-paper", find_scenario("calm"), 1, 0)}
+    job = {"calm": jobs.Job("adrc-paper", Scenario(duration=0.5), 1, 0)}
     with pytest.raises(ValueError, match="adrc-paper has changed during its evaluation"):
         jobs.run_jobs(job, tmp_path)
     assert list(tmp_path.iterdir()) == []
