@@ -117,7 +117,7 @@ def test_rows_of_a_batch_are_independent(name: str, outputs: bool) -> None:
 @every_feedback
 def test_episode_start_resets_the_memory_of_one_row(name: str, outputs: bool) -> None:
     """Row 1 starts a new episode and behaves as in a first episode; row 0 continues its episode."""
-    policy, steps = quick_controller(name), 30
+    policy, steps = quick_controller(name), 15
     observations, actions, _ = run(policy, make(2, outputs), steps=2 * steps)
     new_observations, new_actions, _ = run(policy, make(2, outputs), seed=50, steps=steps)
     memory = None
@@ -207,7 +207,7 @@ def test_extreme_observations_give_actions_in_range(name: str, outputs: bool) ->
 
 @every_feedback
 def test_actions_do_not_change_when_the_world_is_rotated(name: str, outputs: bool) -> None:
-    """The rotation about the vertical includes start, reference, heading and wind; the episodes last one second.
+    """The rotation about the vertical includes start, reference, heading and wind; the episodes last half a second.
 
     The sign terms of ADRC saturate in x and in y separately, so that its symmetry holds for right angles only.
     Observers of 500 rad/s amplify the rounding of single precision.
@@ -222,7 +222,7 @@ def test_actions_do_not_change_when_the_world_is_rotated(name: str, outputs: boo
         state = rotate_states(start, rotation)
         fields = {field: state[:, part] for field, part in STATE_FIELDS.items()}
         wind = Constant(force=tuple(rotate_vectors(force, rotation)), torque=torque)
-        actions.append(run(policy, make(3, outputs, wind), state=fields, reference=circle(rotation))[1])
+        actions.append(run(policy, make(3, outputs, wind), steps=50, state=fields, reference=circle(rotation))[1])
     assert_allclose(actions[0], actions[1], atol=tolerance)
 
 
