@@ -40,6 +40,7 @@ class AdrcGains:
     horizontal: ObserverGains = field(default_factory=lambda: ObserverGains(switching=5e6))  # of F⁽⁴⁾ …, ϑ, (47)
     vertical: ObserverGains = field(default_factory=lambda: ObserverGains(switching=1e4))  # of z and ψ, (13), (20)
     mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾, and of its rate added to F⁽⁵⁾: 0: the paper's law
+    predicts: bool = True  # whether known delays and lags of the loop are predicted through
 
 
 @dataclass(frozen=True)

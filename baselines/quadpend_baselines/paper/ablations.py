@@ -13,7 +13,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from tqdm.auto import tqdm
 
-from quadpend_baselines.controllers.adrc import ADRC, AdrcMeasurement
+from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.estimation.chains import AdrcMeasurement
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from quadpend_baselines.policy.rollout import rollout

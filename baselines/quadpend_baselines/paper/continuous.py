@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from tqdm.auto import tqdm
 
-from quadpend_baselines.controllers.adrc import ADRC, AdrcMeasurement, AdrcMemory, make_measurement
+from quadpend_baselines.controllers.adrc import ADRC, AdrcMemory
+from quadpend_baselines.estimation.chains import AdrcMeasurement, make_measurement
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, characteristic_polynomial
 from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_baselines.policy.protocol import to_action

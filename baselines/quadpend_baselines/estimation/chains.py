@@ -1,0 +1,183 @@
+"""The plant as integrator chains: the measurement of ADRC, and conversions between states and chains.
+
+The symbols are those of `controllers.adrc` and `modelling.equivalent`. With the tilt n in place of the tangent t:
+
+    (1)  F = ζ + l r + a r + b n,    σ = (r + μ n)/(1 + μ)
+    (2)  F̈ = g σ,    F⁽³⁾ = g σ̇,    F₅ = g K (σ − n),    Ḟ₅ = g K (σ̇ − ṅ)
+
+All chains are relative to the reference.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from quadpend_baselines.estimation.prediction import Estimate, Measurement, project_direction
+from quadpend_baselines.modelling.equivalent import design_reference, equivalent_model, reference_offset
+from quadpend_baselines.modelling.planar import rotate
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.state import State
+
+# Chains: Luenberger stages of x and y, DESOs of x and y, height, yaw.
+LUENBERGER, HORIZONTAL, HEIGHT, YAW = slice(0, 2), slice(2, 4), 4, 5
+CHAINS = 6
+# States of a DESO: output, rate, disturbance ϑ, its rate.
+VALUE, RATE, DISTURBANCE = 0, 1, 2
+_MAX_ANGLE_RATE, _MAX_VELOCITY = 100.0, 100.0  # rad/s and m/s, limits of the rates of a state
+
+
+class AdrcMeasurement(NamedTuple):
+    """Inputs of ADRC for n rows: positions, angles and the reference.
+
+    Attributes:
+        error: e, m, shape (n, 3).
+        direction: r, shape (n, 3).
+        tilt: n, rad, shape (n, 2).
+        thrust_axis: b, shape (n, 3).
+        yaw: ψ, rad, shape (n,).
+        yaw_error: ψ − ψ_d, rad, shape (n,).
+        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
+        yaw_acceleration: ψ̈_d, rad/s², shape (n,).
+    """
+
+    error: Floats
+    direction: Floats
+    tilt: Floats
+    thrust_axis: Floats
+    yaw: Floats
+    yaw_error: Floats
+    reference: Floats
+    yaw_acceleration: Floats
+
+    def reference_derivative(self, order: int) -> Floats:
+        """Return F_d⁽ⁱ⁾ of one order i from 2 to 6, shape (n, 3)."""
+        return self.reference[:, order - 2]
+
+
+def make_measurement(
+    error: Floats, direction: Floats, euler: Floats, yaw_reference: Floats, reference: Floats
+) -> AdrcMeasurement:
+    """Return the measurement of n rows.
+
+    Args:
+        error: e, m, shape (n, 3).
+        direction: r, shape (n, 3).
+        euler: φ, θ and the yaw error ψ − ψ_d, rad, shape (n, 3).
+        yaw_reference: ψ_d, ψ̇_d, ψ̈_d, in rad, rad/s and rad/s², shape (n, 3).
+        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
+    """
+    roll, pitch, yaw_error = euler.T
+    yaw = yaw_error + yaw_reference[:, 0]
+    # In the axes of the heading, the horizontal thrust direction is (cos φ sin θ, −sin φ).
+    horizontal = np.stack([np.cos(roll) * np.sin(pitch), -np.sin(roll)], axis=-1)
+    tilt = rotate(np.stack([pitch, -roll], axis=-1), yaw, 0)
+    axis = np.column_stack([rotate(horizontal, yaw, 0), np.cos(roll) * np.cos(pitch)])
+    return AdrcMeasurement(error, direction, tilt, axis, yaw, yaw_error, reference, yaw_reference[:, 2])
+
+
+def equivalent_measurement(measurement: AdrcMeasurement, simulation: Simulation) -> AdrcMeasurement:
+    """Return the measurement of a rigid vehicle with the errors and the reference of the equivalent pendulum."""
+    if not simulation.is_rigid:
+        return measurement
+    reference = measurement.reference
+    error = measurement.error.copy()
+    error[:, :2] += _arms(measurement, simulation) - reference_offset(reference, simulation)
+    return measurement._replace(error=error, reference=design_reference(reference, simulation))
+
+
+def measurement_of_state(measured: Measurement, simulation: Simulation) -> AdrcMeasurement:
+    """Return the equivalent measurement of a state; the inverse of `state_from_chains` in positions and angles."""
+    s, yaw = State(measured.state), measured.yaw_reference[:, :1] * [0.0, 0.0, 1.0]
+    error = s.position + simulation.parameters.rod_length * np.array([1.0, 1.0, 0.0]) * s.direction
+    measurement = make_measurement(error, s.direction, s.euler - yaw, measured.yaw_reference, measured.reference)
+    return equivalent_measurement(measurement, simulation)
+
+
+def state_from_chains(
+    measured: Measurement, measurement: AdrcMeasurement, chains: Floats, simulation: Simulation
+) -> Floats:
+    """Return states with measured positions and angles, and with the rates of the chains, shape (n, 18).
+
+    Args:
+        measured: The measurement; its Euler-angle rates are taken if they are measured.
+        measurement: The equivalent measurement.
+        chains: States of the chains, shape (n, 6, 4).
+        simulation: Nominal plant.
+    """
+    model, state = equivalent_model(simulation), measured.state.copy()
+    s, gravity = State(state), model.parameters.gravity
+    third = measurement.reference_derivative(3)[:, :2] + chains[:, LUENBERGER, 3]
+    fifth = measurement.reference_derivative(5)[:, :2] + chains[:, HORIZONTAL, RATE]
+    pendulum_rate = np.clip(third / gravity, -_MAX_ANGLE_RATE, _MAX_ANGLE_RATE)
+    tilt_rate = pendulum_rate - fifth / (gravity * model.parameters.chain_stiffness)
+    tilt_rate = np.clip(tilt_rate, -_MAX_ANGLE_RATE, _MAX_ANGLE_RATE)
+    if np.isnan(s.euler_rate[:1]).any():
+        pitch_rate, roll_rate = (rotate(tilt_rate, -measurement.yaw, 0) * [1.0, -1.0]).T
+        yaw_rate = chains[:, YAW, RATE] + measured.yaw_reference[:, 1]
+        s.euler_rate[:] = np.column_stack([roll_rate, pitch_rate, yaw_rate])
+        s.euler_rate[:] = np.clip(s.euler_rate, -_MAX_ANGLE_RATE, _MAX_ANGLE_RATE)
+    s.direction_rate[:, :2] = (pendulum_rate - model.pivot_share * tilt_rate) / (1.0 - model.pivot_share)
+    velocity = (
+        chains[:, LUENBERGER, 1] - (simulation.parameters.rod_length + model.pendulum_arm) * s.direction_rate[:, :2]
+    )
+    velocity -= model.thrust_arm * tilt_rate
+    if simulation.is_rigid:
+        velocity += reference_offset(measured.reference[:, 1:], simulation)
+    s.velocity[:] = np.column_stack([velocity, chains[:, HEIGHT, RATE]])
+    s.velocity[:] = np.clip(s.velocity, -_MAX_VELOCITY, _MAX_VELOCITY)
+    project_direction(state)
+    return state
+
+
+def chains_of_state(measured: Measurement, measurement: AdrcMeasurement, simulation: Simulation) -> Floats:
+    """Return the states of the chains without disturbances, by equations (1) and (2), shape (n, 6, 4).
+
+    Args:
+        measured: A complete state with its reference.
+        measurement: The equivalent measurement of this state.
+        simulation: Nominal plant.
+    """
+    model, s = equivalent_model(simulation), State(measured.state)
+    p, share, rate = model.parameters, model.pivot_share, s.direction_rate[:, :2]
+    tilt_rate = rotate(s.euler_rate[:, [1, 0]] * [1.0, -1.0], measurement.yaw, 0)
+    pendulum = pendulum_of(measurement, simulation)
+    pendulum_rate = rate + share * (tilt_rate - rate)
+    velocity = s.velocity[:, :2] + (simulation.parameters.rod_length + model.pendulum_arm) * rate
+    velocity += model.thrust_arm * tilt_rate
+    if simulation.is_rigid:
+        velocity -= reference_offset(measured.reference[:, 1:], simulation)
+    second, third, fourth, fifth = (measurement.reference_derivative(order)[:, :2] for order in range(2, 6))
+    stiffness = p.gravity * p.chain_stiffness
+    chains = np.zeros((len(rate), CHAINS, 4))
+    luenberger = [measurement.error[:, :2], velocity, p.gravity * pendulum - second, p.gravity * pendulum_rate - third]
+    chains[:, LUENBERGER] = np.stack(luenberger, axis=-1)
+    chains[:, HORIZONTAL, VALUE] = stiffness * (pendulum - measurement.tilt) - fourth
+    chains[:, HORIZONTAL, RATE] = stiffness * (pendulum_rate - tilt_rate) - fifth
+    chains[:, HEIGHT, VALUE], chains[:, HEIGHT, RATE] = measurement.error[:, 2], s.velocity[:, 2]
+    chains[:, YAW, VALUE] = measurement.yaw_error
+    chains[:, YAW, RATE] = s.euler_rate[:, 2] - measured.yaw_reference[:, 1]
+    return chains
+
+
+def mean_accelerations(before: Estimate, after: Estimate, period: float) -> tuple[Floats, Floats]:
+    """Return the mean of z̈ (m/s²), shape (n,), and of the Euler-angle accelerations (rad/s²), shape (n, 3).
+
+    Args:
+        before: The plant at the beginning of a control period.
+        after: The plant at its end, relative to a reference that does not accelerate.
+        period: s.
+    """
+    first, last = State(before.state), State(after.state)
+    return (last.velocity[:, 2] - first.velocity[:, 2]) / period, (last.euler_rate - first.euler_rate) / period
+
+
+def pendulum_of(measurement: AdrcMeasurement, simulation: Simulation) -> Floats:
+    """Return σ of the equivalent pendulum, r_xy without a rigid vehicle, shape (n, 2)."""
+    share = equivalent_model(simulation).pivot_share
+    return measurement.direction[:, :2] + share * (measurement.tilt - measurement.direction[:, :2])
+
+
+def _arms(measurement: AdrcMeasurement, simulation: Simulation) -> Floats:
+    model = equivalent_model(simulation)
+    return np.asarray(model.pendulum_arm * measurement.direction[:, :2] + model.thrust_arm * measurement.tilt)
