@@ -55,7 +55,7 @@ from quadpend_baselines.estimation.chains import (
 )
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
-from quadpend_baselines.estimation.prediction import Estimate, Prediction
+from quadpend_baselines.estimation.prediction import Estimate, Measurement, Prediction
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
 from quadpend_baselines.modelling.equivalent import body_command, design_parameters, equivalent_model
 from quadpend_baselines.modelling.planar import rotate
@@ -63,10 +63,11 @@ from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, 
 from quadpend_gym import Parameters, Simulation, read_observation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbance
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbance, State
 
 GainsOrFunction = AdrcGains | Callable[[Simulation], AdrcGains]
 _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
+_MAX_RATE = 100.0  # rad/s, limit of estimated rates
 _MAX_STATE = 1e3  # a predicted state beyond it is not used
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 
@@ -198,6 +199,9 @@ class ADRC:
         last = np.zeros((rows, ACTION_SIZE), np.float32)
         if not started.all():
             kept = before.following
+            if np.isnan(State(measured.state).euler_rate[:1]).any():
+                rate = self._euler_rate(measured, kept)
+                State(state).euler_rate[:] = np.where(started[:, np.newaxis], State(state).euler_rate, rate)
             rigid = prediction.rigid(state, kept.rigid[:, ROTOR_THRUST:])
             plant = select_rows(started, plant, plant._replace(age=kept.age, loop=kept.loop, rigid=rigid))
             last = select_rows(started, last, before.action)
@@ -215,6 +219,16 @@ class ADRC:
         wanted, _ = to_action(command, self.simulation, later.rigid)
         action = np.nan_to_num(prediction.loop.compensate(wanted, later.loop, self.simulation.period))
         return action, self._driven(AdrcMemory(estimate, command, measurement, action, plant, plant), action)
+
+    def _euler_rate(self, measured: Measurement, predicted: Estimate) -> Floats:
+        """Return estimated rates of the Euler angles, rad/s, shape (n, 3).
+
+        The predicted rates are corrected by the error of the predicted angles with the bandwidth of the DESO.
+        """
+        period, angles = self.simulation.period, State(predicted.state)
+        error = np.remainder(State(measured.state).euler - angles.euler + np.pi, 2.0 * np.pi) - np.pi
+        share = -np.expm1(-self.gains.horizontal.bandwidth * period)
+        return np.asarray(np.clip(angles.euler_rate + share / period * error, -_MAX_RATE, _MAX_RATE))
 
     def _driven(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
         """Return the memory with the command and the plant that follow from `action`."""
