@@ -146,7 +146,7 @@ _TUNED_ADRC = AdrcGains(
 
 # Gains of every controller, by its name.
 GAINS: dict[str, Any] = {
-    "adrc-paper": _PAPER,
+    "adrc-paper": replace(_PAPER, predicts=False),
     "adrc-matched": replace(_PAPER, mismatch=1.0),
     "adrc-tuned": _TUNED_ADRC,
     "adrc-linear": replace(_TUNED_ADRC, horizontal=replace(_TUNED_ADRC.horizontal, switching=np.inf)),
@@ -208,8 +208,26 @@ GAINS |= {f"{name}{UNPREDICTED}": without_prediction(GAINS[name]) for name in ("
 
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
 # those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`. They were set by hand
-# on scenarios of `training-hummingbird` and on a `crazyflie` in wind.
+# on scenarios of `training-hummingbird` and on a `crazyflie` in wind. The observers of the ADRCs are three to five times
+# as fast as their control laws; faster ones amplify the errors of the model until the torques saturate.
+_RIGID_OBSERVER = ObserverGains(28.0)
+_RIGID_PAPER = replace(_PAPER, luenberger=_RIGID_OBSERVER, horizontal=_RIGID_OBSERVER, vertical=_RIGID_OBSERVER)
+_RIGID_TUNED = AdrcGains(
+    horizontal_bandwidth=3.7,
+    vertical_bandwidth=5.0,
+    mismatch=1.0,
+    luenberger=ObserverGains(20.0),
+    horizontal=ObserverGains(16.0, switching=1e5),
+    vertical=ObserverGains(12.0),
+)
 RIGID_GAINS: dict[str, tuple[Any, str]] = {
+    "adrc-paper": (_RIGID_PAPER, "paper"),
+    "adrc-matched": (replace(_RIGID_PAPER, mismatch=1.0), "paper"),
+    "adrc-tuned": (_RIGID_TUNED, "hummingbird"),
+    "adrc-linear": (
+        replace(_RIGID_TUNED, horizontal=replace(_RIGID_TUNED.horizontal, switching=np.inf)),
+        "hummingbird",
+    ),
     "lqr": (
         LqrGains(
             position=0.0733,

@@ -80,7 +80,7 @@ class AdrcMemory(NamedTuple):
         command: Thrust (N) and torques (N·m) that act after the latest measured state, after saturation, shape (n, 4).
             Those of a plant with `plant` are the mean ones that the nominal model predicts.
         measurement: The latest measurement; None in the memory of the continuous-time simulation.
-        action: The action, shape (n, 4); empty without `plant`.
+        action: The action, shape (n, 4); empty in the memory of the continuous-time simulation.
         plant: The latest measured state, for a rigid vehicle or a loop with known delays or lags; otherwise empty.
         following: The plant one control period later, predicted; empty without `plant`.
     """
@@ -178,7 +178,7 @@ class ADRC:
             action, memory = self._predicted_action(observation, measurement, estimate, state, started)
         else:
             action, command = to_action(self.command(measurement, estimate), self.simulation)
-            memory = AdrcMemory(estimate, command, measurement)
+            memory = AdrcMemory(estimate, command, measurement, action)
         return (action[0] if single else action), memory
 
     @property
@@ -233,7 +233,7 @@ class ADRC:
     def _driven(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
         """Return the memory with the command and the plant that follow from `action`."""
         if not isinstance(memory.plant, Estimate) or memory.measurement is None:
-            return memory._replace(command=to_command(action, self.simulation))
+            return memory._replace(command=to_command(action, self.simulation), action=action)
         p, plant = self._parameters, memory.plant
         following = self._prediction.advance(plant._replace(reference=np.zeros_like(plant.reference)), action)
         vertical, angular = mean_accelerations(plant, following, self.simulation.period)

@@ -8,31 +8,61 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
-from quadpend_baselines import controller
+from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.vehicle_gains import gains_for, scale_gains
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_baselines.policy.protocol import to_action, to_command
 from quadpend_baselines.policy.rigid_actions import hovering
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Simulation
-from quadpend_gym.vehicles import hover_wrench
+from quadpend_gym.vehicles import VEHICLES, hover_wrench
+from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 
 INTERFACES = ("wrench", "rotors", "body_rates")
+ADRCS = [name for name in CONTROLLERS if name.startswith("adrc-")]
 every_interface = pytest.mark.parametrize("interface", INTERFACES)
 
 
-@every_interface
-@pytest.mark.parametrize("name", ["flatness", "lqr", "lqi", "mppi", "adrc-tuned", "adrc-linear"])
-def test_controllers_fly_the_hummingbird_for_2_s(name: str, interface: str) -> None:
-    simulation, rows = Simulation(vehicle="hummingbird", interface=interface), 2
-    env = QuadPendulumVectorEnv(rows, simulation=simulation, autoreset_mode=AutoresetMode.DISABLED)
+def fly(name: str, simulation: Simulation, velocities: bool = True) -> None:
+    """Fly two episodes of 2 s in calm air and check that none terminates."""
+    env: Any = QuadPendulumVectorEnv(2, simulation=simulation, autoreset_mode=AutoresetMode.DISABLED)
+    env = env if velocities else VectorOutputFeedbackWrapper(env)
     policy: Any = controller(name, simulation)
     observation, _ = env.reset(seed=3)
     memory = None
-    for _ in range(200):
+    for _ in range(round(2.0 / simulation.period)):
         action, memory = policy.predict(observation, memory)
         observation, _, terminated, _, _ = env.step(action)
         assert not terminated.any()
+
+
+@every_interface
+@pytest.mark.parametrize("name", ["flatness", "lqr", "lqi", "mppi", *ADRCS])
+def test_controllers_fly_the_hummingbird_for_2_s(name: str, interface: str) -> None:
+    fly(name, Simulation(vehicle="hummingbird", interface=interface))
+
+
+@every_interface
+@pytest.mark.parametrize("vehicle", [name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid"])
+def test_adrc_flies_every_vehicle_for_2_s(vehicle: str, interface: str) -> None:
+    fly("adrc-matched", Simulation(vehicle=vehicle, interface=interface, period=0.02, substeps=8))
+
+
+@pytest.mark.parametrize("name", ADRCS)
+def test_adrc_flies_through_the_latency_of_a_real_vehicle_without_measured_velocities(name: str) -> None:
+    simulation = Simulation(vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8, latency=0.03)
+    fly(name, simulation, velocities=False)
+
+
+@every_interface
+def test_actions_of_adrc_are_finite_in_any_state(interface: str) -> None:
+    simulation = Simulation(vehicle="hummingbird", interface=interface, period=0.02, substeps=8, latency=0.03)
+    policy: Any = controller("adrc-matched", simulation)
+    random, memory = np.random.default_rng(0), None
+    for scale in np.geomspace(1.0, 1e12, 50):
+        observation = (scale * random.normal(size=(4, 27))).astype(np.float32)
+        action, memory = policy.predict(observation, memory)
+        assert np.isfinite(action).all()
 
 
 @every_interface
