@@ -208,8 +208,8 @@ GAINS |= {f"{name}{UNPREDICTED}": without_prediction(GAINS[name]) for name in ("
 
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
 # those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`. They were set by hand
-# on scenarios of `training-hummingbird` and on a `crazyflie` in wind. The observers of the ADRCs are three to five times
-# as fast as their control laws; faster ones amplify the errors of the model until the torques saturate.
+# on scenarios of `training-hummingbird` and on a `crazyflie` in wind. The observers of the ADRCs are three to five
+# times as fast as their control laws; faster ones amplify the errors of the model until the torques saturate.
 _RIGID_OBSERVER = ObserverGains(28.0)
 _RIGID_PAPER = replace(_PAPER, luenberger=_RIGID_OBSERVER, horizontal=_RIGID_OBSERVER, vertical=_RIGID_OBSERVER)
 _RIGID_TUNED = AdrcGains(

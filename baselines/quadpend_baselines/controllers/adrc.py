@@ -285,7 +285,8 @@ class ADRC:
         return np.asarray((axis[:, 2] - p.bob_mass / p.total_mass * projection) / p.quadrotor_mass)
 
     def _limited_thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
-        return np.maximum(self._thrust_gain(measurement), _MIN_THRUST_GAIN / self._parameters.total_mass)
+        least = _MIN_THRUST_GAIN / self._parameters.total_mass
+        return np.asarray(np.maximum(self._thrust_gain(measurement), least))
 
     def observer_outputs(self, measurement: AdrcMeasurement) -> Floats:
         """Return the measured output of every observer, shape (n, 6)."""
