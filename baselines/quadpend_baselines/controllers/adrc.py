@@ -47,6 +47,7 @@ from quadpend_baselines.estimation.chains import (
     AdrcMeasurement,
     chains_of_state,
     equivalent_measurement,
+    euler_accelerations,
     make_measurement,
     mean_accelerations,
     measurement_of_state,
@@ -190,7 +191,7 @@ class ADRC:
         self, observation: Floats32, measurement: AdrcMeasurement, estimate: Floats, before: Any, started: Booleans
     ) -> tuple[Floats32, AdrcMemory]:
         """Return the actions by the predicted state at the time when they act, and the memory."""
-        rows, prediction = len(started), self._prediction
+        rows, prediction, p = len(started), self._prediction, self._parameters
         measured = estimator.measurement_from_observation(observation, self.simulation.parameters.rod_length)
         state = state_from_chains(measured, measurement, estimate, self.simulation)
         no_force = np.zeros((rows, DISTURBANCE_SIZE))
@@ -215,7 +216,10 @@ class ADRC:
             forecast = measurement_of_state(then._replace(state=later.state), self.simulation)
             change = chains_of_state(then._replace(state=later.state), forecast, self.simulation)
             outlook = estimate + change - chains_of_state(measured._replace(state=state), now, self.simulation)
-        command = body_command(later.state, self.command(forecast, outlook), no_force, self.simulation)
+        command = self.command(forecast, outlook)
+        inertia = [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]
+        command[:, 1:] = inertia * euler_accelerations(later.state, command[:, 1:] / inertia, self.simulation)
+        command = body_command(later.state, command, no_force, self.simulation)
         wanted, _ = to_action(command, self.simulation, later.rigid)
         action = np.nan_to_num(prediction.loop.compensate(wanted, later.loop, self.simulation.period))
         return action, self._driven(AdrcMemory(estimate, command, measurement, action, plant, plant), action)
@@ -236,7 +240,7 @@ class ADRC:
             return memory._replace(command=to_command(action, self.simulation), action=action)
         p, plant = self._parameters, memory.plant
         following = self._prediction.advance(plant._replace(reference=np.zeros_like(plant.reference)), action)
-        vertical, angular = mean_accelerations(plant, following, self.simulation.period)
+        vertical, angular = mean_accelerations(plant, following, self.simulation)
         thrust = (vertical + p.gravity) / self._limited_thrust_gain(memory.measurement)
         command = np.column_stack([thrust, angular * [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]])
         return memory._replace(command=command, action=action, following=following)
@@ -276,7 +280,7 @@ class ADRC:
     def fourth_derivative(self, measurement: AdrcMeasurement) -> Floats:
         """Return F₅ of equation (1), m/s⁴, shape (n, 2)."""
         share = equivalent_model(self.simulation).pivot_share
-        return (1.0 - share) * self._stiffness * (measurement.direction[:, :2] - measurement.tilt)
+        return (1.0 - share) * self._stiffness * (measurement.pendulum - measurement.tilt)
 
     def _thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
         """Return g_z of equation (4), 1/kg, shape (n,)."""
