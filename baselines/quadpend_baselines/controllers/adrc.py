@@ -21,9 +21,9 @@ The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ int
 which makes no difference at ψ = 0.
 
 For rigid vehicles, F, r and the parameters in (1) to (3) are those of the equivalent pendulum (`modelling.equivalent`),
-and the tangents r_xy/r_z and b_xy/b_z take the places of r_xy and n, so that (1) and (2) hold at larger tilts. Thrust and
-torques in the known inputs of the observers are then those that make the accelerations of the nominal model over the
-period, in which rotors and on-board loop follow the action that acts.
+and the tangents r_xy/r_z and b_xy/b_z take the places of r_xy and n, so that (1) and (2) hold at larger tilts. Thrust
+and torques in the known inputs of the observers are then those that make the accelerations of the nominal model over
+the period, in which rotors and on-board loop follow the action that acts.
 
 Over the known delays and lags of the loop, and over the latency, `estimation.prediction` carries the measured state
 forward, with the rates and the disturbance of the observers and the commands under way. The observers' states change as
