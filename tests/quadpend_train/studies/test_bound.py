@@ -4,12 +4,16 @@ import json
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from quadpend_baselines import controller
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.bound import BoundEpisode, bound_row, by_scenario, read_bound, write_bound
+from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.scenarios import find_scenario
 from tests.quadpend_train.cli.test_commands import refused
 
 SHORT = json.dumps({"wind": "windy", "duration": 0.3})
@@ -50,6 +54,29 @@ def test_the_bound_is_below_the_policies_and_its_episodes_are_planned_once(
     with pytest.raises(pytest.fail.Exception, match="planned again"):  # another duration, so another episode
         main([*command[:4], f"short={json.dumps({'wind': 'windy', 'duration': 0.2})}", *settings])
     capsys.readouterr()
+
+
+class FullRoll:
+    """A policy that falls within 0.3 s."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> Any:
+        return np.array([[0.0, 1.0, 0.0, 0.0]], np.float32), state
+
+
+@NEEDS_CASADI
+def test_the_flight_of_the_first_guess_counts_where_the_planned_one_falls(monkeypatch: pytest.MonkeyPatch) -> None:
+    from quadpend_train.studies import bound as study
+
+    monkeypatch.setattr(study, "track", lambda *_: FullRoll())
+    scenario = find_scenario(SHORT)
+    found = study.plan_episode(study.Task("short", scenario, 3))
+    expected = run_episodes([controller("flatness")], scenario, 1, 3)
+    assert found.source == "flatness"
+    assert found.survived
+    assert found.rmse == pytest.approx(1000.0 * expected.rmse[0, 0])
+    assert found.settled_rmse == pytest.approx(1000.0 * expected.settled_rmse[0, 0])
 
 
 @NEEDS_CASADI

@@ -31,7 +31,7 @@ class BoundEpisode:
         rmse: Root mean square of the tracking error, mm; nan for a fall.
         settled_rmse: The same of the second half of the episode, mm; nan for a fall.
         planned_rmse: RMSE that the planner predicted for its last flight, mm.
-        source: "optimum", or the name of the policy whose flight was better.
+        source: "optimum", or the name of the policy whose flight was better; empty for a fall.
         status: Return status of the solver.
         iterations: Iterations of the solver.
         seconds: Processor time of planning and flights, s.

@@ -23,7 +23,7 @@ from tqdm.auto import tqdm
 import quadpend_baselines
 from quadpend_baselines import controller
 from quadpend_baselines.controllers import nmpc_model
-from quadpend_baselines.optimal.episode import Flight, known_episode, record_flight
+from quadpend_baselines.optimal.episode import Flight, KnownEpisode, known_episode, record_flight, tracked_point
 from quadpend_baselines.optimal.plant import Plant
 from quadpend_baselines.optimal.replay import track
 from quadpend_baselines.optimal.transcription import transcription
@@ -40,7 +40,7 @@ from quadpend_train.evaluation.bound import (
     write_bound,
 )
 from quadpend_train.evaluation.comparison import Comparison
-from quadpend_train.evaluation.episodes import EpisodeResults, collect_results
+from quadpend_train.evaluation.episodes import collect_results
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
 from quadpend_train.policies.adaptation import adapt_policy
@@ -105,25 +105,25 @@ def plan_episode(task: Task) -> BoundEpisode:
     episode, guess = known_episode(longer, seed, steps), record_flight(policy, longer, seed, steps)
     problem = transcription(plant_of(scenario), world.task.limits, steps)
 
-    def fly(flown: Any) -> EpisodeResults:
-        return collect_results(rollout(flown, env, seed), np.array([steps]), scenario.simulation.period)
-
-    guessed, iterations = fly(policy), 0
+    iterations = 0
     for flight in (guess, Flight(guess.states[:1], guess.actions[:0])):
         solution = problem.solve(episode, *problem.guess(flight, episode))
         iterations += solution.iterations
-        best, source = fly(track(solution, problem, episode, world)), "optimum"
-        if best.survived[0]:
+        flown = rollout(track(solution, problem, episode, world), env, seed)
+        results = collect_results(flown, np.array([steps]), scenario.simulation.period)
+        if survived := bool(results.survived[0]):
             break
-    if guessed.penalised_rmse[0] < best.penalised_rmse[0]:
-        best, source = guessed, FIRST_GUESS
-    survived = bool(best.survived[0])
+    found = {"optimum": (float(results.rmse[0]), float(results.settled_rmse[0]))} if survived else {}
+    if len(guess.actions) == steps:
+        found[FIRST_GUESS] = _errors(guess, episode)
+    source = min(found, key=lambda name: found[name][0], default="")
+    rmse, settled_rmse = found.get(source, (np.nan, np.nan))
     return BoundEpisode(
         name,
         seed,
-        survived,
-        _MILLIMETRES * float(best.rmse[0]) if survived else np.nan,
-        _MILLIMETRES * float(best.settled_rmse[0]),
+        bool(found),
+        _MILLIMETRES * rmse,
+        _MILLIMETRES * settled_rmse,
         _MILLIMETRES * solution.rmse,
         source,
         solution.status,
@@ -131,6 +131,13 @@ def plan_episode(task: Task) -> BoundEpisode:
         round(time.process_time() - begin, 2),
         task.key,
     )
+
+
+def _errors(flight: Flight, episode: KnownEpisode) -> tuple[float, float]:
+    """Return the RMSE of a flight that survives, over all steps and over the second half, m."""
+    error = tracked_point(flight.states[1:], episode.parameters) - episode.target
+    squared = np.sum(error**2, axis=1)
+    return float(np.sqrt(squared.mean())), float(np.sqrt(squared[len(squared) // 2 :].mean()))
 
 
 def plan(
