@@ -127,6 +127,12 @@ def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> 
     assert "quadpend evaluate ppo-gain-scheduling-0 flatness" in text
 
 
+def test_card_names_the_input_scales(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mlp_policy(3 * 36, input_scales=[8.0, 64.0]).save(tmp_path / "policy.npz")
+    main(["card", str(tmp_path / "policy.npz")])
+    assert "108 → 8 → 6 → 4, relu, input scales 8, 64" in capsys.readouterr().out
+
+
 def test_card_as_json_is_the_card(capsys: pytest.CaptureFixture[str]) -> None:
     main(["card", "ppo-gain-scheduling-0", "--json"])
     assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-gain-scheduling-0").card
