@@ -6,7 +6,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from quadpend_baselines.estimation.estimator import Estimator, measurement_from_observation, observation_from_state
+from quadpend_baselines.estimation.estimator import (
+    Estimator,
+    measurement_from_observation,
+    observation_from_state,
+    replace_reference,
+)
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
@@ -158,6 +163,22 @@ class OutputFeedback:
             memory: The memory or estimation after that observation.
         """
         return observation_from_state(memory.estimate.state, observation, self.simulation.parameters.rod_length)
+
+    def predicted_observation(self, observation: Floats32, estimation: Estimation) -> Floats32:
+        """Return the observation of the state at the time when the next action acts, shape (n, 36).
+
+        Without known delays and lags it is `estimated_observation`.
+
+        Args:
+            observation: The current observation, shape (n, 36), or (n, 27) without velocities.
+            estimation: The return value of `update` for that observation.
+        """
+        carry_forward = self._estimator.prediction.carry_forward
+        estimate, measurement = carry_forward(estimation.estimate, estimation.action, estimation.measurement)
+        if measurement is estimation.measurement:
+            return self.estimated_observation(observation, estimation)
+        later = replace_reference(observation, measurement)
+        return observation_from_state(estimate.state, later, self.simulation.parameters.rod_length)
 
     def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""

@@ -113,6 +113,15 @@ def observation_from_state(state: Floats, observation: Floats32, rod_length: flo
     return out
 
 
+def replace_reference(observation: Floats32, measurement: Measurement) -> Floats32:
+    """Return observations, shape (n, 36) or (n, 27), with the reference of `measurement`."""
+    out = observation.copy()
+    orders = measurement.reference.reshape(len(out), -1)
+    reference = np.concatenate([orders, measurement.yaw_reference], axis=1)
+    out[:, REFERENCE_START - OBSERVATION_SIZE :] = reference / OBSERVATION_SCALE[REFERENCE_START:]
+    return out
+
+
 @dataclass(frozen=True)
 class Estimator:
     """The observer (1)–(2).

@@ -20,7 +20,8 @@ from quadpend_gym.core.arrays import Floats32
 class EstimateOnly:
     """Hybrid whose policy acts alone, equation (1) of `quadpend_baselines.hybrid.protocol`.
 
-    The policy observes the base controller's estimate of the state and of the disturbance.
+    The policy observes the base controller's estimate of the disturbance, and that of the state at the time when the
+    next action acts: with known delays and lags it is predicted through them.
 
     Args:
         base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
@@ -45,8 +46,14 @@ class EstimateOnly:
     ) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         last = None if memory is None else memory.controller
-        base_action, controller_memory = self.base_controller.predict(observation, last, episode_start)
-        estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
+        if hasattr(self.base_controller, "predicted_observation"):
+            estimation = self.base_controller.update(observation, last, episode_start)
+            base_action, controller_memory = self.base_controller.control(estimation)
+            estimated = self.base_controller.predicted_observation(observation, estimation)
+            disturbance = self.base_controller.estimated_disturbance(controller_memory)
+        else:
+            base_action, controller_memory = self.base_controller.predict(observation, last, episode_start)
+            estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
         policy_observation = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
         return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)))
 

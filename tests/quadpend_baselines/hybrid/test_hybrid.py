@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import (
     HYBRIDS,
@@ -22,7 +23,8 @@ from quadpend_baselines.hybrid import (
 )
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Constant, Parameters, Reference, Simulation
-from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
+from quadpend_gym.actuators import ActionDelay
+from quadpend_gym.wrappers import VectorActuatorWrapper, VectorOutputFeedbackWrapper
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import AVAILABLE_CONTROLLERS, HybridPolicy, constant, run_policy, zero_action
 from tests.helpers.envs import assert_same, make_vec
@@ -61,6 +63,21 @@ def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(n
         assert_allclose(seen, np.concatenate(parts, axis=1), rtol=1e-6, atol=1e-7)
         if kind is not BandwidthScheduling:
             assert_array_equal(memory.base_action, action)
+
+
+def test_policy_that_acts_alone_observes_the_state_in_which_its_action_acts() -> None:
+    """With a known delay of two steps, the observation of two steps later."""
+    env = VectorActuatorWrapper(make_vec(3), ActionDelay(2))
+    hybrid = EstimateOnly("flatness").with_simulation(Simulation(), Loop(delay=2))
+    observation, memory, observed, true = env.reset(seed=0)[0], None, [], []
+    for step in range(20):
+        seen, memory = hybrid.observe(observation, memory, np.full(3, step == 0))
+        observed.append(seen[:, :36])
+        true.append(observation)
+        action, memory = hybrid.act(memory.base_action, memory)
+        observation, *_ = env.step(action)
+    assert_allclose(observed[10:-2], true[12:], atol=5e-3)  # the reference is continued as a polynomial
+    assert np.abs(np.array(observed[10:-2]) - true[10:-2]).max() > 0.01
 
 
 def test_observed_disturbance_is_that_of_the_info() -> None:
