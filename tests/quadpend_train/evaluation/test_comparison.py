@@ -140,7 +140,7 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
             ["train", "--scenarios", "training", "--num-envs", "12"],
             "num_envs must be a multiple of the number of scenarios, 8",
         ),
-        (["train", "--settings", "nix"], "settings must be the path of a file or one of demo"),
+        (["train", "--settings", "nix"], "settings must be the path of a file or one of apg, demo"),
         (["train", "--scenarios", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "contains no run"),
         (["train", "--resume", "nowhere", "--out", "x"], "give no --out with it"),

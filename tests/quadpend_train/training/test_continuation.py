@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 
 from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
+from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import train as training
 from quadpend_train.training.callbacks import read_curve
 from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings
@@ -147,7 +148,7 @@ def test_finished_run_goes_on_from_its_model(
 
 
 def checkpoint(folder: Path, settings: TrainSettings) -> Any:
-    return training.algorithm_class(settings.algo).load(folder / "checkpoint.zip", device="cpu")
+    return algorithm_class(settings.algo).load(folder / "checkpoint.zip", device="cpu")
 
 
 @each_algorithm
