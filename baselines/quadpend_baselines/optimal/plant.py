@@ -77,15 +77,20 @@ def step(plant: Plant) -> tuple[Any, Any, Any, Any]:
     action, memories = a, []
     for i, time_constant in enumerate(plant.lags):
         first = STATE_SIZE + ACTION_SIZE * i
-        ratio, gap = simulation.period / time_constant, x[first : first + ACTION_SIZE] - action
-        memories.append(action + np.exp(-ratio) * gap)
-        action = action - np.expm1(-ratio) / ratio * gap
+        action, memory = _lagged(action, x[first : first + ACTION_SIZE], simulation.period / time_constant)
+        memories.append(memory)
     p = symbolic_parameters(q[WIND_SIZE:])
     command = ca.DM(simulation.command_scale) * (ca.DM([1.0, 0.0, 0.0, 0.0]) + action)
     loads, y = disturbance(x[:STATE_SIZE], q[:WIND_SIZE], p, plant.moves_air), x[:STATE_SIZE]
     for _ in range(simulation.substeps):
         y = nmpc_model.next_state(y, command, loads, p, simulation.period / simulation.substeps)
     return x, a, q, ca.vertcat(y, *memories)
+
+
+def _lagged(action: Any, memory: Any, ratio: float) -> tuple[Any, Any]:
+    """Return the mean action after a lag and its memory y after the period; `ratio` is period over time constant."""
+    gap = memory - action
+    return action - np.expm1(-ratio) / ratio * gap, action + np.exp(-ratio) * gap
 
 
 def lag_memories(plant: Plant, actions: Floats) -> Floats:
@@ -98,8 +103,9 @@ def lag_memories(plant: Plant, actions: Floats) -> Floats:
     columns, inputs = [np.zeros((len(actions) + 1, 0))], actions
     for time_constant in plant.lags:
         ratio, memory = plant.simulation.period / time_constant, np.zeros((len(inputs) + 1, ACTION_SIZE))
+        outputs = np.empty_like(inputs)
         for k, action in enumerate(inputs):
-            memory[k + 1] = action + np.exp(-ratio) * (memory[k] - action)
-        inputs = inputs - np.expm1(-ratio) / ratio * (memory[:-1] - inputs)
+            outputs[k], memory[k + 1] = _lagged(action, memory[k], ratio)
+        inputs = outputs
         columns.append(memory)
     return np.hstack(columns)

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Generator, Hashable, Mapping, Sequence
+from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
 from multiprocessing import get_context
@@ -20,6 +20,7 @@ from quadpend_train.policies.loading import cache_fingerprints, load_policies
 from quadpend_train.scenarios import Scenario, own_models
 
 Name = TypeVar("Name", bound=Hashable)
+Result = TypeVar("Result")
 
 
 class Job(NamedTuple):
@@ -106,13 +107,25 @@ def _run_as_completed(jobs: Mapping[Name, Job], processes: int) -> Generator[tup
     """Yield results as soon as they are ready; jobs of names and data run in other processes if there are several."""
     remote = {name: job for name, job in jobs.items() if processes > 1 and job.runs_elsewhere()}
     if remote:
-        pool = ProcessPoolExecutor(min(processes, len(remote)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
-        try:
-            futures = {pool.submit(job.run): name for name, job in remote.items()}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        yield from call_in_processes({name: job.run for name, job in remote.items()}, processes)
     for name, job in jobs.items():
         if name not in remote:
             yield name, job.run()
+
+
+def call_in_processes(
+    calls: Mapping[Name, Callable[[], Result]], processes: int
+) -> Generator[tuple[Name, Result], None, None]:
+    """Yield the names of calls and what they return as soon as it is ready; Ctrl-C is left to this process.
+
+    Args:
+        calls: Functions that can be pickled, by any hashable name; at least one.
+        processes: Largest number of processes.
+    """
+    pool = ProcessPoolExecutor(min(processes, len(calls)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
+    try:
+        futures = {pool.submit(call): name for name, call in calls.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)

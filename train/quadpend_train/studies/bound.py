@@ -9,11 +9,9 @@ import hashlib
 import json
 import time
 from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
-from signal import SIG_IGN, SIGINT, signal
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +21,7 @@ from tqdm.auto import tqdm
 import quadpend_baselines
 from quadpend_baselines import controller
 from quadpend_baselines.controllers import nmpc_model
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.optimal.episode import Flight, KnownEpisode, known_episode, record_flight, tracked_point
 from quadpend_baselines.optimal.plant import Plant
 from quadpend_baselines.optimal.replay import track
@@ -42,6 +41,7 @@ from quadpend_train.evaluation.bound import (
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import collect_results
 from quadpend_train.evaluation.formatting import format_interval, format_number
+from quadpend_train.evaluation.jobs import call_in_processes
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, scenario_hash
@@ -83,11 +83,12 @@ def left_out(scenario: Scenario) -> str:
 
 def plant_of(scenario: Scenario) -> Plant:
     """Return the plant of a scenario that is not left out. Sensors do not matter to a planner that knows the state."""
+    loop = Loop.of(actuators=scenario.actuators)
     return Plant(
         scenario.simulation,
         any(model.moves_air for model in scenario.wind.models),
-        tuple(model.time_constant for model in scenario.actuators if isinstance(model, MotorLag)),
-        sum(model.steps for model in scenario.actuators if isinstance(model, ActionDelay)),
+        tuple(model.time_constant for model in loop.actuators),
+        loop.delay,
     )
 
 
@@ -186,12 +187,8 @@ def _planned(tasks: Sequence[Task], jobs: int) -> Generator[BoundEpisode, None, 
     if jobs == 1 or len(tasks) < 2:
         yield from map(plan_episode, tasks)
         return
-    pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
-    try:
-        for future in as_completed([pool.submit(plan_episode, task) for task in tasks]):
-            yield future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+    calls = {(task.name, task.seed): partial(plan_episode, task) for task in tasks}
+    yield from (episode for _, episode in call_in_processes(calls, jobs))
 
 
 class Gap(NamedTuple):

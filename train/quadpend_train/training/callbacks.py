@@ -13,7 +13,7 @@ from quadpend_train.policies.export import export
 from quadpend_train.policies.sb3_models import start_new_episodes
 from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import make_env, scenarios_at
-from quadpend_train.training.settings import TrainSettings
+from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings
 from quadpend_train.training.validation import Score, validate
 
 CURVE, BEST = "curve.csv", "best.npz"
@@ -98,7 +98,7 @@ class StopConditions(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.rollouts += 1
-        if self.settings.algo in ("ppo", "apg") or self.rollouts % _CHECK_INTERVAL == 0:
+        if self.settings.algo not in REPLAY_ALGORITHMS or self.rollouts % _CHECK_INTERVAL == 0:
             self.check_finite()
         if warmup := self.settings.ppo.critic_warmup_steps if self.settings.algo == "ppo" else 0:
             for name, parameter in self.model.policy.named_parameters():

@@ -19,6 +19,7 @@ from quadpend_train.training.apg_settings import ApgSettings
 
 PRESETS = Path(__file__).with_name("presets")
 SB3_ALGORITHMS = ("ppo", "sac", "tqc")
+REPLAY_ALGORITHMS = ("sac", "tqc")  # with a replay buffer
 ALGORITHMS = (*SB3_ALGORITHMS, "apg")
 
 

@@ -49,7 +49,7 @@ from quadpend_train.training.callbacks import (
 )
 from quadpend_train.training.dagger import dagger
 from quadpend_train.training.environment import check_curriculum, make_env
-from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
+from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings, read_settings, to_mapping
 from quadpend_train.training.start import START, load_actor, start_policy, start_provenance
 from quadpend_train.training.validation import validate
 
@@ -115,7 +115,7 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
         return _begin(_untrained_model(settings, folder), settings, folder, progress)
     torch.set_num_threads(settings.num_threads)
     model = load_model(settings, make_env(settings), folder / CHECKPOINT)
-    if settings.algo in ("sac", "tqc"):
+    if settings.algo in REPLAY_ALGORITHMS:
         model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
     return _learn(model, settings, folder, progress)
 
@@ -153,7 +153,7 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
     torch.set_num_threads(settings.num_threads)
     model = load_model(settings, make_env(settings), folder / MODEL)
     steps = model.num_timesteps
-    if settings.algo in ("sac", "tqc"):
+    if settings.algo in REPLAY_ALGORITHMS:
         model.learning_starts = steps + settings.sac.learning_starts
     save_checkpoint(model, folder)
     made = json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8"))
