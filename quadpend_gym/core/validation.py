@@ -77,8 +77,15 @@ def suggest(value: Any, known: Iterable[str]) -> str:
     return f" (did you mean {similar[0]!r}?)" if similar else ""
 
 
-def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> float:
+def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf, unit: str = "") -> float:
     """Return `value` as a float after checking that it is a finite number in [low, high].
+
+    Args:
+        value: The number.
+        name: Its name in error messages.
+        low: Smallest permitted value.
+        high: Largest permitted value.
+        unit: Its unit in error messages, such as "m".
 
     Raises:
         TypeError: If `value` is not a number.
@@ -87,7 +94,7 @@ def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.i
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
         raise TypeError(f"{name} must be a number, not {value!r}")
     if not (np.isfinite(value) and low <= value <= high):
-        raise ValueError(f"{name} must be a finite number in [{low:g}, {high:g}], not {value!r}")
+        raise ValueError(f"{name} must be a finite number in [{low:g}, {high:g}]{unit and f' {unit}'}, not {value!r}")
     return float(value)
 
 
@@ -131,8 +138,12 @@ def check_positive(value: Any, name: str) -> float:
     return float(value)
 
 
-def check_interval(value: Any, name: str, low: float = -np.inf, high: float = np.inf) -> tuple[float, float]:
+def check_interval(
+    value: Any, name: str, low: float = -np.inf, high: float = np.inf, unit: str = ""
+) -> tuple[float, float]:
     """Return `value` as a pair of floats after checking that it is a pair (lowest, highest) within [low, high].
+
+    The arguments are those of `check_number`.
 
     Raises:
         TypeError: If `value` is not a pair of numbers.
@@ -140,7 +151,7 @@ def check_interval(value: Any, name: str, low: float = -np.inf, high: float = np
     """
     if not isinstance(value, tuple | list) or len(value) != 2:
         raise TypeError(f"{name} must be a pair (lowest, highest), not {value!r}")
-    first, last = (check_number(item, name, low, high) for item in value)
+    first, last = (check_number(item, name, low, high, unit) for item in value)
     if first > last:
         raise ValueError(f"{name} must be in the order (lowest, highest), not {value!r}")
     return first, last

@@ -26,13 +26,13 @@ class Pole:
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_number(self.mass, "pole.mass", 1e-5, 1e3)
-        check_number(self.length, "pole.length", 0.01, 20.0)
-        check_number(self.drag_area, "pole.drag_area", 0.0, 10.0)
+        check_number(self.mass, "pole.mass", 1e-5, 1e3, "kg")
+        check_number(self.length, "pole.length", 0.01, 20.0, "m")
+        check_number(self.drag_area, "pole.drag_area", 0.0, 10.0, "m²")
         if self.extent is not None:
-            check_number(self.extent, "pole.extent", self.length, 40.0)
+            check_number(self.extent, "pole.extent", self.length, 40.0, "m")
         extent = 2.0 * self.length if self.extent is None else self.extent
-        check_number(self.inertia, "pole.inertia", 0.0, 0.25 * self.mass * extent**2)
+        check_number(self.inertia, "pole.inertia", 0.0, 0.25 * self.mass * extent**2, "kg·m²")
 
     @property
     def equivalent_length(self) -> float:
@@ -68,14 +68,14 @@ class Rotors:
         to_plain_fields(self)
         object.__setattr__(self, "positions", _positions(self.positions))
         object.__setattr__(self, "spins", _spins(self.spins))
-        object.__setattr__(self, "thrust", check_interval(self.thrust, "rotors.thrust", 0.0, 1e4))
-        check_number(self.torque_per_thrust, "rotors.torque_per_thrust", 1e-5, 1.0)
-        check_number(self.lag_up, "rotors.lag_up", 0.0, 1.0)
+        object.__setattr__(self, "thrust", check_interval(self.thrust, "rotors.thrust", 0.0, 1e4, "N"))
+        check_number(self.torque_per_thrust, "rotors.torque_per_thrust", 1e-5, 1.0, "m")
+        check_number(self.lag_up, "rotors.lag_up", 0.0, 1.0, "s")
         if self.lag_down is not None:
-            check_number(self.lag_down, "rotors.lag_down", 0.0, 1.0)
-        check_number(self.inertia, "rotors.inertia", 0.0, 1.0)
+            check_number(self.lag_down, "rotors.lag_down", 0.0, 1.0, "s")
+        check_number(self.inertia, "rotors.inertia", 0.0, 1.0, "kg·m²")
         if self.thrust_coefficient is not None:
-            check_number(self.thrust_coefficient, "rotors.thrust_coefficient", 1e-12, 1.0)
+            check_number(self.thrust_coefficient, "rotors.thrust_coefficient", 1e-12, 1.0, "N·s²/rad²")
         elif self.inertia > 0.0:
             raise ValueError("rotors.thrust_coefficient must be given if rotors.inertia is above zero, not None")
 
@@ -88,7 +88,7 @@ def _positions(value: Any) -> tuple[tuple[float, ...], ...]:
     for item in value:
         if not isinstance(item, tuple) or len(item) not in (2, 3):
             raise TypeError(f"rotors.positions must be four positions (x, y) or (x, y, z), not {value!r}")
-        rows.append(tuple(check_number(number, "rotors.positions", -10.0, 10.0) for number in (*item, 0.0)[:3]))
+        rows.append(tuple(check_number(number, "rotors.positions", -10.0, 10.0, "m") for number in (*item, 0.0)[:3]))
     return tuple(rows)
 
 
@@ -114,10 +114,10 @@ class Drag:
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_number(self.area, "drag.area", 0.0, 100.0)
-        for name in ("rotor", "angular"):
+        check_number(self.area, "drag.area", 0.0, 100.0, "m²")
+        for name, unit in (("rotor", "N·s/m"), ("angular", "N·m·s/rad")):
             vector = as_vector(getattr(self, name), 3, f"drag.{name}")
-            object.__setattr__(self, name, tuple(check_number(x, f"drag.{name}", 0.0, 100.0) for x in vector))
+            object.__setattr__(self, name, tuple(check_number(x, f"drag.{name}", 0.0, 100.0, unit) for x in vector))
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,6 @@ class RateLoop:
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_number(self.time_constant, "rate_loop.time_constant", 1e-3, 1.0)
-        check_number(self.roll_pitch, "rate_loop.roll_pitch", 0.1, 100.0)
-        check_number(self.yaw, "rate_loop.yaw", 0.1, 100.0)
+        check_number(self.time_constant, "rate_loop.time_constant", 1e-3, 1.0, "s")
+        check_number(self.roll_pitch, "rate_loop.roll_pitch", 0.1, 100.0, "rad/s")
+        check_number(self.yaw, "rate_loop.yaw", 0.1, 100.0, "rad/s")

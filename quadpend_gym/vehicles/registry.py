@@ -25,9 +25,17 @@ def as_vehicle(value: Any) -> Vehicle:
             the fields of `Vehicle`. Without a `name`, a vehicle from a file has the name of the file.
 
     Raises:
-        TypeError: If `value` is none of these, or a field is missing or has the wrong type.
-        ValueError: If there is no such vehicle or file, or a field is unknown or out of its range.
+        ValueError: If `value` is none of these, there is no such vehicle or file, or a field is missing, unknown, out
+            of its range or of the wrong type. It is no TypeError, since `gymnasium.make` appends all arguments of the
+            environment to the message of a TypeError.
     """
+    try:
+        return _as_vehicle(value)
+    except TypeError as error:
+        raise ValueError(str(error)) from error
+
+
+def _as_vehicle(value: Any) -> Vehicle:
     if isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml")):
         return _from_file(Path(value))
     if isinstance(value, str):

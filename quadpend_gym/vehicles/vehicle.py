@@ -17,6 +17,7 @@ from quadpend_gym.vehicles.poles import as_pole
 
 ATTITUDES = ("rigid", "euler")
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
+_LARGEST_GYRATION = 3.0  # radius of gyration per distance of the outermost rotor; 1 if all mass is at that distance
 _FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
 
 
@@ -30,7 +31,9 @@ class Vehicle:
     Attributes:
         name: Name in tables and pictures.
         mass: M, kg, without the pole, 0.001 to 1000.
-        inertia: (Ixx, Iyy, Izz) or 3 × 3, kg·m², body frame, about the body's centre of mass, without the pole.
+        inertia: (Ixx, Iyy, Izz) or 3 × 3, kg·m², body frame, about the body's centre of mass, without the pole. With
+            rotors, its radii of gyration are at most 3 times the distance of the outermost rotor from the centre of
+            mass. A body whose mass is nowhere further out than the rotors has at most 1 times this distance.
         pole: The pole.
         attitude: "rigid" for a rigid body; "euler" for the paper's model, in which a constant diagonal inertia
             multiplies the Euler-angle accelerations. "euler" has neither rotors nor a pivot offset nor a pole inertia.
@@ -74,15 +77,15 @@ class Vehicle:
             raise ValueError(
                 f"vehicle.attitude must be 'rigid' or 'euler', not {self.attitude!r}{suggest(self.attitude, ATTITUDES)}"
             )
-        check_number(self.mass, "vehicle.mass", 1e-3, 1e3)
-        check_number(self.gravity, "vehicle.gravity", 0.1, 100.0)
+        check_number(self.mass, "vehicle.mass", 1e-3, 1e3, "kg")
+        check_number(self.gravity, "vehicle.gravity", 0.1, 100.0, "m/s²")
         pivot = as_vector(self.pivot, 3, "vehicle.pivot")
-        set_field(self, "pivot", tuple(check_number(number, "vehicle.pivot", -2.0, 2.0) for number in pivot))
+        set_field(self, "pivot", tuple(check_number(number, "vehicle.pivot", -2.0, 2.0, "m") for number in pivot))
         set_field(self, "inertia", _check_inertia(self.inertia, self.mass))
         if self.torque is not None:
             if not isinstance(self.torque, tuple) or len(self.torque) != 2:
                 raise TypeError(f"vehicle.torque must be a pair (roll and pitch, yaw) in N·m, not {self.torque!r}")
-            set_field(self, "torque", tuple(check_number(x, "vehicle.torque", 1e-6, 1e4) for x in self.torque))
+            set_field(self, "torque", tuple(check_number(x, "vehicle.torque", 1e-6, 1e4, "N·m") for x in self.torque))
         elif self.rotors is None:
             raise ValueError("vehicle.torque must be given for a vehicle without rotors, not None")
         if self.attitude == "euler":
@@ -255,9 +258,21 @@ def _check_rotors(vehicle: Vehicle) -> None:
             f"rotors.positions, rotors.spins and pivot must allow hover within rotors.thrust of {low:g} to {high:g} N"
             f" and a margin of {_MARGIN:.0%}, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
         )
+    _check_gyration(vehicle, rotors)
     lag = 0.5 * (rotors.lag_up + (rotors.lag_up if rotors.lag_down is None else rotors.lag_down))
     if vehicle.rate_loop is not None and vehicle.rate_loop.time_constant < _FASTEST_LOOP * lag:
         raise ValueError(
             f"rate_loop.time_constant must be at least half the rotors' lag of {lag:g} s, not"
             f" {vehicle.rate_loop.time_constant:g} s"
+        )
+
+
+def _check_gyration(vehicle: Vehicle, rotors: Rotors) -> None:
+    """Refuse an inertia that is much too large for the size of the vehicle."""
+    reach = float(np.linalg.norm(rotors.positions, axis=1).max())
+    most = vehicle.mass * (_LARGEST_GYRATION * reach) ** 2
+    if np.linalg.eigvalsh(vehicle.inertia_matrix)[-1] > most:
+        raise ValueError(
+            f"vehicle.inertia must be at most {most:.3g} kg·m² (a radius of gyration of {_LARGEST_GYRATION:g} times the"
+            f" {reach:.3g} m to the outermost rotor), not {vehicle.inertia!r}, which may be in g·m² or g·cm²"
         )

@@ -92,3 +92,12 @@ def test_the_command_line_refuses_a_senseless_vehicle_with_one_sentence(
 )
 def test_an_environment_refuses_a_senseless_vehicle_with_one_sentence(settings: Any, pattern: str) -> None:
     assert_refused(lambda: gym.make(ID, **settings), pattern)
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_a_wrong_type_in_a_vehicle_is_refused_without_the_other_arguments_of_the_environment(
+    make: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.toml").write_text(changed("mass", "mass = '0.6'"))
+    with pytest.raises(ValueError, match=r"vehicle\.mass must be a number, not '0.6'$"):
+        make(ID, vehicle=str(tmp_path / "mine.toml"), wind="windy")

@@ -141,8 +141,8 @@ class Scenario:
             interface: What an action commands; None: as in the scenario.
 
         Raises:
-            TypeError: If `vehicle` has the wrong type.
-            ValueError: If there is no such vehicle or interface, or they do not fit the rest of the scenario.
+            ValueError: If there is no such vehicle or interface, `vehicle` has the wrong type, or they do not fit the
+                rest of the scenario.
         """
         old = self.simulation
         if vehicle is None:
