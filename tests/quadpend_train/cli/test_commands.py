@@ -20,13 +20,14 @@ from quadpend_train.cli.main import main
 from quadpend_train.evaluation import jobs
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import SCENARIOS, SETS
+from quadpend_train.scenarios import SCENARIOS, SETS, find_scenario, scenario_hash, with_changes
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import PRESETS
 from tests.helpers.policies import mlp_policy
 from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 from tests.helpers.training import BRIEF
+from tests.quadpend_gym.vehicles.test_bad_vehicles import GOOD
 
 BLOCKED = """
 import sys
@@ -283,3 +284,22 @@ def test_a_resumed_run_may_have_other_limits_only(
     card = MlpPolicy.load(tmp_path / "policy.npz").card
     assert card["steps"] < BRIEF.total_timesteps
     assert card["settings"]["max_seconds"] == 1e-3
+
+
+def test_the_command_printed_after_training_has_scenario_and_vehicle_as_they_were_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def save(settings: Any, folder: Path) -> Path:
+        score = {"survival": 1.0, "penalised_rmse": 0.1}
+        mlp_policy(36, score=score, settings=training.to_mapping(settings)).save(folder / "policy.npz")
+        return folder / "policy.npz"
+
+    vehicle, run = tmp_path / "mine.toml", tmp_path / "run"
+    vehicle.write_text(GOOD)
+    monkeypatch.setattr(training, "train", save)
+    main(["train", "--settings", "fast-hummingbird", "--vehicle", str(vehicle), "--out", str(run)])
+    command = f"quadpend evaluate flatness mine={run} --scenarios hummingbird_learning --vehicle {vehicle}"
+    assert capsys.readouterr().out.endswith(f": {command}\n")
+    (trained_in,) = MlpPolicy.load(run / "policy.npz").card["settings"]["scenarios"]
+    given = find_scenario(with_changes("hummingbird_learning", str(vehicle)))
+    assert scenario_hash(find_scenario(trained_in)) == scenario_hash(given)

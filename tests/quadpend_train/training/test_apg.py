@@ -19,6 +19,7 @@ from tests.helpers.envs import assert_same
 from tests.helpers.training import train_policy, trained_arrays
 
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
+RIGID = json.dumps({"simulation": {"vehicle": "hummingbird"}})
 BRIEF = TrainSettings(
     algo="apg",
     scenarios=("calm", LAGGED),
@@ -90,12 +91,13 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"scenarios": ("windy · hummingbird",)}, "vehicle 'hummingbird': the differentiable dynamics covers only"),
+        ({"scenarios": (RIGID,)}, r"^algo 'apg' cannot fly .* only the paper's vehicle \(scenario \{.{58}…\)$"),
         ({"scenarios": (json.dumps({"actuators": {"kind": "rate_limit"}}),)}, "actuator 'rate_limit'.*covers only"),
         ({"scenarios": ("output_feedback",), "hybrid": HybridSettings()}, "output_feedback.*needs a base_controller"),
         ({"history": 2}, "history must be 1 with algo 'apg', not 2"),
         ({"hybrid": HybridSettings("flatness", "residual_action")}, "mode must be 'estimate_only' with algo 'apg'"),
     ],
-    ids=["vehicle", "actuator", "velocities", "history", "mode"],
+    ids=["vehicle", "vehicle in JSON", "actuator", "velocities", "history", "mode"],
 )
 def test_what_is_not_covered_is_refused_before_training(changes: Any, message: str, tmp_path: Path) -> None:
     assert_refused(lambda: train_policy(replace(BRIEF, **changes), tmp_path / "run"), message, ValueError)

@@ -95,6 +95,7 @@ def train(
         raise ValueError(
             "--resume continues a run with its own scenarios: give no --vehicle and no --interface with it"
         )
+    typed = run.scenarios
     if vehicle or interface:
         run = replace(
             run,
@@ -111,10 +112,12 @@ def train(
         path = training.resume(resume, run) if resume else training.train(run, writable_folder(out))
     card = MlpPolicy.load(path).card
     survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
-    scenarios = card["settings"]["scenarios"]
+    scenarios = card["settings"]["scenarios"] if resume else typed
+    changes = {"--vehicle": vehicle, "--interface": interface}
     print(f"Trained policy: {path}")
     print(f"In its training scenarios it survives {survival:.1%} of the episodes; penalised RMSE {1e3 * rmse:.1f} mm.")
     command = ["quadpend", "evaluate", "flatness", f"mine={path.parent}", "--scenarios", *scenarios]
+    command += [part for option, value in changes.items() if value for part in (option, value)]
     print(f"Compare it with the best classical controller: {shlex.join(command)}")
 
 

@@ -20,7 +20,7 @@ from quadpend_gym.tasks import TASKS
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.wind import WIND_FIELDS
 from quadpend_train.differentiable.dynamics import Forces, Motion, Physics, advance, drag
-from quadpend_train.scenarios import Scenario
+from quadpend_train.scenarios import Scenario, short_name
 from quadpend_train.scenarios.scenario import ENVIRONMENTS
 
 
@@ -33,20 +33,20 @@ def check_covered(name: str, scenario: Scenario) -> None:
     """
     if scenario.simulation.is_rigid:
         raise ValueError(
-            f"the scenario {name} has the vehicle {scenario.simulation.vehicle.name!r}: the differentiable dynamics"
-            " covers only the paper's vehicle"
+            f"algo 'apg' cannot fly the vehicle {scenario.simulation.vehicle.name!r}: the differentiable dynamics"
+            f" covers only the paper's vehicle (scenario {short_name(name)})"
         )
     for model in scenario.actuators:
         if not isinstance(model, ActionDelay | MotorLag):
             raise ValueError(
-                f"the scenario {name} has the actuator {model.kind!r}: the differentiable dynamics covers only"
-                " 'action_delay' and 'motor_lag'"
+                f"algo 'apg' cannot have the actuator {model.kind!r}: the differentiable dynamics covers only"
+                f" 'action_delay' and 'motor_lag' (scenario {short_name(name)})"
             )
     trajectory = (scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]]).trajectory
     if not isinstance(trajectory, Reference | None):
         raise ValueError(
-            f"the scenario {name} has a trajectory of the kind {trajectory.kind!r}: the differentiable dynamics covers"
-            " only references"
+            f"algo 'apg' cannot follow a trajectory of the kind {trajectory.kind!r}: the differentiable dynamics covers"
+            f" only references (scenario {short_name(name)})"
         )
 
 

@@ -17,7 +17,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.mlp_policy import lacks_interface
 from quadpend_train.policies.own import PROTOCOL, FactoryPolicy, check_predict
-from quadpend_train.scenarios import Scenario
+from quadpend_train.scenarios import Scenario, short_name
 
 
 def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
@@ -95,4 +95,4 @@ def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenar
             raise
         what = str(error) if isinstance(error, ValueError) else describe_error(error)
         rule = f"; {PROTOCOL}" if own and PROTOCOL not in what else ""
-        raise ValueError(f"{name} does not fit the scenario {scenario_name}: {what}{rule}") from error
+        raise ValueError(f"{name} does not fit the scenario {short_name(scenario_name)}: {what}{rule}") from error

@@ -1,5 +1,6 @@
 """Scenarios: environments with wind, sensors, actuators and parameters, as data."""
 
+from quadpend_train.scenarios.names import short_name
 from quadpend_train.scenarios.scenario import (
     ENVIRONMENTS,
     HELD_OUT,
@@ -40,6 +41,7 @@ __all__ = [
     "scenario_data",
     "scenario_file_hash",
     "scenario_hash",
+    "short_name",
     "split_changes",
     "with_changes",
 ]
