@@ -1,8 +1,9 @@
 """Fly an optimal flight through the environment, with a linear feedback of the deviations from it.
 
-The pole is unstable: without feedback, the rounding of an action to float32 grows by e⁵⁰ in 10 s. The feedback is that
-of a time-varying linear-quadratic regulator along the flight. With the deviations z of the state of the plant and of
-the actions under way, and the deviation c of the action,
+The pole is unstable: without feedback, the rounding of an action to float32 grows like e^(√K t), by e⁶⁸ in 10 s for the
+paper's vehicle with √K = 6.76 1/s (K is `Parameters.chain_stiffness`). The feedback is that of a time-varying linear-
+quadratic regulator along the flight. With the deviations z of the state of the plant and of the actions under way, and
+the deviation c of the action,
 
     z_{k+1} = A_k z_k + B_k c_k,   c_k = −K_k z_k,   K_k = (R + B_kᵀ P_{k+1} B_k)⁻¹ B_kᵀ P_{k+1} A_k,
     P_k = Q + A_kᵀ P_{k+1} (A_k − B_k K_k),   P_N = Q.

@@ -42,6 +42,9 @@ def test_the_bound_is_below_the_policies_and_its_episodes_are_planned_once(
         1.0 - found["lqr"]["gap"]["value"] / found["flatness"]["gap"]["value"]
     )
     assert "| short | ≥ 100 |" in document.read_text()
+    settled = run_episodes([controller("flatness")], find_scenario(SHORT), 2, 3000000).settled_rmse
+    assert found["flatness"]["settled_rmse"]["value"] == pytest.approx(1000.0 * settled.mean())
+    assert document.read_text().count("settled (mm)") == 3  # of the clairvoyant, flatness and lqr
 
     from quadpend_train.studies import bound as study
 

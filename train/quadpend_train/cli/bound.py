@@ -1,4 +1,4 @@
-"""The command `quadpend bound`: the optimum of each episode for a planner that knows it in advance, and the gap to it.
+"""The command `quadpend bound`: an optimal flight of each episode, known in advance, and the gap of policies to it.
 
 The parameters of the function are the options of the command. Slow imports are inside it, so that `quadpend --help`
 starts quickly.
@@ -31,7 +31,8 @@ def bound(
 ) -> None:
     """Plan the best flight of each episode, with all wind known in advance, and measure the gap of policies to it.
 
-    Needs the extra mpc. An episode takes about 10 s of processor time. Scenarios with rigid vehicles, or with actuators
+    The flight is a local optimum, so its error estimates the least possible error from above. Needs the extra mpc. An
+    episode takes 10 to 25 s of processor time. Scenarios with rigid vehicles, or with actuators
     other than delays and lags, are left out.
 
     Args:

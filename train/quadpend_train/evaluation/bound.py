@@ -1,5 +1,7 @@
 """Stored results of `quadpend bound`: the best flight that was found for each episode by a planner that knows it all.
 
+It is a local optimum: the best flight that exists may be better.
+
 `bound.csv` has one line for each episode. It is no policy: it is planned with start, reference, wind and parameters
 known in advance.
 """
@@ -118,6 +120,11 @@ def by_scenario(
 def penalised_rmse(episodes: Sequence[BoundEpisode]) -> Floats:
     """Return the penalised RMSE of each episode, mm, shape (1, n)."""
     return np.array([[item.penalised_rmse for item in episodes]])
+
+
+def settled_rmse(episodes: Sequence[BoundEpisode]) -> Floats:
+    """Return the settled RMSE of each episode, mm, shape (1, n); nan for a fall."""
+    return np.array([[item.settled_rmse for item in episodes]])
 
 
 def bound_row(found: Mapping[str, Sequence[BoundEpisode]]) -> LeaderboardRow:

@@ -1,8 +1,9 @@
 """How good a flight could be: the optimum of each episode with start, reference, wind and parameters known in advance.
 
-`quadpend_baselines.optimal` plans the flight. A flight counts as the environment flies it, with float32 actions, so a
-number in the tables is never better than what is possible. The planner starts from the flight of a classical
-controller; where it finds no better flight, the controller's flight counts, since a clairvoyant could repeat it.
+`quadpend_baselines.optimal` plans the flight, a local optimum. A flight counts as the environment flies it, with
+float32 actions, so a number in the tables is never better than what is possible, and the best flight may be better. The
+planner starts from the flight of a classical controller; where it finds no better flight, the controller's flight
+counts, since a clairvoyant could repeat it.
 """
 
 import hashlib
@@ -36,6 +37,7 @@ from quadpend_train.evaluation.bound import (
     by_scenario,
     penalised_rmse,
     read_bound,
+    settled_rmse,
     write_bound,
 )
 from quadpend_train.evaluation.comparison import Comparison
@@ -196,11 +198,13 @@ class Gap(NamedTuple):
 
     Attributes:
         rmse: Penalised RMSE, mm.
-        gap: Its difference from that of the clairvoyant, episode by episode, mm.
+        settled_rmse: RMSE over the second half of the survived episodes, mm.
+        gap: Difference of the penalised RMSE from that of the clairvoyant, episode by episode, mm.
         closed: Share of the gap of `FIRST_GUESS` that the policy closes; nan for that policy.
     """
 
     rmse: Interval
+    settled_rmse: Interval
     gap: Interval
     closed: float
 
@@ -215,6 +219,7 @@ def gaps(found: Mapping[str, Sequence[BoundEpisode]], comparison: Comparison) ->
         out[scenario] = {
             policy: Gap(
                 mean(value),
+                mean(_MILLIMETRES * comparison.results[scenario, policy].settled_rmse),
                 mean(value - best),
                 np.nan if policy == FIRST_GUESS else _closed(first, float(np.mean(value)), float(np.mean(best))),
             )
@@ -230,20 +235,25 @@ def _closed(first: float, value: float, best: float) -> float:
 def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, Mapping[str, Gap]]) -> str:
     """Return a Markdown table with a line for each scenario."""
     policies = list(next(iter(measured.values())))
-    headings = ["scenario", "survivable (%)", f"{CLAIRVOYANT} (mm)"]
+    headings = ["scenario", "survivable (%)", f"{CLAIRVOYANT} (mm)", "settled (mm)"]
     for policy in policies:
-        headings += [f"{policy} (mm)", "gap (mm)", *(["closed (%)"] if policy != FIRST_GUESS else [])]
+        headings += [f"{policy} (mm)", "settled (mm)", "gap (mm)", *(["closed (%)"] if policy != FIRST_GUESS else [])]
     rows = []
     for scenario, episodes in found.items():
         survived = 100.0 * np.mean([item.survived for item in episodes])
-        cells = [scenario, f"≥ {survived:.3g}", format_interval(mean(penalised_rmse(episodes)))]
+        best = (format_interval(mean(values)) for values in (penalised_rmse(episodes), settled_rmse(episodes)))
+        cells = [scenario, f"≥ {survived:.3g}", *best]
         for policy in policies:
             gap = measured[scenario][policy]
-            cells += [format_number(gap.rmse.value), format_interval(gap.gap)]
+            cells += [format_number(gap.rmse.value), _number_or_dash(gap.settled_rmse.value), format_interval(gap.gap)]
             if policy != FIRST_GUESS:
                 cells.append("–" if np.isnan(gap.closed) else f"{100.0 * gap.closed:.0f}")
         rows.append(cells)
     return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+
+
+def _number_or_dash(value: float) -> str:
+    return "–" if np.isnan(value) else format_number(value)
 
 
 def as_data(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, Mapping[str, Gap]]) -> dict[str, Any]:
@@ -254,7 +264,7 @@ def as_data(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, 
                 {
                     "survival": proportion(np.array([[item.survived for item in episodes]])),
                     "penalised_rmse": mean(penalised_rmse(episodes)),
-                    "settled_rmse": mean(np.array([[item.settled_rmse for item in episodes]])),
+                    "settled_rmse": mean(settled_rmse(episodes)),
                 }
             ),
             **{policy: to_json_data(gap) for policy, gap in measured[scenario].items()},
