@@ -39,7 +39,7 @@ class AdrcGains:
     luenberger: ObserverGains = field(default_factory=ObserverGains)  # of F … F⁽³⁾, (46)
     horizontal: ObserverGains = field(default_factory=lambda: ObserverGains(switching=5e6))  # of F⁽⁴⁾ …, ϑ, (47)
     vertical: ObserverGains = field(default_factory=lambda: ObserverGains(switching=1e4))  # of z and ψ, (13), (20)
-    mismatch: float = 0.0  # share of ϑ̂/K added to F⁽⁴⁾, and of its rate added to F⁽⁵⁾: 0: the paper's law
+    mismatch: float = 0.0  # share of the estimate δ̂ in F⁽⁴⁾, and of its rate in F⁽⁵⁾; 0: the paper's law, without δ̂
     predicts: bool = True  # whether known delays and lags of the loop are predicted through
 
 
@@ -208,8 +208,10 @@ GAINS |= {f"{name}{UNPREDICTED}": without_prediction(GAINS[name]) for name in ("
 
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
 # those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`. They were set by hand
-# on scenarios of `training-hummingbird` and on a `crazyflie` in wind. The observers of the ADRCs are three to five
-# times as fast as their control laws; faster ones amplify the errors of the model until the torques saturate.
+# on scenarios of `training-hummingbird` and on a `crazyflie` in wind. The observers of the ADRCs are 2.4 to 5.4 times
+# as fast as their control laws; faster ones amplify the errors of the model until the torques saturate. They are
+# linear, except the DESOs of `adrc-tuned` in x and y. The paper has no rigid vehicles: there, `adrc-paper` predicts
+# through delays and lags like the other ADRCs, so that it differs from `adrc-matched` in the control law alone.
 _RIGID_OBSERVER = ObserverGains(28.0)
 _RIGID_PAPER = replace(_PAPER, luenberger=_RIGID_OBSERVER, horizontal=_RIGID_OBSERVER, vertical=_RIGID_OBSERVER)
 _RIGID_TUNED = AdrcGains(

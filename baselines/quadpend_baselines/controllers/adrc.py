@@ -13,9 +13,15 @@ torques t = (τθ_w, −τφ_w):
 where b is the thrust axis. The observers estimate errors relative to the reference, because observations are in single
 precision, which represents small numbers with a small absolute error.
 
-A force d on the quadrotor enters at F⁽⁴⁾ = F₅ − g d/(M l) = F₅ + ϑ/K, which the paper's control law neglects. With
-`AdrcGains.mismatch` = 1 (the *matched* law), the controller uses F₅ + ϑ̂/K for F⁽⁴⁾ in (3) and in the Luenberger stage,
-and the derivative of F₅ + ϑ̂/K for F⁽⁵⁾.
+A force d on the quadrotor enters at F⁽⁴⁾ = F₅ + δ with δ = −g d/(M l), which the paper's control law neglects. The
+*matched* law (`AdrcGains.mismatch` = 1) estimates δ where it enters, with one more DESO for x and one for y:
+
+    (6)  y = g r_xy − F̈_d,     ÿ = (F₅ − F_d⁽⁴⁾) + δ
+
+It uses F₅ + δ̂ for F⁽⁴⁾ in (3) and in the Luenberger stage, and the derivative of F₅ + δ̂ for F⁽⁵⁾. The same holds for a
+constant force on the bob, which enters at F̈. By (1) and (2), ϑ = K δ + g K (t/I − n̈): ϑ also contains the difference
+between the nominal angular acceleration and the true one, that is, errors of the inertia, the rate loop and the gyro.
+So the law subtracts ϑ̂ in (3), but does not take ϑ̂/K for δ̂, which a biased gyro makes an estimate of a false force.
 
 The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ into the axes of the world (n and t above),
 which makes no difference at ψ = 0.
@@ -39,6 +45,7 @@ from quadpend_baselines.estimation import estimator
 from quadpend_baselines.estimation.chains import (
     CHAINS,
     DISTURBANCE,
+    FORCE,
     HEIGHT,
     HORIZONTAL,
     LUENBERGER,
@@ -78,7 +85,7 @@ class AdrcMemory(NamedTuple):
     """Memory of ADRC for n rows.
 
     Attributes:
-        estimate: States of the observers, shape (n, 6, 4).
+        estimate: States of the observers, shape (n, 6, 4), with those of the force (n, 8, 4).
         command: Thrust (N) and torques (N·m) that act after the latest measured state, after saturation, shape (n, 4).
             Those of a plant with `plant` are the mean ones that the nominal model predicts.
         measurement: The latest measurement; None in the memory of the continuous-time simulation.
@@ -135,17 +142,18 @@ class ADRC:
         self.gains = gains = gains(self.simulation) if callable(gains) else gains
         known = loop or Loop()
         self._prediction = Prediction(self.simulation, known if gains.predicts else Loop(), gains.predicts)
-        self._bank = ObserverBank.design(
-            [
-                (LUENBERGER_INPUT, gains.luenberger),
-                (LUENBERGER_INPUT, gains.luenberger),
-                (ESO_INPUT, gains.horizontal),
-                (ESO_INPUT, gains.horizontal),
-                (ESO_INPUT, gains.vertical),
-                (ESO_INPUT, gains.vertical),
-            ],
-            self.simulation.period,
-        )
+        # The driven state and the gains of each observer
+        self.observers = [
+            (LUENBERGER_INPUT, gains.luenberger),
+            (LUENBERGER_INPUT, gains.luenberger),
+            (ESO_INPUT, gains.horizontal),
+            (ESO_INPUT, gains.horizontal),
+            (ESO_INPUT, gains.vertical),
+            (ESO_INPUT, gains.vertical),
+        ]
+        if gains.mismatch:
+            self.observers += [(ESO_INPUT, gains.horizontal), (ESO_INPUT, gains.horizontal)]
+        self._bank = ObserverBank.design(self.observers, self.simulation.period)
         # k₀ … k₅ and k₀, k₁: the coefficients of (s² + 2ζωs + ω²)³ and of s² + 2ζωs + ω², lowest power first
         horizontal = [1.0, 2.0 * gains.damping * gains.horizontal_bandwidth, gains.horizontal_bandwidth**2]
         vertical = [1.0, 2.0 * gains.damping * gains.vertical_bandwidth, gains.vertical_bandwidth**2]
@@ -215,8 +223,9 @@ class ADRC:
             later = select_rows(bounded, later, acting)
             now = measurement_of_state(measured._replace(state=state), self.simulation)
             forecast = measurement_of_state(then._replace(state=later.state), self.simulation)
-            change = chains_of_state(then._replace(state=later.state), forecast, self.simulation)
-            outlook = estimate + change - chains_of_state(measured._replace(state=state), now, self.simulation)
+            outlook = estimate.copy()
+            outlook[:, :CHAINS] += chains_of_state(then._replace(state=later.state), forecast, self.simulation)
+            outlook[:, :CHAINS] -= chains_of_state(measured._replace(state=state), now, self.simulation)
         command = self.command(forecast, outlook)
         inertia = [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]
         command[:, 1:] = inertia * euler_accelerations(later.state, command[:, 1:] / inertia, self.simulation)
@@ -249,9 +258,9 @@ class ADRC:
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
 
-        Near hover, the estimates ϑ̂ are converted to a force on the quadrotor (world frame) and a yaw torque. The other
-        components are zero, because the observers cannot distinguish a force on the bob, a roll torque or a pitch
-        torque from a force on the quadrotor.
+        Near hover, the estimates δ̂ (with the paper's law ϑ̂/K) and ϑ̂ are converted to a force on the quadrotor (world
+        frame) and a yaw torque. The other components are zero, because the observers cannot distinguish a force on the
+        bob, and with the paper's law a roll or pitch torque, from a force on the quadrotor.
         """
         return self._disturbance(memory.estimate)
 
@@ -259,7 +268,10 @@ class ADRC:
         model, p = equivalent_model(self.simulation), self._parameters
         arm = p.quadrotor_mass * p.rod_length / (1.0 - model.pivot_share)
         out = Disturbance(np.zeros((estimate.shape[0], DISTURBANCE_SIZE)))
-        out.force[:, :2] = -estimate[:, HORIZONTAL, DISTURBANCE] * arm / self._stiffness
+        theta = estimate[:, HORIZONTAL, DISTURBANCE]
+        if self.gains.mismatch:
+            theta = p.chain_stiffness * estimate[:, FORCE, DISTURBANCE]
+        out.force[:, :2] = -theta * arm / self._stiffness
         out.force[:, 2] = (estimate[:, HEIGHT, DISTURBANCE] + p.gravity) * p.total_mass
         out.torque[:, 2] = estimate[:, YAW, DISTURBANCE] * p.inertia_yaw
         return out.array
@@ -294,33 +306,35 @@ class ADRC:
         return np.asarray(np.maximum(self._thrust_gain(measurement), least))
 
     def observer_outputs(self, measurement: AdrcMeasurement) -> Floats:
-        """Return the measured output of every observer, shape (n, 6)."""
+        """Return the measured output of every observer, shape (n, 6), with those of the force (n, 8)."""
         fourth = self.fourth_derivative(measurement) - measurement.reference_derivative(4)[:, :2]
         error = measurement.error
-        return np.column_stack([error[:, :2], fourth, error[:, 2], measurement.yaw_error])
+        outputs = [error[:, :2], fourth, error[:, 2], measurement.yaw_error]
+        return np.column_stack([*outputs, self._acceleration(measurement)] if self.gains.mismatch else outputs)
+
+    def _acceleration(self, measurement: AdrcMeasurement) -> Floats:
+        """Return g r_xy − F̈_d of equation (6), m/s², shape (n, 2)."""
+        pendulum = pendulum_of(measurement, self.simulation)
+        return np.asarray(self._parameters.gravity * pendulum - measurement.reference_derivative(2)[:, :2])
 
     def initial_estimate(self, measurement: AdrcMeasurement, outputs: Floats) -> Floats:
-        """Return the states of the observers at the start of an episode, shape (n, 6, 4).
+        """Return the states of the observers at the start of an episode, shape (n, 6, 4) or (n, 8, 4).
 
         Rates and disturbances are zero, except F̈ = g r_xy and ϑ_z = −g.
         """
-        gravity = self._parameters.gravity
-        estimate = np.zeros((outputs.shape[0], CHAINS, 4))
+        estimate = np.zeros((*outputs.shape, 4))
         estimate[:, :, VALUE] = outputs
-        acceleration = gravity * pendulum_of(measurement, self.simulation) - measurement.reference_derivative(2)[:, :2]
-        estimate[:, LUENBERGER, 2] = acceleration
-        estimate[:, HEIGHT, DISTURBANCE] = -gravity
+        estimate[:, LUENBERGER, 2] = self._acceleration(measurement)
+        estimate[:, HEIGHT, DISTURBANCE] = -self._parameters.gravity
         return estimate
 
     def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
         """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""
         p, horizontal = self._parameters, estimate[:, HORIZONTAL]
-        disturbance = horizontal[..., DISTURBANCE]
         errors = [estimate[:, LUENBERGER, order] for order in range(4)]
-        share = self.gains.mismatch / p.chain_stiffness
-        errors += [horizontal[..., i] + share * horizontal[..., i + DISTURBANCE] for i in (VALUE, RATE)]
+        errors += [horizontal[..., order] + self._compensated(estimate, order) for order in (VALUE, RATE)]
         feedback = sum(k * error for k, error in zip(self.horizontal_gains, errors, strict=True))
-        v = measurement.reference_derivative(6)[:, :2] - feedback - disturbance
+        v = measurement.reference_derivative(6)[:, :2] - feedback - horizontal[..., DISTURBANCE]
         torque = (p.chain_stiffness * self.fourth_derivative(measurement) - v) / self._stiffness
         pitch, roll = (rotate(torque, -measurement.yaw, 0) * [1.0, -1.0]).T
         lift = self._vertical_feedback(measurement.reference_derivative(2)[:, 2], estimate[:, HEIGHT])
@@ -334,24 +348,28 @@ class ADRC:
             ]
         )
 
+    def _compensated(self, estimate: Floats, order: int) -> Floats | float:
+        """Return the part of δ̂ (m/s⁴, order 0) or of its rate (order 1) that is fed back, shape (n, 2)."""
+        share = self.gains.mismatch
+        return np.asarray(share * estimate[:, FORCE, DISTURBANCE + order]) if share else 0.0
+
     def _vertical_feedback(self, acceleration: Floats, estimate: Floats) -> Floats:
         """Return the demanded acceleration of height (4) or yaw (5), the expression in parentheses, shape (n,)."""
         k0, k1 = self.vertical_gains
         return np.asarray(acceleration - k0 * estimate[:, VALUE] - k1 * estimate[:, RATE] - estimate[:, DISTURBANCE])
 
     def observer_inputs(self, measurement: AdrcMeasurement, estimate: Floats, command: Floats) -> Floats:
-        """Return the known input of every observer while `command` is applied, shape (n, 6)."""
+        """Return the known input of every observer while `command` is applied, shape (n, 6) or (n, 8)."""
         p = self._parameters
         thrust, roll, pitch, yaw = command.T
         fourth = self.fourth_derivative(measurement)
-        mismatch = self.gains.mismatch / p.chain_stiffness * estimate[:, HORIZONTAL, DISTURBANCE]
+        error = fourth - measurement.reference_derivative(4)[:, :2]
         angular_acceleration = np.stack([pitch / p.inertia_pitch, -roll / p.inertia_roll], axis=-1)
         horizontal = p.chain_stiffness * fourth - self._stiffness * rotate(angular_acceleration, measurement.yaw, 0)
-        return np.column_stack(
-            [
-                fourth + mismatch - measurement.reference_derivative(4)[:, :2],
-                horizontal - measurement.reference_derivative(6)[:, :2],
-                self._thrust_gain(measurement) * thrust - measurement.reference_derivative(2)[:, 2],
-                yaw / p.inertia_yaw - measurement.yaw_acceleration,
-            ]
-        )
+        inputs = [
+            fourth + self._compensated(estimate, VALUE) - measurement.reference_derivative(4)[:, :2],
+            horizontal - measurement.reference_derivative(6)[:, :2],
+            self._thrust_gain(measurement) * thrust - measurement.reference_derivative(2)[:, 2],
+            yaw / p.inertia_yaw - measurement.yaw_acceleration,
+        ]
+        return np.column_stack([*inputs, error] if self.gains.mismatch else inputs)

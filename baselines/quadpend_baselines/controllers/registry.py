@@ -33,7 +33,7 @@ CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
 CONTROLLERS = tuple(CONTROLLER_FACTORIES)
 DESCRIPTIONS = {
     "adrc-paper": "the paper's ADRC with discontinuous observers (ADRC-DESO), its control law and its gains",
-    "adrc-matched": "adrc-paper, with the disturbance also compensated where the wind enters",
+    "adrc-matched": "adrc-paper, with the force of the wind also estimated and compensated where it enters",
     "adrc-tuned": "adrc-matched with tuned gains",
     "adrc-linear": "adrc-tuned with linear observers",
     "lqr": "linear-quadratic regulator around hover, with feedforward of the reference",

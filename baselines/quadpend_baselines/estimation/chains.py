@@ -22,8 +22,9 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
 
-# Chains: Luenberger stages of x and y, DESOs of x and y, height, yaw.
-LUENBERGER, HORIZONTAL, HEIGHT, YAW = slice(0, 2), slice(2, 4), 4, 5
+# Observers: Luenberger stages of x and y, DESOs of x and y, height, yaw: chains of the state. Only the matched law has
+# the DESOs of the force in x and y.
+LUENBERGER, HORIZONTAL, HEIGHT, YAW, FORCE = slice(0, 2), slice(2, 4), 4, 5, slice(6, 8)
 CHAINS = 6
 # States of a DESO: output, rate, disturbance ϑ, its rate.
 VALUE, RATE, DISTURBANCE = 0, 1, 2
@@ -112,7 +113,7 @@ def state_from_chains(
     Args:
         measured: The measurement; its Euler-angle rates are taken if they are measured.
         measurement: The equivalent measurement.
-        chains: States of the chains, shape (n, 6, 4).
+        chains: States of the observers, shape (n, 6, 4) or (n, 8, 4).
         simulation: Nominal plant.
     """
     model, state = equivalent_model(simulation), measured.state.copy()

@@ -27,7 +27,7 @@ import numpy as np
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.prediction import Estimate, Measurement, Prediction, project_direction
 from quadpend_baselines.gains import EstimatorGains
-from quadpend_baselines.modelling import flat_outputs
+from quadpend_baselines.modelling.equivalent import reference_trajectory
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
     EULER,
@@ -146,10 +146,11 @@ class Estimator:
 
         Rates that are not measured are those of the trajectory that follows the reference; the disturbance is zero.
         """
-        rows, p = len(measurement.state), self.simulation.parameters
+        rows = len(measurement.state)
         calm = np.zeros((rows, DISTURBANCE_SIZE))
-        trajectory = flat_outputs.flat_trajectory(measurement.reference, calm, p)
-        reference_state, _ = flat_outputs.state_and_command(trajectory, measurement.yaw_reference, calm, p)
+        reference_state, _ = reference_trajectory(
+            measurement.reference, measurement.yaw_reference, calm, self.simulation
+        )
         state = np.where(np.isnan(measurement.state), reference_state, measurement.state)
         project_direction(state)
         memory = np.zeros((rows, self.prediction.memory_size))

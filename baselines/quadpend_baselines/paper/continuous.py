@@ -17,15 +17,12 @@ from tqdm.auto import tqdm
 
 from quadpend_baselines.controllers.adrc import ADRC, AdrcMemory
 from quadpend_baselines.estimation.chains import AdrcMeasurement, make_measurement
-from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, characteristic_polynomial
+from quadpend_baselines.estimation.observers import characteristic_polynomial
 from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import Reference, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
-
-_DRIVEN = np.array([LUENBERGER_INPUT, LUENBERGER_INPUT, ESO_INPUT, ESO_INPUT, ESO_INPUT, ESO_INPUT])
-_OBSERVERS = np.arange(_DRIVEN.size)
 
 
 class _Inputs(NamedTuple):
@@ -36,7 +33,7 @@ class _Inputs(NamedTuple):
 
 
 class _Loop(NamedTuple):
-    """States of the plant and of the observers, shapes (18,) and (6, 4), or their rates of change."""
+    """States of the plant, shape (18,), and of the m observers, shape (m, 4), or their rates of change."""
 
     state: Floats
     estimate: Floats
@@ -55,8 +52,8 @@ class ContinuousLoop:
 
     def __init__(self, policy: ADRC) -> None:
         self.policy = policy
-        gains = policy.gains
-        observers = [gains.luenberger] * 2 + [gains.horizontal] * 2 + [gains.vertical] * 2
+        driven, observers = zip(*policy.observers, strict=True)
+        self._driven = np.arange(len(driven)), np.array(driven)
         self._gains = np.array([characteristic_polynomial(item)[1:] for item in observers])
         self._limits = np.array([item.switching for item in observers])
         for gain, item in zip(self._gains, observers, strict=True):
@@ -139,7 +136,7 @@ class ContinuousLoop:
         rate = self._gains * error[:, np.newaxis]
         rate[:, 3] = np.clip(rate[:, 3], -self._limits, self._limits)
         rate[:, :3] += estimate[:, 1:]
-        rate[_OBSERVERS, _DRIVEN] += self.policy.observer_inputs(measurement, estimate[np.newaxis], command)[0]
+        rate[self._driven] += self.policy.observer_inputs(measurement, estimate[np.newaxis], command)[0]
         s = State(loop.state)
         acceleration = accelerations(loop.state, command[0], inputs.disturbance, self.policy.simulation.parameters)
         parts = [

@@ -1,5 +1,6 @@
 """ADRC: tracking, steady offsets, disturbance estimates, and the `predict` protocol."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -9,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
-from quadpend_baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains
+from quadpend_baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains, controller
 from quadpend_baselines.paper.ablations import AblationCase, predicted_offset, simulate
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import (
@@ -21,8 +22,11 @@ from quadpend_gym import (
     Reference,
     Simulation,
 )
+from quadpend_gym.actuators import GyroBias
 from quadpend_gym.core.arrays import Floats
+from quadpend_train import run_episodes
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.scenarios import find_scenario
 
 EPISODES = 30
 
@@ -72,6 +76,30 @@ def test_rmse_in_fluctuating_wind_is_as_documented() -> None:
     matched, _ = settled_rmse(ADRC("matched"), OrnsteinUhlenbeck(0.15))
     assert paper < 0.08
     assert matched < 0.003
+
+
+@pytest.mark.parametrize("ratio", [0.7, 1.3])
+def test_30_percent_of_false_inertia_does_not_make_the_matched_law_fall(ratio: float) -> None:
+    """The force is estimated apart from the torques; read from ϑ̂/K, it made every such episode terminate."""
+    inertia = {name: ratio * getattr(PAPER, name) for name in ("inertia_roll", "inertia_pitch")}
+    env = QuadPendulumVectorEnv(
+        4, simulation=Simulation(replace(PAPER, **inertia)), wind=Constant((0.1, 0.0, 0.0)), max_episode_steps=None
+    )
+    observation, _ = env.reset(seed=0, options={"reference": Reference.hover()})
+    policy, memory = ADRC("matched"), None
+    for _ in range(500):
+        action, memory = policy.predict(observation, memory)
+        observation, _, terminated, _, info = env.step(action)
+        assert not terminated.any()
+    assert np.linalg.norm(info["tracking_error"], axis=1).max() < 1e-3
+
+
+def test_a_biased_gyro_leaves_no_offset() -> None:
+    """A bias of about 1°/s, which the matched law with ϑ̂/K answers with an offset of 0.4 m."""
+    scenario = replace(find_scenario("as_flown"), actuators=GyroBias(0.02), sensors=None, duration=5.0)
+    results = run_episodes([controller("adrc-matched")], scenario, 2)
+    assert results.survived.all()
+    assert results.settled_rmse.max() < 0.02
 
 
 @pytest.mark.parametrize("force", [(0.1, -0.2, 0.0), (0.0, 0.0, 0.15)])

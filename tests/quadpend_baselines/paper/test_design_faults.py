@@ -65,12 +65,15 @@ def stationary_offset(observer: Floats) -> float:
 
 
 def closed_loop(observer: Floats, mismatch: float) -> tuple[Floats, Floats]:
-    """Return A, b of ẋ = A x + b d for one horizontal channel: F … F⁽³⁾, F₅, F₆, Luenberger stage, linear DESO."""
-    size, luenberger, deso = 14, 6, 10
+    """Return A, b of ẋ = A x + b d for one horizontal channel.
+
+    x consists of F … F⁽³⁾, F₅, F₆, the Luenberger stage, the linear DESO, and the linear DESO of the force.
+    """
+    size, luenberger, deso, force = 18, 6, 10, 14
     A, b = np.zeros((size, size)), np.zeros(size)
     row = np.eye(size)
-    fourth_feedback = row[4] + mismatch / PAPER.chain_stiffness * row[deso + 2]
-    fifth_feedback = row[deso + 1] + mismatch / PAPER.chain_stiffness * row[deso + 3]
+    fourth_feedback = row[4] + mismatch * row[force + 2]
+    fifth_feedback = row[deso + 1] + mismatch * row[force + 3]
     v = -FEEDBACK[:4] @ row[luenberger : luenberger + 4] - FEEDBACK[4] * fourth_feedback - FEEDBACK[5] * fifth_feedback
     v = v - row[deso + 2]
     A[0:3] = row[1:4]
@@ -82,14 +85,15 @@ def closed_loop(observer: Floats, mismatch: float) -> tuple[Floats, Floats]:
     A[luenberger : luenberger + 3] += row[luenberger + 1 : luenberger + 4]
     A[luenberger + 3] += fourth_feedback
     right = characteristic_polynomial(GAINS.horizontal)[1:, np.newaxis]
-    A[deso : deso + 4] = right * (row[4] - row[deso])
-    A[deso : deso + 3] += row[deso + 1 : deso + 4]
-    A[deso + 1] += v
+    for first, output, known_input in ((deso, row[4], v), (force, row[2], row[4])):
+        A[first : first + 4] = right * (output - row[first])
+        A[first : first + 3] += row[first + 1 : first + 4]
+        A[first + 1] += known_input
     return A, b
 
 
 def test_paper_law_has_an_offset_and_the_matched_law_has_none() -> None:
-    """0.346 m per newton by (51) alone, 0.369 m with the Luenberger stage, and none with F₅ + ϑ̂/K for F⁽⁴⁾."""
+    """0.346 m per newton by (51) alone, 0.369 m with the Luenberger stage, and none with F₅ + δ̂ for F⁽⁴⁾."""
     observer = characteristic_polynomial(GAINS.luenberger)
     assert FEEDBACK[4] / FEEDBACK[0] * PER_NEWTON == pytest.approx(0.346, abs=5e-4)
     assert stationary_offset(observer) == pytest.approx(0.369, abs=5e-4)
@@ -122,11 +126,13 @@ def test_one_metre_of_error_demands_26_newton_metres() -> None:
 
 
 def test_matched_law_amplifies_the_noise_of_the_estimate() -> None:
-    """ϑ̂ enters v with 1 + k₄/K = 14.6 instead of 1."""
-    A, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 1.0)
+    """ϑ̂ enters v with 1 in both laws, and K δ̂, which has the same noise of r_xy, with k₄/K = 13.6."""
+    deso, force = 10, 14
+    matched, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 1.0)
     paper, _ = closed_loop(characteristic_polynomial(GAINS.luenberger), 0.0)
-    assert paper[5, 12] == -1.0
-    assert A[5, 12] == pytest.approx(-14.6, abs=0.05)
+    assert paper[5, deso + 2] == matched[5, deso + 2] == -1.0
+    assert paper[5, force + 2] == 0.0
+    assert matched[5, force + 2] / PAPER.chain_stiffness == pytest.approx(-13.6, abs=0.05)
 
 
 def test_lower_bandwidth_reduces_the_torque_and_increases_the_offset() -> None:
