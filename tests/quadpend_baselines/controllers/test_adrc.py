@@ -99,7 +99,7 @@ def test_a_biased_gyro_leaves_no_offset() -> None:
     scenario = replace(find_scenario("as_flown"), actuators=GyroBias(0.02), sensors=None, duration=5.0)
     results = run_episodes([controller("adrc-matched")], scenario, 2)
     assert results.survived.all()
-    assert results.settled_rmse.max() < 0.02
+    assert results.settled_rmse.max() < 0.03
 
 
 @pytest.mark.parametrize("force", [(0.1, -0.2, 0.0), (0.0, 0.0, 0.15)])

@@ -23,7 +23,7 @@ from quadpend_baselines.modelling.linear_model import (
     linearise,
 )
 from quadpend_baselines.policy.protocol import to_action
-from quadpend_gym import PAPER, Parameters, QuadPendulumVectorEnv, Reference, Simulation
+from quadpend_gym import PAPER, Parameters, QuadPendulumVectorEnv, Reference, Simulation, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import Disturbance, State
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
@@ -235,6 +235,16 @@ def test_rows_are_independent_and_update_depends_on_the_given_estimate_only(has_
     repeated = estimates(recording[:20], FAST, has_rates)
     for one, two in zip(repeated[-1], batch[-1], strict=True):
         assert_array_equal(one, two)
+
+
+def test_rates_that_are_not_measured_begin_with_those_of_a_start_on_the_reference() -> None:
+    """With a pole of inertia, those of a point mass in its centre of mass are off by 0.8 mm/s and 1.4 mrad/s."""
+    simulation, task = Simulation(vehicle="hummingbird"), Task(start=StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    env = QuadPendulumVectorEnv(20, task=task, simulation=simulation)
+    true = measurement_from_observation(env.reset(seed=2)[0], simulation.parameters.rod_length)
+    start, estimate = State(true.state), Estimator(FAST, simulation).initial_estimate(without_rates(true))
+    assert_allclose(State(estimate.state).velocity, start.velocity, atol=1e-5)
+    assert_allclose(State(estimate.state).direction_rate, start.direction_rate, atol=1e-5)
 
 
 def test_estimated_direction_is_a_unit_vector_above_the_horizontal() -> None:
