@@ -86,6 +86,11 @@ class OutputFeedback:
         self._estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
 
     @property
+    def predicted_loop(self) -> Loop:
+        """The delays and lags through which the controller predicts, with whole periods of the vehicle's latency."""
+        return self._estimator.prediction.loop
+
+    @property
     def has_bandwidth_scale(self) -> bool:
         """Whether the `command` method of the control law takes a `bandwidth_scale`."""
         return "bandwidth_scale" in signature(self._law.command).parameters
@@ -180,6 +185,6 @@ class OutputFeedback:
         later = replace_reference(observation, measurement)
         return observation_from_state(estimate.state, later, self.simulation.parameters.rod_length)
 
-    def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
+    def with_applied_action(self, memory: OutputFeedbackMemory | Estimation, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
-        return memory._replace(action=action)
+        return OutputFeedbackMemory(memory.estimate, action, memory.law_memory)

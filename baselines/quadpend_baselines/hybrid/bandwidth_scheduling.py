@@ -72,6 +72,10 @@ class BandwidthScheduling:
             controller_memory, np.zeros((len(observation), ACTION_SIZE), np.float32), score
         )
 
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the base controller's action and the memory; see `Hybrid.base_action`."""
+        return memory.base_action, memory
+
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action with scaled bandwidths and the memory; see `Hybrid.act`."""
         exponent = weigh_action(self.fallback_gain, action, memory.anomaly_score).astype(np.float64)

@@ -100,6 +100,34 @@ def estimate(base_controller: Any, observation: Floats32, memory: Any) -> tuple[
     return estimated, base_controller.estimated_disturbance(memory)
 
 
+def observe_ahead(
+    base_controller: Any, observation: Floats32, memory: Any, episode_start: Any
+) -> tuple[Floats32, Floats, Any, Floats32 | None]:
+    """Update the estimates of the base controller, and predict the state through known delays and lags.
+
+    Args:
+        base_controller: The controller.
+        observation: Observation of the environment, shape (n, 36) or (n, 27).
+        memory: Memory of the controller after the last step; None at the first step.
+        episode_start: Mask of the rows whose episode begins with this observation, shape (n,).
+
+    Returns:
+        Observation and disturbance as from `estimate`, but in the state at the time when the next action acts; the
+        memory of the controller; and its action, shape (n, 4), or None if `control` computes it from this memory.
+    """
+    if not computes_action_later(base_controller):
+        action, memory = base_controller.predict(observation, memory, episode_start)
+        return *estimate(base_controller, observation, memory), memory, action
+    memory = base_controller.update(observation, memory, episode_start)
+    predicted = base_controller.predicted_observation(observation, memory)
+    return predicted, base_controller.estimated_disturbance(memory), memory, None
+
+
+def computes_action_later(base_controller: Any) -> bool:
+    """Return whether a controller computes its action in a method of its own, after its estimates."""
+    return hasattr(base_controller, "predicted_observation")
+
+
 def magnify_state(observation: Floats32) -> Floats32:
     """Multiply the part of an observation that depends on the state by `MAGNIFICATION`, in place, and return it."""
     observation[:, : REFERENCE_START - OBSERVATION_SIZE] *= MAGNIFICATION

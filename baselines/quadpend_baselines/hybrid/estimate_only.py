@@ -7,14 +7,16 @@ import numpy as np
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.base_controller import (
     change_simulation,
-    estimate,
+    computes_action_later,
     estimate_size,
     find_base_controller,
     name_of_base_controller,
+    observe_ahead,
 )
 from quadpend_baselines.hybrid.protocol import HybridMemory
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.physics.state import ACTION_SIZE
 
 
 class EstimateOnly:
@@ -46,16 +48,19 @@ class EstimateOnly:
     ) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         last = None if memory is None else memory.controller
-        if hasattr(self.base_controller, "predicted_observation"):
-            estimation = self.base_controller.update(observation, last, episode_start)
-            base_action, controller_memory = self.base_controller.control(estimation)
-            estimated = self.base_controller.predicted_observation(observation, estimation)
-            disturbance = self.base_controller.estimated_disturbance(controller_memory)
-        else:
-            base_action, controller_memory = self.base_controller.predict(observation, last, episode_start)
-            estimated, disturbance = estimate(self.base_controller, observation, controller_memory)
+        estimated, disturbance, controller_memory, action = observe_ahead(
+            self.base_controller, observation, last, episode_start
+        )
+        base_action = np.zeros((len(observation), ACTION_SIZE), np.float32) if action is None else action
         policy_observation = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
         return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)))
+
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""
+        if not computes_action_later(self.base_controller):
+            return memory.base_action, memory
+        action, controller_memory = self.base_controller.control(memory.controller)
+        return action, memory._replace(controller=controller_memory)
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""

@@ -36,7 +36,7 @@ class HybridMemory(NamedTuple):
     """The state of a hybrid between two calls, for n rows."""
 
     controller: Any  # memory of the base controller
-    base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it only in `act`
+    base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
     anomaly_score: Floats  # q of equation (4), (n,); zeros without a fallback gain
 
 
@@ -71,12 +71,22 @@ class Hybrid(Protocol):
             The policy's observation, shape (n, m) with m from `observation_size`, and the memory for `act`.
         """
 
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the action that the base controller would apply, shape (n, 4), and the memory after that, for `act`.
+
+        `BandwidthScheduling` returns zeros, because its base controller acts only after the policy. In other hybrids,
+        base controllers with an integral or a plan expect this call in every step.
+
+        Args:
+            memory: Memory that the last call of `observe` returned.
+        """
+
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Turn the policy's action into the action to apply, and pass the latter to the base controller's observer.
 
         Args:
             action: Action of the policy, shape (n, 4).
-            memory: Memory that the last call of `observe` returned.
+            memory: Memory that the last call of `observe` or `base_action` returned.
 
         Returns:
             The action to apply to the environment, shape (n, 4), and the memory for the next call of `observe`.

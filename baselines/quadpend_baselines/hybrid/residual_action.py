@@ -64,6 +64,10 @@ class ResidualAction:
         parts = [magnify_state(estimated), disturbance, MAGNIFICATION * base_action]
         return np.concatenate(parts, axis=1, dtype=np.float32), HybridMemory(controller_memory, base_action, score)
 
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the base controller's action and the memory; see `Hybrid.base_action`."""
+        return memory.base_action, memory
+
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the corrected action and the memory; see `Hybrid.act`."""
         residual = np.float32(self.action_scale) * weigh_action(self.fallback_gain, action, memory.anomaly_score)

@@ -15,6 +15,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.protocol import Hybrid, HybridMemory
 from quadpend_baselines.hybrid.registry import hybrid_from_data
 from quadpend_baselines.policy.protocol import replace_rows
@@ -28,8 +29,8 @@ from quadpend_gym.wrappers.same_step import last_observations, replace_final_obs
 _SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 
 
-def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any]) -> Hybrid:
-    """Return the hybrid, designed for the simulation of `env` if its base controller was given by name."""
+def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any], loop: Loop | None = None) -> Hybrid:
+    """Return the hybrid, designed for the simulation of `env` and a loop if its base controller was given by name."""
     if getattr(space, "shape", None) not in {(size,) for size in _SIZES}:
         raise ValueError(
             f"a hybrid takes observations of {' or '.join(map(str, _SIZES))} numbers, not of {space}: put its wrapper"
@@ -39,7 +40,7 @@ def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any]) -> Hyb
     world = getattr(env.unwrapped, "world", None)
     if instance.base_controller_name is None or world is None:
         return instance
-    return instance.with_simulation(world.simulation)
+    return instance.with_simulation(world.simulation, loop)
 
 
 def _check_policy_action(action: Any, shape: tuple[int, ...], memory: HybridMemory | None) -> Floats32:
@@ -103,20 +104,24 @@ class VectorHybridWrapper(VectorWrapper):
     Args:
         env: A QuadPendulum vector environment, wrapped or not, with or without velocities in the observation.
         hybrid: The hybrid, or its plain data; as for `HybridWrapper`.
+        loop: Delays and lags of `env` that the base controller knows, if it was given by name; None: there are none.
 
     Raises:
         TypeError: If plain data are given and do not describe a hybrid.
         ValueError: If `env` has another observation, or plain data do not describe a hybrid.
     """
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], hybrid: Hybrid | Mapping[str, Any]) -> None:
+    def __init__(
+        self, env: VectorEnv[Any, Any, Any], hybrid: Hybrid | Mapping[str, Any], loop: Loop | None = None
+    ) -> None:
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        self.hybrid = _hybrid_for(env, env.single_observation_space, hybrid)
+        self.hybrid = _hybrid_for(env, env.single_observation_space, hybrid, loop)
         size = self.hybrid.observation_size(env.single_observation_space.shape[0])  # type: ignore[index]
         self.single_observation_space = observation_space(size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._memory: HybridMemory | None = None
+        self._asked: tuple[Floats32, HybridMemory] | None = None  # the base action, if it has been computed
         self._policy_observation = np.empty(0, np.float32)
         self._ended = np.zeros(self.num_envs, np.bool_)
 
@@ -129,7 +134,9 @@ class VectorHybridWrapper(VectorWrapper):
         """
         if self._memory is None:
             raise ResetNeeded("reset must be called before base_action")
-        return self._memory.base_action
+        if self._asked is None:
+            self._asked = self.hybrid.base_action(self._memory)
+        return self._asked[0]
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """Begin an episode and reset the base controller in every sub-environment that is reset."""
@@ -137,6 +144,7 @@ class VectorHybridWrapper(VectorWrapper):
             "reset_mask"
         )  # read before the reset: some vector environments remove it from the options
         observation, info = self.env.reset(seed=seed, options=options)
+        self._asked = None
         everywhere = np.ones(self.num_envs, np.bool_)
         if mask is None or self._memory is None:
             self._policy_observation, self._memory = self.hybrid.observe(observation, None, everywhere)
@@ -148,7 +156,8 @@ class VectorHybridWrapper(VectorWrapper):
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:
         """Apply the hybrid's actions for the policy's `actions`, shape (num_envs, 4)."""
         checked = _check_policy_action(actions, (self.num_envs, ACTION_SIZE), self._memory)
-        applied, memory = self.hybrid.act(checked, self._memory)  # type: ignore[arg-type]
+        applied, memory = self.hybrid.act(checked, self._memory if self._asked is None else self._asked[1])  # type: ignore[arg-type]
+        self._asked = None
         observation, reward, terminated, truncated, info = self.env.step(applied)
         ended = terminated | truncated
         begun = np.zeros(self.num_envs, np.bool_)
@@ -166,6 +175,8 @@ class VectorHybridWrapper(VectorWrapper):
     def _restart(self, begun: Booleans, observation: Floats32) -> None:
         """Reset the base controller in the sub-environments whose episode begins."""
         rows = np.flatnonzero(begun)
+        if not rows.size:
+            return
         policy_observation, fresh = self.hybrid.observe(observation[rows], None, np.ones(rows.size, np.bool_))
         self._policy_observation[rows] = policy_observation
         self._memory = replace_rows(rows, fresh, self._memory)

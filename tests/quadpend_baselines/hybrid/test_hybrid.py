@@ -62,7 +62,7 @@ def test_policy_observes_state_disturbance_and_with_a_residual_the_base_action(n
         assert seen.shape == (5, hybrid.observation_size(observation.shape[1]))
         assert_allclose(seen, np.concatenate(parts, axis=1), rtol=1e-6, atol=1e-7)
         if kind is not BandwidthScheduling:
-            assert_array_equal(memory.base_action, action)
+            assert_array_equal(hybrid.base_action(memory)[0], action)
 
 
 def test_policy_that_acts_alone_observes_the_state_in_which_its_action_acts() -> None:
@@ -74,7 +74,7 @@ def test_policy_that_acts_alone_observes_the_state_in_which_its_action_acts() ->
         seen, memory = hybrid.observe(observation, memory, np.full(3, step == 0))
         observed.append(seen[:, :36])
         true.append(observation)
-        action, memory = hybrid.act(memory.base_action, memory)
+        action, memory = hybrid.act(*hybrid.base_action(memory))
         observation, *_ = env.step(action)
     assert_allclose(observed[10:-2], true[12:], atol=5e-3)  # the reference is continued as a polynomial
     assert np.abs(np.array(observed[10:-2]) - true[10:-2]).max() > 0.01

@@ -41,7 +41,7 @@ def test_base_controller_alone_has_exactly_zero_reward(scenario: str, mode: Any,
 
 def make_relative(num_envs: int) -> BaselineRelativeReward:
     envs = [make_vec(num_envs, **OPTIONS) for _ in range(2)]
-    return BaselineRelativeReward(*envs, controller("flatness"), GAMMA, PENALTY)
+    return BaselineRelativeReward(*envs, [controller("flatness")], GAMMA, PENALTY)
 
 
 def test_reward_is_the_difference_from_the_reward_of_the_controller() -> None:
@@ -87,7 +87,7 @@ class NoThrust:
 
 def test_fall_of_the_controller_alone_is_rewarded_and_a_fall_of_both_is_neutral() -> None:
     envs = [make_vec(3, **OPTIONS) for _ in range(2)]
-    env, policy, memory = BaselineRelativeReward(*envs, NoThrust(), GAMMA, PENALTY), controller("flatness"), None
+    env, policy, memory = BaselineRelativeReward(*envs, [NoThrust()], GAMMA, PENALTY), controller("flatness"), None
     observation, largest = env.reset(seed=3)[0], np.zeros(3)
     for _ in range(100):
         action, memory = policy.predict(observation, memory)

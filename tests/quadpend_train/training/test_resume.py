@@ -50,6 +50,7 @@ RUNS: dict[str, TrainSettings] = {
         algo="apg",
         scenarios=(SHORT, LAGGED),
         hybrid=HybridSettings("adrc-matched"),
+        batch_size=1024,
         apg=ApgSettings(window=8),
         eval_freq=256,
     ),

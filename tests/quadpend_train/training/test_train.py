@@ -15,6 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from quadpend_gym import RewardWeights, Simulation
+from quadpend_train.evaluation import episodes
 from quadpend_train.evaluation.episodes import TEST_SEED, VALIDATION_SEED, run_episodes
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weight_difference
 from quadpend_train.scenarios import find_scenario, scenario_hash
@@ -136,28 +137,21 @@ def test_patience_stops_a_run_that_does_not_improve(tmp_path: Path, monkeypatch:
 def test_evaluations_use_the_training_scenarios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Equally often, in episodes that are not used for training, and without the scenarios of the curriculum."""
     evaluated: list[Any] = []
-    seeds: set[int] = set()
-    concatenate, rollout = validation.concatenate_scenarios, validation.rollout
+    run = validation.run_episodes
 
-    def record_scenarios(scenarios: Any, rows: int, *args: Any) -> Any:
-        evaluated.append((list(scenarios), rows))
-        return concatenate(scenarios, rows, *args)
+    def record(policies: Any, scenario: str, *args: int) -> Any:
+        evaluated.append((scenario, *args))
+        return run(policies, scenario, *args)
 
-    def record_seed(policy: Any, env: Any, seed: int, *args: Any) -> Any:
-        seeds.add(seed)
-        return rollout(policy, env, seed, *args)
-
-    monkeypatch.setattr(validation, "concatenate_scenarios", record_scenarios)
-    monkeypatch.setattr(validation, "rollout", record_seed)
+    monkeypatch.setattr(validation, "run_episodes", record)
     third = json.dumps({**json.loads(SHORT), "wind": "storm"})
     settings = replace(
         EVALUATED, scenarios=(SHORT, OTHER), curriculum=(third,), curriculum_steps=512, total_timesteps=512
     )
     train_policy(settings, tmp_path)
-    assert len(evaluated) == 4
-    expected = [find_scenario(name) for name in settings.scenarios]
-    assert all(scenarios == expected and rows == 4 for scenarios, rows in evaluated)
-    assert seeds == {VALIDATION_SEED, training.CARD_SEED}
+    seeds = [VALIDATION_SEED] * 3 + [training.CARD_SEED]
+    names = settings.scenarios
+    assert evaluated == [(name, 2, seed + 2 * i) for seed in seeds for i, name in enumerate(names)]
 
 
 def test_validation_gives_the_metrics_of_run_episodes() -> None:
@@ -169,13 +163,13 @@ def test_validation_gives_the_metrics_of_run_episodes() -> None:
 
 def test_base_controller_has_the_same_simulation_in_training_and_validation(monkeypatch: pytest.MonkeyPatch) -> None:
     simulations: list[Simulation] = []
-    rollout = validation.rollout
+    rollout = episodes.rollout
 
     def record_simulation(policy: Any, *args: Any) -> Any:
         simulations.append(policy.hybrid.base_controller.simulation)
         return rollout(policy, *args)
 
-    monkeypatch.setattr(validation, "rollout", record_simulation)
+    monkeypatch.setattr(episodes, "rollout", record_simulation)
     heavy = json.dumps({**json.loads(SHORT), "simulation": {"parameters": {"bob_mass": 0.35}}})
     settings = replace(BRIEF, hybrid=RESIDUAL, scenarios=(heavy,))
     model = training.initial_model(settings, None)

@@ -2,7 +2,7 @@
 
 The equations are those of `quadpend_gym.physics.dynamics`, (1) to (5), and of `quadpend_gym.physics.drag`, and the
 integration is that of `quadpend_gym.physics.kernel`; these modules explain symbols, units and frames. In float64 the
-results agree to 1e-12 (``tests/quadpend_train/differentiable/test_dynamics.py``).
+results agree to 1e-12 (``tests/quadpend_train/differentiable/test_plant.py``).
 """
 
 from functools import lru_cache

@@ -18,6 +18,7 @@ After a fall of the copy r_b = 0 until the learner's episode ends. If c = 0, and
 policy is optimal for this reward if it is optimal for r. A positive c makes falls more expensive.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -41,7 +42,7 @@ class BaselineRelativeReward(VectorWrapper):
         env: A QuadPendulum vector environment or a `ConcatenatedVectorEnv` of several, with same-step autoreset,
             wrapped or not.
         baseline_env: The same environment, made a second time, without the wrappers that belong to the learner.
-        controller: The controller that acts in the baseline copies.
+        controllers: The controller that acts in the baseline copies, of each of the concatenated environments.
         gamma: The discount factor γ of one step of `env`, below 1.
         failure_penalty: The penalty c of a fall.
     """
@@ -50,7 +51,7 @@ class BaselineRelativeReward(VectorWrapper):
         self,
         env: VectorEnv[Any, Any, Any],
         baseline_env: VectorEnv[Any, Any, Any],
-        controller: Policy,
+        controllers: Sequence[Policy],
         gamma: float,
         failure_penalty: float = 0.0,
     ) -> None:
@@ -58,28 +59,31 @@ class BaselineRelativeReward(VectorWrapper):
         VectorWrapper.__init__(self, env)
         edges = np.cumsum([0, *(world.num_envs for world in worlds(env))])
         self._parts = [
-            (*pair, slice(*edge))
-            for *pair, edge in zip(worlds(env), worlds(baseline_env), pairwise(edges), strict=True)
+            (*pair, controller, slice(*edge))
+            for *pair, controller, edge in zip(
+                worlds(env), worlds(baseline_env), controllers, pairwise(edges), strict=True
+            )
         ]
-        self._controller, self._failure_penalty = controller, failure_penalty
+        self._failure_penalty = failure_penalty
         self._horizon = gamma / (1.0 - gamma)
         hidden = baseline_env.single_observation_space.shape == (OUTPUT_FEEDBACK_SIZE,)
         self._columns = OUTPUT_FEEDBACK_COLUMNS if hidden else np.arange(OBSERVATION_SIZE)
         self._observation = np.empty((self.num_envs, OBSERVATION_SIZE), np.float32)  # of the baseline copies
-        self._memory: Any = None
+        self._memories: list[Any] = [None] * len(self._parts)
         self._started = np.ones(self.num_envs, np.bool_)  # copies whose next step is the first of an episode
         self._fallen = np.zeros(self.num_envs, np.bool_)  # copies that fell while the learner's episode goes on
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every sub-environment and in its baseline copy.
+        """Begin an episode in every sub-environment, or in those of ``reset_mask``, and in its baseline copy.
 
         Raises:
-            ValueError: If `options` are given: the baseline copies could not receive them.
+            ValueError: If other `options` are given: the baseline copies could not receive them.
         """
-        if options:
-            raise ValueError(f"options must be empty for an environment with baseline copies, not {options!r}")
-        observation, info = self.env.reset(seed=seed)
-        self._copy_episodes(np.ones(self.num_envs, np.bool_))
+        mask = (options or {}).get("reset_mask")
+        if others := {name: value for name, value in (options or {}).items() if name != "reset_mask"}:
+            raise ValueError(f"options must be empty for an environment with baseline copies, not {others!r}")
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._copy_episodes(np.ones(self.num_envs, np.bool_) if mask is None else mask)
         return observation, info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -99,10 +103,12 @@ class BaselineRelativeReward(VectorWrapper):
             The reward of each copy, zero after its fall, and whether it fell at this step, both of shape (n,).
         """
         observed = self._observation[:, self._columns]
-        action, self._memory = self._controller.predict(observed, self._memory, self._started)
         reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)
-        for _, baseline_world, rows in self._parts:
-            self._observation[rows], outcome = baseline_world.step(action[rows])
+        for number, (_, baseline_world, controller, rows) in enumerate(self._parts):
+            action, self._memories[number] = controller.predict(
+                observed[rows], self._memories[number], self._started[rows]
+            )
+            self._observation[rows], outcome = baseline_world.step(action)
             reward[rows], terminated[rows] = outcome[REWARD], outcome[TERMINATED] != 0.0
         reward[self._fallen] = 0.0
         fell = terminated & ~self._fallen
@@ -112,7 +118,7 @@ class BaselineRelativeReward(VectorWrapper):
 
     def _copy_episodes(self, started: Booleans) -> None:
         """Copy the episodes that the learner has just begun, where `started`, into the baseline copies."""
-        for world, baseline_world, part in self._parts:
+        for world, baseline_world, _, part in self._parts:
             rows = np.flatnonzero(started[part])
             if rows.size:
                 baseline_world.copy_episodes(world, rows)

@@ -20,6 +20,11 @@ from quadpend_train.policies.own import PROTOCOL, FactoryPolicy, check_predict
 from quadpend_train.scenarios import Scenario, short_name
 
 
+def known_loop(scenario: Scenario) -> Loop:
+    """Return the delays and lags of a scenario that controllers know."""
+    return Loop.of(scenario.sensors, scenario.actuators) if scenario.loop_known else Loop()
+
+
 def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     """Return the policy for a scenario.
 
@@ -35,8 +40,7 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     """
     adaptable: Any = policy
     if hasattr(policy, "with_simulation"):
-        loop = Loop.of(scenario.sensors, scenario.actuators) if scenario.loop_known else Loop()
-        policy = design_for(policy, scenario.simulation, loop)
+        policy = design_for(policy, scenario.simulation, known_loop(scenario))
     sizes = getattr(policy, "observation_sizes", None)
     if sizes is None:
         rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]

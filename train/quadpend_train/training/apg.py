@@ -4,13 +4,19 @@ The rows of the training environment fly windows of H control steps. The policy 
 observation, with the noise of the sensors and the errors of the observer, and the environment gives every next state.
 The differentiable dynamics f follow the flight, so that the derivatives of the cost reach the policy:
 
-    (1)  o_t  = observation of the environment,     ∂o_t/∂x_t = ∂s/∂x        s: the part that depends on the state
+    (1)  o_t  = observation of the environment,     ∂o_t/∂z_t = ∂s(p)/∂z     s: the part that depends on the state
     (2)  a_t  = clip(π(o_t), −1, 1)
     (3)  x_{t+1} = state of the environment,        ∂x_{t+1}/∂(x_t, a_t) = ∂f/∂(x_t, a_t)
     (4)  J    = mean over rows and steps of c(x_{t+1}, a_t)
 
-The error of an estimate, o − s(x), is thus taken to be independent of the policy, as it is for a linear observer. In
-(1) s is linear: tracking errors, direction, attitude and their rates. The cost of a step is
+z_t = (x_t, y_t, a_{t−1}) has the actions under way and the lagged actions y_t. p(z_t) is the state at the time when
+a_t acts, to which an observer carries its estimate forward through the known delays and lags; without them p = x_t. In
+(1) s is linear: tracking errors, direction, attitude and their rates; p is linearised at hover.
+
+The error of the observation, o − s(p), is taken to be independent of the policy. That holds for a linear observer whose
+model of the loop is exact. It does not hold where actions or measurements are delayed or lagged and the observer does
+not know it (``loop_known = false``), nor where measurements are delayed and no observer predicts: there the gradient of
+J has an error. The cost of a step is
 
     (5)  c = w₂ |e|² + w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ
 
@@ -21,11 +27,15 @@ and body and of the tracking error (1 far from the limit, 0 at the limit), so th
 An action outside [−1, 1] has the further cost of the squared excess. States are carried over from window to window,
 without gradients. Episodes begin in all windows, each in its share of the rows.
 
+A row that falls begins a new episode at once, so J lacks the cost of the rest of its episode: of a policy that often
+falls, J is too small. ``train/falls`` in the log is the number of falls in a window.
+
 Sources: Xu et al., Accelerated policy learning with parallel differentiable simulation, ICLR 2022; Wiedemann et al.,
 Training efficient controllers via analytic policy gradient, ICRA 2023.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +45,11 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
-from quadpend_gym import Simulation
-from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.tasks import TASKS
 from quadpend_gym.tasks.observation import REFERENCE_START
+from quadpend_gym.wind import WIND_SIZE
 from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor
 from quadpend_train.differentiable.observation import (
     limit_row,
@@ -52,7 +63,14 @@ from quadpend_train.envs.concatenated import worlds
 from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_train.scenarios.scenario import ENVIRONMENTS
 from quadpend_train.training.apg_settings import ApgSettings
+from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
+
+# Settings that APG does not use
+_UNUSED = (
+    *("curriculum", "history", "history_actions", "sde_sample_freq"),
+    *("batch_size", "gamma", "reward", "reward_scale"),
+)
 
 
 class APG(OnPolicyAlgorithm):
@@ -80,12 +98,19 @@ class APG(OnPolicyAlgorithm):
         tasks = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
         limits = torch.tensor([limit_row(task.limits) for task in tasks])
         self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
-        self._episode_windows = max(episode_steps // apg.window, 1)
+        self._episode_windows = episode_steps // apg.window
         share = self.n_envs // len(scenarios)
         self._phase = np.tile(np.arange(share) * self._episode_windows // share, len(scenarios))
         self._memory = self._plant.initial_memory()
-        self._sensitivity = _sensitivity(scenarios[0].simulation, self.observation_space.shape[0])  # type: ignore[index]
-        self._cost = torch.zeros(())
+        loops = [getattr(item.hybrid.base_controller, "predicted_loop", Loop()) for item in hybrid_wrappers(env.env)]
+        size, memory_size = self.observation_space.shape[0], self._plant.memory_size  # type: ignore[index]
+        self._sensitivity = torch.stack(
+            [
+                _sensitivity(*pair, size, memory_size)
+                for pair in zip(scenarios, loops or [Loop()] * len(scenarios), strict=True)
+            ]
+        )
+        self._cost, self._falls = torch.zeros(()), 0
 
     def collect_rollouts(self, env: Any, callback: Any, rollout_buffer: Any, n_rollout_steps: int) -> bool:
         """Fly a window and compute its cost, equations (1) to (5)."""
@@ -95,16 +120,16 @@ class APG(OnPolicyAlgorithm):
         started = torch.as_tensor(np.asarray(self._last_episode_starts))[:, None]
         memory = torch.where(started, torch.zeros_like(self._memory), self._memory.detach())
         state = _gather(everything, "state")
-        cost = torch.zeros(())
+        cost, last, self._falls = torch.zeros(()), torch.zeros(env.num_envs, ACTION_SIZE), 0
         for _ in range(self.apg.window):
             physics, wind = as_physics(_gather(everything, "parameters")), _gather(everything, "wind")
             time = self._plant.simulation.period * (1.0 + _gather(everything, "clock"))
             target = reference_derivatives(_gather(everything, "reference"), time, orders=2)
-            action = self._mean_action(state)
-            after, memory = self._plant.step(as_motion(state), action.clamp(-1.0, 1.0), wind, physics, memory)
+            action = self._mean_action(torch.cat([state, memory, last], dim=1))
+            last = action.clamp(-1.0, 1.0)
+            after, memory = self._plant.step(as_motion(state), last, wind, physics, memory)
             cost = cost + self._step_cost(after, action, target, physics.rod_length)
-            applied = action.detach().clamp(-1.0, 1.0).numpy()
-            self._last_obs, rewards, ended, infos = env.step(applied)
+            self._last_obs, rewards, ended, infos = env.step(last.detach().numpy())
             self._last_episode_starts = ended
             self.num_timesteps += env.num_envs
             callback.update_locals(locals())
@@ -112,10 +137,11 @@ class APG(OnPolicyAlgorithm):
                 return False
             if ended.any():
                 self._update_info_buffer(infos, ended)
+                self._falls += sum(not infos[row]["TimeLimit.truncated"] for row in np.flatnonzero(ended))
             flying = torch.as_tensor(~ended, dtype=state.dtype)[:, None]
             predicted = as_state(after)
             state = _gather(everything, "state") + flying * (predicted - predicted.detach())
-            memory = flying * memory
+            memory, last = flying * memory, flying * last
             if state.requires_grad:
                 state.register_hook(self._limit_gradient)  # type: ignore[no-untyped-call]
         self._cost, self._memory = cost / (self.apg.window * env.num_envs), memory.detach()
@@ -134,6 +160,7 @@ class APG(OnPolicyAlgorithm):
         self._n_updates += 1
         self.logger.record("train/cost", float(self._cost.detach()))
         self.logger.record("train/gradient_norm", float(norm))
+        self.logger.record("train/falls", self._falls)
 
     def _restart_rows(self, env: Any) -> None:
         """Begin new episodes in the rows whose turn it is, so that episodes begin in every window."""
@@ -143,10 +170,10 @@ class APG(OnPolicyAlgorithm):
             self._last_obs = env.restart(rows)
             self._last_episode_starts = np.asarray(self._last_episode_starts) | rows
 
-    def _mean_action(self, state: Tensor) -> Tensor:
-        """Return π(o), with the derivative of equation (1)."""
-        observed = torch.as_tensor(self._last_obs)
-        observed = observed + (state - state.detach()) @ self._sensitivity
+    def _mean_action(self, inputs: Tensor) -> Tensor:
+        """Return π(o), with the derivative of equation (1); `inputs` is z, shape (n, 18 + k + 4)."""
+        difference = (inputs - inputs.detach()).unflatten(0, (len(self._sensitivity), -1))
+        observed = torch.as_tensor(self._last_obs) + (difference @ self._sensitivity).flatten(0, 1)
         distribution: Any = self.policy.get_distribution(observed).distribution
         mean: Tensor = distribution.mean
         return mean
@@ -202,16 +229,23 @@ def check_apg(settings: TrainSettings) -> None:
     """Check that APG covers the settings of a run.
 
     Raises:
-        ValueError: If the policy does not act alone on one observation with all velocities, or the differentiable
-            dynamics does not cover a scenario.
+        ValueError: If the policy does not act alone on one observation with all velocities, a setting is not used by
+            APG, an episode is not a whole number of windows, or the differentiable dynamics does not cover a scenario.
     """
-    for name, only in {"history": 1, "history_actions": 0, "curriculum": (), "sde_sample_freq": 0}.items():
-        if (value := getattr(settings, name)) != only:
-            raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
     if settings.hybrid.mode != "estimate_only":
         raise ValueError(f"mode must be 'estimate_only' with algo 'apg', not {settings.hybrid.mode!r}")
+    default = TrainSettings()
+    given = [(name, getattr(settings, name), getattr(default, name)) for name in _UNUSED]
+    relative = "baseline_relative_reward"
+    for name, value, only in [*given, (relative, getattr(settings.hybrid, relative), False)]:
+        if value != only:
+            raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
     for name in expand_sets(settings.scenarios):
         check_covered(name, scenario := find_scenario(name))
+        if (steps := settings.max_episode_steps or scenario.steps) % settings.apg.window:
+            raise ValueError(
+                f"apg.window must divide the {steps} control steps of an episode, not be {settings.apg.window}"
+            )
         if scenario.output_feedback and not settings.hybrid.base_controller:
             raise ValueError(
                 f"the scenario {name} has no velocities in its observation: algo 'apg' needs a base_controller, which"
@@ -219,15 +253,31 @@ def check_apg(settings: TrainSettings) -> None:
             )
 
 
-def _sensitivity(simulation: Simulation, size: int) -> Tensor:
-    """Return ∂o/∂x of equation (1), transposed, shape (18, m), for an observation of m numbers."""
-    rod_length = torch.full((1, 1), simulation.parameters.rod_length)
+def _sensitivity(scenario: Scenario, loop: Loop, size: int, memory_size: int) -> Tensor:
+    """Return ∂o/∂z of equation (1) at hover, transposed, shape (18 + k + 4, m).
 
-    def observed(state: Tensor) -> Tensor:
-        motion = as_motion(state[None])
-        return observe_state(motion, tracking_errors(motion, rod_length, torch.zeros(1, 2, 4)))[0]
+    Args:
+        scenario: The scenario.
+        loop: The delays and lags through which the observer predicts.
+        size: Size m of the observation.
+        memory_size: k, at least that of the scenario's actuators.
+    """
+    s, plant, calm = scenario.simulation, Plant([scenario], 1), torch.zeros(1, WIND_SIZE)
+    physics = as_physics(tensor(s.parameters.as_array())[None])
+    substep, left = s.period / s.substeps, loop.delay * s.substeps + round(loop.lag * s.substeps / s.period)
+    parts = [min(s.substeps, left - begun) for begun in range(0, left, s.substeps)]  # substeps of each period
 
-    jacobian: Tensor = torch.func.jacrev(observed)(torch.zeros(STATE_SIZE))
+    def observed(inputs: Tensor) -> Tensor:
+        state, memory, action = torch.split(inputs[None], [STATE_SIZE, memory_size, ACTION_SIZE], dim=1)
+        motion, memory = as_motion(state), memory[:, : plant.memory_size]
+        for part in parts:
+            plant.simulation = replace(s, period=part * substep, substeps=part)
+            motion, memory = plant.step(motion, action, calm, physics, memory)
+        return observe_state(motion, tracking_errors(motion, physics.rod_length, torch.zeros(1, 2, 4)))[0]
+
+    hover = as_state(as_motion(torch.zeros(1, STATE_SIZE))._replace(direction=torch.tensor([[0.0, 0.0, 1.0]])))
+    inputs = torch.nn.functional.pad(hover[0], (0, memory_size + ACTION_SIZE))
+    jacobian: Tensor = torch.func.jacrev(observed)(inputs)
     return torch.nn.functional.pad(jacobian.T, (0, size - REFERENCE_START))
 
 

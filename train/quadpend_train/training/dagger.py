@@ -2,7 +2,9 @@
 
 In every round the policy acts in the environment, the base controller labels each observation with the action that it
 would apply, and the network is fitted to all labels so far. The training data therefore contain the states that the
-policy itself reaches. In the first round the base controller acts. The loss of a batch of n labels a* is
+policy itself reaches. In the first round the base controller acts. It flies for at least the length of an episode, and
+each row begins its second episode at another time, so that from then on the labels of a step are spread over all times
+of an episode. The loss of a batch of n labels a* is
 
     (1)  mean_i sqrt(|π(o_i) − a*_i|² + ε²),
 
@@ -13,6 +15,7 @@ Source: Ross, Gordon and Bagnell, A reduction of imitation learning and structur
 learning, AISTATS 2011.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,7 @@ import torch
 
 from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.training.environment import episode_steps, hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
 
 _ROUNDS = 10
@@ -35,11 +39,12 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
 
     Args:
         model: An untrained model of PPO, SAC, TQC or APG.
-        env: Training environment with a `VectorHybridWrapper` whose hybrid is `EstimateOnly`.
+        env: Training environment of `settings`, whose hybrid is `EstimateOnly`.
         settings: Settings of the run.
 
     Returns:
-        The root mean square of the difference between the policy's and the base controller's actions.
+        The root mean square of the difference between the policy's and the base controller's actions, over all rows and
+        components, in a flight of the fitted policy without noise, on whose labels it was not fitted.
     """
     random = np.random.default_rng(settings.seed)
     optimizer = torch.optim.Adam(_actor_parameters(model), lr=_LEARNING_RATES[0])
@@ -48,10 +53,13 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
     size = env.observation_space.shape[0]  # type: ignore[index]
     observations, actions = np.empty((_ROUNDS * rows, size), np.float32), np.empty((_ROUNDS * rows, 4), np.float32)
     passes = [_PASSES[0]] * (_ROUNDS - 1) + [_PASSES[1]]
-    observation = env.reset()
     for number in range(_ROUNDS):
         labels = slice(number * rows, (number + 1) * rows)
-        observation = _act(model, env, observation, observations[labels], actions[labels], number == 0, random)
+        if number == 0:
+            observation = _fly_teacher(env, observations[labels], actions[labels], episode_steps(settings), random)
+        else:
+            noise = _noise(env.num_envs, random)
+            observation = _fly_policy(model, env, observation, observations[labels], actions[labels], noise, random)
         done, now = (sum(passes[: number + i]) / sum(passes) for i in range(2))
         rates = [_LEARNING_RATES[0] ** (1.0 - part) * _LEARNING_RATES[1] ** part for part in (done, now)]
         batches = max(round(passes[number] * len(actions) / _BATCH_SIZE), 1)
@@ -63,27 +71,59 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
             np.geomspace(rates[0], rates[1], batches),
             random,
         )
+    _fly_policy(model, env, observation, observations[labels], actions[labels], np.zeros((env.num_envs, 1)), random)
     with torch.no_grad():
         error = _mean_action(model, torch.as_tensor(observations[labels])) - torch.as_tensor(actions[labels])
     return float(error.pow(2).mean().sqrt())
 
 
-def _act(
-    model: Any, env: SB3VecEnv, observation: Any, observations: Any, actions: Any, teacher: bool, random: Any
-) -> Any:
-    """Fill the arrays with the observations of a round and their labels, and return the next observation.
+def _noise(rows: int, random: Any) -> Any:
+    """Return the standard deviation of the noise of each row, from 0 to `_NOISE`, shape (n, 1)."""
+    return _NOISE * random.permutation(np.linspace(0.0, 1.0, rows))[:, np.newaxis] ** 2
 
-    The standard deviation of the noise differs between the sub-environments, from 0 to `_NOISE`.
+
+def _fly_teacher(env: SB3VecEnv, observations: Any, actions: Any, episode: int, random: Any) -> Any:
+    """Fill the arrays with labels of a flight of the base controller, and return the next observation.
+
+    Args:
+        env: Training environment.
+        observations: Array for the observations, shape (k · n, m) for n rows.
+        actions: Array for the labels, shape (k · n, 4).
+        episode: Control steps of an episode. The flight has at least as many; labels are kept from k of its steps.
+        random: Random generator.
     """
-    wrapper = _hybrid_wrapper(env.env)
-    noise = _NOISE * random.permutation(np.linspace(0.0, 1.0, env.num_envs))[:, np.newaxis] ** 2
-    for start in range(0, len(actions), env.num_envs):
-        label = wrapper.base_action
-        observations[start : start + env.num_envs], actions[start : start + env.num_envs] = observation, label
-        action = label if teacher else model.predict(observation, deterministic=True)[0]
-        noisy = action + noise * random.normal(size=action.shape)
-        observation = env.step(np.clip(noisy, -1.0, 1.0).astype(np.float32))[0]
+    rows, wrappers, noise = env.num_envs, hybrid_wrappers(env.env), _noise(env.num_envs, random)
+    flown = max(episode, len(actions) // rows)
+    kept = np.sort(random.choice(flown, len(actions) // rows, replace=False))
+    share = rows // len(wrappers)
+    begins = np.tile(random.permutation(share) * episode // share, len(wrappers))  # step of a row's second episode
+    observation, start = env.reset(), 0
+    for step in range(flown):
+        if step and (begun := begins == step).any():
+            observation = env.restart(begun)
+        label = _base_action(wrappers)
+        if start < len(actions) and step == kept[start // rows]:
+            observations[start : start + rows], actions[start : start + rows] = observation, label
+            start += rows
+        observation = _step(env, label, noise, random)
     return observation
+
+
+def _fly_policy(
+    model: Any, env: SB3VecEnv, observation: Any, observations: Any, actions: Any, noise: Any, random: Any
+) -> Any:
+    """Fill the arrays with observations of a flight of the policy and their labels, and return the next observation."""
+    rows, wrappers = env.num_envs, hybrid_wrappers(env.env)
+    for start in range(0, len(actions), rows):
+        observations[start : start + rows], actions[start : start + rows] = observation, _base_action(wrappers)
+        observation = _step(env, model.predict(observation, deterministic=True)[0], noise, random)
+    return observation
+
+
+def _step(env: SB3VecEnv, action: Any, noise: Any, random: Any) -> Any:
+    """Take a step with noise of the standard deviation `noise` on the actions, and return the next observation."""
+    noisy = action + noise * random.normal(size=action.shape)
+    return env.step(np.clip(noisy, -1.0, 1.0).astype(np.float32))[0]
 
 
 def _fit(model: Any, optimizer: Any, observations: Any, actions: Any, learning_rates: Any, random: Any) -> None:
@@ -112,8 +152,5 @@ def _actor_parameters(model: Any) -> list[Any]:
     return [*model.policy.mlp_extractor.policy_net.parameters(), *model.policy.action_net.parameters()]
 
 
-def _hybrid_wrapper(env: Any) -> VectorHybridWrapper:
-    """Return the hybrid's wrapper among the wrappers of the training environment."""
-    while not isinstance(env, VectorHybridWrapper):
-        env = env.env
-    return env
+def _base_action(wrappers: Sequence[VectorHybridWrapper]) -> Any:
+    return np.concatenate([wrapper.base_action for wrapper in wrappers])

@@ -1,6 +1,6 @@
 """Create the training environment from settings: scenarios, hybrid, history, reward and action repeat."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -15,48 +15,50 @@ from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.policies.adaptation import adapt_policy, known_loop
 from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_train.training.settings import TrainSettings
 
 
 def concatenate_scenarios(
-    scenarios: Sequence[Scenario], num_envs: int, max_episode_steps: int | None = None
+    scenarios: Sequence[Scenario],
+    num_envs: int,
+    max_episode_steps: int | None = None,
+    hybrid: Mapping[str, Any] | None = None,
 ) -> VectorEnv[Any, Any, Any]:
     """Return one vector environment with an equal number of sub-environments of each scenario and same-step autoreset.
+
+    Each scenario has a hybrid of its own, since base controllers know its delays and lags, as in evaluation.
 
     Args:
         scenarios: The scenarios.
         num_envs: Number of sub-environments in all, a multiple of the number of scenarios.
         max_episode_steps: Control steps after which an episode is truncated; None: those of each scenario.
-
-    Raises:
-        ValueError: If the scenarios have different observations or different nominal simulations.
-    """
-    share = num_envs // len(scenarios)
-    envs = [scenario.make_vec(share, AutoresetMode.SAME_STEP, max_episode_steps) for scenario in scenarios]
-    return envs[0] if len(envs) == 1 else ConcatenatedVectorEnv(envs)
-
-
-def add_policy_wrappers(env: VectorEnv[Any, Any, Any], settings: TrainSettings) -> VectorEnv[Any, Any, Any]:
-    """Wrap `env` with the hybrid and the history of the settings.
+        hybrid: The data of a hybrid to put around the environment of each scenario; None: there is no hybrid.
 
     Raises:
         TypeError: If the base controller does not support the hybrid's mode.
-        ValueError: If a scenario has rotors as actuators, which base controllers cannot command, or the hybrid does not
-            accept the observation of `env`.
+        ValueError: If the scenarios have different observations or different nominal simulations, or the hybrid does
+            not accept an observation.
     """
-    if data := settings.hybrid.as_data():
-        names = expand_sets((*settings.curriculum, *settings.scenarios))
-        models = [model for name in names for model in find_scenario(name).actuators]
-        if any(isinstance(model, Rotors) for model in models):
-            raise ValueError(
-                f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
-                " of a hybrid in a scenario with rotors as actuators"
-            )
-        env = VectorHybridWrapper(env, hybrid_from_data(data))
-    if settings.history > 1 or settings.history_actions:
-        env = VectorHistoryWrapper(env, settings.history, settings.history_actions)
-    return env
+    share = num_envs // len(scenarios)
+    envs = [scenario.make_vec(share, AutoresetMode.SAME_STEP, max_episode_steps) for scenario in scenarios]
+    if hybrid:
+        made = hybrid_from_data(hybrid)
+        envs = [
+            VectorHybridWrapper(env, made, known_loop(scenario)) for env, scenario in zip(envs, scenarios, strict=True)
+        ]
+    return envs[0] if len(envs) == 1 else ConcatenatedVectorEnv(envs)
+
+
+def _check_rotors(settings: TrainSettings) -> None:
+    """Raise ValueError if a scenario of a hybrid has rotors as actuators, which base controllers cannot command."""
+    names = expand_sets((*settings.curriculum, *settings.scenarios)) if settings.hybrid.base_controller else ()
+    if any(isinstance(model, Rotors) for name in names for model in find_scenario(name).actuators):
+        raise ValueError(
+            f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
+            " of a hybrid in a scenario with rotors as actuators"
+        )
 
 
 def scenarios_at(settings: TrainSettings, timesteps: int) -> tuple[str, ...]:
@@ -64,6 +66,23 @@ def scenarios_at(settings: TrainSettings, timesteps: int) -> tuple[str, ...]:
     if timesteps >= settings.curriculum_steps:
         return settings.scenarios
     return (settings.curriculum[timesteps * len(settings.curriculum) // settings.curriculum_steps],)
+
+
+def episode_steps(settings: TrainSettings) -> int:
+    """Return the largest number of control steps of an episode at the beginning of the training."""
+    return settings.max_episode_steps or max(
+        find_scenario(name).steps for name in expand_sets(scenarios_at(settings, 0))
+    )
+
+
+def hybrid_wrappers(env: Any) -> list[VectorHybridWrapper]:
+    """Return the wrappers of the hybrids under a training environment, one for each scenario; none without a hybrid."""
+    while not isinstance(env, VectorHybridWrapper | ConcatenatedVectorEnv):
+        if not hasattr(env, "env"):
+            return []
+        env = env.env
+    parts = env.envs if isinstance(env, ConcatenatedVectorEnv) else [env]
+    return [part for part in parts if isinstance(part, VectorHybridWrapper)]
 
 
 def check_curriculum(settings: TrainSettings) -> None:
@@ -82,18 +101,27 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
 
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
-    """Return the training environment for Stable-Baselines3 at a timestep of the training."""
+    """Return the training environment for Stable-Baselines3 at a timestep of the training.
+
+    Raises:
+        TypeError: If the base controller does not support the hybrid's mode.
+        ValueError: If a scenario of a hybrid has rotors as actuators, or the scenarios or the hybrid do not fit, see
+            `concatenate_scenarios`.
+    """
+    _check_rotors(settings)
     names = expand_sets(scenarios_at(settings, timesteps))
     scenarios = [_with_reward(find_scenario(name), settings.reward) for name in names]
     steps, hybrid = settings.max_episode_steps or None, settings.hybrid
-    env = add_policy_wrappers(concatenate_scenarios(scenarios, settings.num_envs, steps), settings)
+    env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data())
+    if settings.history > 1 or settings.history_actions:
+        env = VectorHistoryWrapper(env, settings.history, settings.history_actions)
     if hybrid.baseline_relative_reward:
-        baseline, simulation = concatenate_scenarios(scenarios, settings.num_envs, steps), scenarios[0].simulation
-        base_controller = controller(hybrid.base_controller, simulation)
+        baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)
+        base_controllers = [adapt_policy(controller(hybrid.base_controller), scenario) for scenario in scenarios]
         gamma = settings.gamma ** (1.0 / hybrid.action_repeat)  # discount factor of a control step
         # A penalty of c is the largest return of c steps of the default period: of the same time at any period.
-        penalty = hybrid.failure_penalty * (CONTROL_PERIOD / simulation.period)
-        env = BaselineRelativeReward(env, baseline, base_controller, gamma, penalty)
+        penalty = hybrid.failure_penalty * (CONTROL_PERIOD / scenarios[0].simulation.period)
+        env = BaselineRelativeReward(env, baseline, base_controllers, gamma, penalty)
     if hybrid.action_repeat > 1:
         env = ActionRepeat(env, hybrid.action_repeat)
     return SB3VecEnv(env, settings.reward_scale)

@@ -1,14 +1,12 @@
 """Validation: score a policy in its training scenarios, in episodes that are not used for training."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_baselines.policy.rollout import rollout
-from quadpend_train.evaluation.episodes import VALIDATION_SEED, collect_results
-from quadpend_train.scenarios import expand_sets, find_scenario
-from quadpend_train.training.environment import concatenate_scenarios
+from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
+from quadpend_train.scenarios import expand_sets
 from quadpend_train.training.settings import TrainSettings
 
 
@@ -32,18 +30,18 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     """Run a policy in the training scenarios of a run.
 
     Args:
-        policy: The policy. If it has a base controller, that is designed for the nominal simulation of the scenarios.
+        policy: The policy. As in evaluation, `adapt_policy` adapts it to each scenario.
         settings: The settings of the run.
-        seed: The seed of the first episode.
+        seed: The seed of the first episode of the first scenario; episodes of different scenarios have different seeds.
 
     Returns:
         Survival and penalised RMSE (m), see `Score`; means over `n_eval_episodes` episodes of each scenario.
     """
-    scenarios = [find_scenario(name) for name in expand_sets(settings.scenarios)]
-    env = concatenate_scenarios(scenarios, settings.n_eval_episodes * len(scenarios))
-    adaptable: Any = policy
-    if hasattr(policy, "with_simulation"):
-        policy = adaptable.with_simulation(scenarios[0].simulation)
-    lengths = np.repeat([scenario.steps for scenario in scenarios], settings.n_eval_episodes)
-    results = collect_results(rollout(policy, env, seed), lengths, scenarios[0].simulation.period)
-    return float(results.survived.mean()), float(results.penalised_rmse.mean())
+    episodes = settings.n_eval_episodes
+    results = [
+        run_episodes([policy], name, episodes, seed + number * episodes)
+        for number, name in enumerate(expand_sets(settings.scenarios))
+    ]
+    survived = np.concatenate([result.survived for result in results], axis=1)
+    rmse = np.concatenate([result.penalised_rmse for result in results], axis=1)
+    return float(survived.mean()), float(rmse.mean())

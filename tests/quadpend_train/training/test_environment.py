@@ -1,0 +1,70 @@
+"""The training environment gives a policy what evaluation gives it."""
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from numpy.testing import assert_array_equal
+
+from quadpend_train.policies.adaptation import adapt_policy
+from quadpend_train.scenarios import find_scenario
+from quadpend_train.training import dagger
+from quadpend_train.training.environment import make_env
+from quadpend_train.training.settings import HybridSettings, TrainSettings
+from quadpend_train.training.train import initial_model
+from tests.helpers.policies import mlp_policy
+from tests.helpers.training import BRIEF
+
+DELAYED = {"wind": "breeze", "sensors": {"kind": "delay", "steps": 3}}
+
+
+def observed_in_training(policy: Any, settings: TrainSettings, steps: int) -> Any:
+    env = make_env(settings)
+    env.seed(5)
+    observed = [env.reset()]
+    for _ in range(steps):
+        observed.append(env.step(policy.forward(observed[-1]))[0])
+    return observed[:-1]
+
+
+@pytest.mark.parametrize(
+    ("mode", "scenario"),
+    [
+        ("estimate_only", "training_lagged"),
+        ("estimate_only", json.dumps({**DELAYED, "loop_known": False})),
+        ("residual_action", json.dumps(DELAYED)),
+        ("bandwidth_scheduling", json.dumps(DELAYED)),
+    ],
+)
+def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, scenario: str) -> None:
+    """Also in the second of two scenarios, of which only this one has delays that the base controller knows."""
+    settings = replace(
+        BRIEF, scenarios=("calm", scenario), num_envs=4, batch_size=64, hybrid=HybridSettings("flatness", mode)
+    )
+    policy = mlp_policy(49 if mode == "residual_action" else 45, **settings.policy_interface())
+    expected = observed_in_training(policy, settings, 40)
+    adapted, env = adapt_policy(policy, found := find_scenario(scenario)), found.make_vec(2, AutoresetMode.SAME_STEP)
+    observation, memory, started = env.reset(seed=7)[0], None, np.ones(2, np.bool_)  # rows 2 and 3 of the training
+    for seen in expected:
+        action, memory = adapted.predict(observation, memory, started)
+        assert_array_equal(memory.observations[:, -1], seen[2:])
+        observation, _, terminated, truncated, _ = env.step(action)
+        started = terminated | truncated
+
+
+def test_labels_of_a_brief_imitation_are_spread_over_the_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+    times: list[Any] = []
+    base_action = dagger._base_action
+
+    def record(wrappers: Any) -> Any:
+        times.append(np.concatenate([wrapper.unwrapped.world.clock for wrapper in wrappers]))
+        return base_action(wrappers)
+
+    monkeypatch.setattr(dagger, "_base_action", record)
+    hybrid = HybridSettings("flatness", imitation_timesteps=16 * 10 * 2)
+    initial_model(replace(BRIEF, scenarios=("calm", "windy"), max_episode_steps=50, hybrid=hybrid), None)
+    of_the_second_round = times[50:52]
+    assert_array_equal(np.histogram(of_the_second_round, bins=[0, 10, 20, 30, 40, 50])[0] >= 4, True)
