@@ -16,11 +16,12 @@ precision, which represents small numbers with a small absolute error.
 A force d on the quadrotor enters at F⁽⁴⁾ = F₅ + δ with δ = −g d/(M l), which the paper's control law neglects. The
 *matched* law (`AdrcGains.mismatch` = 1) estimates δ where it enters, with one more DESO for x and one for y:
 
-    (6)  y = g r_xy − F̈_d,     ÿ = (F₅ − F_d⁽⁴⁾) + δ
+    (6)  y = K (g r_xy − F̈_d),     ÿ = K (F₅ − F_d⁽⁴⁾) + K δ
 
-It uses F₅ + δ̂ for F⁽⁴⁾ in (3) and in the Luenberger stage, and the derivative of F₅ + δ̂ for F⁽⁵⁾. The same holds for a
-constant force on the bob, which enters at F̈. By (1) and (2), ϑ = K δ + g K (t/I − n̈): ϑ also contains the difference
-between the nominal angular acceleration and the true one, that is, errors of the inertia, the rate loop and the gyro.
+With the factor K, the disturbance K δ has the unit and the size of ϑ, so that these DESOs have the gains of those of
+(2). The law uses F₅ + δ̂ for F⁽⁴⁾ in (3) and in the Luenberger stage, and the derivative of F₅ + δ̂ for F⁽⁵⁾. The same
+holds for a constant force on the bob, which enters at F̈. By (1) and (2), ϑ = K δ + g K (t/I − n̈): ϑ also contains the
+difference between the nominal angular acceleration and the true one: errors of the inertia, the rate loop and the gyro.
 So the law subtracts ϑ̂ in (3), but does not take ϑ̂/K for δ̂, which a biased gyro makes an estimate of a false force.
 
 The paper assumes ψ → 0. This implementation rotates roll and pitch by ψ into the axes of the world (n and t above),
@@ -268,10 +269,8 @@ class ADRC:
         model, p = equivalent_model(self.simulation), self._parameters
         arm = p.quadrotor_mass * p.rod_length / (1.0 - model.pivot_share)
         out = Disturbance(np.zeros((estimate.shape[0], DISTURBANCE_SIZE)))
-        theta = estimate[:, HORIZONTAL, DISTURBANCE]
-        if self.gains.mismatch:
-            theta = p.chain_stiffness * estimate[:, FORCE, DISTURBANCE]
-        out.force[:, :2] = -theta * arm / self._stiffness
+        observers = FORCE if self.gains.mismatch else HORIZONTAL
+        out.force[:, :2] = -estimate[:, observers, DISTURBANCE] * arm / self._stiffness
         out.force[:, 2] = (estimate[:, HEIGHT, DISTURBANCE] + p.gravity) * p.total_mass
         out.torque[:, 2] = estimate[:, YAW, DISTURBANCE] * p.inertia_yaw
         return out.array
@@ -310,7 +309,9 @@ class ADRC:
         fourth = self.fourth_derivative(measurement) - measurement.reference_derivative(4)[:, :2]
         error = measurement.error
         outputs = [error[:, :2], fourth, error[:, 2], measurement.yaw_error]
-        return np.column_stack([*outputs, self._acceleration(measurement)] if self.gains.mismatch else outputs)
+        if self.gains.mismatch:
+            outputs.append(self._parameters.chain_stiffness * self._acceleration(measurement))
+        return np.column_stack(outputs)
 
     def _acceleration(self, measurement: AdrcMeasurement) -> Floats:
         """Return g r_xy − F̈_d of equation (6), m/s², shape (n, 2)."""
@@ -350,7 +351,7 @@ class ADRC:
 
     def _compensated(self, estimate: Floats, order: int) -> Floats | float:
         """Return the part of δ̂ (m/s⁴, order 0) or of its rate (order 1) that is fed back, shape (n, 2)."""
-        share = self.gains.mismatch
+        share = self.gains.mismatch / self._parameters.chain_stiffness
         return np.asarray(share * estimate[:, FORCE, DISTURBANCE + order]) if share else 0.0
 
     def _vertical_feedback(self, acceleration: Floats, estimate: Floats) -> Floats:
@@ -363,13 +364,15 @@ class ADRC:
         p = self._parameters
         thrust, roll, pitch, yaw = command.T
         fourth = self.fourth_derivative(measurement)
-        error = fourth - measurement.reference_derivative(4)[:, :2]
         angular_acceleration = np.stack([pitch / p.inertia_pitch, -roll / p.inertia_roll], axis=-1)
         horizontal = p.chain_stiffness * fourth - self._stiffness * rotate(angular_acceleration, measurement.yaw, 0)
+        reference = measurement.reference_derivative(4)[:, :2]
         inputs = [
-            fourth + self._compensated(estimate, VALUE) - measurement.reference_derivative(4)[:, :2],
+            fourth + self._compensated(estimate, VALUE) - reference,
             horizontal - measurement.reference_derivative(6)[:, :2],
             self._thrust_gain(measurement) * thrust - measurement.reference_derivative(2)[:, 2],
             yaw / p.inertia_yaw - measurement.yaw_acceleration,
         ]
-        return np.column_stack([*inputs, error] if self.gains.mismatch else inputs)
+        if self.gains.mismatch:
+            inputs.append(p.chain_stiffness * (fourth - reference))
+        return np.column_stack(inputs)
