@@ -7,7 +7,7 @@ The differentiable dynamics f follow the flight, so that the derivatives of the 
     (1)  o_t  = observation of the environment,     ∂o_t/∂z_t = ∂s(p)/∂z     s: the part that depends on the state
     (2)  a_t  = clip(π(o_t), −1, 1)
     (3)  x_{t+1} = state of the environment,        ∂x_{t+1}/∂(x_t, a_t) = ∂f/∂(x_t, a_t)
-    (4)  J    = mean over rows and steps of c(x_{t+1}, a_t)
+    (4)  J    = w_R · mean over scenarios of R  +  mean over rows and steps of c(x_{t+1}, a_t)
 
 z_t = (x_t, y_t, a_{t−1}) has the actions under way and the lagged actions y_t. p(z_t) is the state at the time when
 a_t acts, to which an observer carries its estimate forward through the known delays and lags; without them p = x_t. In
@@ -16,9 +16,12 @@ a_t acts, to which an observer carries its estimate forward through the known de
 The error of the observation, o − s(p), is taken to be independent of the policy. That holds for a linear observer whose
 model of the loop is exact. It does not hold where actions or measurements are delayed or lagged and the observer does
 not know it (``loop_known = false``), nor where measurements are delayed and no observer predicts: there the gradient of
-J has an error. The cost of a step is
+J has an error.
 
-    (5)  c = w₂ |e|² + w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ
+R is the root mean square of the tracking error over the rows and steps of a scenario, the measure of the published
+results; the mean of the squares over all scenarios would be that of the hardest scenario. The further cost of a step is
+
+    (5)  c = w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ
 
     (6)  ℓ = Σ max(0.6 − m, 0)²
 
@@ -94,7 +97,7 @@ class APG(OnPolicyAlgorithm):
         unused: dict[str, Any] = {"n_steps": 1, "gae_lambda": 1.0, "ent_coef": 0.0, "vf_coef": 0.0}
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
-        self._plant = Plant(scenarios, self.n_envs)
+        self._scenarios, self._plant = scenarios, Plant(scenarios, self.n_envs)
         tasks = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
         limits = torch.tensor([limit_row(task.limits) for task in tasks])
         self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
@@ -120,7 +123,8 @@ class APG(OnPolicyAlgorithm):
         started = torch.as_tensor(np.asarray(self._last_episode_starts))[:, None]
         memory = torch.where(started, torch.zeros_like(self._memory), self._memory.detach())
         state = _gather(everything, "state")
-        cost, last, self._falls = torch.zeros(()), torch.zeros(env.num_envs, ACTION_SIZE), 0
+        last, self._falls = torch.zeros(env.num_envs, ACTION_SIZE), 0
+        squares, cost = torch.zeros(env.num_envs), torch.zeros(())
         for _ in range(self.apg.window):
             physics, wind = as_physics(_gather(everything, "parameters")), _gather(everything, "wind")
             time = self._plant.simulation.period * (1.0 + _gather(everything, "clock"))
@@ -128,7 +132,8 @@ class APG(OnPolicyAlgorithm):
             action = self._mean_action(torch.cat([state, memory, last], dim=1))
             last = action.clamp(-1.0, 1.0)
             after, memory = self._plant.step(as_motion(state), last, wind, physics, memory)
-            cost = cost + self._step_cost(after, action, target, physics.rod_length)
+            squared, further = self._step_cost(after, action, target, physics.rod_length)
+            squares, cost = squares + squared, cost + further
             self._last_obs, rewards, ended, infos = env.step(last.detach().numpy())
             self._last_episode_starts = ended
             self.num_timesteps += env.num_envs
@@ -144,7 +149,9 @@ class APG(OnPolicyAlgorithm):
             memory, last = flying * memory, flying * last
             if state.requires_grad:
                 state.register_hook(self._limit_gradient)  # type: ignore[no-untyped-call]
-        self._cost, self._memory = cost / (self.apg.window * env.num_envs), memory.detach()
+        rmse = torch.sqrt(squares.view(len(self._scenarios), -1).mean(dim=1) / self.apg.window + 1e-6)
+        self._cost = self.apg.rmse * rmse.mean() + cost / (self.apg.window * env.num_envs)
+        self._memory = memory.detach()
         callback.on_rollout_end()
         return True
 
@@ -178,18 +185,18 @@ class APG(OnPolicyAlgorithm):
         mean: Tensor = distribution.mean
         return mean
 
-    def _step_cost(self, motion: Motion, action: Tensor, target: Tensor, rod_length: Tensor) -> Tensor:
-        """Return the sum over the rows of equation (5)."""
+    def _step_cost(self, motion: Motion, action: Tensor, target: Tensor, rod_length: Tensor) -> tuple[Tensor, Tensor]:
+        """Return |e|² of each row, shape (n,), and the sum over the rows of equation (5)."""
         w, tracking = self.apg, tracking_errors(motion, rod_length, target)
         squared = (tracking.error**2).sum(dim=1)
-        cost = w.squared_error * squared + w.error * torch.sqrt(squared + 1e-8)
+        cost = w.error * torch.sqrt(squared + 1e-8)
         cost = cost + w.yaw * tracking.yaw_error[:, 0] ** 2
         cost = cost + w.effort * (action**2).sum(dim=1) + w.rate * (motion.euler_rate**2).sum(dim=1)
         excess = torch.relu(action.abs() - 1.0)
         near = margins(motion, tracking, rod_length, self._limits)[:3]
         lean = torch.relu(0.6 - torch.cat(near, dim=1))
         total: Tensor = (cost + w.lean * (lean**2).sum(dim=1) + (excess**2).sum(dim=1)).sum()
-        return total
+        return squared, total
 
     def _limit_gradient(self, gradient: Tensor) -> Tensor:
         """Limit the norm of the gradient of each row, which grows without bound while a row falls."""

@@ -11,8 +11,8 @@ class ApgSettings:
 
     window: int = 100
     """Control steps through which gradients are propagated; one gradient step per window."""
-    squared_error: float = 100.0
-    """Weight w₂ of the squared tracking error, 1/m²."""
+    rmse: float = 6.0
+    """Weight w_R of the root mean square of the tracking error, mean over the scenarios, 1/m."""
     error: float = 0.1
     """Weight w₁ of the tracking error, 1/m."""
     yaw: float = 0.1
@@ -30,7 +30,7 @@ class ApgSettings:
 
     def __post_init__(self) -> None:
         check_int(self.window, "window", 1)
-        for name in ("squared_error", "error", "yaw", "effort", "rate", "lean"):
+        for name in ("rmse", "error", "yaw", "effort", "rate", "lean"):
             check_number(getattr(self, name), name, 0.0)
         for name in ("max_grad_norm", "max_state_gradient"):
             check_positive(getattr(self, name), name)
