@@ -179,7 +179,7 @@ class APG(OnPolicyAlgorithm):
 
     def _mean_action(self, inputs: Tensor) -> Tensor:
         """Return π(o), with the derivative of equation (1); `inputs` is z, shape (n, 18 + k + 4)."""
-        difference = (inputs - inputs.detach()).unflatten(0, (len(self._sensitivity), -1))
+        difference = (inputs - inputs.detach()).view(len(self._sensitivity), -1, inputs.shape[1])
         observed = torch.as_tensor(self._last_obs) + (difference @ self._sensitivity).flatten(0, 1)
         distribution: Any = self.policy.get_distribution(observed).distribution
         mean: Tensor = distribution.mean
