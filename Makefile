@@ -40,7 +40,7 @@ results: .venv/.installed  ## docs/results.md: learned policies and classical co
 FLYERS := flatness lqi lqr adrc-matched
 vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, from large tilts, and as flown in an experiment
 	$(BIN)/quadpend vehicles $(FLYERS) --parts as-flown --episodes 200 --seed $(TEST_SEED) --jobs 2 --out docs/vehicles-results --document docs/vehicles-results.md
-	$(BIN)/quadpend vehicles $(FLYERS) ppo-hummingbird --parts presets recovery leaderboard --episodes 100 --seed $(TEST_SEED) --jobs 2 \
+	$(BIN)/quadpend vehicles $(FLYERS) ppo-hummingbird sac-hummingbird --parts presets recovery leaderboard --episodes 100 --seed $(TEST_SEED) --jobs 2 \
 		--out docs/vehicles-results --document docs/vehicles-results.md
 
 bound: .venv/.installed  ## docs/bound.md: the best flights of episodes whose wind is known in advance, and the gap to them

@@ -18,6 +18,7 @@ LEARNERS = (
     "ppo-gain-scheduling-hover",
     "sac-gain-scheduling-hover",
     "ppo-hummingbird",
+    "sac-hummingbird",
 )
 FILES = sorted(SHIPPED.glob("*.npz"))
 
