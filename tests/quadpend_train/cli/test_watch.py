@@ -1,5 +1,6 @@
 """`quadpend watch` shows policies side by side in the same episode, in a window or in a file."""
 
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -66,7 +67,9 @@ def test_a_recording_agrees_with_the_evaluated_episode(name: str, scenario: str)
 
 @pytest.mark.parametrize("name", ["adrc-matched", "flatness", "ppo-gain-scheduling-0"])
 def test_a_recording_contains_the_policys_estimate_of_the_wind(name: str) -> None:
-    scenario = find_scenario('{"wind": {"kind": "constant", "force": [0.3, -0.2, 0.1]}, "duration": 6.0}')
+    """At hover, where ADRC's conversion of its estimates to a force is valid."""
+    wind = {"kind": "constant", "force": [0.3, -0.2, 0.1]}
+    scenario = find_scenario(json.dumps({"wind": wind, "duration": 6.0, "env_id": "QuadPendulumHover-v0"}))
     recorded = record_episode(name, load_policy(name), scenario, SEED)
     assert_allclose(recorded.disturbance[:, :3], [[0.3, -0.2, 0.1]] * len(recorded.snapshots))
     assert_allclose(recorded.estimate[500:, :3].mean(axis=0), [0.3, -0.2, 0.1], atol=0.01)

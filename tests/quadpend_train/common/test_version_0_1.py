@@ -21,7 +21,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import Policy
+from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.estimation.chains import DISTURBANCE, FORCE, HORIZONTAL
 from quadpend_baselines.gains import GAINS
 from quadpend_train.common.version_0_1 import current_card, current_name, current_settings, provenance_file
 from quadpend_train.evaluation.episodes import run_episodes
@@ -57,6 +59,25 @@ def flatness_without_estimate_of_the_mass(monkeypatch: pytest.MonkeyPatch) -> It
         gains_for.cache_clear()
         yield
     gains_for.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def matched_law_without_estimate_of_the_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give `adrc-matched` its law of version 0.1, which took ϑ̂/K for the force."""
+
+    def compensated(law: ADRC, estimate: Any, order: int) -> Any:
+        share = law.gains.mismatch / law.simulation.parameters.chain_stiffness
+        return share * estimate[:, HORIZONTAL, DISTURBANCE + order]
+
+    def disturbance(law: ADRC, estimate: Any) -> Any:
+        old = estimate.copy()
+        if law.gains.mismatch:
+            old[:, FORCE] = old[:, HORIZONTAL]
+        return of_present_law(law, old)
+
+    of_present_law = ADRC._disturbance
+    monkeypatch.setattr(ADRC, "_compensated", compensated)
+    monkeypatch.setattr(ADRC, "_disturbance", disturbance)
 
 
 def same_machine() -> bool:
