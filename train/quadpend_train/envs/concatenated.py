@@ -21,8 +21,8 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     The info has only ``tracking_error``, ``tilt`` and ``reward_terms``, beside the keys of same-step autoreset.
 
     Args:
-        envs: QuadPendulum vector environments, wrapped or not, with same-step autoreset, equal observation spaces and
-            equal nominal simulations.
+        envs: QuadPendulum vector environments or concatenations of them, wrapped or not, with same-step autoreset,
+            equal observation spaces and equal nominal simulations.
 
     Raises:
         ValueError: If `envs` is empty, or the environments differ in one of these properties.
@@ -36,7 +36,7 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
         for env in envs:
             if (mode := env.metadata.get("autoreset_mode")) is not AutoresetMode.SAME_STEP:
                 raise ValueError(f"envs must have autoreset_mode {AutoresetMode.SAME_STEP}, not {mode}")
-            if not isinstance(env.unwrapped, QuadPendulumVectorEnv):
+            if not isinstance(env.unwrapped, QuadPendulumVectorEnv | ConcatenatedVectorEnv):
                 raise ValueError(f"envs must be QuadPendulum vector environments, not {env}")
             if env.single_observation_space != first.single_observation_space:
                 raise ValueError(
@@ -102,15 +102,15 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
 
 
 def worlds(env: VectorEnv[Any, Any, Any]) -> list[Any]:
-    """Return the worlds under an environment: those of the parts of a `ConcatenatedVectorEnv`, or the only one."""
+    """Return the worlds under an environment: those of all parts of a `ConcatenatedVectorEnv`, or the only one."""
     unwrapped: Any = env.unwrapped
-    return [_world(part) for part in unwrapped.envs] if isinstance(unwrapped, ConcatenatedVectorEnv) else [_world(env)]
+    if isinstance(unwrapped, ConcatenatedVectorEnv):
+        return [world for part in unwrapped.envs for world in worlds(part)]
+    return [unwrapped.world]
 
 
 def _world(env: VectorEnv[Any, Any, Any]) -> Any:
-    unwrapped: Any = env.unwrapped
-    assert isinstance(unwrapped, QuadPendulumVectorEnv)
-    return unwrapped.world
+    return worlds(env)[0]
 
 
 def _concatenate(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -105,7 +105,11 @@ class APG(OnPolicyAlgorithm):
         share = self.n_envs // len(scenarios)
         self._phase = np.tile(np.arange(share) * self._episode_windows // share, len(scenarios))
         self._memory = self._plant.initial_memory()
-        loops = [getattr(item.hybrid.base_controller, "predicted_loop", Loop()) for item in hybrid_wrappers(env.env)]
+        loops = [
+            getattr(item.hybrid.base_controller, "predicted_loop", Loop())
+            for item in hybrid_wrappers(env.env)
+            for _ in worlds(item)
+        ]
         size, memory_size = self.observation_space.shape[0], self._plant.memory_size  # type: ignore[index]
         self._sensitivity = torch.stack(
             [

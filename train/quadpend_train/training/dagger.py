@@ -22,6 +22,7 @@ import numpy as np
 import torch
 
 from quadpend_baselines.hybrid import VectorHybridWrapper
+from quadpend_train.envs.concatenated import worlds
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.training.environment import episode_steps, hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
@@ -95,8 +96,9 @@ def _fly_teacher(env: SB3VecEnv, observations: Any, actions: Any, episode: int, 
     rows, wrappers, noise = env.num_envs, hybrid_wrappers(env.env), _noise(env.num_envs, random)
     flown = max(episode, len(actions) // rows)
     kept = np.sort(random.choice(flown, len(actions) // rows, replace=False))
-    share = rows // len(wrappers)
-    begins = np.tile(random.permutation(share) * episode // share, len(wrappers))  # step of a row's second episode
+    count = len(worlds(env.env))
+    share = rows // count
+    begins = np.tile(random.permutation(share) * episode // share, count)  # step of a row's second episode
     observation, start = env.reset(), 0
     for step in range(flown):
         if step and (begun := begins == step).any():

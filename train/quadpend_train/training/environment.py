@@ -1,6 +1,7 @@
 """Create the training environment from settings: scenarios, hybrid, history, reward and action repeat."""
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -28,7 +29,8 @@ def concatenate_scenarios(
 ) -> VectorEnv[Any, Any, Any]:
     """Return one vector environment with an equal number of sub-environments of each scenario and same-step autoreset.
 
-    Each scenario has a hybrid of its own, since base controllers know its delays and lags, as in evaluation.
+    Neighbouring scenarios share a hybrid if they have the same delays and lags, which base controllers know as in
+    evaluation.
 
     Args:
         scenarios: The scenarios.
@@ -43,11 +45,14 @@ def concatenate_scenarios(
     """
     share = num_envs // len(scenarios)
     envs = [scenario.make_vec(share, AutoresetMode.SAME_STEP, max_episode_steps) for scenario in scenarios]
-    if hybrid:
-        made = hybrid_from_data(hybrid)
-        envs = [
-            VectorHybridWrapper(env, made, known_loop(scenario)) for env, scenario in zip(envs, scenarios, strict=True)
-        ]
+    if not hybrid:
+        return _concatenated(envs)
+    made, pairs = hybrid_from_data(hybrid), zip(scenarios, envs, strict=True)
+    groups = [(loop, [env for _, env in group]) for loop, group in groupby(pairs, lambda pair: known_loop(pair[0]))]
+    return _concatenated([VectorHybridWrapper(_concatenated(group), made, loop) for loop, group in groups])
+
+
+def _concatenated(envs: Sequence[VectorEnv[Any, Any, Any]]) -> VectorEnv[Any, Any, Any]:
     return envs[0] if len(envs) == 1 else ConcatenatedVectorEnv(envs)
 
 
@@ -76,7 +81,7 @@ def episode_steps(settings: TrainSettings) -> int:
 
 
 def hybrid_wrappers(env: Any) -> list[VectorHybridWrapper]:
-    """Return the wrappers of the hybrids under a training environment, one for each scenario; none without a hybrid."""
+    """Return the wrappers of the hybrids under a training environment, in the order of its rows; none without a hybrid."""
     while not isinstance(env, VectorHybridWrapper | ConcatenatedVectorEnv):
         if not hasattr(env, "env"):
             return []
