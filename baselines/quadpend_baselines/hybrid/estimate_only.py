@@ -8,12 +8,15 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.base_controller import (
     change_simulation,
     computes_action_later,
+    control_period,
+    estimate,
     estimate_size,
     find_base_controller,
     name_of_base_controller,
     observe_ahead,
 )
 from quadpend_baselines.hybrid.protocol import HybridMemory
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.state import ACTION_SIZE
@@ -27,21 +30,25 @@ class EstimateOnly:
 
     Args:
         base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
+        situation: Whether the policy also observes the situation, see `quadpend_baselines.hybrid.situation`.
 
     Raises:
-        TypeError: If the controller does not estimate the disturbance.
+        TypeError: If the controller does not estimate the disturbance, or `situation` is not a boolean.
         ValueError: If there is no controller with this name.
     """
 
     kind: ClassVar[str] = "estimate_only"
 
-    def __init__(self, base_controller: Any = "adrc-matched") -> None:
+    def __init__(self, base_controller: Any = "adrc-matched", situation: bool = False) -> None:
         """Find the base controller."""
         self.base_controller, self.base_controller_name = find_base_controller(base_controller)
+        if not isinstance(situation, bool):
+            raise TypeError(f"situation must be true or false, not {situation!r}")
+        self.situation = situation
 
     def observation_size(self, size: int) -> int:
         """Return the size of the policy's observation; see `Hybrid.observation_size`."""
-        return estimate_size(self.base_controller, size)
+        return estimate_size(self.base_controller, size) + self.situation * SITUATION_SIZE
 
     def observe(
         self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
@@ -52,8 +59,15 @@ class EstimateOnly:
             self.base_controller, observation, last, episode_start
         )
         base_action = np.zeros((len(observation), ACTION_SIZE), np.float32) if action is None else action
-        policy_observation = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
-        return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)))
+        observed, now = [estimated, disturbance], ()
+        if self.situation:
+            present, _ = estimate(self.base_controller, observation, controller_memory)
+            known = None if memory is None else memory.situation
+            period = control_period(self.base_controller)
+            now = update_situation(known, episode_start, observation, present, disturbance, period)
+            observed.append(situation_inputs(now))
+        policy_observation = np.concatenate(observed, axis=1, dtype=np.float32)
+        return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)), now)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""
@@ -72,4 +86,5 @@ class EstimateOnly:
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data; see `Hybrid.as_data`."""
-        return {"kind": self.kind, "base_controller": name_of_base_controller(self)}
+        data = {"kind": self.kind, "base_controller": name_of_base_controller(self)}
+        return {**data, "situation": True} if self.situation else data

@@ -20,6 +20,7 @@ The policy's observation contains, in this order,
 | the observation of the base controller's state estimate; without one, the environment's | 36 or 27 | its own    |
 | the estimated disturbance, with the layout of ``info["disturbance"]``                   | 9        | 1 N, 1 N·m |
 | the action of the base controller; with `ResidualAction` only                           | 4        | 1          |
+| the situation, see `situation`; with ``EstimateOnly(situation=True)`` only              | 12       | its own    |
 
 `ResidualAction` and `BandwidthScheduling` multiply the part of the observation that depends on the state, and the base
 controller's action, by ten, because the base controller keeps these values small.
@@ -38,6 +39,7 @@ class HybridMemory(NamedTuple):
     controller: Any  # memory of the base controller
     base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
     anomaly_score: Floats  # q of equation (4), (n,); zeros without a fallback gain
+    situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
 
 
 class Hybrid(Protocol):

@@ -86,6 +86,9 @@ class HybridSettings:
     mode: Literal["estimate_only", "residual_action", "bandwidth_scheduling"] = "estimate_only"
     """Use of the policy's action. estimate_only: it acts alone, on the base controller's estimates. residual_action: it
     is added to the base controller's action. bandwidth_scheduling: it scales the base controller's bandwidths."""
+    situation: bool = False
+    """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
+    estimate_only."""
     action_scale: float = 1.0
     """Factor κ in (0, 3] on the policy's action, with residual_action and bandwidth_scheduling."""
     fallback_gain: float = 0.0
@@ -118,6 +121,8 @@ class HybridSettings:
             raise ValueError("imitation_timesteps needs a base_controller")
         if not alone and self.imitation_timesteps:
             raise ValueError(f"imitation_timesteps must be 0 with mode {self.mode!r}, not {self.imitation_timesteps}")
+        if self.situation and not (alone and self.base_controller):
+            raise ValueError("situation needs the mode 'estimate_only' and a base_controller")
         if alone and self.action_repeat > 1:
             raise ValueError(f"action_repeat must be 1 with mode 'estimate_only', not {self.action_repeat}")
         if alone and self.fallback_gain:
@@ -133,7 +138,7 @@ class HybridSettings:
             return None
         data = {"kind": self.mode, "base_controller": self.base_controller}
         if self.mode == "estimate_only":
-            return data
+            return {**data, "situation": True} if self.situation else data
         return {**data, "action_scale": self.action_scale, "fallback_gain": self.fallback_gain}
 
 
