@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from quadpend_baselines import controller
 from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_gym import Simulation
-from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
+from quadpend_train.envs.concatenated import ConcatenatedVectorEnv, worlds
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, draw_actions, make, make_vec, run_actions
@@ -229,8 +229,19 @@ BAD: dict[str, tuple[Any, str]] = {
         lambda: [SyncVectorEnv([make] * 2, autoreset_mode=AutoresetMode.SAME_STEP)],
         "QuadPendulum",
     ),
-    "a concatenated environment": (lambda: [ConcatenatedVectorEnv([make_two()])], "must be QuadPendulum"),
 }
+
+
+def test_a_concatenation_of_concatenations_gives_the_same_as_one_of_all_parts() -> None:
+    first, *rest = parts()
+    flat, nested = ConcatenatedVectorEnv(parts()), ConcatenatedVectorEnv([first, ConcatenatedVectorEnv(rest)])
+    assert_same(flat.reset(seed=0), nested.reset(seed=0))
+    for actions in biased_actions(40, ROWS):
+        *returned, info = flat.step(actions)
+        *others, other = nested.step(actions)
+        assert_same(returned, others)
+        assert_same(info.get("final_obs"), other.get("final_obs"))
+    assert [world.num_envs for world in worlds(nested)] == [world.num_envs for world in worlds(flat)]
 
 
 @pytest.mark.parametrize(("envs", "names"), BAD.values(), ids=BAD.keys())

@@ -52,6 +52,11 @@ COMMANDS = {
         "Train with and without each part of a learner, and tabulate the differences.",
         "finished runs are saved, and the same command continues",
     ),
+    "situation": Command(
+        "studies.situation",
+        "Measure what a policy gains from observing the situation, compared with the situation held at its mean.",
+        _RESULTS_ARE_CACHED,
+    ),
     "vehicles": Command(
         "vehicles.vehicles",
         "Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.",

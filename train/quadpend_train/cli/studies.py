@@ -1,17 +1,20 @@
-"""The commands of the studies: `tune`, `ablate`, `wind` and `paper`.
+"""The commands of the studies: `tune`, `ablate`, `situation`, `wind` and `paper`.
 
 The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
 `quadpend --help` starts quickly.
 """
 
 import json
+import shlex
 from pathlib import Path
 
 import tyro
 
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.validation import check_int
-from quadpend_train.cli.options import named_model, writable_folder
+from quadpend_train.cli.options import make_console, named_model, writable_folder
+from quadpend_train.evaluation.cache import FOLDER
+from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.scenarios import with_changes
 
 
@@ -78,6 +81,49 @@ def ablate(
     outcomes = ablations.run(out, seeds, names or tuple(ablations.ABLATIONS))
     if document:
         ablations.document(outcomes, document)
+
+
+def situation(
+    policy: tyro.conf.Positional[str],
+    scenarios: tuple[str, ...] = ("uncertain", "lagged", "noisy", "dryden_severe", "upset"),
+    episodes: int = 100,
+    seed: int = VALIDATION_SEED,
+    out: Path = Path("results/situation"),
+    jobs: int = 1,
+    cache: Path = FOLDER,
+    document: Path | None = None,
+) -> None:
+    """Measure what a policy gains from observing the situation, compared with the situation held at its mean.
+
+    Args:
+        policy: A policy trained with hybrid.situation = true, as in evaluate; several training seeds count as one.
+        scenarios: Scenarios, as in evaluate.
+        episodes: Episodes in each scenario.
+        seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
+        out: Folder for situation.md (the table) and situation.json (its numbers).
+        jobs: Number of processes; the results do not depend on it.
+        cache: Folder of cached results of the policy; only missing results are computed.
+        document: Markdown file in which to update the part "situation".
+    """
+    from quadpend_train.common import documents
+    from quadpend_train.common.provenance import provenance
+    from quadpend_train.studies import situation as study
+
+    for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
+        check_int(value, name, least)
+    if document:
+        documents.check(document, ["situation"])
+    for folder, name in ((out, "out"), (cache, "cache")):
+        writable_folder(folder, name)
+    measured = study.measure(policy, list(scenarios), episodes, seed, cache, jobs)
+    table, made = study.markdown(measured), provenance()
+    study.save(measured, {**made, "episodes": episodes, "seed": seed}, out / "situation.json")
+    (out / "situation.md").write_text(table + "\n", encoding="utf-8")
+    if document:
+        command = f"`{shlex.join(made['command'])}`: {episodes} episodes in each scenario, seeds from {seed}."
+        documents.fill(document, {"situation": f"{command}\n\n{table}"})
+    make_console().print(table, highlight=False, markup=False)
+    print(f"Written: {out}/situation.md, situation.json")
 
 
 def wind(

@@ -81,7 +81,7 @@ def episode_steps(settings: TrainSettings) -> int:
 
 
 def hybrid_wrappers(env: Any) -> list[VectorHybridWrapper]:
-    """Return the wrappers of the hybrids under a training environment, in the order of its rows; none without a hybrid."""
+    """Return the wrappers of the hybrids under a training environment, in the order of its rows, if there are any."""
     while not isinstance(env, VectorHybridWrapper | ConcatenatedVectorEnv):
         if not hasattr(env, "env"):
             return []

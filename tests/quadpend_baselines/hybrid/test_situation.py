@@ -1,0 +1,74 @@
+"""What the policy observes of noise and wind over the last second."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from quadpend_baselines.hybrid import EstimateOnly, HybridWrapper, VectorHybridWrapper, hybrid_from_data
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
+from quadpend_gym.sensors import Noise
+from quadpend_gym.wrappers import OutputFeedbackWrapper, VectorOutputFeedbackWrapper, VectorSensorWrapper
+
+HYBRID = {"kind": "estimate_only", "base_controller": "flatness", "situation": True}
+
+
+def flown(steps=60, **options):
+    """Return the situation that a policy observes when the flatness-based controller flies."""
+    env = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=3, wind=options.get("wind"))
+    if "noise" in options:
+        env = VectorSensorWrapper(env, options["noise"])
+    env = VectorHybridWrapper(env, HYBRID)
+    observation, _ = env.reset(seed=0)
+    for _ in range(steps):
+        observation, *_ = env.step(env.base_action)
+    return observation[:, -SITUATION_SIZE:]
+
+
+def test_a_constant_signal_has_its_own_root_mean_square_from_the_first_step():
+    observation, disturbance = np.zeros((2, 36), np.float32), np.tile(np.repeat([2.0, 0.5, 0.1], 3), (2, 1))
+    situation = None
+    for _ in range(3):
+        situation = update_situation(situation, np.zeros(2, bool), observation, observation, disturbance, 0.01)
+    np.testing.assert_allclose(situation_inputs(situation)[:, 6:], [[2.0, 0.5, 0.1, 0.0, 0.0, 0.0]] * 2)
+    assert not situation_inputs(situation)[:, :6].any()
+
+
+def test_a_new_episode_forgets_the_last_one():
+    observation, loud, calm = np.zeros((2, 36), np.float32), np.ones((2, 9)), np.zeros((2, 9))
+    before = update_situation(None, np.ones(2, bool), observation, observation, loud, 0.01)
+    after = situation_inputs(update_situation(before, np.array([True, False]), observation, observation, calm, 0.01))
+    assert not after[0].any()
+    assert after[1].any()
+
+
+def test_noise_is_seen_in_the_residual_and_wind_in_the_disturbance():
+    calm, noisy = flown(), flown(noise=Noise(position=0.002, direction=0.002))
+    windy = flown(wind="windy")
+    assert (noisy[:, :6].max(axis=1) > 5 * calm[:, :6].max(axis=1)).all()
+    assert (windy[:, 6] > 5 * calm[:, 6]).all()
+
+
+@pytest.mark.parametrize("output_feedback", [False, True])
+def test_single_and_vector_environments_observe_the_same(output_feedback):
+    env = gym.make("quadpend_gym:QuadPendulum-v0", wind="windy")
+    envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=2, wind="windy")
+    if output_feedback:
+        env, envs = OutputFeedbackWrapper(env), VectorOutputFeedbackWrapper(envs)
+    single, vector = HybridWrapper(env, hybrid_from_data(HYBRID)), VectorHybridWrapper(envs, HYBRID)
+    one, _ = single.reset(seed=5)
+    many, _ = vector.reset(seed=5)
+    for _ in range(4):
+        np.testing.assert_array_equal(one, many[0])
+        one, *_ = single.step(np.full(4, 0.05, np.float32))
+        many, *_ = vector.step(np.full((2, 4), 0.05, np.float32))
+    assert one.shape == (45 + SITUATION_SIZE,)
+
+
+def test_the_hybrid_survives_conversion_to_data_and_back():
+    assert hybrid_from_data(HYBRID).as_data() == HYBRID
+    assert "situation" not in EstimateOnly("flatness").as_data()
+
+
+def test_situation_must_be_true_or_false():
+    with pytest.raises(TypeError, match="situation must be true or false, not 1"):
+        EstimateOnly("flatness", 1)

@@ -1,0 +1,39 @@
+"""Policies that observe the situation, with and without it."""
+
+import numpy as np
+import pytest
+
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE
+from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
+from quadpend_train.studies import situation
+
+HYBRID = {"kind": "estimate_only", "base_controller": "flatness", "situation": True}
+
+
+def adaptive_policy(scales=(8.0,)):
+    random, size = np.random.default_rng(0), 45 + SITUATION_SIZE
+    shapes = [((1 + len(scales)) * size, 5), (5, 4)]
+    layers = [(0.1 * random.normal(size=shape).astype(np.float32), np.zeros(shape[1], np.float32)) for shape in shapes]
+    card = {"format": FORMAT, "activation": "tanh", "squashed": False, "hybrid": HYBRID, "input_scales": list(scales)}
+    card |= {"action_repeat": 1, "history": 1, "history_actions": 0, "settings": {"scenarios": ["windy"]}}
+    return MlpPolicy(layers, card)
+
+
+def test_the_held_policy_acts_as_the_policy_in_that_situation():
+    policy = adaptive_policy()
+    held = np.linspace(0.0, 1.0, SITUATION_SIZE, dtype=np.float32)
+    inputs = np.random.default_rng(1).normal(size=(6, 45)).astype(np.float32)
+    expected = policy.forward(np.concatenate([inputs, np.tile(held, (6, 1))], axis=1))
+    np.testing.assert_allclose(situation.without_situation(policy, held).forward(inputs), expected, atol=1e-6)
+
+
+def test_a_policy_that_does_not_observe_the_situation_is_refused():
+    with pytest.raises(ValueError, match="flatness does not observe the situation"):
+        situation.adaptive_policies("flatness")
+
+
+def test_the_mean_situation_of_wind_is_that_of_its_force(monkeypatch):
+    monkeypatch.setattr(situation, "EPISODES_OF_MEAN", 2)
+    mean = situation.mean_situation(adaptive_policy())
+    assert mean.shape == (SITUATION_SIZE,)
+    assert mean[6] > 0.1  # N
