@@ -42,6 +42,7 @@ def test_the_bound_is_below_the_policies_and_its_episodes_are_planned_once(
         1.0 - found["lqr"]["gap"]["value"] / found["flatness"]["gap"]["value"]
     )
     assert "| short | ≥ 100 |" in document.read_text()
+    assert (tmp_path / "bound.png").is_file()
     settled = run_episodes([controller("flatness")], find_scenario(SHORT), 2, 3000000).settled_rmse
     assert found["flatness"]["settled_rmse"]["value"] == pytest.approx(1000.0 * settled.mean())
     assert document.read_text().count("settled (mm)") == 3  # of the clairvoyant, flatness and lqr

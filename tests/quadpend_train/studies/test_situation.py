@@ -1,9 +1,12 @@
 """Policies that observe the situation, with and without it."""
 
+import json
+
 import numpy as np
 import pytest
 
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
+from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.studies import situation
 
@@ -37,3 +40,19 @@ def test_the_mean_situation_of_wind_is_that_of_its_force(monkeypatch):
     mean = situation.mean_situation(adaptive_policy())
     assert mean.shape == (SITUATION_SIZE,)
     assert mean[6] > 0.1  # N
+
+
+def test_the_command_writes_the_differences_of_each_scenario(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(situation, "EPISODES_OF_MEAN", 2)
+    adaptive_policy().save(tmp_path / "mine.npz")
+    document = tmp_path / "page.md"
+    document.write_text("<!-- begin situation -->\n<!-- end situation -->\n")
+    scenario = json.dumps({"wind": "windy", "duration": 0.2})
+    options = ["--episodes=3", f"--out={tmp_path}", f"--cache={tmp_path / 'cache'}", f"--document={document}"]
+    main(["situation", str(tmp_path / "mine.npz"), "--scenarios", f"short={scenario}", *options])
+    capsys.readouterr()
+    row = json.loads((tmp_path / "situation.json").read_text())["results"]["short"]
+    assert row["penalised_rmse"]["value"] == pytest.approx(row["adaptive"]["value"] - row["held"]["value"])
+    assert row["penalised_rmse"]["value"] != 0.0
+    assert "| short |" in document.read_text()
+    assert (tmp_path / "situation.png").is_file()

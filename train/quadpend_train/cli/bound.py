@@ -40,8 +40,8 @@ def bound(
         scenarios: Scenarios, as in evaluate.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
-        out: Folder for bound.csv (one line for each episode), bound.md (the table) and bound.json (its numbers).
-            Episodes in bound.csv are not planned again.
+        out: Folder for bound.csv (one line for each episode), bound.md (the table), bound.json (its numbers) and
+            bound.png. Episodes in bound.csv are not planned again.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results of the policies; only missing results are computed.
         recompute: Plan all episodes again, also those in bound.csv.
@@ -50,6 +50,7 @@ def bound(
     from quadpend_train.common import documents
     from quadpend_train.common.provenance import provenance
     from quadpend_train.evaluation.comparison import compare
+    from quadpend_train.reports import figures
     from quadpend_train.scenarios import find_scenario
     from quadpend_train.studies import bound as study
 
@@ -72,9 +73,12 @@ def bound(
     made = provenance()
     data = {"provenance": made, "episodes": episodes, "seed": seed, "results": study.as_data(found, measured)}
     (out / "bound.json").write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    shown = {scenario: {name: gap.gap for name, gap in row.items()} for scenario, row in measured.items()}
+    label = "penalised RMSE minus that of the best flight that was found (mm)"
+    figures.write_png(figures.interval_figure(shown, label, log=True), out / "bound.png")
     (out / "bound.md").write_text(table + "\n", encoding="utf-8")
     if document:
         command = f"`{shlex.join(made['command'])}`: {episodes} episodes in each scenario, seeds from {seed}."
         documents.fill(document, {PART: f"{command}\n\n{table}"})
     make_console().print(table, highlight=False, markup=False)
-    print(f"Written: {out}/bound.csv, bound.md, bound.json")
+    print(f"Written: {out}/bound.csv, bound.md, bound.json, bound.png")

@@ -12,7 +12,7 @@ import tyro
 
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.validation import check_int
-from quadpend_train.cli.options import make_console, named_model, writable_folder
+from quadpend_train.cli.options import make_console, named_model, named_scenarios, writable_folder
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.scenarios import with_changes
@@ -100,13 +100,14 @@ def situation(
         scenarios: Scenarios, as in evaluate.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
-        out: Folder for situation.md (the table) and situation.json (its numbers).
+        out: Folder for situation.md (the table), situation.json (its numbers) and situation.png.
         jobs: Number of processes; the results do not depend on it.
         cache: Folder of cached results of the policy; only missing results are computed.
         document: Markdown file in which to update the part "situation".
     """
     from quadpend_train.common import documents
     from quadpend_train.common.provenance import provenance
+    from quadpend_train.reports import figures
     from quadpend_train.studies import situation as study
 
     for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
@@ -115,15 +116,16 @@ def situation(
         documents.check(document, ["situation"])
     for folder, name in ((out, "out"), (cache, "cache")):
         writable_folder(folder, name)
-    measured = study.measure(policy, list(scenarios), episodes, seed, cache, jobs)
+    measured = study.measure(policy, named_scenarios(scenarios), episodes, seed, cache, jobs)
     table, made = study.markdown(measured), provenance()
     study.save(measured, {**made, "episodes": episodes, "seed": seed}, out / "situation.json")
     (out / "situation.md").write_text(table + "\n", encoding="utf-8")
+    figures.write_png(figures.interval_figure(study.gains(measured), study.LABEL), out / "situation.png")
     if document:
         command = f"`{shlex.join(made['command'])}`: {episodes} episodes in each scenario, seeds from {seed}."
         documents.fill(document, {"situation": f"{command}\n\n{table}"})
     make_console().print(table, highlight=False, markup=False)
-    print(f"Written: {out}/situation.md, situation.json")
+    print(f"Written: {out}/situation.md, situation.json, situation.png")
 
 
 def wind(

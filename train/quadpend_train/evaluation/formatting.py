@@ -6,12 +6,14 @@ from quadpend_train.evaluation.statistics import Interval
 
 
 def format_number(value: float, like: float | None = None) -> str:
-    """Return a number with none, one or two decimals, so that it shows about three digits.
+    """Return a number with none, one or two decimals, so that it shows about three digits; a dash for nan.
 
     Args:
         value: Number to format.
         like: Number whose size determines the decimals; None: `value` itself.
     """
+    if np.isnan(value):
+        return "–"
     size = abs(value if like is None else like)
     return f"{value:.{0 if size >= 100 else 1 if size >= 10 else 2}f}"
 

@@ -2,8 +2,13 @@
 
 import io
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+from quadpend_train.evaluation.statistics import Interval
 
 # Colours of Okabe and Ito, which people with colour-vision deficiencies can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -83,6 +88,41 @@ def set_log_scale(axis: Any, low: float, high: float) -> None:
     axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,), numticks=12))
     axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.yaxis.set_minor_locator(NullLocator())
+
+
+def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log: bool = False) -> Any:
+    """Return a figure with a line of points and intervals for each row, one point for each series.
+
+    Args:
+        rows: Intervals by the names of row and series; all rows have the same series. Series i has the colour of
+            policy i.
+        label: Label of the horizontal axis.
+        log: Whether the horizontal scale is logarithmic; otherwise a line marks zero.
+    """
+    names = list(next(iter(rows.values())))
+    figure = new_figure(7.0, 0.9 + (0.14 + 0.11 * len(names)) * len(rows))
+    ((axis,),) = add_axes(figure, 1, 1)
+    for i, name in enumerate(names):
+        values, low, high = np.array([row[name] for row in rows.values()]).T
+        height = np.arange(len(rows)) + (i - 0.5 * (len(names) - 1)) * 0.7 / len(names)
+        axis.errorbar(
+            values, height, xerr=[values - low, high - values], fmt="o", markersize=4, color=colour(i), label=name
+        )
+    axis.set_yticks(range(len(rows)), list(rows))
+    axis.invert_yaxis()
+    axis.set_xlabel(label)
+    if log:
+        from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+
+        axis.set_xscale("log")
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.xaxis.set_minor_locator(NullLocator())
+    else:
+        axis.axvline(0.0, color="#888888", linewidth=0.8)
+    axis.grid(axis="x", color="#dddddd", linewidth=0.5)
+    figure.legend(loc="outside upper center", ncols=min(len(names), 4), frameon=False)
+    return figure
 
 
 def add_legend(figure: Any, names: tuple[str, ...]) -> None:

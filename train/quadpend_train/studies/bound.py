@@ -245,15 +245,11 @@ def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str,
         cells = [scenario, f"≥ {survived:.3g}", *best]
         for policy in policies:
             gap = measured[scenario][policy]
-            cells += [format_number(gap.rmse.value), _number_or_dash(gap.settled_rmse.value), format_interval(gap.gap)]
+            cells += [format_number(gap.rmse.value), format_number(gap.settled_rmse.value), format_interval(gap.gap)]
             if policy != FIRST_GUESS:
                 cells.append("–" if np.isnan(gap.closed) else f"{100.0 * gap.closed:.0f}")
         rows.append(cells)
     return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
-
-
-def _number_or_dash(value: float) -> str:
-    return "–" if np.isnan(value) else format_number(value)
 
 
 def as_data(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, Mapping[str, Gap]]) -> dict[str, Any]:

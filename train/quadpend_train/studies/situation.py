@@ -6,7 +6,7 @@ same episodes. The difference is what the network gains from telling the situati
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
 
 EPISODES_OF_MEAN = 32  # of each training scenario
+LABEL = "RMSE with the situation minus RMSE with its mean (mm)"
 _HELD = "held at its mean"
 
 
@@ -70,13 +71,13 @@ def without_situation(policy: MlpPolicy, held: Floats32) -> MlpPolicy:
 
 
 def measure(
-    name: str, scenarios: Sequence[str], episodes: int, seed: int, cache: Path | None, jobs: int
+    name: str, scenarios: Mapping[str, Any], episodes: int, seed: int, cache: Path | None, jobs: int
 ) -> dict[str, dict[str, Interval]]:
     """Return, for each scenario, the metrics of the policy, of the policy without situation, and their differences.
 
     Args:
         name: Name of the policy, see `load_policies`.
-        scenarios: Names of the scenarios.
+        scenarios: Scenarios by name, as for `compare`.
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         cache: Folder of cached results of the policy.
@@ -106,6 +107,12 @@ def markdown(measured: Mapping[str, Mapping[str, Interval]]) -> str:
     headings += ["difference (mm)", "where both survive (mm)", "survival (points)"]
     rows = [[scenario, *(format_interval(value) for value in row.values())] for scenario, row in measured.items()]
     return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+
+
+def gains(measured: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str, Interval]]:
+    """Return the differences for the figure, in mm, by scenario; their axis has the label `LABEL`."""
+    shown = {"all episodes, a fall counts as 1 m": "penalised_rmse", "episodes that both survive": "rmse"}
+    return {scenario: {label: row[key] for label, key in shown.items()} for scenario, row in measured.items()}
 
 
 def save(measured: Mapping[str, Mapping[str, Interval]], provenance: Mapping[str, Any], path: Path) -> None:

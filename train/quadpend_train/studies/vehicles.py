@@ -140,7 +140,7 @@ def _flight(results: EpisodeResults, error: str = "penalised_rmse") -> str:
     """Return an error in mm, after the survival if that is below 100 %."""
     summary = summarise(results)
     value, survival = summary[error].value, summary["survival"].value
-    number = "–" if np.isnan(value) else format_number(value)
+    number = format_number(value)
     return number if survival == 100.0 else f"{number} ({survival:.3g} %)"
 
 

@@ -97,7 +97,7 @@ class APG(OnPolicyAlgorithm):
         unused: dict[str, Any] = {"n_steps": 1, "gae_lambda": 1.0, "ent_coef": 0.0, "vf_coef": 0.0}
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
-        self._scenarios, self._plant = scenarios, Plant(scenarios, self.n_envs)
+        self._plant = Plant(scenarios, self.n_envs)
         tasks = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
         limits = torch.tensor([limit_row(task.limits) for task in tasks])
         self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
@@ -153,7 +153,7 @@ class APG(OnPolicyAlgorithm):
             memory, last = flying * memory, flying * last
             if state.requires_grad:
                 state.register_hook(self._limit_gradient)  # type: ignore[no-untyped-call]
-        rmse = torch.sqrt(squares.view(len(self._scenarios), -1).mean(dim=1) / self.apg.window + 1e-6)
+        rmse = torch.sqrt(squares.view(len(self._sensitivity), -1).mean(dim=1) / self.apg.window + 1e-6)
         self._cost = self.apg.rmse * rmse.mean() + cost / (self.apg.window * env.num_envs)
         self._memory = memory.detach()
         callback.on_rollout_end()
