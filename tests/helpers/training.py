@@ -27,9 +27,10 @@ BRIEF = TrainSettings(
     net_arch=(8,),
     n_eval_episodes=2,
     ppo=PpoSettings(n_steps=16, n_epochs=1),
-    sac=SacSettings(gradient_steps=1, buffer_size=1024, learning_starts=64),
 )
-BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32)
+# What `replace` changes in them for SAC and TQC
+SAC = {"ppo": PpoSettings(), "sac": SacSettings(gradient_steps=1, buffer_size=1024, learning_starts=64)}
+BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32, **SAC)  # type: ignore[arg-type]
 
 
 def train_policy(settings: TrainSettings, folder: Path, **options: Any) -> MlpPolicy:

@@ -197,7 +197,15 @@ def test_settings_file_with_old_names_is_read(tmp_path: Path) -> None:
             failure_penalty=2.0,
         ),
         ppo=PpoSettings(n_steps=32, n_epochs=2, ent_coef=0.1, log_std_init=-1.0, critic_warmup_steps=9),
-        sac=SacSettings(ent_coef_init=0.2, tau=0.1),
+    )
+
+
+def test_the_tables_of_other_algorithms_in_an_old_file_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "old.toml"
+    tables = "[ppo]\nepochs = 2\n[sac]\ninitial_entropy_coefficient = 0.2\ntau = 0.1\n"
+    path.write_text(f"algo = 'sac'\ntotal_steps = 1024\n{tables}", encoding="utf-8")
+    assert read_settings(str(path)) == TrainSettings(
+        algo="sac", total_timesteps=1024, sac=SacSettings(ent_coef_init=0.2, tau=0.1)
     )
 
 

@@ -11,8 +11,8 @@ import torch
 from stable_baselines3.common.callbacks import CallbackList
 
 from quadpend_gym import RewardWeights
+from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.algorithms import load_model, make_model
-from quadpend_train.training.apg_settings import ApgSettings
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings
 from tests.helpers.bad_input import assert_refused

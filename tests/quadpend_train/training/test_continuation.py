@@ -17,7 +17,7 @@ from quadpend_train.training.settings import HybridSettings, TrainSettings, read
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.policies import mlp_policy
-from tests.helpers.training import BRIEF, BRIEF_SAC, interrupt_at, model_of, train_policy, trained_arrays
+from tests.helpers.training import BRIEF, BRIEF_SAC, SAC, interrupt_at, model_of, train_policy, trained_arrays
 
 SHORTER = replace(BRIEF, total_timesteps=512, save_freq=256)
 SHORTER_SAC = replace(BRIEF_SAC, total_timesteps=256, save_freq=128)
@@ -92,7 +92,7 @@ def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
         ({"input_scales": (8.0,)}, r"has input_scales None, but the settings have \[8.0\]"),
         ({"history": 2}, "has history 1, but the settings have 2"),
         ({"hybrid": RESIDUAL}, "has hybrid None, but the settings have {'kind': 'residual_action'"),
-        ({"algo": "sac"}, "has squashed False, but the settings have True"),
+        ({"algo": "sac", **SAC}, "has squashed False, but the settings have True"),
         ({"start_from": "adrc-paper"}, "must be a learned policy with a feedforward network, not adrc-paper"),
         ({"start_from": "nix"}, "there is no policy 'nix'"),
         ({"start_from": "ppo-gain-scheduling-0"}, "ppo-gain-scheduling-0 has .*, but the settings have"),

@@ -9,6 +9,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
 
+from quadpend_train.envs.concatenated import worlds
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import find_scenario
 from quadpend_train.training import dagger
@@ -60,7 +61,7 @@ def test_labels_of_a_brief_imitation_are_spread_over_the_episode(monkeypatch: py
     base_action = dagger._base_action
 
     def record(wrappers: Any) -> Any:
-        times.append(np.concatenate([wrapper.unwrapped.world.clock for wrapper in wrappers]))
+        times.append(np.concatenate([world.clock for wrapper in wrappers for world in worlds(wrapper)]))
         return base_action(wrappers)
 
     monkeypatch.setattr(dagger, "_base_action", record)

@@ -15,7 +15,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
-from quadpend_train.training.apg_settings import ApgSettings
+from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.settings import HybridSettings, PpoSettings, TrainSettings
 from tests.helpers.envs import assert_same
 from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, interrupt_at, model_of, train_policy, trained_arrays
@@ -51,6 +51,7 @@ RUNS: dict[str, TrainSettings] = {
         scenarios=(SHORT, LAGGED),
         hybrid=HybridSettings("adrc-matched"),
         batch_size=1024,
+        ppo=PpoSettings(),
         apg=ApgSettings(window=8),
         eval_freq=256,
     ),

@@ -18,6 +18,7 @@ from quadpend_train.training.settings import (
     TrainSettings,
     from_mapping,
     read_settings,
+    settings_of_card,
     to_mapping,
 )
 from tests.helpers.bad_input import assert_refused
@@ -35,7 +36,6 @@ EVERYTHING = TrainSettings(
     reward=RewardWeights(tip=0.1),
     eval_freq=100,
     patience=3,
-    ppo=PpoSettings(n_epochs=9),
     sac=SacSettings(tau=0.1),
 )
 
@@ -46,7 +46,8 @@ def test_settings_survive_json(settings: TrainSettings) -> None:
     assert from_mapping(data, "JSON") == settings
     assert TrainSettings(**data) == settings
     assert hash(from_mapping(data, "JSON")) == hash(settings)
-    assert set(data) == {field.name for field in fields(TrainSettings)}
+    others = {"ppo": {"sac", "apg"}, "tqc": {"ppo", "apg"}}[settings.algo]
+    assert set(data) == {field.name for field in fields(TrainSettings)} - others
 
 
 @pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)
@@ -99,6 +100,19 @@ def test_settings_are_read_from_the_card_of_a_policy(tmp_path: Path) -> None:
     mlp_policy(36).save(tmp_path / "exported.npz")
     assert_refused(lambda: read_settings(str(tmp_path / "exported.npz")), "exported.npz.* settings", ValueError)
     assert_refused(lambda: read_settings(str(tmp_path / "nix.npz")), "nix.npz", ValueError)
+
+
+def test_settings_of_another_algorithm_are_refused_and_left_out_of_a_card() -> None:
+    for algo, given in (
+        ("sac", {"ppo": {"n_epochs": 9}}),
+        ("ppo", {"sac": {"tau": 0.1}}),
+        ("tqc", {"apg": {"window": 9}}),
+    ):
+        (table,) = given
+        message = f"the settings in {table} are for algo .* only: they must be left out with algo '{algo}'"
+        assert_refused(lambda: from_mapping({"algo": algo, **given}, "a test"), message, ValueError)  # noqa: B023
+    old = {"settings": {"algo": "sac", "ppo": {"n_epochs": 9}, "sac": {"tau": 0.1}}}
+    assert settings_of_card(old, "old") == TrainSettings(algo="sac", sac=SacSettings(tau=0.1))
 
 
 def test_scenario_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Path) -> None:

@@ -285,7 +285,8 @@ def test_gsde_noise_is_sampled_every_sde_sample_freq_steps(
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
 @pytest.mark.parametrize("sde_sample_freq", [0, 4])
 def test_hybrid_starts_close_to_its_base_controller(algo: str, sde_sample_freq: int) -> None:
-    settings = replace(BRIEF, hybrid=RESIDUAL, algo=algo, sde_sample_freq=sde_sample_freq)
+    brief = BRIEF if algo == "ppo" else BRIEF_SAC
+    settings = replace(brief, hybrid=RESIDUAL, algo=algo, sde_sample_freq=sde_sample_freq)
     model = make_model(settings, make_env(settings), None)
     inputs = np.random.default_rng(0).normal(size=(50, 49)).astype(np.float32)
     alone = replace(settings, hybrid=HybridSettings("flatness"))
@@ -314,7 +315,7 @@ def test_imitation_reduces_the_error_in_every_round(algo: str, monkeypatch: pyte
     monkeypatch.setattr(dagger, "_BATCH_SIZE", 32)
     training.initial_model(
         replace(
-            BRIEF,
+            BRIEF if algo == "ppo" else BRIEF_SAC,
             algo=algo,
             scenarios=("calm",),
             num_envs=64,

@@ -16,7 +16,7 @@ from quadpend_train.common.files import to_json_data
 from quadpend_train.policies.loading import load_policy, own_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.own import FactoryPolicy, fingerprint, source
-from quadpend_train.training.settings import TrainSettings, to_mapping
+from quadpend_train.training.settings import TrainSettings, settings_of_card
 
 _NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
 
@@ -108,9 +108,11 @@ def _training(card: Mapping[str, Any]) -> Lines:
             f" {card['seconds']:.0f} s, seed {card['seed']}"
         ),
     )
-    defaults = json_format.loads(json_format.dumps(to_mapping(TrainSettings())))
-    changed = _flat(settings).items() - _flat(defaults).items()
-    shown = {name: value for name, value in _flat(settings).items() if (name, value) in changed}
+    used = settings_of_card(card, "the policy")
+    given, default = (
+        _flat(json_format.loads(json_format.dumps(data))) for data in (asdict(used), asdict(TrainSettings()))
+    )
+    shown = {name: value for name, value in given.items() if value != default[name]}
     yield "settings", f"{_pairs(shown)}; the others have their default values"
     yield (
         "score",

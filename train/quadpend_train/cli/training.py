@@ -16,7 +16,7 @@ import tyro
 
 from quadpend_train.cli.options import writable_file, writable_folder
 from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
-from quadpend_train.training.settings import ALGORITHMS, TrainSettings, from_mapping, read_settings
+from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
 
 DEFAULT_SETTINGS = "demo"
 DEFAULT_OUT = Path("runs/latest")
@@ -161,7 +161,7 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
         if scenario_hash(find_scenario(name)) != trained_in:
             raise ValueError(f"the scenario {name} has changed since {policy} was trained in it")
     start.check_reproducible(original.card, policy)
-    settings = from_mapping(original.card["settings"], f"the card of {policy}")
+    settings = settings_of_card(original.card, policy)
     reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
     if largest := weight_difference(original, reproduced):
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")

@@ -65,7 +65,7 @@ from quadpend_train.differentiable.plant import Plant, check_covered
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_train.scenarios.scenario import ENVIRONMENTS
-from quadpend_train.training.apg_settings import ApgSettings
+from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
 

@@ -1,6 +1,7 @@
 """Training settings: dataclasses with the default values, and functions that read settings from files."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -15,66 +16,14 @@ from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy, check_input_scales
 from quadpend_train.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
-from quadpend_train.training.apg_settings import ApgSettings
+from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
 
 PRESETS = Path(__file__).with_name("presets")
 SB3_ALGORITHMS = ("ppo", "sac", "tqc")
 REPLAY_ALGORITHMS = ("sac", "tqc")  # with a replay buffer
 ALGORITHMS = (*SB3_ALGORITHMS, "apg")
-
-
-@dataclass(frozen=True)
-class PpoSettings:
-    """Settings of PPO only."""
-
-    n_steps: int = 64
-    """Steps of each sub-environment per rollout."""
-    n_epochs: int = 3
-    """Epochs of optimisation per rollout."""
-    gae_lambda: float = 0.95
-    """Factor λ of generalised advantage estimation."""
-    clip_range: float = 0.2
-    """Clipping range of the probability ratio of new and old policy."""
-    ent_coef: float = 0.0
-    """Coefficient of the entropy bonus in the loss."""
-    log_std_init: float = 0.0
-    """Initial logarithm of the standard deviation of the action noise."""
-    critic_warmup_steps: int = 0
-    """Timesteps at the beginning in which only the critic is trained, for policies that perform well from the start."""
-
-    def __post_init__(self) -> None:
-        for name in ("n_steps", "n_epochs"):
-            check_int(getattr(self, name), name, 1)
-        check_int(self.critic_warmup_steps, "critic_warmup_steps", 0)
-        check_number(self.gae_lambda, "gae_lambda", 0.0, 1.0)
-        check_positive(self.clip_range, "clip_range")
-        check_number(self.ent_coef, "ent_coef", 0.0)
-        check_number(self.log_std_init, "log_std_init")
-
-
-@dataclass(frozen=True)
-class SacSettings:
-    """Settings of SAC and TQC only."""
-
-    gradient_steps: int = 4
-    """Gradient steps per step of the vector environment."""
-    buffer_size: int = 300_000
-    """Size of the replay buffer in transitions."""
-    learning_starts: int = 10_000
-    """Timesteps with random actions before training begins."""
-    tau: float = 0.005
-    """Polyak coefficient τ of the target network update."""
-    ent_coef_init: float = 0.1
-    """Initial value of the entropy coefficient, which is learned."""
-    target_entropy: float = -4.0
-    """Target entropy of the policy; the entropy coefficient is adjusted to reach it."""
-
-    def __post_init__(self) -> None:
-        for name in ("gradient_steps", "buffer_size", "learning_starts"):
-            check_int(getattr(self, name), name, 1)
-        check_number(self.tau, "tau", 0.0, 1.0)
-        check_positive(self.ent_coef_init, "ent_coef_init")
-        check_number(self.target_entropy, "target_entropy")
+# Algorithms that use a table of settings; other algorithms refuse it.
+_ALGORITHMS_OF = {"ppo": ("ppo",), "sac": REPLAY_ALGORITHMS, "apg": ("apg",)}
 
 
 @dataclass(frozen=True)
@@ -258,6 +207,12 @@ class TrainSettings:
                     f"num_envs must be a multiple of the number of scenarios, {len(expand_sets(scenarios))},"
                     f" not {self.num_envs}"
                 )
+        for table, algorithms in _ALGORITHMS_OF.items():
+            if self.algo not in algorithms and getattr(self, table) != _TABLES[table]():
+                raise ValueError(
+                    f"the settings in {table} are for algo {' and '.join(algorithms)} only: they must be left out with"
+                    f" algo {self.algo!r}"
+                )
         if bool(self.curriculum) != bool(self.curriculum_steps):
             raise ValueError("curriculum and curriculum_steps must be given together or not at all")
         self._check_action_repeat()
@@ -337,7 +292,7 @@ def read_settings(name: str) -> TrainSettings:
         card = MlpPolicy.load(path).card
         if "settings" not in card:
             raise ValueError(f"the card of {path} has no settings")
-        return from_mapping(card["settings"], f"the card of {path}")
+        return settings_of_card(card, str(path))
     if not path.is_file():
         known = sorted(item.stem for item in PRESETS.glob("*.toml"))
         raise ValueError(
@@ -357,13 +312,15 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
         TypeError: If a setting has the wrong type.
         ValueError: If a name is unknown or a value out of range.
     """
-    values = current_settings(values, source)
+    given, values = values, current_settings(values, source)
+    if given.keys() != values.keys():  # the files of version 0.1 have the tables of all algorithms
+        values = _used(values, values.get("algo", TrainSettings.algo))
     for name, kind in {"": TrainSettings, **_TABLES}.items():
         known = [item.name for item in fields(kind)]
-        given = values.get(name, {}) if name else values
-        if not isinstance(given, dict):
-            raise TypeError(f"{name} must be a mapping, not {given!r}")
-        if unknown := [key for key in given if key not in known]:
+        table = values.get(name, {}) if name else values
+        if not isinstance(table, dict):
+            raise TypeError(f"{name} must be a mapping, not {table!r}")
+        if unknown := [key for key in table if key not in known]:
             raise ValueError(
                 f"{source} sets {unknown[0]!r}, which is not a setting{suggest(unknown[0], known)}; the settings are"
                 f" {', '.join(known)}"
@@ -371,6 +328,28 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
     return TrainSettings(**values)
 
 
+def settings_of_card(card: Mapping[str, Any], name: str) -> TrainSettings:
+    """Return the settings with which a policy was trained.
+
+    Older cards also have the tables of other algorithms, which are left out: their defaults may have changed.
+
+    Args:
+        card: The card of the policy, which has settings.
+        name: Name of the policy, for error messages.
+
+    Raises:
+        TypeError: If a setting has the wrong type.
+        ValueError: If a setting is unknown or out of range.
+    """
+    settings = card["settings"]
+    return from_mapping(_used(settings, settings.get("algo", TrainSettings.algo)), f"the card of {name}")
+
+
 def to_mapping(settings: TrainSettings) -> dict[str, Any]:
-    """Return all settings as plain data."""
-    return asdict(settings)
+    """Return the settings that the algorithm of `settings` uses as plain data."""
+    return _used(asdict(settings), settings.algo)
+
+
+def _used(values: Mapping[str, Any], algo: str) -> dict[str, Any]:
+    """Return the settings without the tables of other algorithms."""
+    return {name: value for name, value in values.items() if algo in _ALGORITHMS_OF.get(name, (algo,))}
