@@ -273,8 +273,8 @@ def test_old_names_of_policies_and_presets_are_aliases() -> None:
     assert current_name("sac-pace-hover-3") == "sac-gain-scheduling-hover-3"
     for name in ("ppo", "ppo-gain-scheduling-0", "my-ppo-pace", "runs/ppo-pace", "ppo-pace-x"):
         assert current_name(name) == name
-    assert policy_names("sac-pace-hover") == [f"sac-gain-scheduling-hover-{seed}" for seed in range(5)]
-    assert read_settings("ppo-pace-hover") == read_settings("ppo-gain-scheduling-hover")
+    assert policy_names("ppo-pace") == [f"ppo-gain-scheduling-{seed}" for seed in range(5)]
+    assert read_settings("ppo-pace") == read_settings("ppo-gain-scheduling")
     assert weight_difference(MlpPolicy.load("ppo-pace-0"), MlpPolicy.load("ppo-gain-scheduling-0")) == 0.0
 
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_train.policies.loading import load_policies, shipped_policies
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, SHIPPED, MlpPolicy
-from quadpend_train.training.settings import from_mapping, read_settings, to_mapping
+from quadpend_train.training.settings import read_settings, settings_of_card, to_mapping
 from quadpend_train.training.train import CARD_SEED
 from quadpend_train.training.validation import validate
 
@@ -33,7 +33,7 @@ def test_each_task_has_ppo_and_sac_with_five_seeds() -> None:
 def test_card_agrees_with_settings_and_policy(path: Path) -> None:
     name, _, seed = path.stem.rpartition("-")
     card = MlpPolicy.load(path).card
-    settings = from_mapping(card["settings"], path.stem)
+    settings = settings_of_card(card, path.stem)
     assert to_mapping(settings) == {**to_mapping(read_settings(name)), "seed": int(seed)}
     assert card["seed"] == settings.seed
     assert {name: card[name] for name in PLAIN_INTERFACE} == settings.policy_interface()
@@ -45,6 +45,6 @@ def test_card_agrees_with_settings_and_policy(path: Path) -> None:
 def test_policy_has_the_score_on_its_card(name: str) -> None:
     """This detects changes of the observation and of the use of the action."""
     policy = MlpPolicy.load(name)
-    score = validate(policy, from_mapping(policy.card["settings"], name), CARD_SEED)
+    score = validate(policy, settings_of_card(policy.card, name), CARD_SEED)
     assert_allclose(score, [policy.card["score"][key] for key in ("survival", "penalised_rmse")], rtol=1e-3)
     assert np.isfinite(score).all()
