@@ -150,7 +150,7 @@ def measure_training(steps: int = 150_000, rounds: int = 9) -> dict[str, float]:
         steps: Environment steps of one timing.
         rounds: Timings of each environment; the result is their median.
     """
-    settings = read_settings("demo")
+    settings = read_settings("ppo")
     torch.set_num_threads(settings.num_threads)
     envs = {
         "PPO on QuadPendulum-v0 in wind": make_env(settings),
@@ -168,7 +168,7 @@ def measure_training(steps: int = 150_000, rounds: int = 9) -> dict[str, float]:
 
 def measure_policies() -> dict[str, float]:
     """Return how many times faster `MlpPolicy.predict` is than `predict` of the SB3 model it was exported from."""
-    settings = read_settings("demo")
+    settings = read_settings("ppo")
     torch.set_num_threads(settings.num_threads)
     model = make_model(settings, make_env(settings), None)
     policy = export(model)

@@ -176,7 +176,7 @@ def markdown(times: dict[str, list[GoalTime]], rate: float) -> str:
         f"{max(map(len, times.values()))} training seeds; each result is confirmed in a second block of {EPISODES}"
         " episodes. `make time-to-beat` measures this on your machine.",
         "[`time_to_beat.py`](../benchmarks/time_to_beat.py) defines the goals.",
-        f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `demo`.",
+        f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `ppo`.",
         "",
         "| goal | settings | seconds, median [range] | steps, median [range] | target |",
         "|---|---|---|---|---|",

@@ -16,7 +16,7 @@ from tests.helpers.browser import Browser
 DOCS = Path(__file__).parents[1]
 TAGS = "ep_rew_mean|reward/(tracking|upright)|penalised_rmse|survival"
 CLOSE = "[...document.querySelectorAll('button')].find((x) => x.textContent.includes('Settings')).click()"
-TRAIN = ["train", "--settings", "demo", "--total-timesteps", "1500000", "--eval-freq", "150000"]
+TRAIN = ["train", "--settings", "ppo", "--total-timesteps", "1500000", "--eval-freq", "150000"]
 EVALUATE = ["evaluate", "adrc-paper", "flatness", "ppo-gain-scheduling-0", "--scenarios", "calm", "windy", "gusts"]
 
 

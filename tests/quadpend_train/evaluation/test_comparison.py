@@ -140,11 +140,11 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
             ["train", "--scenarios", "training", "--num-envs", "12"],
             "num_envs must be a multiple of the number of scenarios, 8",
         ),
-        (["train", "--settings", "nix"], "settings must be the path of a file or one of apg, demo"),
+        (["train", "--settings", "nix"], "settings must be the path of a file or one of apg, fast"),
         (["train", "--scenarios", "nix"], "there is no scenario 'nix'"),
         (["train", "--resume", "nowhere"], "contains no run"),
         (["train", "--resume", "nowhere", "--out", "x"], "give no --out with it"),
-        (["train", "--resume", "nowhere", "--settings", "demo"], "give no --settings with it"),
+        (["train", "--resume", "nowhere", "--settings", "ppo"], "give no --settings with it"),
         (["evaluate", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
     ],
 )

@@ -91,7 +91,7 @@ def test_files_change_the_defaults_and_errors_name_the_setting(tmp_path: Path) -
     ):
         path.write_text(text)
         assert_refused(lambda: read_settings(str(path)), message, (ValueError, TypeError))
-    assert_refused(lambda: read_settings("nix"), "path of a file or one of apg, demo, .*, not 'nix'", ValueError)
+    assert_refused(lambda: read_settings("nix"), "path of a file or one of apg, fast, .*, not 'nix'", ValueError)
 
 
 def test_settings_are_read_from_the_card_of_a_policy(tmp_path: Path) -> None:

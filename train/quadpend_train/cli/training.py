@@ -18,7 +18,7 @@ from quadpend_train.cli.options import writable_file, writable_folder
 from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
 from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
 
-DEFAULT_SETTINGS = "demo"
+DEFAULT_SETTINGS = "ppo"
 DEFAULT_OUT = Path("runs/latest")
 
 

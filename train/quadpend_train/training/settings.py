@@ -278,7 +278,7 @@ def read_settings(name: str) -> TrainSettings:
     """Read training settings; a setting that is missing in the file has its default value.
 
     Args:
-        name: The name of a preset (``"demo"``), the path of a TOML or JSON file, such as the ``settings.json`` of a
+        name: The name of a preset (``"ppo"``), the path of a TOML or JSON file, such as the ``settings.json`` of a
             run, or the path of a policy file, whose card has the settings of its training.
 
     Raises:
