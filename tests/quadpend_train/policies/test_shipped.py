@@ -19,6 +19,7 @@ LEARNERS = (
     "sac-gain-scheduling-hover",
     "ppo-hummingbird",
     "sac-hummingbird",
+    "ppo-alone",
 )
 FILES = sorted(SHIPPED.glob("*.npz"))
 
