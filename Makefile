@@ -21,11 +21,7 @@ evidence: .venv/.installed  ## table of docs/results.md: PPO after a minute of t
 	$(BIN)/quadpend evaluate adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
-<<<<<<< Updated upstream
 LEARNERS := apg ppo-alone sac-alone ppo-gain-scheduling ppo-hummingbird sac-hummingbird
-=======
-LEARNERS := ppo-gain-scheduling sac-gain-scheduling ppo-gain-scheduling-hover sac-gain-scheduling-hover ppo-hummingbird sac-hummingbird ppo-alone
->>>>>>> Stashed changes
 learners: .venv/.installed  ## train the learned policies that the package ships: five training seeds each
 	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
 	mkdir -p train/quadpend_train/policies/shipped

@@ -19,7 +19,6 @@ LEARNERS = (
     "sac-gain-scheduling-hover",
     "ppo-hummingbird",
     "sac-hummingbird",
-    "ppo-alone",
 )
 FILES = sorted(SHIPPED.glob("*.npz"))
 
