@@ -160,6 +160,10 @@ class OutputFeedback:
         disturbance[:, FORCE + 2] -= (memory.estimate.mass_ratio - 1.0) * self.simulation.parameters.hover_thrust
         return disturbance
 
+    def innovation(self, memory: OutputFeedbackMemory | Estimation) -> Floats:
+        """Return the measured minus the predicted state before the latest correction, shape (n, 18); see `Estimate`."""
+        return np.asarray(memory.estimate.innovation)
+
     def estimated_observation(self, observation: Floats32, memory: OutputFeedbackMemory | Estimation) -> Floats32:
         """Return the observation of the estimated state, shape (n, 36).
 

@@ -155,7 +155,8 @@ class Estimator:
         project_direction(state)
         memory = np.zeros((rows, self.prediction.memory_size))
         rigid = self.prediction.rigid(state)
-        return Estimate(state, calm, measurement.reference, np.zeros(rows, np.int64), memory, rigid, np.ones(rows))
+        age, none = np.zeros(rows, np.int64), np.zeros_like(state)
+        return Estimate(state, calm, measurement.reference, age, memory, rigid, np.ones(rows), none)
 
     def update(self, estimate: Estimate, action: Floats32, measurement: Measurement) -> Estimate:
         """Return the estimate one period later, by equations (1)–(2).
@@ -171,9 +172,9 @@ class Estimator:
         table = gain_table(self.gains, self.simulation, has_rates)
         gain = table[np.minimum(estimate.age, len(table) - 1)]
         measured = slice(None) if has_rates else _MEASURED_COLUMNS
-        innovation = (measurement.state - state)[:, STATE_COLUMNS]
+        innovation = measurement.state - state
         yaw = State(state).euler[:, 2].copy()
-        correction = np.einsum("nij,nj->ni", gain, rotate_state(innovation, -yaw)[:, measured])
+        correction = np.einsum("nij,nj->ni", gain, rotate_state(innovation[:, STATE_COLUMNS], -yaw)[:, measured])
         state[:, STATE_COLUMNS] += rotate_state(correction[:, :MODEL_STATE_SIZE], yaw)
         disturbance[:, DISTURBANCE_COLUMNS] += rotate_disturbance(
             correction[:, MODEL_STATE_SIZE:], yaw, self.simulation.is_rigid
@@ -187,7 +188,12 @@ class Estimator:
         rigid = self.prediction.rigid(state, predicted.rigid[:, ROTOR_THRUST:])
         reference = measurement.reference
         updated = predicted._replace(
-            state=state, disturbance=disturbance, reference=reference, rigid=rigid, mass_ratio=mass_ratio
+            state=state,
+            disturbance=disturbance,
+            reference=reference,
+            rigid=rigid,
+            mass_ratio=mass_ratio,
+            innovation=np.where(np.isnan(innovation), 0.0, innovation),
         )
         # A delayed sensor repeats its first sample.
         valid = bounded & (updated.age > self.prediction.loop.sensor_delay)

@@ -10,7 +10,7 @@ rotors, which are predicted without correction; f delays the action by the laten
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,8 @@ class Estimate(NamedTuple):
         rigid: Quaternion, body rate and rotor thrusts (N) of a rigid vehicle, shape (n, 11), see
             `quadpend_gym.physics.rigid_kernel`; shape (n, 0) for the paper's attitude model.
         mass_ratio: μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob, shape (n,).
+        innovation: Measured minus predicted state before the latest correction, shape (n, 18); zero where a rate is not
+            measured and at the start of an episode. Empty for observers without it.
     """
 
     state: Floats
@@ -65,6 +67,7 @@ class Estimate(NamedTuple):
     loop: Floats
     rigid: Floats
     mass_ratio: Floats
+    innovation: Any = ()
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,7 @@ class Prediction:
             s.position[:] -= simulation.period**order / factorial(order) * derivative
             s.velocity[:] -= simulation.period ** (order - 1) / factorial(order - 1) * derivative
         reference = shift_polynomial(estimate.reference, simulation.period)
-        return Estimate(state, estimate.disturbance, reference, estimate.age + 1, memory, rigid, estimate.mass_ratio)
+        return estimate._replace(state=state, reference=reference, age=estimate.age + 1, loop=memory, rigid=rigid)
 
     def carry_forward(
         self, estimate: Estimate, action: Floats32, measurement: Measurement

@@ -9,7 +9,6 @@ from quadpend_baselines.hybrid.base_controller import (
     change_simulation,
     computes_action_later,
     control_period,
-    estimate,
     estimate_size,
     find_base_controller,
     name_of_base_controller,
@@ -33,7 +32,8 @@ class EstimateOnly:
         situation: Whether the policy also observes the situation, see `quadpend_baselines.hybrid.situation`.
 
     Raises:
-        TypeError: If the controller does not estimate the disturbance, or `situation` is not a boolean.
+        TypeError: If the controller does not estimate the disturbance, `situation` is not a boolean, or the controller
+            has no innovations, which the situation needs.
         ValueError: If there is no controller with this name.
     """
 
@@ -44,6 +44,8 @@ class EstimateOnly:
         self.base_controller, self.base_controller_name = find_base_controller(base_controller)
         if not isinstance(situation, bool):
             raise TypeError(f"situation must be true or false, not {situation!r}")
+        if situation and not hasattr(self.base_controller, "innovation"):
+            raise TypeError(f"situation needs a base_controller with a Kalman observer, not {base_controller!r}")
         self.situation = situation
 
     def observation_size(self, size: int) -> int:
@@ -61,10 +63,9 @@ class EstimateOnly:
         base_action = np.zeros((len(observation), ACTION_SIZE), np.float32) if action is None else action
         observed, now = [estimated, disturbance], ()
         if self.situation:
-            present, _ = estimate(self.base_controller, observation, controller_memory)
             known = None if memory is None else memory.situation
-            period = control_period(self.base_controller)
-            now = update_situation(known, episode_start, observation, present, disturbance, period)
+            innovation = self.base_controller.innovation(controller_memory)
+            now = update_situation(known, episode_start, innovation, disturbance, control_period(self.base_controller))
             observed.append(situation_inputs(now))
         policy_observation = np.concatenate(observed, axis=1, dtype=np.float32)
         return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)), now)

@@ -25,26 +25,27 @@ def flown(steps=60, **options):
 
 
 def test_a_constant_signal_has_its_own_root_mean_square_from_the_first_step():
-    observation, disturbance = np.zeros((2, 36), np.float32), np.tile(np.repeat([2.0, 0.5, 0.1], 3), (2, 1))
+    innovation = np.tile(np.repeat([0.002, 0.02], 3), (2, 3))  # of a field, of its rate, and so on
+    disturbance = np.tile(np.repeat([2.0, 0.5, 0.1], 3), (2, 1))
     situation = None
     for _ in range(3):
-        situation = update_situation(situation, np.zeros(2, bool), observation, observation, disturbance, 0.01)
-    np.testing.assert_allclose(situation_inputs(situation)[:, 6:], [[2.0, 0.5, 0.1, 0.0, 0.0, 0.0]] * 2)
-    assert not situation_inputs(situation)[:, :6].any()
+        situation = update_situation(situation, np.zeros(2, bool), innovation, disturbance, 0.01)
+    np.testing.assert_allclose(situation_inputs(situation), [[0.2] * 6 + [2.0, 0.5, 0.1, 0.0, 0.0, 0.0]] * 2)
 
 
 def test_a_new_episode_forgets_the_last_one():
-    observation, loud, calm = np.zeros((2, 36), np.float32), np.ones((2, 9)), np.zeros((2, 9))
-    before = update_situation(None, np.ones(2, bool), observation, observation, loud, 0.01)
-    after = situation_inputs(update_situation(before, np.array([True, False]), observation, observation, calm, 0.01))
+    innovation, loud, calm = np.zeros((2, 18)), np.ones((2, 9)), np.zeros((2, 9))
+    before = update_situation(None, np.ones(2, bool), innovation, loud, 0.01)
+    after = situation_inputs(update_situation(before, np.array([True, False]), innovation, calm, 0.01))
     assert not after[0].any()
     assert after[1].any()
 
 
-def test_noise_is_seen_in_the_residual_and_wind_in_the_disturbance():
-    calm, noisy = flown(), flown(noise=Noise(position=0.002, direction=0.002))
+def test_noise_is_seen_in_the_innovation_and_wind_in_the_disturbance():
+    calm, noisy = flown(), flown(noise=Noise(position=0.002, euler_rate=0.02))
     windy = flown(wind="windy")
-    assert (noisy[:, :6].max(axis=1) > 5 * calm[:, :6].max(axis=1)).all()
+    assert (noisy[:, [0, 3]] > 0.1).all()
+    assert (noisy[:, [0, 3]] > 5 * calm[:, [0, 3]]).all()
     assert (windy[:, 6] > 5 * calm[:, 6]).all()
 
 
@@ -72,3 +73,8 @@ def test_the_hybrid_survives_conversion_to_data_and_back():
 def test_situation_must_be_true_or_false():
     with pytest.raises(TypeError, match="situation must be true or false, not 1"):
         EstimateOnly("flatness", 1)
+
+
+def test_a_controller_without_innovations_cannot_tell_the_situation():
+    with pytest.raises(TypeError, match="situation needs a base_controller with a Kalman observer, not 'adrc-matched'"):
+        EstimateOnly("adrc-matched", True)

@@ -49,7 +49,7 @@ RUNS: dict[str, TrainSettings] = {
         SEGMENTS,
         algo="apg",
         scenarios=(SHORT, LAGGED),
-        hybrid=HybridSettings("adrc-matched", situation=True),
+        hybrid=HybridSettings("flatness", situation=True),
         batch_size=1024,
         ppo=PpoSettings(),
         apg=ApgSettings(window=8),
