@@ -12,6 +12,7 @@ import pytest
 from quadpend_baselines import controller
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.bound import BoundEpisode, bound_row, by_scenario, read_bound, write_bound
+from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.scenarios import find_scenario
 from tests.quadpend_train.cli.test_commands import refused
@@ -38,9 +39,9 @@ def test_the_bound_is_below_the_policies_and_its_episodes_are_planned_once(
     assert all(item.rmse == pytest.approx(item.planned_rmse, abs=0.01) for item in episodes)
     found = json.loads((tmp_path / "bound.json").read_text())["results"]["short"]
     assert found["flatness"]["gap"]["value"] > found["lqr"]["gap"]["value"] > 0.0
-    assert found["lqr"]["closed"] == pytest.approx(
-        1.0 - found["lqr"]["gap"]["value"] / found["flatness"]["gap"]["value"]
-    )
+    share = 1.0 - found["lqr"]["gap"]["value"] / found["flatness"]["gap"]["value"]
+    assert found["lqr"]["closed"]["value"] == pytest.approx(100.0 * share)
+    assert found["lqr"]["closed"]["low"] <= 100.0 * share <= found["lqr"]["closed"]["high"]
     assert "| short | ≥ 100 |" in document.read_text()
     assert (tmp_path / "bound.png").is_file()
     settled = run_episodes([controller("flatness")], find_scenario(SHORT), 2, 3000000).settled_rmse
@@ -98,9 +99,12 @@ def test_stored_episodes_are_a_row_of_the_leaderboard_and_missing_ones_are_refus
     fall = replace(EPISODE, seed=8, survived=False, rmse=np.nan, settled_rmse=np.nan)
     path = tmp_path / "bound.csv"
     write_bound(path, [EPISODE, fall, replace(EPISODE, seed=9)])
-    row = bound_row(by_scenario(read_bound(path), ["calm"], 7, 2))
-    assert row.policy == "clairvoyant (no policy; 2 episodes)"
-    assert row.penalised_rmse.value == pytest.approx((12.0 + 1000.0) / 2)
+    short = {"calm": json.dumps({"duration": 0.1})}
+    comparison = compare(["flatness"], short, episodes=3, seed=7)
+    row = bound_row(by_scenario(read_bound(path), ["calm"], 7, 2), comparison)
+    assert row.policy == "clairvoyant (no policy; from 2 episodes)"
+    errors = 1000.0 * comparison.results["calm", "flatness"].penalised_rmse[0]
+    assert row.penalised_rmse.value == pytest.approx(errors.mean() - (errors[:2].mean() - (12.0 + 1000.0) / 2))
     assert row.survival.value == 50.0
 
     out, seed = f"--out={tmp_path / 'out'}", "--seed=7"

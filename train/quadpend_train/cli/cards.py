@@ -82,9 +82,11 @@ def _learned(policy: MlpPolicy) -> Lines:
     yield "network", f"{' → '.join(map(str, widths))}, {card['activation']}{scales}"
     memory = f", the latest {card['history']} of them" if card["history"] > 1 else ""
     memory += f", and its own latest {card['history_actions']} actions" if card["history_actions"] else ""
+    estimates = f", as {card['hybrid']['base_controller']} estimates it" if card["hybrid"] else ""
+    sizes = " or ".join(map(str, policy.observation_sizes))
     yield (
         "observes",
-        f"the environment's observation of {' or '.join(map(str, policy.observation_sizes))} numbers{memory}",
+        f"the environment's observation of {sizes} numbers{estimates}{memory}",
     )
     if vehicle := card.get("vehicle"):
         yield "commands", f"{vehicle} by the interface {card['interface']}"

@@ -56,14 +56,15 @@ def evaluate(
             the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         bound: The file bound.csv of quadpend bound with the same scenarios and seeds: the leaderboard on the terminal
-            and in the document gets a row of the best flights that were found with the wind known in advance.
+            and in the document gets a row of the best flights that were found with the wind known in advance. It is
+            estimated from the difference to the first policy in the planned episodes.
     """
     from quadpend_train.common import documents
     from quadpend_train.evaluation import bound as bounds
     from quadpend_train.reports import report, results, tables
 
     chosen = named_scenarios(scenarios, vehicle, interface)
-    best = bounds.stored_row(bound, list(chosen), seed, episodes) if bound else None
+    planned = bounds.by_scenario(bounds.read_bound(bound), list(chosen), seed, episodes) if bound else None
     if document:
         documents.check(document, results.PARTS)
     writable_folder(out)
@@ -81,6 +82,7 @@ def evaluate(
         replay=replay,
     )
     comparison, standings = made.comparison, made.leaderboard
+    best = bounds.bound_row(planned, comparison) if planned else None
     if document:
         results.update_document(comparison, standings, made.robustness, document, best)
     console = make_console()

@@ -19,6 +19,12 @@ from quadpend_train.scenarios import ENVIRONMENTS, SCENARIOS, SETS, Scenario, sc
 from quadpend_train.training.settings import PRESETS
 
 Rows = dict[str, str]  # descriptions by name
+# What a learned policy does with its base controller, by the kind of its hybrid
+_USES = {
+    "estimate_only": "acts alone on the estimates of",
+    "residual_action": "corrects the action of",
+    "bandwidth_scheduling": "schedules the bandwidths of",
+}
 
 
 def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
@@ -52,7 +58,7 @@ def _learned(seeds: list[str]) -> str:
     survival, rmse = (np.mean([card["score"][name] for card in cards]) for name in ("survival", "penalised_rmse"))
     first = cards[0]
     trained = f"{first['settings']['algo'].upper()}, scenarios {', '.join(first['settings']['scenarios'])}"
-    base = f"schedules {first['hybrid']['base_controller']}; " if first["hybrid"] else ""
+    base = f"{_USES[first['hybrid']['kind']]} {first['hybrid']['base_controller']}; " if first["hybrid"] else ""
     return (
         f"{base}{trained}; survival {100.0 * survival:.1f} %, penalised RMSE {1e3 * rmse:.1f} mm;"
         f" {len(seeds)} seeds, {seeds[0]} to {seeds[-1]}"

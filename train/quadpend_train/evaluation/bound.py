@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
-from quadpend_train.evaluation.statistics import mean, proportion
+from quadpend_train.evaluation.statistics import Interval, mean, proportion
 
 CLAIRVOYANT = "clairvoyant"  # its name in tables
 
@@ -127,27 +128,30 @@ def settled_rmse(episodes: Sequence[BoundEpisode]) -> Floats:
     return np.array([[item.settled_rmse for item in episodes]])
 
 
-def bound_row(found: Mapping[str, Sequence[BoundEpisode]]) -> LeaderboardRow:
+def bound_row(found: Mapping[str, Sequence[BoundEpisode]], comparison: Comparison) -> LeaderboardRow:
     """Return the row of the leaderboard for the episodes of `by_scenario`; wins and losses are not counted.
+
+    The planned episodes are the first ones of a comparison with more episodes. Their starts may be nearer to the
+    reference, or farther, so their mean would not be comparable with the other rows. The row is therefore the mean of
+    the first policy of the comparison over all its episodes, minus its mean difference from the planned flights in the
+    same episodes; the interval is that of this difference.
 
     Survival is that of the flights that were found: a lower bound, since there may be others.
     """
-    survived = {name: np.array([[item.survived for item in episodes]]) for name, episodes in found.items()}
+    errors = {name: 1000.0 * comparison.results[name, comparison.policies[0]].penalised_rmse for name in found}
+    episodes = len(next(iter(found.values())))
+    gap = mean(np.mean([errors[name][:, :episodes] - penalised_rmse(found[name]) for name in found], axis=0))
+    level = float(np.mean([values.mean() for values in errors.values()]))
+    survived = {name: np.array([[item.survived for item in planned]]) for name, planned in found.items()}
     worst = min(survived, key=lambda name: float(survived[name].mean()))
     pooled = proportion(np.concatenate(list(survived.values()), axis=1))
     survival = mean(np.mean(list(survived.values()), axis=0)).clipped(0.0, 1.0).widened(pooled)
-    episodes = len(next(iter(found.values())))
     return LeaderboardRow(
-        f"{CLAIRVOYANT} (no policy; {episodes} episodes)",
-        mean(np.mean([penalised_rmse(episodes) for episodes in found.values()], axis=0)),
+        f"{CLAIRVOYANT} (no policy; from {episodes} episodes)",
+        Interval(level - gap.value, level - gap.high, level - gap.low),
         survival.scaled(100.0),
         proportion(survived[worst]).scaled(100.0),
         worst,
         None,
         None,
     )
-
-
-def stored_row(path: Path, scenarios: Sequence[str], seed: int, most: int) -> LeaderboardRow:
-    """Return `bound_row` of a `bound.csv`; the arguments are those of `read_bound` and `by_scenario`."""
-    return bound_row(by_scenario(read_bound(path), scenarios, seed, most))

@@ -9,7 +9,7 @@ counts, since a clairvoyant could repeat it.
 import hashlib
 import json
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -26,9 +26,10 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.optimal.episode import Flight, KnownEpisode, known_episode, record_flight, tracked_point
 from quadpend_baselines.optimal.plant import Plant
 from quadpend_baselines.optimal.replay import track
-from quadpend_baselines.optimal.transcription import transcription
+from quadpend_baselines.optimal.transcription import Solution, Transcription, transcription
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.actuators import ActionDelay, MotorLag
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.source_hash import source_hash
 from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.bound import (
@@ -44,13 +45,15 @@ from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import collect_results
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.jobs import call_in_processes
-from quadpend_train.evaluation.statistics import Interval, mean, proportion
+from quadpend_train.evaluation.statistics import CONFIDENCE, Interval, mean, proportion
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, scenario_hash
 
 FIRST_GUESS = "flatness"  # controller whose flight the planner starts from, and against which gaps are measured
 _SOURCES = [Path(str(quadpend_baselines.__file__)).parent / "optimal", Path(str(nmpc_model.__file__))]
+_CONVERGED = "Solve_Succeeded"  # status of the solver
 _MILLIMETRES = 1000.0
+_RESAMPLES = 2000  # of the bootstrap
 
 
 class Task(NamedTuple):
@@ -97,7 +100,8 @@ def plant_of(scenario: Scenario) -> Plant:
 def plan_episode(task: Task) -> BoundEpisode:
     """Return the best flight of an episode: the planned one, or that of the first guess if it is better.
 
-    If the flight planned from the first guess falls, the planner starts again from an upright pole at the reference.
+    If the solver does not converge from the first guess, it starts again from an upright pole at the reference, and
+    then from the best flight of the same episode without wind.
     """
     name, scenario, seed = task
     begin, steps = time.process_time(), scenario.steps
@@ -108,15 +112,22 @@ def plan_episode(task: Task) -> BoundEpisode:
     episode, guess = known_episode(longer, seed, steps), record_flight(policy, longer, seed, steps)
     problem = transcription(plant_of(scenario), world.task.limits, steps)
 
-    iterations = 0
-    for flight in (guess, Flight(guess.states[:1], guess.actions[:0])):
-        solution = problem.solve(episode, *problem.guess(flight, episode))
-        iterations += solution.iterations
+    starts: list[Callable[[], tuple[Floats, Floats]]] = [
+        lambda: problem.guess(guess, episode),
+        lambda: problem.guess(Flight(guess.states[:1], guess.actions[:0]), episode),
+        lambda: _without_wind(problem, episode, guess),
+    ]
+    tried: list[tuple[float, float, Solution]] = []
+    for start in starts:
+        solution = problem.solve(episode, *start())
         flown = rollout(track(solution, problem, episode, world), env, seed)
         results = collect_results(flown, np.array([steps]), scenario.simulation.period)
-        if survived := bool(results.survived[0]):
+        survived = bool(results.survived[0])
+        tried.append((float(results.rmse[0]) if survived else np.inf, float(results.settled_rmse[0]), solution))
+        if survived and solution.status == _CONVERGED:
             break
-    found = {"optimum": (float(results.rmse[0]), float(results.settled_rmse[0]))} if survived else {}
+    *errors, best = min(tried, key=lambda item: item[0])
+    found = {"optimum": tuple(errors)} if errors[0] < np.inf else {}
     if len(guess.actions) == steps:
         found[FIRST_GUESS] = _errors(guess, episode)
     source = min(found, key=lambda name: found[name][0], default="")
@@ -127,13 +138,20 @@ def plan_episode(task: Task) -> BoundEpisode:
         bool(found),
         _MILLIMETRES * rmse,
         _MILLIMETRES * settled_rmse,
-        _MILLIMETRES * solution.rmse,
+        _MILLIMETRES * best.rmse,
         source,
-        solution.status,
-        iterations,
+        best.status,
+        sum(solution.iterations for *_, solution in tried),
         round(time.process_time() - begin, 2),
         task.key,
     )
+
+
+def _without_wind(problem: Transcription, episode: KnownEpisode, guess: Flight) -> tuple[Floats, Floats]:
+    """Return states and actions of the planned flight of an episode without its wind, a first guess with wind."""
+    calm = episode._replace(wind=np.zeros_like(episode.wind))
+    solution = problem.solve(calm, *problem.guess(guess, calm))
+    return solution.states, solution.actions
 
 
 def _errors(flight: Flight, episode: KnownEpisode) -> tuple[float, float]:
@@ -200,13 +218,13 @@ class Gap(NamedTuple):
         rmse: Penalised RMSE, mm.
         settled_rmse: RMSE over the second half of the survived episodes, mm.
         gap: Difference of the penalised RMSE from that of the clairvoyant, episode by episode, mm.
-        closed: Share of the gap of `FIRST_GUESS` that the policy closes; nan for that policy.
+        closed: Share of the gap of `FIRST_GUESS` that the policy closes, %; nan for that policy.
     """
 
     rmse: Interval
     settled_rmse: Interval
     gap: Interval
-    closed: float
+    closed: Interval
 
 
 def gaps(found: Mapping[str, Sequence[BoundEpisode]], comparison: Comparison) -> dict[str, dict[str, Gap]]:
@@ -215,21 +233,33 @@ def gaps(found: Mapping[str, Sequence[BoundEpisode]], comparison: Comparison) ->
     for scenario, episodes in found.items():
         best = penalised_rmse(episodes)
         values = {p: _MILLIMETRES * comparison.results[scenario, p].penalised_rmse for p in comparison.policies}
-        first = float(np.mean(values[FIRST_GUESS])) if FIRST_GUESS in values else np.nan
+        first = values.get(FIRST_GUESS, np.full_like(best, np.nan))
         out[scenario] = {
             policy: Gap(
                 mean(value),
                 mean(_MILLIMETRES * comparison.results[scenario, policy].settled_rmse),
                 mean(value - best),
-                np.nan if policy == FIRST_GUESS else _closed(first, float(np.mean(value)), float(np.mean(best))),
+                _closed(first - best, value - best) if policy != FIRST_GUESS else Interval(*[np.nan] * 3),
             )
             for policy, value in values.items()
         }
     return out
 
 
-def _closed(first: float, value: float, best: float) -> float:
-    return (first - value) / (first - best) if first > best else np.nan
+def _closed(first: Floats, gap: Floats) -> Interval:
+    """Return 100 (1 − mean gap / mean first gap) with its interval from resampled episodes and training seeds, in %.
+
+    Args:
+        first: Gap of `FIRST_GUESS` in each episode, shape (1, n).
+        gap: Gap of the policy, shape (s, n).
+    """
+    random, (seeds, episodes) = np.random.default_rng(0), gap.shape
+    rows = random.integers(seeds, size=(_RESAMPLES, seeds, 1))
+    columns = random.integers(episodes, size=(_RESAMPLES, 1, episodes))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        resampled = 1.0 - gap[rows, columns].mean(axis=(1, 2)) / first[0, columns[:, 0]].mean(axis=1)
+        low, high = np.quantile(resampled, [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0])
+        return Interval(float(1.0 - gap.mean() / first.mean()), float(low), float(high)).scaled(100.0)
 
 
 def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, Mapping[str, Gap]]) -> str:
@@ -247,7 +277,7 @@ def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str,
             gap = measured[scenario][policy]
             cells += [format_number(gap.rmse.value), format_number(gap.settled_rmse.value), format_interval(gap.gap)]
             if policy != FIRST_GUESS:
-                cells.append("–" if np.isnan(gap.closed) else f"{100.0 * gap.closed:.0f}")
+                cells.append(format_interval(gap.closed))
         rows.append(cells)
     return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
 
