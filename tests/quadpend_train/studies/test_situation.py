@@ -22,12 +22,17 @@ def adaptive_policy(scales=(8.0,)):
     return MlpPolicy(layers, card)
 
 
-def test_the_held_policy_acts_as_the_policy_in_that_situation():
+def test_a_policy_with_the_mean_situation_acts_as_it_would_in_that_situation(monkeypatch):
+    monkeypatch.setattr(situation, "EPISODES_OF_MEAN", 2)
     policy = adaptive_policy()
-    held = np.linspace(0.0, 1.0, SITUATION_SIZE, dtype=np.float32)
-    inputs = np.random.default_rng(1).normal(size=(6, 45)).astype(np.float32)
-    expected = policy.forward(np.concatenate([inputs, np.tile(held, (6, 1))], axis=1))
-    np.testing.assert_allclose(situation.without_situation(policy, held).forward(inputs), expected, atol=1e-6)
+    other = situation.with_mean_situation(policy)
+    observation = np.random.default_rng(1).normal(scale=0.1, size=(3, 36)).astype(np.float32)
+    table, memory = other.hybrid.table, None
+    for step in range(3):
+        seen, _ = policy.hybrid.observe(observation, memory and memory.hybrid, np.full(3, memory is None))
+        seen[:, -SITUATION_SIZE:] = table[step]
+        action, memory = other.predict(observation, memory)
+        np.testing.assert_array_equal(action, policy.forward(seen))
 
 
 def test_a_policy_that_does_not_observe_the_situation_is_refused():
@@ -38,8 +43,8 @@ def test_a_policy_that_does_not_observe_the_situation_is_refused():
 def test_the_mean_situation_of_wind_is_that_of_its_force(monkeypatch):
     monkeypatch.setattr(situation, "EPISODES_OF_MEAN", 2)
     mean = situation.mean_situation(adaptive_policy())
-    assert mean.shape == (SITUATION_SIZE,)
-    assert mean[6] > 0.1  # N
+    assert mean.shape[1] == SITUATION_SIZE
+    assert mean[-1, 6] > 0.1  # N
 
 
 def test_the_command_writes_the_differences_of_each_scenario(tmp_path, monkeypatch, capsys):

@@ -54,7 +54,7 @@ COMMANDS = {
     ),
     "situation": Command(
         "studies.situation",
-        "Measure what a policy gains from observing the situation, compared with the situation held at its mean.",
+        "Measure what a policy gains from observing its own situation, compared with the mean one.",
         _RESULTS_ARE_CACHED,
     ),
     "vehicles": Command(

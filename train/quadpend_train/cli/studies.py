@@ -93,7 +93,7 @@ def situation(
     cache: Path = FOLDER,
     document: Path | None = None,
 ) -> None:
-    """Measure what a policy gains from observing the situation, compared with the situation held at its mean.
+    """Measure what a policy gains from observing its own situation, compared with the mean one.
 
     Args:
         policy: A policy trained with hybrid.situation = true, as in evaluate; several training seeds count as one.

@@ -1,17 +1,22 @@
-"""What adapting is worth: policies that observe the situation, compared with themselves without it.
+"""What observing the situation is worth: policies compared with themselves while the situation is the mean one.
 
 A policy that observes the situation (`quadpend_baselines.hybrid.situation`) can act differently in noise, wind and calm
-air. Here it is compared with the same network whose situation is held at its mean over the training scenarios, in the
-same episodes. The difference is what the network gains from telling the situations apart.
+air. Here it is compared, in the same episodes, with the same network that observes the mean situation instead: at each
+step of an episode the mean over its training scenarios at that step. (In the first second the situation depends on the
+time, because the observer is still settling.) So the difference is what the network makes of the scenario's own
+situation. It is not what a network would lose that has been trained without the situation.
 """
 
 import json
 from collections.abc import Mapping
+from copy import copy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from quadpend_baselines.hybrid.estimate_only import EstimateOnly
+from quadpend_baselines.hybrid.protocol import HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
@@ -26,8 +31,8 @@ from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
 
 EPISODES_OF_MEAN = 32  # of each training scenario
-LABEL = "RMSE with the situation minus RMSE with its mean (mm)"
-_HELD = "held at its mean"
+LABEL = "RMSE with the own situation minus RMSE with the mean situation (mm)"
+_HELD = "mean situation"
 
 
 def adaptive_policies(name: str) -> list[MlpPolicy]:
@@ -44,36 +49,47 @@ def adaptive_policies(name: str) -> list[MlpPolicy]:
 
 
 def mean_situation(policy: MlpPolicy) -> Floats32:
-    """Return the mean situation in validation episodes of the policy's training scenarios, shape (12,)."""
+    """Return the mean situation at each step of an episode, shape (steps, 12), over the policy's training scenarios."""
     names = expand_sets(policy.card["settings"]["scenarios"])
-    total, count = np.zeros(SITUATION_SIZE), 0
-    for name in names:
-        env = concatenate_scenarios([find_scenario(name)], EPISODES_OF_MEAN)
-        for step in rollout(policy, env, VALIDATION_SEED):
-            seen = step.memory.observations[step.active, -1, -SITUATION_SIZE:]
-            total, count = total + seen.sum(axis=0), count + len(seen)
-    return (total / count).astype(np.float32)
+    env = concatenate_scenarios([find_scenario(name) for name in names], EPISODES_OF_MEAN * len(names))
+    seen = [
+        step.memory.observations[step.active, -1, -SITUATION_SIZE:] for step in rollout(policy, env, VALIDATION_SEED)
+    ]
+    return np.array([rows.mean(axis=0) for rows in seen if len(rows)], np.float32)
 
 
-def without_situation(policy: MlpPolicy, held: Floats32) -> MlpPolicy:
-    """Return the policy that acts as `policy` would if the situation were `held`, shape (12,), all the time.
+class MeanSituation(EstimateOnly):
+    """`EstimateOnly` whose policy observes a table of situations instead of its own.
 
-    The constant inputs become a part of the biases of the first layer.
+    Args:
+        hybrid: The hybrid whose base controller it has.
+        table: Situation at each step of an episode, shape (steps, 12); the last one counts for all later steps.
     """
-    (weights, biases), *others = policy.layers
-    parts = [held, *(np.tanh(np.float32(scale) * held) for scale in policy.input_scales)]
-    blocks = weights.reshape(len(parts), -1, weights.shape[1])
-    for part, block in zip(parts, blocks, strict=True):
-        biases = biases + part @ block[-SITUATION_SIZE:]
-    kept = blocks[:, :-SITUATION_SIZE].reshape(-1, weights.shape[1])
-    hybrid = {key: value for key, value in policy.card["hybrid"].items() if key != "situation"}
-    return MlpPolicy([(kept, biases), *others], {**policy.card, "hybrid": hybrid})
+
+    def __init__(self, hybrid: EstimateOnly, table: Floats32) -> None:
+        """Take the base controller of the hybrid."""
+        super().__init__(hybrid.base_controller, situation=True)
+        self.table = table
+
+    def observe(self, observation: Any, memory: HybridMemory | None, episode_start: Any) -> tuple[Any, HybridMemory]:
+        """Return the policy's observation with the situation of the table, and the memory."""
+        seen, memory = super().observe(observation, memory, episode_start)
+        steps = np.minimum(memory.situation.steps.astype(int), len(self.table)) - 1
+        seen[:, -SITUATION_SIZE:] = self.table[steps]
+        return seen, memory
+
+
+def with_mean_situation(policy: MlpPolicy) -> MlpPolicy:
+    """Return a policy that observes the mean situation of its training scenarios, see `mean_situation`."""
+    other: Any = copy(policy)
+    other.hybrid = MeanSituation(other.hybrid, mean_situation(policy))
+    return other
 
 
 def measure(
     name: str, scenarios: Mapping[str, Any], episodes: int, seed: int, cache: Path | None, jobs: int
 ) -> dict[str, dict[str, Interval]]:
-    """Return, for each scenario, the metrics of the policy, of the policy without situation, and their differences.
+    """Return the metrics of the policy, of the policy with the mean situation, and their differences, by scenario.
 
     Args:
         name: Name of the policy, see `load_policies`.
@@ -84,7 +100,7 @@ def measure(
         jobs: Number of processes.
     """
     policies = adaptive_policies(name)
-    held: Any = [without_situation(policy, mean_situation(policy)) for policy in policies]
+    held: Any = [with_mean_situation(policy) for policy in policies]
     adaptive = compare({name: name}, scenarios, episodes, seed, cache, jobs=jobs)
     constant = compare({_HELD: held}, scenarios, episodes, seed)
     out = {}
@@ -103,7 +119,7 @@ def measure(
 
 def markdown(measured: Mapping[str, Mapping[str, Interval]]) -> str:
     """Return a Markdown table with a line for each scenario."""
-    headings = ["scenario", "adaptive (mm)", "situation held at its mean (mm)"]
+    headings = ["scenario", "adaptive (mm)", "mean situation (mm)"]
     headings += ["difference (mm)", "where both survive (mm)", "survival (points)"]
     rows = [[scenario, *(format_interval(value) for value in row.values())] for scenario, row in measured.items()]
     return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])

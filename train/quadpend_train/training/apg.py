@@ -13,13 +13,15 @@ z_t = (x_t, y_t, a_{t−1}) has the actions under way and the lagged actions y_t
 a_t acts, to which an observer carries its estimate forward through the known delays and lags; without them p = x_t. In
 (1) s is linear: tracking errors, direction, attitude and their rates; p is linearised at hover.
 
-The error of the observation, o − s(p), is taken to be independent of the policy. That holds for a linear observer whose
-model of the loop is exact. It does not hold where actions or measurements are delayed or lagged and the observer does
-not know it (``loop_known = false``), nor where measurements are delayed and no observer predicts: there the gradient of
-J has an error.
+The error of the observation, o − s(p), the estimated disturbance and the situation are taken to be independent of the
+policy. That holds for a linear observer whose model of the vehicle and of the loop is exact. Elsewhere the gradient of
+J is biased: where parameters differ from nominal ones, since the observer then takes a part of the action's effect for
+a disturbance; where delays or lags are not known (``loop_known = false``); and where measurements are delayed and no
+observer predicts. A window of H steps has no terminal value, so the consequences of its last actions are cut off.
 
-R is the root mean square of the tracking error over the rows and steps of a scenario, the measure of the published
-results; the mean of the squares over all scenarios would be that of the hardest scenario. The further cost of a step is
+R is the root mean square of the tracking error over the rows and steps of a scenario in a window, which is similar to
+the measure of the published results; the mean of the squares over all scenarios would be that of the hardest scenario.
+The further cost of a step is
 
     (5)  c = w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ
 
