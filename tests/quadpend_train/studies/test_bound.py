@@ -101,7 +101,7 @@ def test_stored_episodes_are_a_row_of_the_leaderboard_and_missing_ones_are_refus
     write_bound(path, [EPISODE, fall, replace(EPISODE, seed=9)])
     short = {"calm": json.dumps({"duration": 0.1})}
     comparison = compare(["flatness"], short, episodes=3, seed=7)
-    row = bound_row(by_scenario(read_bound(path), ["calm"], 7, 2), comparison)
+    row = bound_row(by_scenario(read_bound(path), ["calm"], 7, 2), comparison, "flatness")
     assert row.policy == "clairvoyant (no policy; from 2 episodes)"
     errors = 1000.0 * comparison.results["calm", "flatness"].penalised_rmse[0]
     assert row.penalised_rmse.value == pytest.approx(errors.mean() - (errors[:2].mean() - (12.0 + 1000.0) / 2))

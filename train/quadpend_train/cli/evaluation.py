@@ -57,7 +57,7 @@ def evaluate(
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         bound: The file bound.csv of quadpend bound with the same scenarios and seeds: the leaderboard on the terminal
             and in the document gets a row of the best flights that were found with the wind known in advance. It is
-            estimated from the difference to the first policy in the planned episodes.
+            estimated from fewer episodes, with the best policy as control variate.
     """
     from quadpend_train.common import documents
     from quadpend_train.evaluation import bound as bounds
@@ -82,7 +82,7 @@ def evaluate(
         replay=replay,
     )
     comparison, standings = made.comparison, made.leaderboard
-    best = bounds.bound_row(planned, comparison) if planned else None
+    best = bounds.bound_row(planned, comparison, standings[0].policy) if planned else None
     if document:
         results.update_document(comparison, standings, made.robustness, document, best)
     console = make_console()

@@ -128,27 +128,35 @@ def settled_rmse(episodes: Sequence[BoundEpisode]) -> Floats:
     return np.array([[item.settled_rmse for item in episodes]])
 
 
-def bound_row(found: Mapping[str, Sequence[BoundEpisode]], comparison: Comparison) -> LeaderboardRow:
+def bound_row(found: Mapping[str, Sequence[BoundEpisode]], comparison: Comparison, reference: str) -> LeaderboardRow:
     """Return the row of the leaderboard for the episodes of `by_scenario`; wins and losses are not counted.
 
     The planned episodes are the first ones of a comparison with more episodes. Their starts may be nearer to the
-    reference, or farther, so their mean would not be comparable with the other rows. The row is therefore the mean of
-    the first policy of the comparison over all its episodes, minus its mean difference from the planned flights in the
-    same episodes; the interval is that of this difference.
+    target, or farther, so their mean would not be comparable with the other rows. A reference policy corrects for that
+    (control variate): c_k is the median over the scenarios of its error in episode k, which depends on the start and
+    hardly on falls, and the row is the mean of the planned flights, plus the mean of c over all episodes, minus its
+    mean over the planned ones.
 
     Survival is that of the flights that were found: a lower bound, since there may be others.
+
+    Args:
+        found: Planned episodes of each scenario.
+        comparison: Comparison over the same and further episodes.
+        reference: Name of the reference policy.
     """
-    errors = {name: 1000.0 * comparison.results[name, comparison.policies[0]].penalised_rmse for name in found}
     episodes = len(next(iter(found.values())))
-    gap = mean(np.mean([errors[name][:, :episodes] - penalised_rmse(found[name]) for name in found], axis=0))
-    level = float(np.mean([values.mean() for values in errors.values()]))
-    survived = {name: np.array([[item.survived for item in planned]]) for name, planned in found.items()}
+    errors = [1000.0 * comparison.results[name, reference].penalised_rmse.mean(axis=0) for name in found]
+    control = np.median(errors, axis=0)
+    planned = np.mean([penalised_rmse(flights) for flights in found.values()], axis=0)
+    above = mean(planned - control[:episodes])
+    level = float(control.mean())
+    survived = {name: np.array([[item.survived for item in flights]]) for name, flights in found.items()}
     worst = min(survived, key=lambda name: float(survived[name].mean()))
     pooled = proportion(np.concatenate(list(survived.values()), axis=1))
     survival = mean(np.mean(list(survived.values()), axis=0)).clipped(0.0, 1.0).widened(pooled)
     return LeaderboardRow(
         f"{CLAIRVOYANT} (no policy; from {episodes} episodes)",
-        Interval(level - gap.value, level - gap.high, level - gap.low),
+        Interval(*(level + value for value in above)),
         survival.scaled(100.0),
         proportion(survived[worst]).scaled(100.0),
         worst,

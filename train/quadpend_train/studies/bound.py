@@ -277,7 +277,7 @@ def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str,
             gap = measured[scenario][policy]
             cells += [format_number(gap.rmse.value), format_number(gap.settled_rmse.value), format_interval(gap.gap)]
             if policy != FIRST_GUESS:
-                cells.append(format_interval(gap.closed))
+                cells.append("–" if gap.closed.value < 0.0 else format_interval(gap.closed))
         rows.append(cells)
     return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
 
