@@ -10,8 +10,8 @@ from quadpend_train.common import documents
 from quadpend_train.common.files import read_mapping
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module
-from quadpend_train.training.algorithm_settings import ApgSettings
-from quadpend_train.training.settings import PRESETS, HybridSettings, PpoSettings, SacSettings, TrainSettings
+from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
+from quadpend_train.training.settings import PRESETS, HybridSettings, TrainSettings
 
 PAGE = Path(__file__).parents[1] / "training.md"
 GROUPS = {

@@ -61,14 +61,18 @@ class EstimateOnly:
             self.base_controller, observation, last, episode_start
         )
         base_action = np.zeros((len(observation), ACTION_SIZE), np.float32) if action is None else action
-        observed, now = [estimated, disturbance], ()
+        observed: list[Any] = [estimated, disturbance]
+        situation: Any = ()
         if self.situation:
             known = None if memory is None else memory.situation
-            innovation = self.base_controller.innovation(controller_memory)
-            now = update_situation(known, episode_start, innovation, disturbance, control_period(self.base_controller))
-            observed.append(situation_inputs(now))
+            innovation, period = (
+                self.base_controller.innovation(controller_memory),
+                control_period(self.base_controller),
+            )
+            situation = update_situation(known, episode_start, innovation, disturbance, period)
+            observed.append(situation_inputs(situation))
         policy_observation = np.concatenate(observed, axis=1, dtype=np.float32)
-        return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)), now)
+        return policy_observation, HybridMemory(controller_memory, base_action, np.zeros(len(observation)), situation)
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""

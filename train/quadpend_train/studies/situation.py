@@ -41,11 +41,12 @@ def adaptive_policies(name: str) -> list[MlpPolicy]:
     Raises:
         ValueError: If one of them does not observe the situation.
     """
-    policies = load_policies(name)
-    for policy in policies:
+    adaptive = []
+    for policy in load_policies(name):
         if not isinstance(policy, MlpPolicy) or not getattr(policy.hybrid, "situation", False):
             raise ValueError(f"{name} does not observe the situation: train with hybrid.situation = true")
-    return policies
+        adaptive.append(policy)
+    return adaptive
 
 
 def mean_situation(policy: MlpPolicy) -> Floats32:
@@ -81,8 +82,9 @@ class MeanSituation(EstimateOnly):
 
 def with_mean_situation(policy: MlpPolicy) -> MlpPolicy:
     """Return a policy that observes the mean situation of its training scenarios, see `mean_situation`."""
-    other: Any = copy(policy)
-    other.hybrid = MeanSituation(other.hybrid, mean_situation(policy))
+    other, hybrid = copy(policy), policy.hybrid
+    assert isinstance(hybrid, EstimateOnly)
+    other.hybrid = MeanSituation(hybrid, mean_situation(policy))
     return other
 
 
