@@ -55,8 +55,11 @@ BRIEF: dict[str, Any] = {
     "batch_size": 128,
     "net_arch": [16],
     "n_eval_episodes": 2,
-    "ppo": {"n_steps": 16, "n_epochs": 2},
-    "sac": {"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64},
+}
+# Tables of settings of the algorithms
+ALGORITHMS: dict[str, dict[str, Any]] = {
+    "ppo": {"ppo": {"n_steps": 16, "n_epochs": 2}},
+    "sac": {"sac": {"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64}},
 }
 # Settings in which each training differs from `BRIEF`.
 TRAININGS: dict[str, dict[str, Any]] = {
@@ -188,7 +191,9 @@ def trainings(names: Sequence[str] = tuple(TRAININGS)) -> Hashes:
         names: Keys of `TRAININGS`.
     """
     for name in names:
-        settings = from_mapping({**BRIEF, **TRAININGS[name]}, f"the training {name!r}")
+        changes = TRAININGS[name]
+        table = ALGORITHMS["ppo" if changes.get("algo", "ppo") == "ppo" else "sac"]
+        settings = from_mapping({**BRIEF, **table, **changes}, f"the training {name!r}")
         with tempfile.TemporaryDirectory() as folder:
             policy = MlpPolicy.load(train(settings, Path(folder) / "run", progress=False))
         yield name, digest([list(layer) for layer in policy.layers])
