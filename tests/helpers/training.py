@@ -29,8 +29,8 @@ BRIEF = TrainSettings(
     ppo=PpoSettings(n_steps=16, n_epochs=1),
 )
 # What `replace` changes in them for SAC and TQC
-SAC = {"ppo": PpoSettings(), "sac": SacSettings(gradient_steps=1, buffer_size=1024, learning_starts=64)}
-BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32, **SAC)  # type: ignore[arg-type]
+SAC: dict[str, Any] = {"ppo": PpoSettings(), "sac": SacSettings(gradient_steps=1, buffer_size=1024, learning_starts=64)}
+BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32, **SAC)
 
 
 def train_policy(settings: TrainSettings, folder: Path, **options: Any) -> MlpPolicy:

@@ -1,4 +1,6 @@
-"""Numbers and confidence intervals as text."""
+"""Numbers, confidence intervals and tables as text."""
+
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -32,3 +34,8 @@ def _smallest(interval: Interval) -> float:
     So an interval from 99.5 to 100 is not rounded to [100, 100], and a lower end of 0 adds no decimals.
     """
     return min(abs(interval.value), abs(interval.low) or abs(interval.value))
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])

@@ -81,13 +81,18 @@ def set_log_scale(axis: Any, low: float, high: float) -> None:
         low: Smallest value to show.
         high: Largest value to show.
     """
-    from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
-
     axis.set_yscale("log")
     axis.set_ylim(0.8 * low, 1.25 * high)
-    axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,), numticks=12))
-    axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.yaxis.set_minor_locator(NullLocator())
+    _set_log_ticks(axis.yaxis, (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,))
+
+
+def _set_log_ticks(scale: Any, multiples: tuple[float, ...]) -> None:
+    """Label a logarithmic scale at multiples of the powers of ten."""
+    from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+
+    scale.set_major_locator(LogLocator(subs=multiples, numticks=12))
+    scale.set_major_formatter(StrMethodFormatter("{x:g}"))
+    scale.set_minor_locator(NullLocator())
 
 
 def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log: bool = False) -> Any:
@@ -112,12 +117,8 @@ def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log:
     axis.invert_yaxis()
     axis.set_xlabel(label)
     if log:
-        from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
-
         axis.set_xscale("log")
-        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.xaxis.set_minor_locator(NullLocator())
+        _set_log_ticks(axis.xaxis, (1.0, 2.0, 5.0))
     else:
         axis.axvline(0.0, color="#888888", linewidth=0.8)
     axis.grid(axis="x", color="#dddddd", linewidth=0.5)

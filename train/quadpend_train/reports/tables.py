@@ -10,7 +10,7 @@ from quadpend_baselines.gains import TUNED
 from quadpend_gym.wind import Rescaled
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
-from quadpend_train.evaluation.formatting import format_interval, format_number
+from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
 from quadpend_train.evaluation.pairwise import PairwiseComparison, ScenarioResult, compare_pair, episodes_needed
 from quadpend_train.evaluation.statistics import Interval
@@ -118,18 +118,18 @@ def vehicle_note(comparison: Comparison) -> str:
 
 def comparison_markdown(comparison: Comparison) -> str:
     """Return a Markdown table with all metrics of all policies and their 95 % intervals."""
-    return _markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _comparison_cells(comparison))
+    return markdown_table(["scenario", "policy", *map(_heading, COLUMNS)], _comparison_cells(comparison))
 
 
 def leaderboard_markdown(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> str:
     """Return the leaderboard as a Markdown table, below the row of `bound_row` if there is one."""
-    return _markdown_table(LEADERBOARD_COLUMNS, _leaderboard_cells(standings, bound))
+    return markdown_table(LEADERBOARD_COLUMNS, _leaderboard_cells(standings, bound))
 
 
 def tuning_markdown(policies: Sequence[str]) -> str:
     """Return a Markdown table with the tuning command and the score of each policy whose gains were tuned."""
     rows = [[name, f"`{TUNED[name].command}`", format_number(TUNED[name].score)] for name in policies if name in TUNED]
-    return _markdown_table(["controller", "found by", "score (mm)"], rows)
+    return markdown_table(["controller", "found by", "score (mm)"], rows)
 
 
 def matrix_markdown(comparison: Comparison) -> str:
@@ -147,7 +147,7 @@ def matrix_markdown(comparison: Comparison) -> str:
             number = f"**{format_number(rmse)}**" if rmse == smallest else format_number(rmse)
             cells.append(number if survival == 100.0 else f"{number} ({survival:.3g} %)")
         rows.append([scenario, *cells])
-    return _markdown_table(["scenario", *comparison.policies], rows)
+    return markdown_table(["scenario", *comparison.policies], rows)
 
 
 def verdicts(comparison: Comparison) -> list[str]:
@@ -230,10 +230,6 @@ def _table(title: str, headings: Sequence[str]) -> Table:
     for heading in headings:
         table.add_column(heading, overflow="fold")
     return table
-
-
-def _markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
 
 
 def _verdict(scenario: str, pair: PairwiseComparison, result: ScenarioResult) -> str:

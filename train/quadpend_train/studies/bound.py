@@ -43,7 +43,7 @@ from quadpend_train.evaluation.bound import (
 )
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import collect_results
-from quadpend_train.evaluation.formatting import format_interval, format_number
+from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.jobs import call_in_processes
 from quadpend_train.evaluation.statistics import CONFIDENCE, Interval, mean, proportion
 from quadpend_train.policies.adaptation import adapt_policy
@@ -279,7 +279,7 @@ def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str,
             if policy != FIRST_GUESS:
                 cells.append("–" if gap.closed.value < 0.0 else format_interval(gap.closed))
         rows.append(cells)
-    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+    return markdown_table(headings, rows)
 
 
 def as_data(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str, Mapping[str, Gap]]) -> dict[str, Any]:

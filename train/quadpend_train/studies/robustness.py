@@ -19,6 +19,7 @@ from quadpend_gym.core.validation import check_int
 from quadpend_train.common.files import to_json_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
+from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
 from quadpend_train.scenarios import HOVER, Scenario
@@ -271,11 +272,11 @@ def _curve_point(value: float, results: EpisodeResults) -> CurvePoint:
 
 def markdown(robustness: Robustness) -> str:
     """Return a Markdown table: the tolerated range on each axis and the share of recovered starts on each grid."""
-    lines = [["", *robustness.policies], ["---"] * (1 + len(robustness.policies))]
+    rows = []
     for name, axis in robustness.axes.items():
         ranges = (format_tolerated_range(axis, robustness.curves[name, policy]) for policy in robustness.policies)
-        lines.append([axis.label, *ranges])
+        rows.append([axis.label, *ranges])
     for name, grid in robustness.start_grids.items():
         shares = (robustness.recovery_maps[name, policy].recovered for policy in robustness.policies)
-        lines.append([f"{grid.title.lower()}: recovered (%)", *(f"{100.0 * share:.0f}" for share in shares)])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+        rows.append([f"{grid.title.lower()}: recovered (%)", *(f"{100.0 * share:.0f}" for share in shares)])
+    return markdown_table(["", *robustness.policies], rows) + "\n"

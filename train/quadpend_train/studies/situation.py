@@ -23,7 +23,7 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.comparison import compare, differences
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from quadpend_train.evaluation.formatting import format_interval
+from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
@@ -124,7 +124,7 @@ def markdown(measured: Mapping[str, Mapping[str, Interval]]) -> str:
     headings = ["scenario", "adaptive (mm)", "mean situation (mm)"]
     headings += ["difference (mm)", "where both survive (mm)", "survival (points)"]
     rows = [[scenario, *(format_interval(value) for value in row.values())] for scenario, row in measured.items()]
-    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+    return markdown_table(headings, rows)
 
 
 def gains(measured: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str, Interval]]:

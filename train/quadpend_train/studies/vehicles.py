@@ -25,7 +25,7 @@ from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.comparison import summarise
 from quadpend_train.evaluation.episodes import EpisodeResults
-from quadpend_train.evaluation.formatting import format_number
+from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.scenarios import HOVER, SCENARIOS, SETS, Scenario
 from quadpend_train.studies.recovery import START_LINES, StartGrid, classify_recovery, largest_recovered
@@ -83,7 +83,7 @@ def measure_presets(
         for vehicle in vehicles
         for air in made
     ]
-    return Table(_markdown(["vehicle", "air", *policies], rows), _data(results))
+    return Table(markdown_table(["vehicle", "air", *policies], rows), _data(results))
 
 
 def measure_recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int, **settings: Any) -> Table:
@@ -116,7 +116,7 @@ def measure_recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int
         for vehicle in vehicles
     ]
     data = {_SEPARATOR.join(key): None if np.isnan(value) else value for key, value in largest.items()}
-    return Table(_markdown(["tilt (°) / tilt rate (°/s)", *policies], rows), data)
+    return Table(markdown_table(["tilt (°) / tilt rate (°/s)", *policies], rows), data)
 
 
 def measure_as_flown(policies: Sequence[str], episodes: int, seed: int, **settings: Any) -> Table:
@@ -133,7 +133,7 @@ def measure_as_flown(policies: Sequence[str], episodes: int, seed: int, **settin
     jobs = {(member, name): Job(name, SCENARIOS[member], episodes, seed) for member in members for name in names}
     results = run_jobs(jobs, **settings)
     rows = [[name, *(_flight(results[member, name], "settled_rmse") for member in members)] for name in names]
-    return Table(_markdown(["controller", *members], rows), _data(results))
+    return Table(markdown_table(["controller", *members], rows), _data(results))
 
 
 def _flight(results: EpisodeResults, error: str = "penalised_rmse") -> str:
@@ -159,7 +159,3 @@ def _data(results: Mapping[Any, EpisodeResults]) -> dict[str, Any]:
         _SEPARATOR.join(key): {name: to_json_data(interval) for name, interval in summarise(found).items()}
         for key, found in results.items()
     }
-
-
-def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
