@@ -96,6 +96,17 @@ class LqrGains:
 
 
 @dataclass(frozen=True)
+class DualModeGains:
+    """Gains of `controllers.dual_mode`."""
+
+    far: FlatnessGains = field(default_factory=FlatnessGains)  # far from the reference; its estimator is not used
+    near: LqrGains = field(default_factory=LqrGains)  # near it; its reach, integrators and estimator are not used
+    reach: tuple[float, float] = (0.09, 0.16)  # m √s, of ε: only the law near the reference, only the law far from it
+    tilt: tuple[float, float] = (0.15, 0.3)  # rad, of pendulum and thrust: the same
+    estimator: EstimatorGains = field(default_factory=EstimatorGains)
+
+
+@dataclass(frozen=True)
 class MppiGains:
     """Gains of `controllers.mppi`; ``quadpend tune mppi --trials 60 --episodes 16`` found those of `mppi`."""
 
@@ -204,6 +215,11 @@ def without_prediction(gains: Any) -> Any:
     return replace(gains, estimator=replace(gains.estimator, predicts=False))
 
 
+GAINS["dual-mode"] = DualModeGains(
+    far=GAINS["flatness"],
+    near=LqrGains(position=0.1, velocity=10.0, angle=10.0, angle_rate=10.0),
+    estimator=GAINS["flatness"].estimator,
+)
 GAINS |= {f"{name}{UNPREDICTED}": without_prediction(GAINS[name]) for name in ("flatness", "lqr")}
 
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and

@@ -89,6 +89,26 @@ def riccati(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     return gain, P.astype(np.float64)
 
 
+def deviation(
+    estimate: Estimate, measurement: Measurement, disturbance: Floats, simulation: Simulation
+) -> tuple[Floats, Floats]:
+    """Return x − x_d in the axes of the heading, shape (n, 16), and u_d, shape (n, 4), N and N·m.
+
+    Args:
+        estimate: Estimates of state and disturbance.
+        measurement: Holds the reference.
+        disturbance: The disturbance under which x_d and u_d follow the reference, N and N·m, shape (n, 9).
+        simulation: Nominal simulation.
+    """
+    yaw = State(estimate.state).euler[:, 2]
+    # The desired roll and pitch are computed for the actual heading, not for the desired one.
+    heading = np.column_stack([yaw, measurement.yaw_reference[:, 1:]])
+    state, command = reference_trajectory(measurement.reference, heading, disturbance, simulation)
+    command = body_command(state, command, disturbance, simulation)
+    State(state).euler[:, 2] = measurement.yaw_reference[:, 0]
+    return rotate_state((estimate.state - state)[:, STATE_COLUMNS], -yaw), command
+
+
 @dataclass(frozen=True)
 class Lqr:
     """The control law (1), with integrators if `gains.integral` is positive."""
@@ -102,15 +122,8 @@ class Lqr:
 
     def command(self, estimate: Estimate, measurement: Measurement, memory: Floats) -> tuple[Floats, Floats]:
         """Return the command of equation (1) and the integrals σ; see `output_feedback.ControlLaw`."""
-        p = self.simulation.parameters
-        calm = np.zeros_like(estimate.disturbance)
-        yaw = State(estimate.state).euler[:, 2]
-        # The desired roll and pitch are computed for the actual heading, not for the desired one.
-        heading = np.column_stack([yaw, measurement.yaw_reference[:, 1:]])
-        state, command = reference_trajectory(measurement.reference, heading, calm, self.simulation)
-        command = body_command(state, command, calm, self.simulation)
-        State(state).euler[:, 2] = measurement.yaw_reference[:, 0]
-        x = rotate_state((estimate.state - state)[:, STATE_COLUMNS], -yaw)
+        p, yaw = self.simulation.parameters, State(estimate.state).euler[:, 2]
+        x, command = deviation(estimate, measurement, np.zeros_like(estimate.disturbance), self.simulation)
         x[:, HORIZONTAL_POSITION] = limit_norm(x[:, HORIZONTAL_POSITION], self.gains.reach)
         gain, _ = riccati(self.gains, self.simulation)
         command = command - x @ gain[:, :MODEL_STATE_SIZE].T

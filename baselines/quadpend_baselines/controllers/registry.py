@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
@@ -25,6 +26,7 @@ CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "lqr": partial(OutputFeedback, Lqr),
     "lqi": partial(OutputFeedback, Lqr),
     "flatness": partial(OutputFeedback, Flatness),
+    "dual-mode": partial(OutputFeedback, DualMode),
     "mppi": partial(OutputFeedback, Mppi),
     "nmpc": partial(OutputFeedback, Nmpc),
     "flatness-unpredicted": partial(OutputFeedback, Flatness),
@@ -38,7 +40,8 @@ DESCRIPTIONS = {
     "adrc-linear": "adrc-tuned with linear observers",
     "lqr": "linear-quadratic regulator around hover, with feedforward of the reference",
     "lqi": "lqr with integrators",
-    "flatness": "nonlinear, flatness-based cascade; the best classical controller",
+    "flatness": "nonlinear, flatness-based cascade",
+    "dual-mode": "flatness, which becomes an optimal linear feedback near the reference",
     "mppi": "model-predictive control with sampled trajectories (MPPI) around a linear feedback",
     "nmpc": "nonlinear model-predictive control by real-time iterations; needs CasADi",
     "flatness-unpredicted": "flatness, without the prediction through known delays and lags",

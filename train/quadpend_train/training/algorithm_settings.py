@@ -65,6 +65,8 @@ class ApgSettings:
 
     window: int = 100
     """Control steps through which gradients are propagated; one gradient step per window."""
+    restart: float = 0.5
+    """Share of the rows of each scenario that begin a new episode with each window."""
     rmse: float = 6.0
     """Weight w_R of the root mean square of the tracking error, mean over the scenarios, 1/m."""
     error: float = 0.1
@@ -84,6 +86,7 @@ class ApgSettings:
 
     def __post_init__(self) -> None:
         check_int(self.window, "window", 1)
+        check_number(self.restart, "restart", 0.0, 1.0)
         for name in ("rmse", "error", "yaw", "effort", "rate", "lean"):
             check_number(getattr(self, name), name, 0.0)
         for name in ("max_grad_norm", "max_state_gradient"):

@@ -79,8 +79,7 @@ def _sac(settings: TrainSettings) -> dict[str, Any]:
 def _apg(settings: TrainSettings) -> dict[str, Any]:
     check_apg(settings)
     scenarios = [find_scenario(name) for name in expand_sets(settings.scenarios)]
-    episode_steps = settings.max_episode_steps or scenarios[0].steps
-    return {"scenarios": scenarios, "apg": settings.apg, "episode_steps": episode_steps}
+    return {"scenarios": scenarios, "apg": settings.apg}
 
 
 def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:

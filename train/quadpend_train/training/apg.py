@@ -30,7 +30,7 @@ The further cost of a step is
 with the tracking error e (m), the yaw error ψ_e, the action a, and the margins m to the limits of the tilts of pendulum
 and body and of the tracking error (1 far from the limit, 0 at the limit), so that falls have a cost before they happen.
 An action outside [−1, 1] has the further cost of the squared excess. States are carried over from window to window,
-without gradients. Episodes begin in all windows, each in its share of the rows.
+without gradients. A share of the rows, drawn at random, begins a new episode with each window.
 
 A row that falls begins a new episode at once, so J lacks the cost of the rest of its episode: of a policy that often
 falls, J is too small. ``train/falls`` in the log is the number of falls in a window.
@@ -86,15 +86,12 @@ class APG(OnPolicyAlgorithm):
         env: Training environment, an `SB3VecEnv` with the sub-environments of `scenarios`.
         scenarios: The scenarios, which `check_covered` accepts.
         apg: Settings.
-        episode_steps: Control steps of an episode.
         options: Further arguments of `OnPolicyAlgorithm`.
     """
 
     policy_aliases = OnPolicyAlgorithm.policy_aliases | {"MlpPolicy": ActorCriticPolicy}
 
-    def __init__(
-        self, policy: Any, env: Any, scenarios: Sequence[Scenario], apg: ApgSettings, episode_steps: int, **options: Any
-    ) -> None:
+    def __init__(self, policy: Any, env: Any, scenarios: Sequence[Scenario], apg: ApgSettings, **options: Any) -> None:
         """Make the policy and the differentiable plant."""
         unused: dict[str, Any] = {"n_steps": 1, "gae_lambda": 1.0, "ent_coef": 0.0, "vf_coef": 0.0}
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
@@ -103,9 +100,6 @@ class APG(OnPolicyAlgorithm):
         tasks = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
         limits = torch.tensor([limit_row(task.limits) for task in tasks])
         self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
-        self._episode_windows = episode_steps // apg.window
-        share = self.n_envs // len(scenarios)
-        self._phase = np.tile(np.arange(share) * self._episode_windows // share, len(scenarios))
         self._memory = self._plant.initial_memory()
         loops = [
             getattr(item.hybrid.base_controller, "predicted_loop", Loop())
@@ -176,9 +170,12 @@ class APG(OnPolicyAlgorithm):
         self.logger.record("train/falls", self._falls)
 
     def _restart_rows(self, env: Any) -> None:
-        """Begin new episodes in the rows whose turn it is, so that episodes begin in every window."""
+        """Begin new episodes in a share of the rows of each scenario, drawn at random."""
         window = self.num_timesteps // (self.apg.window * env.num_envs)
-        rows = (self._phase + window) % self._episode_windows == 0
+        random, count = np.random.default_rng([self.seed or 0, window]), len(self._sensitivity)
+        share = env.num_envs // count
+        started = np.arange(share) < round(self.apg.restart * share)
+        rows = np.concatenate([random.permutation(started) for _ in range(count)])
         if rows.any():
             self._last_obs = env.restart(rows)
             self._last_episode_starts = np.asarray(self._last_episode_starts) | rows
