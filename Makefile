@@ -21,7 +21,7 @@ evidence: .venv/.installed  ## table of docs/results.md: PPO after a minute of t
 	$(BIN)/quadpend evaluate adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
-LEARNERS := ppo-alone sac-alone ppo-gain-scheduling ppo-hummingbird sac-hummingbird
+LEARNERS := apg ppo-alone sac-alone ppo-gain-scheduling ppo-hummingbird sac-hummingbird
 learners: .venv/.installed  ## train the learned policies that the package ships: five training seeds each
 	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
 	mkdir -p train/quadpend_train/policies/shipped
@@ -31,12 +31,13 @@ learners: .venv/.installed  ## train the learned policies that the package ships
 ablations: .venv/.installed  ## section of docs/results.md that compares trainings with and without single settings
 	$(BIN)/quadpend ablate --document docs/results.md
 
-LEARNED := ppo-alone sac-alone ppo-gain-scheduling
-CLASSICAL := flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
+LEARNED := apg ppo-alone sac-alone ppo-gain-scheduling
+CLASSICAL := dual-mode flatness mppi lqi lqr adrc-matched adrc-tuned adrc-linear adrc-paper
 results: .venv/.installed  ## docs/results.md: learned policies and classical controllers in all test scenarios
 	$(BIN)/quadpend evaluate $(LEARNED) $(CLASSICAL) --scenarios test --episodes 200 --seed $(TEST_SEED) --jobs 2 \
 		--robustness 50 --bound docs/bound/bound.csv --out docs/results --document docs/results.md
-	$(BIN)/quadpend evaluate flatness adrc-paper $(LEARNED) --scenarios hover hover_windy --episodes 200 --seed $(TEST_SEED) --out docs/hover
+	$(BIN)/quadpend evaluate dual-mode flatness adrc-paper $(LEARNED) --scenarios hover hover_windy --episodes 200 --seed $(TEST_SEED) --out docs/hover
+	$(BIN)/quadpend situation apg --episodes 200 --seed $(TEST_SEED) --jobs 2 --out docs/situation --document docs/results.md
 
 FLYERS := flatness lqi lqr adrc-matched
 vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, from large tilts, and as flown in an experiment
@@ -45,7 +46,7 @@ vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, 
 		--out docs/vehicles-results --document docs/vehicles-results.md
 
 bound: .venv/.installed  ## docs/bound.md: the best flights of episodes whose wind is known in advance, and the gap to them
-	$(BIN)/quadpend bound flatness ppo-alone ppo-gain-scheduling --scenarios test windy --episodes 8 --seed $(TEST_SEED) --out docs/bound --document docs/bound.md
+	$(BIN)/quadpend bound flatness dual-mode apg ppo-alone ppo-gain-scheduling --scenarios test windy --episodes 8 --seed $(TEST_SEED) --out docs/bound --document docs/bound.md
 
 animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
 	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenarios docs/gust.toml --seconds 1.5 5 --speed 0.5 \

@@ -6,9 +6,9 @@ project's winds, so that the observers rarely leave the boundary layer; the samp
 use the mean of the known inputs over it (`observers`); the torques are limited
 (`quadpend_gym.physics.parameters.Actuators`).
 
-All other gains were found by the command ``quadpend tune`` on the training scenarios. `TUNED` holds the full command
-and the score of each controller. ``quadpend_train.studies.tuning.SPACES`` lists the gains that it varies, by the names
-of the fields below.
+All other gains were found by the command ``quadpend tune`` on the training scenarios, except where a class says that
+they were set by hand. `TUNED` holds the full command and the score of each controller.
+``quadpend_train.studies.tuning.SPACES`` lists the gains that it varies, by the names of the fields below.
 """
 
 from dataclasses import dataclass, field, replace
@@ -97,12 +97,14 @@ class LqrGains:
 
 @dataclass(frozen=True)
 class DualModeGains:
-    """Gains of `controllers.dual_mode`."""
+    """Gains of `controllers.dual_mode`, set by hand in validation episodes of `training-wide` and `noisy`."""
 
     far: FlatnessGains = field(default_factory=FlatnessGains)  # far from the reference; its estimator is not used
     near: LqrGains = field(default_factory=LqrGains)  # near it; its reach, integrators and estimator are not used
-    reach: tuple[float, float] = (0.09, 0.16)  # m √s, of ε: only the law near the reference, only the law far from it
-    tilt: tuple[float, float] = (0.15, 0.3)  # rad, of pendulum and thrust: the same
+    near_error: float = 0.09  # ε₀, m √s: below it only the law near the reference
+    far_error: float = 0.16  # ε₁, m √s: above it only the law far from it
+    near_tilt: float = 0.15  # α₀, rad
+    far_tilt: float = 0.3  # α₁, rad
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 

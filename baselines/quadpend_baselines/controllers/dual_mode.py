@@ -3,7 +3,7 @@
     (1)  u = s u_near + (1 − s) u_far
     (2)  u_near = u_d − K (x − x_d)                          `lqr`; x_d and u_d under the estimated disturbance
     (3)  u_far                                               `flatness`
-    (4)  s = fade(ε, reach) · fade(α, tilt),   fade(a, (a₀, a₁)) = clip((a₁ − a)/(a₁ − a₀), 0, 1)
+    (4)  s = fade(ε, ε₀, ε₁) · fade(α, α₀, α₁),     fade(a, a₀, a₁) = clip((a₁ − a)/(a₁ − a₀), 0, 1)
     (5)  ε = p √(T (x − x_d)ᵀ P (x − x_d)) ≈ √∫ |e|² dt
 
 K is designed for small tolerances p of the position error, so that it uses most of the range of the actions. It is
@@ -52,13 +52,14 @@ class DualMode:
         near = near - _product(x, gain)
         remaining = np.sqrt(np.maximum(np.sum(x * _product(x, cost), axis=1), 0.0))
         error = self.gains.near.position * np.sqrt(self.simulation.period) * remaining
-        share = _fade(error, self.gains.reach) * _fade(_tilt(State(estimate.state)), self.gains.tilt)
+        share = _fade(error, self.gains.near_error, self.gains.far_error)
+        share = share * _fade(_tilt(State(estimate.state)), self.gains.near_tilt, self.gains.far_tilt)
         return far + share[:, np.newaxis] * (near - far), memory
 
 
-def _fade(value: Floats, limits: tuple[float, float]) -> Floats:
-    """Return 1 below the first limit, 0 above the second one, and a linear function in between."""
-    return np.clip((limits[1] - value) / (limits[1] - limits[0]), 0.0, 1.0)
+def _fade(value: Floats, near: float, far: float) -> Floats:
+    """Return 1 below `near`, 0 above `far`, and a linear function in between."""
+    return np.clip((far - value) / (far - near), 0.0, 1.0)
 
 
 def _tilt(state: State) -> Floats:

@@ -20,6 +20,7 @@ from quadpend_baselines.gains import (
     RIGID_GAINS,
     UNPREDICTED,
     AdrcGains,
+    DualModeGains,
     FlatnessGains,
     LqrGains,
     MppiGains,
@@ -29,8 +30,17 @@ from quadpend_baselines.gains import (
 from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_gym import Parameters, Simulation
 
+_FLATNESS = {
+    "position_bandwidth": 1,
+    "pendulum_bandwidth": 1,
+    "attitude_bandwidth": 1,
+    "vertical_bandwidth": 1,
+    "velocity": -1,
+    "far_pendulum_bandwidth": 1,
+    "far_attitude_bandwidth": 1,
+}
 _LQR = {"position": -2, "velocity": -1, "angle_rate": 1, "reach": -2, "integral": -3, "integral_limit": -3}
-EXPONENTS: dict[type, dict[str, int]] = {
+EXPONENTS: dict[type, dict[str, float]] = {
     AdrcGains: {
         "horizontal_bandwidth": 1,
         "vertical_bandwidth": 1,
@@ -40,17 +50,15 @@ EXPONENTS: dict[type, dict[str, int]] = {
         "vertical.bandwidth": 1,
         "vertical.switching": 2,
     },
-    FlatnessGains: {
-        "position_bandwidth": 1,
-        "pendulum_bandwidth": 1,
-        "attitude_bandwidth": 1,
-        "vertical_bandwidth": 1,
-        "velocity": -1,
-        "far_pendulum_bandwidth": 1,
-        "far_attitude_bandwidth": 1,
-    },
+    FlatnessGains: _FLATNESS,
     LqrGains: _LQR,
     MppiGains: {f"feedback.{name}": exponent for name, exponent in _LQR.items()},
+    DualModeGains: {
+        "near_error": -2.5,
+        "far_error": -2.5,
+        **{f"far.{name}": exponent for name, exponent in _FLATNESS.items()},
+        **{f"near.{name}": exponent for name, exponent in _LQR.items()},
+    },
     NmpcGains: {"period": -1, **{f"feedback.{name}": exponent for name, exponent in _LQR.items()}},
 }
 

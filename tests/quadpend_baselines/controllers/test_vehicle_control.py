@@ -36,7 +36,7 @@ def fly(name: str, simulation: Simulation, velocities: bool = True) -> None:
 
 
 @every_interface
-@pytest.mark.parametrize("name", ["flatness", "lqr", "lqi", "mppi", "adrc-tuned", "adrc-linear"])
+@pytest.mark.parametrize("name", ["flatness", "dual-mode", "lqr", "lqi", "mppi", "adrc-tuned", "adrc-linear"])
 def test_controllers_fly_the_hummingbird_for_2_s(name: str, interface: str) -> None:
     fly(name, Simulation(vehicle="hummingbird", interface=interface))
 

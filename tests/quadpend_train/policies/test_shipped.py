@@ -12,7 +12,7 @@ from quadpend_train.training.settings import read_settings, settings_of_card, to
 from quadpend_train.training.train import CARD_SEED
 from quadpend_train.training.validation import validate
 
-LEARNERS = ("ppo-alone", "sac-alone", "ppo-gain-scheduling", "ppo-hummingbird", "sac-hummingbird")
+LEARNERS = ("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling", "ppo-hummingbird", "sac-hummingbird")
 FILES = sorted(SHIPPED.glob("*.npz"))
 
 

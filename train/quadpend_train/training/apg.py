@@ -240,7 +240,7 @@ def check_apg(settings: TrainSettings) -> None:
 
     Raises:
         ValueError: If the policy does not act alone on one observation with all velocities, a setting is not used by
-            APG, an episode is not a whole number of windows, or the differentiable dynamics does not cover a scenario.
+            APG, or the differentiable dynamics does not cover a scenario.
     """
     if settings.hybrid.mode != "estimate_only":
         raise ValueError(f"mode must be 'estimate_only' with algo 'apg', not {settings.hybrid.mode!r}")
@@ -252,10 +252,6 @@ def check_apg(settings: TrainSettings) -> None:
             raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
     for name in expand_sets(settings.scenarios):
         check_covered(name, scenario := find_scenario(name))
-        if (steps := settings.max_episode_steps or scenario.steps) % settings.apg.window:
-            raise ValueError(
-                f"apg.window must divide the {steps} control steps of an episode, not be {settings.apg.window}"
-            )
         if scenario.output_feedback and not settings.hybrid.base_controller:
             raise ValueError(
                 f"the scenario {name} has no velocities in its observation: algo 'apg' needs a base_controller, which"

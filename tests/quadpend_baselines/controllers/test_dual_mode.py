@@ -1,0 +1,104 @@
+"""Dual-mode control: the laws at its two ends, the change between them, exact tracking, and the remaining error."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_baselines.controllers.dual_mode import DualMode
+from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.lqr import deviation, riccati
+from quadpend_baselines.gains import GAINS, DualModeGains
+from quadpend_gym import Reference, Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.state import State
+from tests.helpers.controllers import (
+    CALM,
+    disturbance_of,
+    flat_state_and_command,
+    hover_states,
+    measurement_of,
+    simulate_with_true_state,
+    tilted_pendulum,
+    tracking_distance,
+    true_estimate,
+)
+
+TUNED: DualModeGains = GAINS["dual-mode"]
+SIMULATION = Simulation()
+WIND = disturbance_of(force=(0.3, -0.2, 0.1), bob_force=(0.01, 0.0, 0.0), torque=(0.05, -0.02, 0.01))
+ALWAYS_NEAR = replace(TUNED, near_error=1e8, far_error=1e9, near_tilt=10.0, far_tilt=11.0)
+HOVER_AT_2_M = Reference.hover(z=2.0)
+
+
+def command_of(gains: DualModeGains, state: Floats, disturbance: Floats = CALM) -> Floats:
+    measurement = measurement_of(state, HOVER_AT_2_M)
+    return DualMode(gains, SIMULATION).command(true_estimate(measurement, disturbance), measurement, ())[0]
+
+
+def displaced(*offsets: float) -> Floats:
+    states = hover_states(len(offsets))
+    State(states).position[:, 0] += offsets
+    return states
+
+
+@pytest.mark.parametrize("disturbance", [CALM, WIND], ids=["calm", "wind"])
+def test_near_the_reference_it_is_the_optimal_linear_feedback(disturbance: Floats) -> None:
+    state = displaced(0.01)
+    measurement = measurement_of(state, HOVER_AT_2_M)
+    x, feedforward = deviation(true_estimate(measurement), measurement, np.atleast_2d(disturbance), SIMULATION)
+    gain, _ = riccati(TUNED.near, SIMULATION)
+    assert_allclose(command_of(TUNED, state, disturbance), feedforward - x @ gain.T, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("state", [displaced(1.0), tilted_pendulum(0.4, 1.0)], ids=["offset", "tilt"])
+def test_far_from_the_reference_it_is_the_flatness_based_law(state: Floats) -> None:
+    measurement = measurement_of(state, HOVER_AT_2_M)
+    law = Flatness(TUNED.far, SIMULATION)
+    assert_array_equal(command_of(TUNED, state), law.command(true_estimate(measurement), measurement, ())[0])
+
+
+def test_the_command_changes_continuously_from_one_law_to_the_other() -> None:
+    offsets = np.linspace(0.0, 0.6, 20_001)
+    commands = command_of(TUNED, displaced(*offsets))
+    assert np.abs(np.diff(commands, axis=0)).max() < 2e-3 * np.ptp(commands, axis=0).max()
+
+
+def test_the_command_of_a_row_does_not_depend_on_other_rows() -> None:
+    states = displaced(0.01, 0.2, 0.27, 0.3, 2.0)
+    together = command_of(TUNED, states, WIND)
+    assert_array_equal(together, np.concatenate([command_of(TUNED, row[np.newaxis], WIND) for row in states]))
+
+
+def test_it_follows_a_circle_in_wind_exactly() -> None:
+    circle = Reference(
+        offset=(0.0, 0.0, 2.0, 0.0),
+        amplitude=(0.5, 0.5, 0.0, 0.0),
+        frequency=(1.0, 1.0, 0.0, 0.0),
+        phase=(1.57, 0.0, 0.0, 0.0),
+    )
+    state, _ = flat_state_and_command(circle, 0.0, WIND, SIMULATION.parameters)
+    end = simulate_with_true_state(DualMode(TUNED, SIMULATION), SIMULATION, state, 500, circle, WIND)
+    measurement = measurement_of(end, circle, 500 * SIMULATION.period)
+    assert tracking_distance(measurement, SIMULATION.parameters.rod_length).max() < 2e-3
+
+
+def test_the_remaining_error_is_the_integral_of_the_squared_error_of_the_linear_feedback() -> None:
+    """ε² ≈ ∫ |e|² dt: the further terms of the cost of `lqr` are small with the tuned tolerances."""
+    errors: list[Floats] = []
+    rod = SIMULATION.parameters.rod_length
+    simulate_with_true_state(
+        DualMode(ALWAYS_NEAR, SIMULATION),
+        SIMULATION,
+        displaced(0.02),
+        1000,
+        HOVER_AT_2_M,
+        callback=lambda measurement, command, memory: errors.append(tracking_distance(measurement, rod)),
+    )
+    flown = np.sqrt(SIMULATION.period * np.sum(np.square(errors)))
+    measurement = measurement_of(displaced(0.02), HOVER_AT_2_M)
+    x, _ = deviation(true_estimate(measurement), measurement, CALM[np.newaxis], SIMULATION)
+    _, cost = riccati(TUNED.near, SIMULATION)
+    remaining = TUNED.near.position * np.sqrt(SIMULATION.period * np.sum(x @ cost * x))
+    assert flown < remaining < 1.5 * flown
