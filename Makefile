@@ -7,7 +7,7 @@ TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or tr
 .PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels format bench time-to-beat golden docs tour screenshots clean help
 
 DEMO := --settings ppo-alone --total-timesteps 1200000  # about a minute on one core
-demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the best classical controller
+demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the flatness-based controller
 	rm -rf runs/demo
 	$(BIN)/quadpend train $(DEMO) --out runs/demo
 	$(BIN)/quadpend evaluate adrc-paper flatness ppo=runs/demo --scenarios calm windy --episodes 200 --seed $(TEST_SEED) --out results/demo

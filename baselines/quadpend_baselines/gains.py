@@ -100,9 +100,11 @@ class DualModeGains:
     """Gains of `controllers.dual_mode`, set by hand in validation episodes of `training-wide` and `noisy`."""
 
     far: FlatnessGains = field(default_factory=FlatnessGains)  # far from the reference; its estimator is not used
-    near: LqrGains = field(default_factory=LqrGains)  # near it; its reach, integrators and estimator are not used
-    near_error: float = 0.09  # ε₀, m √s: below it only the law near the reference
-    far_error: float = 0.16  # ε₁, m √s: above it only the law far from it
+    near: LqrGains = field(
+        default_factory=LqrGains
+    )  # near it, without integrators; its reach and estimator are not used
+    near_error: float = 0.09  # ε₀, m √s: below ε₀ and α₀ only the law near the reference
+    far_error: float = 0.16  # ε₁, m √s: above ε₁ or α₁ only the law far from it
     near_tilt: float = 0.15  # α₀, rad
     far_tilt: float = 0.3  # α₁, rad
     estimator: EstimatorGains = field(default_factory=EstimatorGains)

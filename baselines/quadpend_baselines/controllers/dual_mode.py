@@ -1,4 +1,4 @@
-"""Dual-mode control: optimal linear feedback near the reference, the flatness-based cascade far from it.
+"""Dual-mode control: optimal linear feedback near the reference at small tilts, the flatness-based cascade elsewhere.
 
     (1)  u = s u_near + (1 − s) u_far
     (2)  u_near = u_d − K (x − x_d)                          `lqr`; x_d and u_d under the estimated disturbance
@@ -6,10 +6,12 @@
     (4)  s = fade(ε, ε₀, ε₁) · fade(α, α₀, α₁),     fade(a, a₀, a₁) = clip((a₁ − a)/(a₁ − a₀), 0, 1)
     (5)  ε = p √(T (x − x_d)ᵀ P (x − x_d)) ≈ √∫ |e|² dt
 
-K is designed for small tolerances p of the position error, so that it uses most of the range of the actions. It is
-optimal for the motion linearised at hover and fails far from there. ε is the tracking error that the feedback (2) would
-still make, by the solution P of its Riccati equation; T is the control period. α is the larger one of the tilts of
-pendulum and thrust. Both laws have the estimator of `flatness`.
+K is designed for a small tolerance p of the position error (`near.position`, m), so that it uses most of the range of
+the actions. It is optimal for the motion linearised at hover and fails far from there. ε (m √s) is the root of the
+integral of the squared tracking error that the feedback (2) would still make in the linear model, by the solution P of
+its Riccati equation; T is the control period. α is the larger one of the tilts of pendulum and thrust. For the paper's
+vehicle both laws have the gains and the estimator of `flatness`; for rigid vehicles these gains are scaled, and not
+tuned (`controllers.vehicle_gains`).
 
 Dual-mode control switches from one law to the other; here the change is continuous.
 """
@@ -30,10 +32,18 @@ from quadpend_gym.physics.state import State
 
 @dataclass(frozen=True)
 class DualMode:
-    """The control law (1)–(5)."""
+    """The control law (1)–(5).
+
+    Raises:
+        ValueError: If `gains.near` has integrators.
+    """
 
     gains: DualModeGains
     simulation: Simulation
+
+    def __post_init__(self) -> None:
+        if self.gains.near.integral > 0.0:
+            raise ValueError(f"near.integral must be 0, not {self.gains.near.integral!r}: dual-mode has no integrators")
 
     @cached_property
     def far(self) -> Flatness:

@@ -92,7 +92,7 @@ def riccati(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
 def deviation(
     estimate: Estimate, measurement: Measurement, disturbance: Floats, simulation: Simulation
 ) -> tuple[Floats, Floats]:
-    """Return x − x_d in the axes of the heading, shape (n, 16), and u_d, shape (n, 4), N and N·m.
+    """Return x − x_d in the axes of the heading, shape (n, 16), SI units, and u_d, shape (n, 4), N and N·m.
 
     Args:
         estimate: Estimates of state and disturbance.

@@ -30,7 +30,7 @@ from quadpend_baselines.gains import (
 from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_gym import Parameters, Simulation
 
-_FLATNESS = {
+_FLATNESS: dict[str, float] = {
     "position_bandwidth": 1,
     "pendulum_bandwidth": 1,
     "attitude_bandwidth": 1,
@@ -39,7 +39,14 @@ _FLATNESS = {
     "far_pendulum_bandwidth": 1,
     "far_attitude_bandwidth": 1,
 }
-_LQR = {"position": -2, "velocity": -1, "angle_rate": 1, "reach": -2, "integral": -3, "integral_limit": -3}
+_LQR: dict[str, float] = {
+    "position": -2,
+    "velocity": -1,
+    "angle_rate": 1,
+    "reach": -2,
+    "integral": -3,
+    "integral_limit": -3,
+}
 EXPONENTS: dict[type, dict[str, float]] = {
     AdrcGains: {
         "horizontal_bandwidth": 1,

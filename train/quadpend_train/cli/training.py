@@ -118,7 +118,7 @@ def train(
     print(f"In its training scenarios it survives {survival:.1%} of the episodes; penalised RMSE {1e3 * rmse:.1f} mm.")
     command = ["quadpend", "evaluate", "flatness", f"mine={path.parent}", "--scenarios", *scenarios]
     command += [part for option, value in changes.items() if value for part in (option, value)]
-    print(f"Compare it with the best classical controller: {shlex.join(command)}")
+    print(f"Compare it with a classical controller: {shlex.join(command)}")
 
 
 def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_normalize: Path | None = None) -> None:

@@ -66,7 +66,7 @@ class ApgSettings:
     window: int = 100
     """Control steps through which gradients are propagated; one gradient step per window."""
     restart: float = 0.5
-    """Share of the rows of each scenario that begin a new episode with each window."""
+    """Share of the rows of each scenario that begin a new episode with each window, rounded to whole rows."""
     rmse: float = 6.0
     """Weight w_R of the root mean square of the tracking error, mean over the scenarios, 1/m."""
     error: float = 0.1
