@@ -14,7 +14,7 @@ A run is evaluated many times and could reach a goal by chance. A goal therefore
 reaches it in a second block of episodes. The first two goals are measured in one training of a PPO policy that
 observes the estimates of the flatness-based controller and first imitates this controller (settings ``fast``), the
 first one also without imitation (settings ``ppo-alone``). The third is measured with a hybrid (settings
-``ppo-gain-scheduling``), which is close to its base controller, `flatness`, from the start. The time
+``ppo-gain-scheduling``), which is close to its base controller, ``flatness``, from the start. The time
 includes making the environment and imitation, and excludes imports and compilation. The steps are control steps of
 the policy. They include those of the imitation and exclude those of the baseline copies of a baseline-relative
 reward.

@@ -75,7 +75,7 @@ def _fade(value: Floats, near: float, far: float) -> Floats:
 def _tilt(state: State) -> Floats:
     """Return the larger one of the tilts of pendulum and thrust, rad, shape (n,)."""
     upright = np.minimum(state.direction[:, 2], np.cos(state.euler[:, 0]) * np.cos(state.euler[:, 1]))
-    return np.arccos(np.clip(upright, -1.0, 1.0))
+    return np.asarray(np.arccos(np.clip(upright, -1.0, 1.0)))
 
 
 def _product(x: Floats, matrix: Floats) -> Floats:
