@@ -46,7 +46,7 @@ vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, 
 		--out docs/vehicles-results --document docs/vehicles-results.md
 
 bound: .venv/.installed  ## docs/bound.md: the best flights of episodes whose wind is known in advance, and the gap to them
-	$(BIN)/quadpend bound flatness dual-mode apg ppo-alone ppo-gain-scheduling --scenarios test windy --episodes 8 --seed $(TEST_SEED) --out docs/bound --document docs/bound.md
+	$(BIN)/quadpend bound flatness dual-mode apg ppo-gain-scheduling --scenarios test windy --episodes 8 --seed $(TEST_SEED) --out docs/bound --document docs/bound.md
 
 animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
 	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenarios docs/gust.toml --seconds 1.5 5 --speed 0.5 \
