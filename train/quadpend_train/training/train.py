@@ -202,9 +202,13 @@ def _untrained_model(settings: TrainSettings, folder: Path | None) -> Any:
 
 
 def _imitate(model: Any, settings: TrainSettings) -> None:
-    """Train the actor to imitate the base controller, if the settings say so."""
+    """Train the actor to imitate the base controller, if the settings say so.
+
+    Imitation uses no rewards: its environment has no baseline copies.
+    """
     if settings.hybrid.imitation_timesteps:
-        env = model.get_env()
+        hybrid = replace(settings.hybrid, baseline_relative_reward=False, failure_penalty=0.0)
+        env = make_env(replace(settings, hybrid=hybrid))
         env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
         error = dagger(model, env, settings)
         print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
