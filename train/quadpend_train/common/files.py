@@ -1,11 +1,17 @@
-"""Read TOML and JSON files, and convert results to data for JSON."""
+"""Read TOML and JSON files, write files that are complete or unchanged, and convert results to data for JSON."""
 
 import json
 import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from quadpend_gym.core.toml import read_toml
+from quadpend_train.common import interruption
+
+_LONGEST_STEM = 40  # characters of the name of a file that are part of the name of its temporary file
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -36,6 +42,36 @@ def parse_mapping(text: str, name: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"{name} must contain a mapping, not {value!r}")
     return value
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Yield the path of a temporary file in the same folder, which replaces the file when the block is complete.
+
+    After an exception or an interruption, the old file is unchanged and there is no temporary file. The temporary file
+    has the same suffix. A device such as ``/dev/stdout`` is written directly.
+
+    Args:
+        path: The file to write; its folder exists.
+    """
+    target = Path(os.path.realpath(path))  # a link stays a link
+    if target.exists() and not target.is_file():
+        yield path
+        return
+    unfinished = target.with_name(f"unfinished_{os.getpid()}_{target.stem[:_LONGEST_STEM]}{target.suffix}")
+    interruption.unfinished.add(str(unfinished))
+    try:
+        yield unfinished
+        unfinished.replace(target)
+    finally:
+        unfinished.unlink(missing_ok=True)
+        interruption.unfinished.discard(str(unfinished))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replace a file by a text in UTF-8; after an interruption, it is complete or unchanged."""
+    with atomic(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def to_json_data(value: Any) -> Any:
