@@ -5,6 +5,7 @@ converts them back and raises an error for unknown fields, missing fields and wr
 sentence that names the argument, its value and the permitted values.
 """
 
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Dataclass = TypeVar("Dataclass")
+_LARGEST = sys.float_info.max
 
 
 def from_plain(kind: type[Dataclass], value: Any, name: str) -> Dataclass:
@@ -93,8 +95,10 @@ def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.i
     """
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
         raise TypeError(f"{name} must be a number, not {value!r}")
-    if not (np.isfinite(value) and low <= value <= high):
-        raise ValueError(f"{name} must be a finite number in [{low:g}, {high:g}]{unit and f' {unit}'}, not {value!r}")
+    plain = value.item() if isinstance(value, np.generic) else value
+    if not (low <= plain <= high and abs(plain) <= _LARGEST):  # without conversion to float, for very large integers
+        allowed = f"[{low:g}, {high:g}]{unit and f' {unit}'}"
+        raise ValueError(f"{name} must be a finite number in {allowed}, not {_as_text(value)}")
     return float(value)
 
 
@@ -115,15 +119,23 @@ def as_float_array(value: Any, name: str) -> NDArray[Any]:
     return array
 
 
-def check_int(value: Any, name: str, least: int) -> int:
-    """Return `value` after checking that it is an integer of at least `least`.
+def check_int(value: Any, name: str, least: int, most: int | None = None) -> int:
+    """Return `value` after checking that it is an integer of at least `least` and at most `most`.
 
     Raises:
         ValueError: If it is not.
     """
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, not {value!r}")
+    if not isinstance(value, int) or isinstance(value, bool) or value < least or (most is not None and value > most):
+        allowed = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise ValueError(f"{name} must be a whole number {allowed}, not {_as_text(value)}")
     return value
+
+
+def _as_text(value: Any) -> str:
+    """Return a value as text for an error message; an integer of many digits as "about 1e30"."""
+    if isinstance(value, int) and abs(value) >= 10**15:  # Python refuses to print integers of over 4300 digits
+        return f"about {'-' if value < 0 else ''}1e{int(value.bit_length() * np.log10(2.0))}"
+    return repr(value)
 
 
 def check_positive(value: Any, name: str) -> float:
