@@ -5,11 +5,10 @@ This module and `commands` import no library at module level, so that `quadpend 
 
 import os
 import sys
-import traceback
-from concurrent.futures.process import BrokenProcessPool
 from typing import NoReturn
 
 from quadpend_train.cli.commands import COMMANDS, run
+from quadpend_train.common import interruption
 
 _EXTRAS = {
     "train": (
@@ -27,21 +26,25 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line. Wrong input ends with one sentence on stderr and exit status 2.
 
     The option ``--traceback``, anywhere on the command line, prints the traceback before the sentence. The exit status
-    is 130 after Ctrl-C, and 141 if the reader of the output, such as ``head``, has closed it.
+    is 130 after Ctrl-C, 143 after SIGTERM, and 141 if the reader of the output, such as ``head``, has closed it.
 
     Args:
-        arguments: Command and its options; None takes those of the process.
+        arguments: Command and its options; None takes those of the process, which then ends at once after SIGINT or
+            SIGTERM, see `quadpend_train.common.interruption`.
     """
+    if arguments is None:
+        interruption.end_at_signals()
     given = sys.argv[1:] if arguments is None else arguments
     command = [argument for argument in given if argument != _TRACEBACK]
+    interruption.advise(lambda: "".join(COMMANDS[name].interrupted for name in command[:1] if name in COMMANDS))
     try:
         try:
             run(command)
         finally:
             sys.stdout.flush()
+            interruption.wait_for_end()
     except KeyboardInterrupt:
-        if note := "".join(COMMANDS[name].interrupted for name in command[:1] if name in COMMANDS):
-            print(f"Interrupted: {note}", file=sys.stderr)
+        print(interruption.sentence(), file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit
@@ -50,6 +53,8 @@ def main(arguments: list[str] | None = None) -> None:
         if not (sentence := _sentence(error)):
             raise
         if _TRACEBACK in given:
+            import traceback
+
             traceback.print_exc()
         _exit(sentence)
 
@@ -62,7 +67,7 @@ def _sentence(error: Exception) -> str:
         return extra and f"this command needs {name}, which is not installed: pip install 'quadpend-gym[{extra}]'"
     from gymnasium.error import Error
 
-    reported = (ValueError, TypeError, FloatingPointError, OSError, BrokenProcessPool, Error)
+    reported = (ValueError, TypeError, FloatingPointError, OSError, Error)
     return str(error) if isinstance(error, reported) else ""
 
 

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import tyro
 
 from quadpend_train.cli.options import writable_file, writable_folder
+from quadpend_train.common import interruption
 from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
 from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
 
@@ -95,6 +96,7 @@ def train(
         raise ValueError(
             "--resume continues a run with its own scenarios: give no --vehicle and no --interface with it"
         )
+    interruption.advise(lambda: how_to_continue(resume or out))
     typed = run.scenarios
     if vehicle or interface:
         run = replace(
@@ -119,6 +121,15 @@ def train(
     command = ["quadpend", "evaluate", "flatness", f"mine={path.parent}", "--scenarios", *scenarios]
     command += [part for option, value in changes.items() if value for part in (option, value)]
     print(f"Compare it with a classical controller: {shlex.join(command)}")
+
+
+def how_to_continue(folder: Path) -> str:
+    """Return how an interrupted training in a folder continues; empty if nothing has been written."""
+    if not (folder / "settings.json").is_file():
+        return ""
+    if (folder / "policy.npz").is_file():
+        return f"the run in {folder} is finished"
+    return f"`quadpend train --resume {shlex.quote(str(folder))}` continues the run"
 
 
 def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_normalize: Path | None = None) -> None:
@@ -162,6 +173,7 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
             raise ValueError(f"the scenario {name} has changed since {policy} was trained in it")
     start.check_reproducible(original.card, policy)
     settings = settings_of_card(original.card, policy)
+    interruption.advise(lambda: how_to_continue(out))
     reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
     if largest := weight_difference(original, reproduced):
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")

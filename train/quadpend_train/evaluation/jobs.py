@@ -2,25 +2,22 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Hashable, Mapping, Sequence
 from contextlib import closing
-from multiprocessing import get_context
 from pathlib import Path
-from signal import SIG_IGN, SIGINT, signal
 from typing import Any, NamedTuple, TypeVar
 
 from tqdm.auto import tqdm
 
 from quadpend_baselines import Policy
 from quadpend_gym.wind import WindFromFactory
+from quadpend_train.common.processes import call_in_processes
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
 from quadpend_train.policies.loading import cache_fingerprints, load_policies
 from quadpend_train.scenarios import Scenario, own_models
 
 Name = TypeVar("Name", bound=Hashable)
-Result = TypeVar("Result")
 
 
 class Job(NamedTuple):
@@ -111,21 +108,3 @@ def _run_as_completed(jobs: Mapping[Name, Job], processes: int) -> Generator[tup
     for name, job in jobs.items():
         if name not in remote:
             yield name, job.run()
-
-
-def call_in_processes(
-    calls: Mapping[Name, Callable[[], Result]], processes: int
-) -> Generator[tuple[Name, Result], None, None]:
-    """Yield the names of calls and what they return as soon as it is ready; Ctrl-C is left to this process.
-
-    Args:
-        calls: Functions that can be pickled, by any hashable name; at least one.
-        processes: Largest number of processes.
-    """
-    pool = ProcessPoolExecutor(min(processes, len(calls)), get_context("spawn"), signal, (SIGINT, SIG_IGN))
-    try:
-        futures = {pool.submit(call): name for name, call in calls.items()}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)

@@ -32,6 +32,7 @@ from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.source_hash import source_hash
 from quadpend_train.common.files import to_json_data
+from quadpend_train.common.processes import call_in_processes
 from quadpend_train.evaluation.bound import (
     CLAIRVOYANT,
     BoundEpisode,
@@ -44,7 +45,6 @@ from quadpend_train.evaluation.bound import (
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import collect_results
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
-from quadpend_train.evaluation.jobs import call_in_processes
 from quadpend_train.evaluation.statistics import CONFIDENCE, Interval, mean, proportion
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.scenarios import Scenario, scenario_hash
