@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,6 +73,47 @@ def test_a_search_continues_and_its_result_is_scored(
     assert found["command"] == "quadpend tune adrc-tuned --trials 3 --episodes 2 --seed 0"
     assert set(found["gains"]) == set(tuning.SEARCH_SPACES["adrc-tuned"])
     assert '"score"' in capsys.readouterr().out
+
+
+def test_an_interrupted_search_gives_the_result_of_an_uninterrupted_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown: list[float] = []
+
+    def distance(policy: Any, *_: Any) -> float:
+        flown.append(policy.gains.damping)
+        return abs(policy.gains.damping - 0.7)
+
+    def interrupted(policy: Any, *_: Any) -> float:
+        if len(flown) in interruptions:
+            interruptions.remove(len(flown))
+            raise KeyboardInterrupt
+        return distance(policy)
+
+    monkeypatch.setattr(tuning, "loss", lambda loss: loss)
+    monkeypatch.setattr(tuning, "training_scenarios", lambda *_: None)
+    monkeypatch.setattr(tuning, "run_training_scenarios", distance)
+    whole = tuning.search("adrc-tuned", 30, 1, 0, tmp_path / "whole")
+    monkeypatch.setattr(tuning, "run_training_scenarios", interrupted)
+    flown.clear()
+    interruptions = [0, 7, 8, 25]
+    for _ in range(4):
+        with pytest.raises(KeyboardInterrupt):
+            tuning.search("adrc-tuned", 30, 1, 0, tmp_path / "parts")
+    resumed = tuning.search("adrc-tuned", 30, 1, 0, tmp_path / "parts")
+    assert len(flown) == 30
+    assert [(trial.params, trial.value) for trial in resumed.trials] == [
+        (trial.params, trial.value) for trial in whole.trials
+    ]
+    (one,), (other,) = ([*(tmp_path / folder).iterdir()] for folder in ("whole", "parts"))
+    assert (one.name, one.read_text()) == (other.name, other.read_text())
+
+
+@pytest.mark.parametrize("damaged", ["", "{}}", '{"trials": 3}', '{"trials": [{"gains": {}}]}'])
+def test_a_damaged_file_of_trials_is_refused_by_name(tmp_path: Path, damaged: str) -> None:
+    (tmp_path / "lqr.trials.json").write_text(damaged)
+    with pytest.raises(ValueError, match=r"lqr.trials.json is (damaged|not valid JSON)"):
+        tuning._Losses(tmp_path / "lqr.trials.json")
 
 
 @pytest.mark.parametrize(("name", "trials", "sentence"), [("pid", 1, "no controller 'pid'"), ("lqr", 0, "trials must")])

@@ -12,6 +12,7 @@ import tyro
 
 from quadpend_gym.core.validation import check_int
 from quadpend_train.cli.options import make_console, named_policies, named_scenarios, writable_folder
+from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -72,11 +73,11 @@ def bound(
     table = "\n\n".join([study.markdown(found, measured), *notes])
     made = provenance()
     data = {"provenance": made, "episodes": episodes, "seed": seed, "results": study.as_data(found, measured)}
-    (out / "bound.json").write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(out / "bound.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
     shown = {scenario: {name: gap.gap for name, gap in row.items()} for scenario, row in measured.items()}
     label = "penalised RMSE minus that of the best flight that was found (mm)"
     figures.write_png(figures.interval_figure(shown, label, log=True), out / "bound.png")
-    (out / "bound.md").write_text(table + "\n", encoding="utf-8")
+    write_text(out / "bound.md", table + "\n")
     if document:
         command = f"`{shlex.join(made['command'])}`: {episodes} episodes in each scenario, seeds from {seed}."
         documents.fill(document, {PART: f"{command}\n\n{table}"})

@@ -13,6 +13,7 @@ import tyro
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.validation import check_int
 from quadpend_train.cli.options import make_console, named_model, named_scenarios, writable_folder
+from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.scenarios import with_changes
@@ -30,15 +31,15 @@ def tune(
 ) -> None:
     """Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.
 
-    An interrupted search continues from its last trial. The command does not change the package: copy the
-    gains into baselines/quadpend_baselines/gains.py.
+    An interrupted search continues after its last trial, with the same result. The command does not change the package:
+    copy the gains into baselines/quadpend_baselines/gains.py.
 
     Args:
         controllers: Controllers with tunable gains, see train/quadpend_train/studies/tuning.py.
         trials: Trials of the search for each controller.
         episodes: Episodes in each scenario.
         seed: Seed of the search.
-        out: Folder for the journal of the search and for the gains that it finds, NAME.json.
+        out: Folder for the losses of all trials and for the gains that it finds, NAME.json.
         scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
@@ -119,7 +120,7 @@ def situation(
     measured = study.measure(policy, named_scenarios(scenarios), episodes, seed, cache, jobs)
     table, made = study.markdown(measured), provenance()
     study.save(measured, {**made, "episodes": episodes, "seed": seed}, out / "situation.json")
-    (out / "situation.md").write_text(table + "\n", encoding="utf-8")
+    write_text(out / "situation.md", table + "\n")
     figures.write_png(figures.interval_figure(study.gains(measured), study.LABEL), out / "situation.png")
     if document:
         command = f"`{shlex.join(made['command'])}`: {episodes} episodes in each scenario, seeds from {seed}."
@@ -178,7 +179,7 @@ def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bo
     results = experiment.run(gains)
     figures.draw(results, out)
     numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
-    (out / "merit.json").write_text(numbers + "\n", encoding="utf-8")
+    write_text(out / "merit.json", numbers + "\n")
     print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
 
 
@@ -186,6 +187,6 @@ def _paper_ablations(out: Path) -> None:
     from quadpend_baselines.paper import ablation_plots, ablations
 
     results = ablations.run()
-    (out / "ablations.md").write_text(ablations.markdown(results), encoding="utf-8")
+    write_text(out / "ablations.md", ablations.markdown(results))
     ablation_plots.draw(results, out / "ablations.png")
     print(ablations.markdown(results) + f"Written: {out}/ablations.md, ablations.png")

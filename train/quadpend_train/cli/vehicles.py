@@ -16,6 +16,7 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_gym.core.validation import check_int, suggest
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.cli.options import writable_folder
+from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -75,9 +76,9 @@ def vehicles(
     }
     for part in parts:
         table = measure[part]()
-        (out / f"{part}.md").write_text(table.markdown + "\n", encoding="utf-8")
+        write_text(out / f"{part}.md", table.markdown + "\n")
         data = {"provenance": provenance(), "episodes": episodes, "seed": seed, "results": table.data}
-        (out / f"{part}.json").write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_text(out / f"{part}.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
         if document:
             documents.fill(document, {f"vehicles-{part}": table.markdown})
         print(f"{part}:\n{table.markdown}\n", flush=True)

@@ -5,6 +5,8 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from quadpend_train.common.files import write_text
+
 
 def check(path: Path, names: Sequence[str]) -> None:
     """Check that a Markdown file has exactly one pair of comments for each generated part.
@@ -34,7 +36,7 @@ def fill(path: Path, parts: Mapping[str, str]) -> None:
     Raises:
         ValueError: If the file does not contain the comments of a part exactly once.
     """
-    path.write_text(_filled(path, parts), encoding="utf-8")
+    write_text(path, _filled(path, parts))
 
 
 def _filled(path: Path, parts: Mapping[str, str]) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_train.common.files import atomic
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
@@ -65,13 +66,11 @@ _COLUMNS = {item.name: item.type for item in fields(BoundEpisode)}
 
 def write_bound(path: Path, episodes: Sequence[BoundEpisode]) -> None:
     """Write a `bound.csv`; an interruption leaves an existing file unchanged."""
-    unfinished = path.with_suffix(".tmp")
-    with unfinished.open("w", encoding="utf-8", newline="") as file:
+    with atomic(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, _COLUMNS, lineterminator="\n")
         table.writeheader()
         for episode in episodes:
             table.writerow({**asdict(episode), "survived": int(episode.survived)})
-    unfinished.replace(path)
 
 
 def read_bound(path: Path) -> list[BoundEpisode]:

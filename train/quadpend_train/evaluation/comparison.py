@@ -12,7 +12,7 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.validation import check_int
-from quadpend_train.common.files import to_json_data
+from quadpend_train.common.files import atomic, to_json_data, write_text
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
@@ -173,8 +173,9 @@ class Comparison:
         """Write `comparison.json` and `comparison.csv`, whose first line is the provenance, into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.as_data(), indent=1, allow_nan=False)
-        (folder / "comparison.json").write_text(text + "\n", encoding="utf-8")
-        with (folder / "comparison.csv").open("w", encoding="utf-8", newline="") as file:
+        write_text(folder / "comparison.json", text + "\n")
+        path = folder / "comparison.csv"
+        with atomic(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
             file.write(f"# {json.dumps(self.provenance())}\n")
             table = csv.writer(file, lineterminator="\n")
             table.writerow(["scenario", "policy", "metric", "value", "low", "high", "unit"])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from quadpend_train.common.files import atomic
 from quadpend_train.evaluation.statistics import Interval
 
 # Colours of Okabe and Ito, which people with colour-vision deficiencies can distinguish.
@@ -136,7 +137,8 @@ def add_legend(figure: Any, names: tuple[str, ...]) -> None:
 
 def write_png(figure: Any, path: Path) -> None:
     """Write a PNG file."""
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+    with atomic(path) as unfinished:
+        figure.savefig(unfinished, dpi=110, metadata={"Software": None})
 
 
 def to_svg(figure: Any, name: str) -> str:

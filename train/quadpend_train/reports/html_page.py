@@ -14,7 +14,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from quadpend_train.common.files import to_json_data
+from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
@@ -99,7 +99,7 @@ def write(
         )
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def environment() -> Environment:

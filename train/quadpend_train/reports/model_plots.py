@@ -26,7 +26,7 @@ from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_S
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
-from quadpend_train.common.files import parse_mapping
+from quadpend_train.common.files import atomic, parse_mapping
 from quadpend_train.reports.figures import COLOURS
 from quadpend_train.scenarios import find_scenario
 
@@ -80,7 +80,8 @@ def draw(title: str, name: str, seconds: float, seed: int, path: Path) -> None:
     FigureCanvasAgg(figure)
     figure.suptitle(title.replace("_", " "), fontsize=11)
     _DRAW[category](figure, models, seconds, seed)
-    figure.savefig(path, dpi=80)
+    with atomic(path) as unfinished:
+        figure.savefig(unfinished, dpi=80)
 
 
 def _find(name: str) -> tuple[str, tuple[Any, ...]]:

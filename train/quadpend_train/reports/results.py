@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from quadpend_train.common import documents
+from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import compare_pair
@@ -37,7 +38,7 @@ def write(
         recordings: Episodes for the replay, see `quadpend_train.reports.replay.record_replay`, or None.
     """
     comparison.save(folder)
-    (folder / "comparison.md").write_text(tables.markdown(comparison, standings), encoding="utf-8")
+    write_text(folder / "comparison.md", tables.markdown(comparison, standings))
     pictures = {"comparison.png": tables.plot(comparison)}
     if curves:
         pictures["learning.png"] = learning_curves.draw(curves)

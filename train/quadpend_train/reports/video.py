@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from quadpend_gym.viewer.palette import INK, MEANINGFUL, WHITE, blend
 from quadpend_gym.viewer.picture import surface_to_array
+from quadpend_train.common.files import atomic
 from quadpend_train.reports.side_by_side import SideBySideView
 
 _PALETTE_SIZE = 192  # colours of a GIF file
@@ -30,8 +31,7 @@ def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: fl
     shown = view.steps
     seconds = round(100.0 / fps) / 100.0 if path.suffix == ".gif" else 1.0 / fps  # GIF stores hundredths of a second
     steps = np.arange(shown.start, shown.stop, rate * seconds).astype(int).tolist()
-    unfinished = path.with_name(f"{path.stem}.unfinished{path.suffix}")
-    try:
+    with atomic(path) as unfinished:
         if path.suffix == ".mp4":
             _write_mp4(_pictures(view, size, steps), unfinished, fps)
         elif path.suffix == ".png":
@@ -41,9 +41,6 @@ def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: fl
             palette = _palette(list(_pictures(view, size, sample))) if path.suffix == ".gif" else None
             options = {"save_all": True, "duration": 1000.0 * seconds, "loop": 0}
             _write_images(_pictures(view, size, steps), unfinished, palette, **options)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _pictures(view: SideBySideView, size: tuple[int, int], steps: list[int]) -> Iterator[Any]:

@@ -18,7 +18,7 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import suggest
 from quadpend_train.common import documents
-from quadpend_train.common.files import to_json_data
+from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.provenance import versions
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
@@ -213,7 +213,7 @@ def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS))
     if names == tuple(ABLATIONS):
         results["constant"] = _compare_with_constant(seeds)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "ablations.json").write_text(json.dumps(to_json_data(results), indent=1) + "\n", encoding="utf-8")
+    write_text(folder / "ablations.json", json.dumps(to_json_data(results), indent=1) + "\n")
     return results
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.validation import check_int
-from quadpend_train.common.files import to_json_data
+from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.formatting import markdown_table
@@ -159,7 +159,7 @@ class Robustness:
         """Write `robustness.json` into `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.as_data(), allow_nan=False)
-        (folder / "robustness.json").write_text(text + "\n", encoding="utf-8")
+        write_text(folder / "robustness.json", text + "\n")
 
     def _axis_data(self, name: str, axis: PerturbationAxis) -> dict[str, Any]:
         curves = {policy: self.curves[name, policy] for policy in self.policies}

@@ -20,7 +20,7 @@ from quadpend_baselines.hybrid.protocol import HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
-from quadpend_train.common.files import to_json_data
+from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.evaluation.comparison import compare, differences
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
@@ -136,4 +136,4 @@ def gains(measured: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str,
 def save(measured: Mapping[str, Mapping[str, Interval]], provenance: Mapping[str, Any], path: Path) -> None:
     """Write the numbers as JSON: penalised RMSE and differences in mm, survival in percentage points."""
     data = {"provenance": provenance, "results": to_json_data(measured)}
-    path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")

@@ -7,6 +7,7 @@ larger term for an earlier fall. So the search also makes progress between gains
 fall. The best gains are rounded to three digits and scored in episodes that the search has not used.
 """
 
+import hashlib
 import json
 import shlex
 import warnings
@@ -17,8 +18,6 @@ from typing import Any
 import numpy as np
 import optuna
 from gymnasium.vector import VectorEnv
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
@@ -26,6 +25,7 @@ from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, r
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym import Simulation
 from quadpend_gym.core.validation import check_int, suggest
+from quadpend_train.common.files import read_mapping, write_text
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
 from quadpend_train.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
@@ -169,45 +169,72 @@ def run_training_scenarios(
 def search(
     name: str, trials: int, episodes: int, seed: int, folder: Path, scenarios: Sequence[str] = SCENARIOS
 ) -> optuna.Study:
-    """Search for gains of a controller; continue the search in `folder` if the code has not changed since.
+    """Search for gains of a controller, with the losses of earlier trials if the code has not changed since.
+
+    The search depends only on its seed and on the losses. So an interrupted search continues like an uninterrupted
+    one: it makes the same trials again, without running their episodes.
 
     Args:
         name: Key of `SEARCH_SPACES`.
         trials: Number of trials, including those in `folder`.
         episodes: Number of episodes in each scenario.
         seed: Seed of the search.
-        folder: Folder of the journal of the trials.
+        folder: Folder of the losses of the trials.
         scenarios: Names of the scenarios and of sets of scenarios.
+
+    Raises:
+        ValueError: If the file of the losses is damaged.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    file = JournalFileBackend(str(folder / f"{name}.log"))
     hashes = [scenario_hash(scenario) for scenario in _find_all(scenarios)]
     space = search_space(name, _find_all(scenarios)[0].simulation)
     start = {path: first for path, (_, _, first) in space.items()}
     with warnings.catch_warnings():  # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
         warnings.simplefilter("ignore", FutureWarning)
         sampler = optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
-    study = optuna.create_study(
-        study_name=json.dumps([name, episodes, seed, space, hashes, code_stamp()]),
-        storage=JournalStorage(file),
-        sampler=sampler,
-        load_if_exists=True,
-    )
-    if not study.trials:
-        study.enqueue_trial(start)
-    done = sum(trial.state.is_finished() for trial in study.trials)
-    study.optimize(_objective(name, episodes, scenarios), n_trials=max(trials - done, 0), show_progress_bar=True)
+    study = optuna.create_study(sampler=sampler)
+    study.enqueue_trial(start)
+    key = json.dumps([name, episodes, seed, space, hashes, code_stamp()])
+    folder.mkdir(parents=True, exist_ok=True)
+    losses = _Losses(folder / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.trials.json")
+    study.optimize(_objective(name, episodes, scenarios, losses), n_trials=trials, show_progress_bar=True)
     return study
 
 
-def _objective(name: str, episodes: int, scenarios: Sequence[str]) -> Callable[[optuna.Trial], float]:
+class _Losses:
+    """The gains and the loss of each trial of a search, in a file that is written after each trial."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.trials: list[dict[str, Any]] = read_mapping(path).get("trials", []) if path.exists() else []
+        valid = isinstance(self.trials, list) and all(
+            isinstance(trial, dict) and isinstance(trial.get("loss"), float) for trial in self.trials
+        )
+        if not valid:
+            raise ValueError(f"{path} is damaged: delete it, so that the search begins again")
+
+    def find(self, number: int, gains: dict[str, float]) -> float | None:
+        """Return the loss of a trial, None if it has not been computed."""
+        known = self.trials[number] if number < len(self.trials) else {}
+        return known["loss"] if known.get("gains") == gains else None
+
+    def add(self, number: int, gains: dict[str, float], value: float) -> None:
+        """Write the loss of a trial."""
+        self.trials[number:] = [{"gains": gains, "loss": value}]
+        write_text(self.path, json.dumps({"trials": self.trials}, indent=1) + "\n")
+
+
+def _objective(name: str, episodes: int, scenarios: Sequence[str], losses: _Losses) -> Callable[[optuna.Trial], float]:
     env, simulation = training_scenarios(episodes, scenarios), _find_all(scenarios)[0].simulation
     space, present = search_space(name, simulation), gains_for(name, simulation)
 
     def objective(trial: optuna.Trial) -> float:
-        values = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in space.items()}
-        policy = CONTROLLER_FACTORIES[name](replace_gains(present, values), simulation)
-        return loss(run_training_scenarios(policy, env, TUNING_SEED, scenarios))
+        gains = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in space.items()}
+        if (known := losses.find(trial.number, gains)) is not None:
+            return known
+        policy = CONTROLLER_FACTORIES[name](replace_gains(present, gains), simulation)
+        value = loss(run_training_scenarios(policy, env, TUNING_SEED, scenarios))
+        losses.add(trial.number, gains, value)
+        return value
 
     return objective
 
@@ -236,7 +263,7 @@ def tune(
         trials: Number of trials, including those in `folder`.
         episodes: Number of episodes in each scenario.
         seed: Seed of the search.
-        folder: Folder of the results and of the journal of the trials.
+        folder: Folder of the results and of the losses of the trials.
         scenarios: Names of scenarios, as for `find_scenario`, and of sets of scenarios.
 
     Raises:
@@ -268,5 +295,5 @@ def tune(
         ),
         "survival and penalised rmse": {scenario: [round(x, 1) for x in pair] for scenario, pair in after.items()},
     }
-    (folder / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_text(folder / f"{name}.json", json.dumps(found, indent=1) + "\n")
     return found
