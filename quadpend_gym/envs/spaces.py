@@ -43,16 +43,17 @@ def check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dic
 
 
 def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
-    """Check shape and type of an action and return it as a contiguous float32 array.
+    """Check shape and type of an action and return it as a contiguous, aligned and writable float32 array.
 
-    `World.step` checks the range.
+    `World.step` checks the range. The kernels only read the action, but numba compiles a kernel again, for ten seconds,
+    for a read-only or misaligned array, so such an action is copied.
 
     Raises:
         TypeError: If `action` does not consist of numbers.
         ValueError: If `action` does not have the shape `shape`.
     """
-    if isinstance(action, np.ndarray) and action.dtype is _FLOAT32 and action.shape == shape:
-        return action if action.flags.c_contiguous else np.ascontiguousarray(action)
+    if type(action) is np.ndarray and action.dtype is _FLOAT32 and action.shape == shape:
+        return action if action.flags.carray else np.array(action, order="C")
     array = as_float_array(action, "action")
     if array.shape != shape:
         raise ValueError(f"action must have shape {shape}, not {array.shape}")

@@ -1,6 +1,7 @@
 """Intervals have their nominal coverage, and tests keep their level."""
 
 import itertools
+import tracemalloc
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from scipy import stats
 
 from quadpend_baselines import ADRC
+from quadpend_train.evaluation import statistics
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.statistics import (
     Interval,
@@ -212,3 +214,24 @@ def test_wilcoxons_test_is_scipys() -> None:
     differences = np.random.default_rng(9).normal(0.2, 1.0, (3, 50))
     assert wilcoxon(differences) == stats.wilcoxon(differences.mean(axis=0)).pvalue
     assert wilcoxon(np.zeros((1, 5))) == 1.0
+
+
+@pytest.mark.parametrize("statistic", [p_value, mean, interquartile_mean])
+def test_the_memory_of_a_statistic_hardly_depends_on_the_number_of_episodes(statistic: Callable[[Any], Any]) -> None:
+    """The random signs of 20,000 episodes alone would take 1.6 GB."""
+    values = np.random.default_rng(0).normal(0.01, 1.0, (1, 20_000))
+    tracemalloc.start()
+    statistic(values)
+    assert tracemalloc.get_traced_memory()[1] < 120e6
+    tracemalloc.stop()
+
+
+def test_a_draw_in_blocks_is_that_of_one_draw(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.random.default_rng(0).normal(0.2, 1.0, (2, 203))
+    expected = [p_value(values[:1]), mean(values[:1]), interquartile_mean(values)]
+    monkeypatch.setattr(statistics, "_KEPT_EPISODES", 100)
+    monkeypatch.setattr(statistics, "_BLOCK_NUMBERS", 5000)
+    found = [p_value(values[:1]), mean(values[:1]), interquartile_mean(values)]
+    np.testing.assert_allclose(np.hstack(found), np.hstack(expected), rtol=1e-12)
+    signs = 2.0 * np.random.default_rng([2, 203]).integers(2, size=(9999, 203)) - 1.0
+    np.testing.assert_array_equal(np.concatenate(list(statistics._sign_blocks(203))), signs)

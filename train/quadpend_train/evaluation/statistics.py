@@ -21,7 +21,7 @@ The interquartile mean and the probability of improvement are those of Agarwal e
 the Edge of the Statistical Precipice", NeurIPS 2021 (the package rliable).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -33,6 +33,8 @@ from quadpend_gym.core.arrays import Booleans, Floats, Integers
 CONFIDENCE = 0.95
 _RESAMPLES = 2000  # of the bootstrap
 _SIGN_CHOICES = 9999  # of the randomisation test
+_KEPT_EPISODES = 1000  # up to which random numbers are kept for the next call; for more they are drawn again
+_BLOCK_NUMBERS = 2_000_000  # random numbers in memory at a time, for more episodes
 _SMALLEST_P = 1e-12  # smaller p-values over several seeds are reported as this one
 _TAIL_FACTOR = 0.25 / stats.norm.sf(np.sqrt(2.0))  # 3.178, of Bentkus and Dzindzalieta's bound
 
@@ -104,21 +106,43 @@ def _widen_over_seeds(pooled: Interval, values: Floats, least: float) -> Interva
     return pooled if len(values) == 1 else pooled.widened(mean(values).clipped(least, 1.0))
 
 
-@lru_cache(maxsize=8)
-def _bootstrap_indices(size: int, stream: int) -> Integers:
-    """Return the indices of the bootstrap's resamples, shape (2000, size).
+def _blocks(rows: int, size: int) -> Iterator[int]:
+    """Return numbers of rows that add up to `rows`, so that rows of `size` numbers need little memory at a time."""
+    block = max(8, _BLOCK_NUMBERS // size // 8 * 8)
+    return (min(block, rows - first) for first in range(0, rows, block))
+
+
+def _bootstrap_indices(size: int, stream: int, width: int = 1) -> Iterator[Integers]:
+    """Return the indices of the bootstrap's resamples, in blocks of rows that together have the shape (2000, size).
 
     They are the same in every call, so that equal values get equal intervals.
+
+    Args:
+        size: Number of seeds or episodes.
+        stream: Number of the stream of random numbers.
+        width: Numbers that the caller computes of each index.
     """
-    return np.random.default_rng([stream, size]).integers(size, size=(_RESAMPLES, size))
+    random = np.random.default_rng([stream, size])
+    return (random.integers(size, size=(rows, size)) for rows in _blocks(_RESAMPLES, size * width))
 
 
 @lru_cache(maxsize=8)
-def _bootstrap_counts(size: int) -> Floats:
+def _kept_counts(size: int) -> Floats:
     """Return how often each resample contains each episode, shape (2000, size)."""
-    indices = _bootstrap_indices(size, 1)
+    return np.concatenate([_counts(indices) for indices in _bootstrap_indices(size, 1)])
+
+
+def _bootstrap_counts(size: int) -> Iterable[Floats]:
+    """Return how often each resample contains each episode, in blocks that together have the shape (2000, size)."""
+    if size <= _KEPT_EPISODES:
+        return [_kept_counts(size)]
+    return map(_counts, _bootstrap_indices(size, 1))
+
+
+def _counts(indices: Integers) -> Floats:
+    """Return how often each row of indices contains each of 0 to n − 1, shape (k, n) → (k, n)."""
     counts = np.zeros(indices.shape)
-    np.add.at(counts, (np.arange(_RESAMPLES)[:, np.newaxis], indices), 1.0)
+    np.add.at(counts, (np.arange(len(indices))[:, np.newaxis], indices), 1.0)
     return counts
 
 
@@ -133,8 +157,9 @@ def _resampled_means(values: Floats) -> Floats:
     Resamples that contain nan only are left out.
     """
     known = ~np.isnan(values)
-    counts = _bootstrap_counts(values.size) @ known
-    sums = _bootstrap_counts(values.size) @ np.where(known, values, 0.0)
+    filled = np.where(known, values, 0.0)
+    blocks = [(counts @ known, counts @ filled) for counts in _bootstrap_counts(values.size)]
+    counts, sums = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
     return np.asarray(sums[counts > 0] / counts[counts > 0])
 
 
@@ -195,11 +220,12 @@ def interquartile_mean(values: Floats) -> Interval:
     resamples seeds and episodes. Its interval is too narrow for few seeds: with five, its coverage is about 85 %.
     """
     seeds, episodes = values.shape
-    by_seed, by_episode = _bootstrap_indices(seeds, 0), _bootstrap_indices(episodes, 1)
-    resamples = values[by_seed[:, :, np.newaxis], by_episode[:, np.newaxis, :]].reshape(_RESAMPLES, -1)
-    return _percentile_interval(
-        float(stats.trim_mean(values, 0.25, axis=None)), np.asarray(stats.trim_mean(resamples, 0.25, axis=1))
-    )
+    by_seed, estimates = np.concatenate(list(_bootstrap_indices(seeds, 0))), []
+    for by_episode in _bootstrap_indices(episodes, 1, seeds):
+        rows, by_seed = by_seed[: len(by_episode)], by_seed[len(by_episode) :]
+        resamples = values[rows[:, :, np.newaxis], by_episode[:, np.newaxis, :]].reshape(len(rows), -1)
+        estimates.append(stats.trim_mean(resamples, 0.25, axis=1))
+    return _percentile_interval(float(stats.trim_mean(values, 0.25, axis=None)), np.concatenate(estimates))
 
 
 def probability_of_improvement(values: Floats, others: Floats) -> Interval:
@@ -245,15 +271,28 @@ def p_value(differences: Floats) -> float:
     values = np.nan_to_num(differences[0])
     if not values.any():
         return 1.0
-    extreme = np.sum(np.abs(_random_signs(values.size) @ values) >= abs(values.sum()) * (1.0 - 1e-9))
+    extreme = np.sum(np.abs(_sums_of_random_signs(values)) >= abs(values.sum()) * (1.0 - 1e-9))
     tails = 2.0 * _TAIL_FACTOR * stats.norm.sf(abs(values.sum()) / np.linalg.norm(values))
     return float((extreme + 1) / (_SIGN_CHOICES + 1) if extreme else min(1.0 / (_SIGN_CHOICES + 1), tails))
+
+
+def _sums_of_random_signs(values: Floats) -> Floats:
+    """Return the sums of values with random signs, shape (n,) → (9999,)."""
+    if values.size <= _KEPT_EPISODES:
+        return np.asarray(_random_signs(values.size) @ values)
+    return np.concatenate([signs @ values for signs in _sign_blocks(values.size)])
 
 
 @lru_cache(maxsize=4)
 def _random_signs(size: int) -> Floats:
     """Random choices of signs, shape (9999, size)."""
-    return np.asarray(2.0 * np.random.default_rng([2, size]).integers(2, size=(_SIGN_CHOICES, size)) - 1.0)
+    return np.concatenate(list(_sign_blocks(size)))
+
+
+def _sign_blocks(size: int) -> Iterator[Floats]:
+    """Return the random choices of signs in blocks of rows, which together are one draw of shape (9999, size)."""
+    random = np.random.default_rng([2, size])
+    return (2.0 * random.integers(2, size=(rows, size)) - 1.0 for rows in _blocks(_SIGN_CHOICES, size))
 
 
 def _p_value_over_seeds(effects: _RandomEffects) -> float:
