@@ -12,7 +12,7 @@ from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair, episodes_needed
-from quadpend_train.reports.tables import leaderboard_note, leaderboard_table, verdicts
+from quadpend_train.reports.tables import episodes_note, leaderboard_note, leaderboard_table, verdicts
 from quadpend_train.scenarios import Scenario
 from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_results
 from tests.helpers.scenarios import shorten_scenarios
@@ -207,6 +207,7 @@ def test_too_few_episodes_are_said_in_words() -> None:
         assert (leaderboard(three)[0].wins > 0) == (episodes == needed)
         note = f"{episodes} episodes are too few for wins by RMSE with 36 tests: use at least {needed} episodes."
         assert leaderboard_note(three) == (note if episodes < needed else "")
+        assert episodes_note(three).startswith(f"The 95 % intervals are from {episodes} episodes") == (episodes < 50)
     few = compared(first=[synthetic_results([0.1] * 5)], other=[synthetic_results([0.2] * 5)])
     (verdict,) = verdicts(few)
     assert verdict.endswith("; 5 episodes are too few to show a difference, use at least 10.")

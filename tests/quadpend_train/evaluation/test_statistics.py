@@ -66,7 +66,8 @@ def test_nan_values_are_left_out() -> None:
     assert mean(some).high - mean(some).low > mean(values).high - mean(values).low
     assert np.isnan(mean(np.full((1, 5), np.nan))).all()
     only = mean(np.array([[1.0, np.nan, np.nan]]))
-    assert only == Interval(1.0, 1.0, 1.0)
+    assert only.value == 1.0
+    assert np.isnan(only[1:]).all()  # a single value has no interval
 
 
 @pytest.mark.parametrize(
@@ -87,6 +88,34 @@ def test_intervals_have_their_nominal_coverage(
     intervals = [estimate(draw(random)) for _ in range(200)]
     covered = np.mean([low <= truth <= high for _, low, high in intervals])
     assert 0.90 <= covered <= 0.99
+
+
+SKEWED = {
+    "normal": (lambda random, size: random.normal(2.0, 1.0, size), 2.0, 0.93),
+    "gamma": (lambda random, size: random.gamma(2.0, 1.0, size), 2.0, 0.925),
+    "exponential": (lambda random, size: random.exponential(1.0, size), 1.0, 0.91),
+    "lognormal": (lambda random, size: random.lognormal(0.0, 1.0, size), np.exp(0.5), 0.88),
+}
+
+
+@pytest.mark.parametrize("size", [10, 20])
+@pytest.mark.parametrize("population", SKEWED)
+def test_the_interval_of_the_mean_covers_it_with_few_episodes(population: str, size: int) -> None:
+    """The percentile bootstrap covered 81 % to 91 % with 10 values of these populations."""
+    draw, truth, least = SKEWED[population]
+    random = np.random.default_rng([11, size])
+    intervals = [mean(draw(random, (1, size))) for _ in range(1000)]
+    assert np.mean([low <= truth <= high for _, low, high in intervals]) >= least
+    assert all(low <= value <= high for value, low, high in intervals)
+
+
+def test_the_interval_of_the_mean_is_students_for_symmetric_values_and_longer_towards_the_tail() -> None:
+    values = np.concatenate([np.linspace(-1.0, 1.0, 9), [0.0]])
+    expected = stats.t.interval(0.95, 9, values.mean(), stats.sem(values))
+    assert mean(values[np.newaxis])[1:] == pytest.approx(expected)
+    value, low, high = mean(np.random.default_rng(0).exponential(1.0, (1, 30)))
+    assert high - value > value - low
+    assert mean(np.full((1, 7), 0.1)) == pytest.approx((0.1, 0.1, 0.1), abs=1e-15)
 
 
 @pytest.mark.parametrize("seeds", [2, 3, 5, 10])

@@ -88,7 +88,7 @@ def evaluate(
     console = make_console()
     if len(comparison.results) <= _MOST_ROWS:
         console.print(tables.comparison_table(comparison))
-    if note := tables.vehicle_note(comparison):
+    for note in filter(None, (tables.episodes_note(comparison), tables.vehicle_note(comparison))):
         console.print(note, highlight=False)
     if len(sentences := tables.verdicts(comparison)) <= _MOST_SENTENCES:
         for sentence in sentences:
@@ -141,5 +141,5 @@ def compare(
     console = make_console()
     console.print(pair.sentence(), highlight=False)
     console.print(tables.pairwise_table(pair))
-    if note := tables.vehicle_note(comparison):
+    for note in filter(None, (tables.episodes_note(comparison), tables.vehicle_note(comparison))):
         console.print(note, highlight=False)

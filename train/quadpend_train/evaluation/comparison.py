@@ -81,11 +81,13 @@ def summarise(results: EpisodeResults) -> dict[str, Interval]:
     """Return every metric of `METRICS` in its unit, with its 95 % interval.
 
     ``rmse_of_survivors`` and ``settled_rmse`` are means over the survived episodes. ``penalised_rmse`` is the mean over
-    all episodes, and ``iqm`` is its interquartile mean.
+    all episodes, and ``iqm`` is its interquartile mean. No metric is negative.
     """
     estimators: dict[str, Callable[[Any], Interval]] = {"survival": proportion, "iqm": interquartile_mean}
     values = metric_values(results).items()
-    return {name: estimators.get(name, mean)(value).scaled(METRICS[name].factor) for name, value in values}
+    return {
+        name: estimators.get(name, mean)(value).not_negative().scaled(METRICS[name].factor) for name, value in values
+    }
 
 
 def differences(results: EpisodeResults, other: EpisodeResults) -> dict[str, Interval]:

@@ -56,7 +56,7 @@ def _row(comparison: Comparison, policy: str, wins: int, losses: int) -> Leaderb
     pooled = proportion(np.stack(list(survived.values())).reshape(1, -1))
     return LeaderboardRow(
         policy,
-        mean(np.mean([result.penalised_rmse for result in results.values()], axis=0)).scaled(1000.0),
+        mean(np.mean([result.penalised_rmse for result in results.values()], axis=0)).not_negative().scaled(1000.0),
         survival.widened(pooled).scaled(100.0),
         proportion(survived[worst]).scaled(100.0),
         worst,

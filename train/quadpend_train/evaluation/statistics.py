@@ -3,9 +3,10 @@
 Values have the shape (s, n): s training seeds of one learner (s = 1 for a controller), each evaluated in the same n
 episodes. Values that are nan are left out.
 
-With one seed the statements are about that one policy, over the population of episodes: intervals of means come from
-the percentile bootstrap over episodes, tests are randomisation tests. With several seeds the statements are about the
-learner, over the populations of training seeds and of episodes, both as random effects (two-way random effects):
+With one seed the statements are about that one policy, over the population of episodes: intervals of means are
+Student's, corrected for the skewness of the values (2), tests are randomisation tests. With several seeds the
+statements are about the learner, over the populations of training seeds and of episodes, both as random effects
+(two-way random effects):
 
     m = mean of the seeds' means,   V_s = var(seeds' means) / s,   V_e = var(episodes' means) / n,
     interval: m ± √(t²_{s−1} V_s + t²_{n−1} V_e),                                                       (1)
@@ -17,11 +18,20 @@ equal", Sankhyā 1960). V_s + V_e counts the residual twice, which makes the int
 degrees of freedom for V_s + V_e would make it narrower, but then its coverage is 87 % to 90 % with two seeds. The
 p-value is the level at which (1) reaches zero.
 
+For one seed with the mean m, the standard deviation σ (unbiased variance), the skewness γ and a = γ / √n:
+
+    T = √n (m − μ) / σ is skewed; g(T) = T + a T²/3 + a² T³/27 + a/6 is not, up to terms of order 1/n,
+    interval: from m − σ/√n · g⁻¹(t_{n−1}) to m − σ/√n · g⁻¹(−t_{n−1}),                                  (2)
+    g⁻¹(z) = (3/a) ((1 + a (z − a/6))^⅓ − 1)
+
+(Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 1992, whose normal quantile is replaced by
+Student's). docs/accuracy.md has the measured coverage of (1) and (2).
+
 The interquartile mean and the probability of improvement are those of Agarwal et al., "Deep Reinforcement Learning at
 the Edge of the Statistical Precipice", NeurIPS 2021 (the package rliable).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -35,6 +45,7 @@ _RESAMPLES = 2000  # of the bootstrap
 _SIGN_CHOICES = 9999  # of the randomisation test
 _KEPT_EPISODES = 1000  # up to which random numbers are kept for the next call; for more they are drawn again
 _BLOCK_NUMBERS = 2_000_000  # random numbers in memory at a time, for more episodes
+_ROUNDING = 1e-12  # relative standard deviation below which values count as equal
 _SMALLEST_P = 1e-12  # smaller p-values over several seeds are reported as this one
 _TAIL_FACTOR = 0.25 / stats.norm.sf(np.sqrt(2.0))  # 3.178, of Bentkus and Dzindzalieta's bound
 
@@ -57,6 +68,10 @@ class Interval(NamedTuple):
     def clipped(self, low: float, high: float) -> "Interval":
         """Return the interval with its ends clipped to the range of the quantity."""
         return Interval(self.value, *(float(np.clip(x, low, high)) for x in self[1:]))
+
+    def not_negative(self) -> "Interval":
+        """Return the interval of a quantity that is not negative, with its ends clipped to 0."""
+        return self.clipped(0.0, np.inf)
 
     def widened(self, other: "Interval") -> "Interval":
         """Return the same estimate with the lower of the two lower ends and the higher of the two higher ends."""
@@ -126,60 +141,44 @@ def _bootstrap_indices(size: int, stream: int, width: int = 1) -> Iterator[Integ
     return (random.integers(size, size=(rows, size)) for rows in _blocks(_RESAMPLES, size * width))
 
 
-@lru_cache(maxsize=8)
-def _kept_counts(size: int) -> Floats:
-    """Return how often each resample contains each episode, shape (2000, size)."""
-    return np.concatenate([_counts(indices) for indices in _bootstrap_indices(size, 1)])
-
-
-def _bootstrap_counts(size: int) -> Iterable[Floats]:
-    """Return how often each resample contains each episode, in blocks that together have the shape (2000, size)."""
-    if size <= _KEPT_EPISODES:
-        return [_kept_counts(size)]
-    return map(_counts, _bootstrap_indices(size, 1))
-
-
-def _counts(indices: Integers) -> Floats:
-    """Return how often each row of indices contains each of 0 to n − 1, shape (k, n) → (k, n)."""
-    counts = np.zeros(indices.shape)
-    np.add.at(counts, (np.arange(len(indices))[:, np.newaxis], indices), 1.0)
-    return counts
-
-
 def _percentile_interval(value: float, estimates: Floats) -> Interval:
     low, high = np.quantile(estimates, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return Interval(float(value), float(low), float(high))
 
 
-def _resampled_means(values: Floats) -> Floats:
-    """Return the means of the resamples of values that are not all nan, shape (n,) → (at most 2000,).
-
-    Resamples that contain nan only are left out.
-    """
-    known = ~np.isnan(values)
-    filled = np.where(known, values, 0.0)
-    blocks = [(counts @ known, counts @ filled) for counts in _bootstrap_counts(values.size)]
-    counts, sums = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    return np.asarray(sums[counts > 0] / counts[counts > 0])
-
-
 def mean(values: Floats) -> Interval:
-    """Mean of values of shape (s, n), with the percentile bootstrap's interval for one seed and (1) for several.
+    """Mean of values of shape (s, n), with the interval (2) for one seed and (1) for several.
 
     All seeds that have a value have the same weight. If only one of several seeds has a value, the interval is that of
-    one seed. If there are no values, the mean is nan.
+    one seed. The ends of the interval are nan for a single value, and the mean is nan if there are no values.
 
-    The bootstrap only uses the values in the sample. An event rarer than about 3/n may not be in the sample, and the
+    The interval only uses the values in the sample. An event rarer than about 3/n may not be in the sample, and the
     interval then does not account for it, however large its effect is.
     """
     seeds = values[~np.isnan(values).all(axis=1)]
     if not seeds.size:
         return Interval(np.nan, np.nan, np.nan)
     if len(seeds) == 1:
-        return _percentile_interval(float(np.nanmean(seeds)), _resampled_means(seeds[0]))
+        return _mean_of_one_seed(seeds[~np.isnan(seeds)])
     effects = _random_effects(seeds)
     half = effects.half_width(1.0 - CONFIDENCE)
     return Interval(effects.mean, effects.mean - half, effects.mean + half)
+
+
+def _mean_of_one_seed(values: Floats) -> Interval:
+    """Mean of values of shape (n,) with the interval (2)."""
+    centre = float(values.mean())
+    if values.size == 1:
+        return Interval(centre, np.nan, np.nan)
+    spread = values.std()
+    skewness = np.mean((values - centre) ** 3) / spread**3 if spread > _ROUNDING * np.abs(values).max() else 0.0
+    a = skewness / np.sqrt(values.size)
+    quantile = special.stdtrit(values.size - 1.0, (1 + CONFIDENCE) / 2)
+    z = np.array([quantile, -quantile]) - a / 6.0
+    root = np.cbrt(1.0 + a * z)
+    inverse = 3.0 * z / (root**2 + root + 1.0)  # equals (3/a) (root − 1), also where a is zero
+    low, high = centre - spread / np.sqrt(values.size - 1.0) * inverse
+    return Interval(centre, float(low), float(high))
 
 
 class _RandomEffects(NamedTuple):

@@ -21,7 +21,7 @@ from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.reports import figures, robustness_plots
-from quadpend_train.reports.tables import COLUMNS, draw_errors, leaderboard_note
+from quadpend_train.reports.tables import COLUMNS, draw_errors, episodes_note, leaderboard_note
 from quadpend_train.studies.robustness import Robustness, format_tolerated_range
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
@@ -85,6 +85,7 @@ def write(
             smallest_rmse={name: _smallest_rmse(comparison, name) for name in comparison.scenarios},
             standings=standings,
             note=leaderboard_note(comparison),
+            episodes_note=episodes_note(comparison),
             pairs=[compare_pair(comparison, other, first) for other in others],
             metrics={name: METRICS[name] for name in COLUMNS},
             errors={name: _svg(_error_figure(comparison, name), f"error-{name}") for name in comparison.scenarios},

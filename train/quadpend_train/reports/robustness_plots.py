@@ -64,7 +64,8 @@ def _draw_axis(survival: Any, rmse: Any, robustness: Robustness, name: str) -> N
 def _extent(robustness: Robustness) -> tuple[float, float]:
     """Return the smallest and largest penalised RMSE over all axes, mm: all figures share this scale."""
     values = np.array([point.penalised_rmse for points in robustness.curves.values() for point in points])
-    return (1000.0 * np.nanmin(values), 1000.0 * np.nanmax(values)) if np.isfinite(values).any() else (1.0, 1000.0)
+    shown = 1000.0 * values[values > 0.0]  # the lower end of an interval may be 0
+    return (float(shown.min()), float(shown.max())) if shown.size else (1.0, 1000.0)
 
 
 def map_figure(grid: StartGrid, recovery: RecoveryMap) -> Any:

@@ -29,6 +29,7 @@ PAIRWISE_COLUMNS = (
     "penalised rmse (mm)",
     "improvement",
 )
+MANY_EPISODES = 50  # from this number on, the intervals' coverage is close to 95 %, see docs/accuracy.md
 _POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
 
@@ -77,6 +78,7 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow] | None 
         standings: Leaderboard of the comparison; computed if None.
     """
     text = comparison_markdown(comparison)
+    text += f"\n\n{episodes_note(comparison)}" if episodes_note(comparison) else ""
     if sentences := verdicts(comparison):
         text += "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
@@ -85,6 +87,17 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow] | None 
     if note := vehicle_note(comparison):
         text += f"\n\n{note}"
     return f"{text}\n"
+
+
+def episodes_note(comparison: Comparison) -> str:
+    """Return that the intervals are from few episodes; empty if there are at least `MANY_EPISODES`."""
+    if comparison.episodes >= MANY_EPISODES:
+        return ""
+    few = f"{comparison.episodes} episode{'s' if comparison.episodes > 1 else ''}"
+    return (
+        f"The 95 % intervals are from {few} and less reliable than their name says: rare falls and skewed errors lower"
+        f" their coverage. Use at least {MANY_EPISODES} episodes."
+    )
 
 
 def leaderboard_note(comparison: Comparison) -> str:

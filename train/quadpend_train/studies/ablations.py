@@ -208,7 +208,7 @@ def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS))
             np.stack([_train_and_evaluate(settings, ABLATIONS[name].scenario, folder) for settings in group])
             for group in zip(*pairs, strict=True)
         )
-        results[name] = AblationResult(mean(without), mean(added), mean(added - without))
+        results[name] = AblationResult(mean(without).not_negative(), mean(added).not_negative(), mean(added - without))
         print(f"{ABLATIONS[name].part}: {_cells(results[name])}", flush=True)
     if names == tuple(ABLATIONS):
         results["constant"] = _compare_with_constant(seeds)
@@ -223,7 +223,7 @@ def _compare_with_constant(seeds: int) -> AblationResult:
         np.stack([_penalised_rmse(policy, CONSTANT_SCENARIO) for policy in group])
         for group in ([_with_constant_output(policy) for policy in policies], policies)
     )
-    return AblationResult(mean(without), mean(added), mean(added - without))
+    return AblationResult(mean(without).not_negative(), mean(added).not_negative(), mean(added - without))
 
 
 def _with_constant_output(policy: MlpPolicy) -> MlpPolicy:

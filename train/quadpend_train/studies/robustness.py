@@ -265,8 +265,8 @@ def _curve_point(value: float, results: EpisodeResults) -> CurvePoint:
     return CurvePoint(
         value,
         proportion(results.survived),
-        mean(np.where(results.survived, results.rmse, np.nan)),
-        mean(results.penalised_rmse),
+        mean(np.where(results.survived, results.rmse, np.nan)).not_negative(),
+        mean(results.penalised_rmse).not_negative(),
     )
 
 
