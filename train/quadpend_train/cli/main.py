@@ -13,7 +13,7 @@ from quadpend_train.common import interruption
 _EXTRAS = {
     "train": (
         *("tyro", "torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm", "rich", "matplotlib", "jinja2"),
-        *("optuna", "cmaes"),
+        *("optuna", "cmaes", "markupsafe", "PIL"),
     ),
     "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
     "onnx": ("onnxruntime",),
