@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels format bench time-to-beat golden docs tour screenshots clean help
+.PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels format bench time-to-beat golden interruptions docs tour screenshots clean help
 
 DEMO := --settings ppo-alone --total-timesteps 1200000  # about a minute on one core
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the flatness-based controller
@@ -93,6 +93,9 @@ time-to-beat: .venv/.installed  ## docs/time_to_beat.md: training time until a p
 
 golden: .venv/.installed  ## hashes of results: written on the first run, compared on the next; run before and after a refactoring
 	$(BIN)/python -m benchmarks.golden
+
+interruptions: .venv/.installed  ## interrupt commands at random moments, resume them and compare the results; about half an hour
+	$(BIN)/python -m benchmarks.interruptions
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*  ## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18

@@ -23,7 +23,7 @@ unfinished: set[str] = set()  # temporary files that this process is writing
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _FLUSH_SECONDS, _CHILDREN_SECONDS = 0.2, 0.5  # longest waiting times
 _advice: Callable[[], str] = str
-_ending = threading.Lock()
+_ending = threading.RLock()  # a handler may interrupt the thread that has it
 
 
 def advise(advice: Callable[[], str]) -> None:
@@ -66,25 +66,26 @@ def _end(number: int) -> NoReturn:
     """End this process and its children. A second call waits for the first."""
     _ending.acquire()
     try:
+        _end_children()
+        for path in unfinished.copy():
+            with suppress(OSError):
+                os.unlink(path)
         _print(sentence())
     finally:
-        with suppress(Exception):
-            for child in _descendants(os.getpid()):
-                with suppress(ProcessLookupError):
-                    os.kill(child, signal.SIGKILL)
-            _wait_for_children()
-            for path in unfinished.copy():
-                with suppress(OSError):
-                    os.unlink(path)
         os._exit(128 + number)
 
 
-def _wait_for_children() -> None:
+def _end_children() -> None:
+    """Kill all child processes and wait for their ends; the main thread may be starting one."""
     end = time.monotonic() + _CHILDREN_SECONDS
-    with suppress(ChildProcessError):  # there is none
-        while time.monotonic() < end:
-            if os.waitpid(-1, os.WNOHANG) == (0, 0):
-                time.sleep(0.01)
+    while (children := _descendants(os.getpid())) and time.monotonic() < end:
+        for child in children:
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGKILL)
+        time.sleep(0.01)
+        with suppress(ChildProcessError):  # there is none
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
 
 
 def _print(line: str) -> None:
@@ -93,8 +94,11 @@ def _print(line: str) -> None:
     def write() -> None:
         with suppress(Exception):
             sys.stdout.flush()
-        bars = getattr(sys.modules.get("tqdm"), "tqdm", None)
-        start = "\n" if getattr(bars, "_instances", None) else ""
+        start, bars = "", getattr(sys.modules.get("tqdm"), "tqdm", None)
+        if bars is not None and getattr(bars, "_instances", None):
+            start = "\n"
+            with suppress(Exception):
+                bars.get_lock().acquire(timeout=_FLUSH_SECONDS / 2.0)  # stops the bars
         with suppress(OSError):
             os.write(2, f"{start}{line}\n".encode(errors="replace"))
 
@@ -105,15 +109,16 @@ def _print(line: str) -> None:
 
 
 def _descendants(process: int) -> list[int]:
-    """Return the children of a process and their children. Elsewhere than on Linux, an empty list.
+    """Return the children of a process and their children. Except on Linux, an empty list.
 
-    There, children end by themselves when their pipe to this process is closed.
+    On other systems, children end by themselves when their pipe to this process is closed.
     """
     parents: dict[int, int] = {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError, ValueError, IndexError):
             fields = path.read_text(errors="replace").rpartition(")")[2].split()  # a name may contain spaces
-            parents[int(path.parent.name)] = int(fields[1])
+            if fields[0] not in "ZX":  # it has not ended
+                parents[int(path.parent.name)] = int(fields[1])
     found = [process]
     for ancestor in found:
         found += [child for child, parent in parents.items() if parent == ancestor]

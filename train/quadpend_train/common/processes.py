@@ -14,6 +14,7 @@ from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
+from quadpend_train.common import interruption
 from quadpend_train.common.interruption import SIGNALS
 
 Name = TypeVar("Name", bound=Hashable)
@@ -54,6 +55,7 @@ def call_in_processes(
                 try:
                     result, error, raised_at = worker.answer()
                 except (EOFError, OSError):
+                    interruption.wait_for_end()
                     if attempts[name] == _MOST_ATTEMPTS:
                         raise ChildProcessError(
                             f"the processes of {name} were killed {_MOST_ATTEMPTS} times, perhaps for lack of memory:"

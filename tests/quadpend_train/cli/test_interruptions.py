@@ -1,0 +1,44 @@
+"""Every command ends at once after one or two signals at any moment, and resumes to the same results."""
+
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from benchmarks import interruptions
+from quadpend_train.cli.main import main
+from quadpend_train.cli.training import how_to_continue
+from quadpend_train.common import interruption
+
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs the process table of Linux")
+COMMANDS = interruptions.commands(1)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_interrupted_command_ends_at_once_and_resumes_to_the_same_results(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command, draw = COMMANDS[name], random.Random(time.time_ns())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["__main__.py", *command.arguments])
+    main(list(command.arguments))
+    moments = [draw.uniform(*limits) for limits in ((0.0, 0.3), (0.3, 1.5), (1.5, 3.0))]
+    interruptions.interrupt_and_resume(command, moments, draw, command.results(tmp_path))
+
+
+def test_a_program_that_calls_commands_keeps_its_signal_handlers(capsys: pytest.CaptureFixture[str]) -> None:
+    before = [signal.getsignal(number) for number in interruption.SIGNALS]
+    main(["--version"])
+    assert [signal.getsignal(number) for number in interruption.SIGNALS] == before
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & set(interruption.SIGNALS)
+
+
+def test_an_interrupted_training_says_how_it_continues(tmp_path: Path) -> None:
+    assert how_to_continue(tmp_path) == ""
+    (tmp_path / "settings.json").touch()
+    assert how_to_continue(tmp_path) == f"`quadpend train --resume {tmp_path}` continues the run"
+    (tmp_path / "policy.npz").touch()
+    assert how_to_continue(tmp_path) == f"the run in {tmp_path} is finished"
