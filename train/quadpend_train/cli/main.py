@@ -9,6 +9,7 @@ from typing import NoReturn
 
 from quadpend_train.cli.commands import COMMANDS, run
 from quadpend_train.common import interruption
+from quadpend_train.common.text import print_everywhere
 
 _EXTRAS = {
     "train": (
@@ -32,6 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
         arguments: Command and its options; None takes those of the process, which then ends at once after SIGINT or
             SIGTERM, see `quadpend_train.common.interruption`.
     """
+    print_everywhere()
     if arguments is None:
         interruption.end_at_signals()
     given = sys.argv[1:] if arguments is None else arguments

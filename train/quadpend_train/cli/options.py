@@ -102,7 +102,7 @@ def writable_file(path: Path, name: str = "out") -> Path:
 
 
 def make_console() -> Any:
-    """Return a console for tables; it is 150 characters wide if the output is not a terminal."""
+    """Return a console for tables, without markup; it is 150 characters wide if the output is not a terminal."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 150, emoji=False)
+    return Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False)

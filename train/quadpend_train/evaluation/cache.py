@@ -19,6 +19,7 @@ import quadpend_baselines
 import quadpend_gym
 from quadpend_gym.core.source_hash import source_hash
 from quadpend_train.common.provenance import versions
+from quadpend_train.common.text import brief
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.scenarios import Scenario, scenario_hash
 
@@ -99,7 +100,7 @@ def load(folder: Path, name: str, steps: int) -> EpisodeResults | None:
         if results.error.shape != (*results.survived.shape, steps):
             raise ValueError("the shapes of its arrays do not match")
     except Exception as error:  # readers of a damaged archive raise exceptions of many types
-        warnings.warn(f"{path} is damaged and its results are computed again: {error}", stacklevel=2)
+        warnings.warn(f"{path} is damaged and its results are computed again: {brief(error)}", stacklevel=2)
         return None
     return results
 

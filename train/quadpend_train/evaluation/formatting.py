@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from quadpend_train.common.text import markdown_text
 from quadpend_train.evaluation.statistics import Interval
 
 
@@ -37,5 +38,6 @@ def _smallest(interval: Interval) -> float:
 
 
 def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    return "\n".join(f"| {' | '.join(line)} |" for line in [headings, ["---"] * len(headings), *rows])
+    """Return a Markdown table, in whose cells bars, dollar signs and HTML have no meaning."""
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join(f"| {' | '.join(map(markdown_text, line))} |" for line in lines)

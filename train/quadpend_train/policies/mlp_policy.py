@@ -46,6 +46,7 @@ from quadpend_gym.core.validation import check_int, check_positive
 from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_train.common.text import brief
 from quadpend_train.common.version_0_1 import current_card, current_name
 from quadpend_train.policies.normalization import normalization_from_data
 
@@ -140,7 +141,7 @@ class MlpPolicy:
         except KeyError as error:
             raise ValueError(f"{path} is not a policy file: it has no {error}") from error
         except Exception as error:  # a broken archive can raise nearly any exception
-            raise ValueError(f"{path} is not a policy file: {error}") from error
+            raise ValueError(f"{path} is not a policy file: {brief(error)}") from error
 
     def save(self, path: str | Path) -> None:
         """Write the policy to a file. If writing is interrupted, an older file is not changed."""

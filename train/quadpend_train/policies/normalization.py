@@ -10,6 +10,7 @@ from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.validation import as_vector, check_positive
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_train.common.text import brief
 
 STATISTICS = "vecnormalize.pkl"  # name of the file in the run folders of RL Baselines3 Zoo
 _LENGTH_ERROR = 0.1  # the length of an observed direction differs from 1 by less, also with noisy sensors
@@ -119,4 +120,4 @@ def _read_statistics(path: Path) -> Any:
         with path.open("rb") as file:
             return pickle.load(file)
     except Exception as error:  # a damaged pickle can raise nearly any exception
-        raise ValueError(f"{path} is not a file saved by VecNormalize: {error}") from error
+        raise ValueError(f"{path} is not a file saved by VecNormalize: {brief(error)}") from error

@@ -9,6 +9,8 @@ from typing import Any
 import torch
 from gymnasium import spaces
 
+from quadpend_train.common.text import brief
+
 ACTIVATION_MODULES = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
 # Algorithms by the part of its module that names the policy class of a saved model
 _BY_MODULE = {
@@ -127,7 +129,7 @@ def read_zip(path: Path) -> Any:
             data = json.loads(archive.read("data"))
         module = data["policy_class"]["__module__"].split(".")
     except (zipfile.BadZipFile, KeyError, TypeError, ValueError, AttributeError, OSError) as error:
-        raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {error}") from error
+        raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {brief(error)}") from error
     names = [name for part, name in _BY_MODULE.items() if part in module]
     names += [name for setting, name in _BY_SETTING.items() if setting in data]
     name = names[0] if names else "SAC" if "target_entropy" in data else "PPO"
@@ -137,4 +139,4 @@ def read_zip(path: Path) -> Any:
     except ImportError as error:
         raise ValueError(f"{path} needs a package that is not installed: {error}") from error
     except Exception as error:  # a model can contain any code
-        raise ValueError(f"{path} is not a model of {name}: {error}") from error
+        raise ValueError(f"{path} is not a model of {name}: {brief(error)}") from error

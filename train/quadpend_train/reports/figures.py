@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_train.common.files import atomic
+from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.statistics import Interval
 
 # Colours of Okabe and Ito, which people with colour-vision deficiencies can distinguish.
@@ -112,9 +113,15 @@ def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log:
         values, low, high = np.array([row[name] for row in rows.values()]).T
         height = np.arange(len(rows)) + (i - 0.5 * (len(names) - 1)) * 0.7 / len(names)
         axis.errorbar(
-            values, height, xerr=[values - low, high - values], fmt="o", markersize=4, color=colour(i), label=name
+            values,
+            height,
+            xerr=[values - low, high - values],
+            fmt="o",
+            markersize=4,
+            color=colour(i),
+            label=figure_text(name),
         )
-    axis.set_yticks(range(len(rows)), list(rows))
+    axis.set_yticks(range(len(rows)), [figure_text(name) for name in rows])
     axis.invert_yaxis()
     axis.set_xlabel(label)
     if log:
@@ -131,7 +138,9 @@ def add_legend(figure: Any, names: tuple[str, ...]) -> None:
     """Add a legend of the policies above a figure."""
     from matplotlib.lines import Line2D
 
-    handles = [Line2D([], [], color=colour(i), linestyle=line(i), label=name) for i, name in enumerate(names)]
+    handles = [
+        Line2D([], [], color=colour(i), linestyle=line(i), label=figure_text(name)) for i, name in enumerate(names)
+    ]
     figure.legend(handles=handles, loc="outside upper center", ncols=min(len(names), 6), frameon=False)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_train.common.text import figure_text
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import figures
 
@@ -38,7 +39,7 @@ def draw(curves: Curves) -> Any:
     ((rmse,), (survival,)) = figures.add_axes(figure, 2, 1, sharex=True)
     for i, (name, seeds) in enumerate(curves.items()):
         for number, curve in enumerate(seeds):
-            label = f"{name} ({len(seeds)} seeds)" if number == 0 else None
+            label = f"{figure_text(name)} ({len(seeds)} seeds)" if number == 0 else None
             minutes = curve[:, 1] / 60.0
             rmse.plot(minutes, 1e3 * curve[:, 3], color=figures.colour(i), linewidth=1.0, label=label)
             survival.plot(minutes, 1e2 * curve[:, 2], color=figures.colour(i), linewidth=1.0)

@@ -27,6 +27,7 @@ from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
 from quadpend_train.common.files import atomic, parse_mapping
+from quadpend_train.common.text import figure_text
 from quadpend_train.reports.figures import COLOURS
 from quadpend_train.scenarios import find_scenario
 
@@ -78,7 +79,7 @@ def draw(title: str, name: str, seconds: float, seed: int, path: Path) -> None:
     category, models = _find(name)
     figure = Figure(figsize=(9.0, 5.2 if category == "wind" else 3.4), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title.replace("_", " "), fontsize=11)
+    figure.suptitle(figure_text(title.replace("_", " ")), fontsize=11)
     _DRAW[category](figure, models, seconds, seed)
     with atomic(path) as unfinished:
         figure.savefig(unfinished, dpi=80)

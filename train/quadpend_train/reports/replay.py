@@ -82,7 +82,7 @@ def record_replay(
     policies: Mapping[str, str | Sequence[Policy]],
     count: int,
 ) -> dict[str, Any] | None:
-    """Run the chosen episodes again, and return their recordings as data for JSON, or None if there are none.
+    """Run the chosen episodes again, and return their recordings as data for JSON, or None if `count` is 0.
 
     Args:
         comparison: Comparison of the episodes.
@@ -91,10 +91,12 @@ def record_replay(
             policies, of which the first is recorded.
         count: Episodes of each scenario.
     """
-    names = choose_policies(comparison, standings) if count else []
+    if not count:
+        return None
+    names = choose_policies(comparison, standings)
     given = {name: policies[name] for name in names}
     loaded = {name: load_policies(policy) if isinstance(policy, str) else policy for name, policy in given.items()}
-    choices = {name: choose_episodes(comparison, name, names, count) for name in comparison.scenarios if names}
+    choices = {name: choose_episodes(comparison, name, names, count) for name in comparison.scenarios}
     scenarios: dict[str, list[dict[str, Any]]] = {}
     with tqdm(total=len(names) * sum(map(len, choices.values())), unit="recording", leave=False) as bar:
         for scenario, chosen in choices.items():
@@ -106,8 +108,6 @@ def record_replay(
                     bar.update()
                 data = _episode_data(recordings, settings)
                 scenarios.setdefault(scenario, []).append({"title": title, "seed": seed, **data})
-    if not scenarios:
-        return None
     return {
         "policies": [_appearance(name, seeds, comparison.policies.index(name)) for name, seeds in loaded.items()],
         "missing": MISSING,

@@ -7,6 +7,7 @@ from typing import Any
 
 from quadpend_train.common import documents
 from quadpend_train.common.files import write_text
+from quadpend_train.common.text import markdown_text
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import compare_pair
@@ -74,7 +75,7 @@ def update_document(
         ValueError: If the document does not contain the comments of a part exactly once.
     """
     best, *others = (row.policy for row in standings)
-    pairs = [f"- {compare_pair(comparison, best, other).sentence()}" for other in others[:PAIRS]]
+    pairs = [f"- {markdown_text(compare_pair(comparison, best, other).sentence())}" for other in others[:PAIRS]]
     made = comparison.provenance()
     provenance = (
         f"`{shlex.join(made['provenance']['command'])}`: {comparison.episodes} episodes in each scenario, seeds from"

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from quadpend_train.common.text import figure_text
 from quadpend_train.reports import figures
 from quadpend_train.studies.recovery import RecoveryMap, RecoveryOutcome, StartGrid
 from quadpend_train.studies.robustness import TOLERATED_SURVIVAL, Robustness
@@ -87,7 +88,7 @@ def maps(robustness: Robustness, name: str) -> Any:
     for axis, policy in zip(axes.ravel(), robustness.policies, strict=False):
         recovery = robustness.recovery_maps[name, policy]
         image = _draw_map(axis, grid, recovery)
-        axis.set_title(f"{policy}: {100.0 * recovery.recovered:.0f} %", fontsize=9)
+        axis.set_title(f"{figure_text(policy)}: {100.0 * recovery.recovered:.0f} %", fontsize=9)
         axis.label_outer()
     figure.colorbar(image, ax=axes, label="time to recover (s)", shrink=0.7)
     _outcome_legend(figure)

@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from quadpend_baselines.gains import TUNED
 from quadpend_gym.wind import Rescaled
+from quadpend_train.common.text import figure_text, markdown_text
 from quadpend_train.evaluation.comparison import METRICS, Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
@@ -39,7 +41,7 @@ def comparison_table(comparison: Comparison) -> Table:
     title = f"{comparison.episodes} episodes each, seeds from {comparison.seed}, 95 % intervals"
     table = _table(title, ["scenario", "policy", *map(_heading, COLUMNS)])
     for cells in _comparison_cells(comparison):
-        table.add_row(*cells, end_section=cells[1] == comparison.policies[-1])
+        table.add_row(*map(Text, cells), end_section=cells[1] == comparison.policies[-1])
     return table
 
 
@@ -48,7 +50,7 @@ def leaderboard_table(standings: Sequence[LeaderboardRow], bound: LeaderboardRow
     title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
     table = _table(title, LEADERBOARD_COLUMNS)
     for cells in _leaderboard_cells(standings, bound):
-        table.add_row(*cells)
+        table.add_row(*map(Text, cells))
     return table
 
 
@@ -57,7 +59,7 @@ def pairwise_table(pair: PairwiseComparison) -> Table:
     title = f"{pair.first} minus {pair.second}, 95 % intervals, p corrected by Holm's method"
     table = _table(title, PAIRWISE_COLUMNS)
     for scenario, result in pair.results.items():
-        table.add_row(
+        cells = (
             scenario,
             {1: pair.first, -1: pair.second, 0: "–"}[result.winner],
             format_interval(result.survival),
@@ -67,6 +69,7 @@ def pairwise_table(pair: PairwiseComparison) -> Table:
             format_interval(result.penalised_rmse),
             format_interval(result.improvement),
         )
+        table.add_row(*map(Text, cells))
     return table
 
 
@@ -80,7 +83,7 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow] | None 
     text = comparison_markdown(comparison)
     text += f"\n\n{episodes_note(comparison)}" if episodes_note(comparison) else ""
     if sentences := verdicts(comparison):
-        text += "\n\n" + "\n".join(f"- {sentence}" for sentence in sentences)
+        text += "\n\n" + "\n".join(f"- {markdown_text(sentence)}" for sentence in sentences)
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         text += "\n\n" + leaderboard_markdown(leaderboard(comparison) if standings is None else standings)
         text += f"\n\n{leaderboard_note(comparison)}" if leaderboard_note(comparison) else ""
@@ -178,7 +181,7 @@ def plot(comparison: Comparison) -> Any:
     axes = figures.add_axes(figure, rows, columns).ravel()
     for axis, scenario in zip(axes, comparison.scenarios, strict=False):
         draw_errors(axis, comparison, scenario)
-        axis.set_title(scenario)
+        axis.set_title(figure_text(scenario))
     for axis in axes[len(comparison.scenarios) :]:
         axis.set_axis_off()
     figures.add_legend(figure, comparison.policies)
@@ -239,9 +242,9 @@ def _leaderboard_cells(standings: Sequence[LeaderboardRow], bound: LeaderboardRo
 
 
 def _table(title: str, headings: Sequence[str]) -> Table:
-    table = Table(title=title)
+    table = Table(title=Text(title))
     for heading in headings:
-        table.add_column(heading, overflow="fold")
+        table.add_column(Text(heading), overflow="fold")
     return table
 
 

@@ -1,0 +1,92 @@
+"""Names, terminals and files that are unusual or damaged end in a readable result or in one sentence."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_train.cli.main import main
+from quadpend_train.common.text import brief, figure_text, markdown_text
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from tests.helpers.policies import mlp_policy
+from tests.helpers.scenarios import shorten_scenarios
+from tests.quadpend_train.cli.test_commands import refused
+
+NAMES = (r"$\frac$", "[red]bold", "a|b", "<b>x")
+FILE = "d[/b]"  # its name has no slash
+POLICIES = [*(f"{name}={policy}" for name, policy in zip(NAMES, ("lqr", "lqi", "flatness", "lqr"), strict=True)), FILE]
+
+
+@pytest.fixture
+def brief_scenarios(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    shorten_scenarios(monkeypatch, 0.2)
+    monkeypatch.chdir(tmp_path)
+    Path(FILE).parent.mkdir()
+    mlp_policy(OBSERVATION_SIZE).save(FILE)
+
+
+@pytest.mark.usefixtures("brief_scenarios")
+def test_names_are_text_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["evaluate", *POLICIES, "--scenarios", "calm", r"$\x|y$=windy", "--episodes", "2", "--replay", "0"])
+    printed = capsys.readouterr()
+    assert all(name in printed.out for name in (*NAMES, FILE))
+    assert "recording" not in printed.err  # the bar of the replay
+    page = Path("results/comparison.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| calm")]
+    assert len({len(re.findall(r"(?<!\\)\|", row)) for row in rows}) == 1
+    assert r"| a\|b |" in page
+    assert r"\<b>x" in page
+    assert "<b>x" not in Path("results/report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("brief_scenarios")
+def test_names_are_text_in_a_pairwise_comparison(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["compare", FILE, "[red]bold=flatness", "--scenarios", "calm", "--episodes", "2"])
+    printed = capsys.readouterr().out
+    assert FILE in printed
+    assert "[red]bold" in printed
+
+
+def test_texts_are_escaped_for_their_place() -> None:
+    assert markdown_text("a|b $x$ <i>\nc") == r"a\|b \$x\$ \<i> c"
+    assert figure_text(r"$\frac$") == r"\$\frac\$"
+    assert brief(ValueError("a\nb\x00c")) == "a b?c"
+    assert len(brief(ValueError("x" * 5000))) == 200
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("arguments", [["train", "--help"], ["card", "flatness"], ["wind", "ü"]], ids=" ".join)
+def test_every_encoding_of_the_terminal_is_readable(encoding: str, arguments: list[str], tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-m", "quadpend_train", *arguments]
+    ran = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+    assert ran.returncode == (2 if arguments[0] == "wind" else 0)
+    text = (ran.stdout + ran.stderr).decode(encoding)
+    assert "Traceback" not in text
+    assert "codec" not in text
+
+
+def test_a_damaged_policy_file_ends_in_a_short_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message of zipfile about a header that does not fit contains the header, which can have 64 kB."""
+    path = tmp_path / "damaged.npz"
+    mlp_policy(OBSERVATION_SIZE).save(path)
+    data = bytearray(path.read_bytes())
+    start = data.index(b"PK\x01\x02")
+    data[26:28] = (5000).to_bytes(2, "little")  # the length of the first file's name, in its local header
+    path.write_bytes(data)
+    for message in (refused(["card", str(path)], capsys), refused(["evaluate", str(path), "lqr"], capsys)):
+        assert len(message) < 400 + len(str(path))
+        assert message.replace("\n", "").isprintable()
+    random = np.random.default_rng(0)
+    for _ in range(40):
+        broken = bytearray(data)
+        broken[random.integers(start, len(data))] ^= 1 << random.integers(8)
+        path.write_bytes(broken)
+        with pytest.raises(ValueError, match="damaged") as caught:
+            MlpPolicy.load(path)
+        assert len(str(caught.value)) < 400 + len(str(path))
