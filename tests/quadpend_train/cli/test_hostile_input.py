@@ -1,5 +1,6 @@
 """Names, terminals and files that are unusual or damaged end in a readable result or in one sentence."""
 
+import errno
 import os
 import re
 import subprocess
@@ -90,3 +91,86 @@ def test_a_damaged_policy_file_ends_in_a_short_sentence(tmp_path: Path, capsys: 
         with pytest.raises(ValueError, match="damaged") as caught:
             MlpPolicy.load(path)
         assert len(str(caught.value)) < 400 + len(str(path))
+
+
+LONG = "a" * 300
+REFUSED = {
+    "compare lqr lqi --episodes 1000000000": "episodes must be a whole number from 1 to 100000, not 1000000000: an",
+    "evaluate lqr --episodes 1000000000": "episodes must be a whole number from 1 to 100000, not 1000000000: an",
+    "evaluate lqr --replay 1000000000": "replay must be a whole number from 0 to 1000, not 1000000000: an",
+    "evaluate lqr --jobs 1000000000": "jobs must be a whole number from 1 to 1024, not 1000000000: each",
+    "evaluate lqr --seed 99999999999999999999": "seed must be a whole number from 0 to",
+    "tune lqr --trials 1000000000": "trials must be a whole number from 1 to 1000000, not 1000000000: each",
+    "ablate --seeds 1000000000": "seeds must be a whole number from 1 to 1000, not 1000000000: each",
+    "situation lqr --episodes 1000000000": "episodes must be a whole number from 1 to 100000",
+    "bound lqr --episodes 1000000000": "episodes must be a whole number from 1 to 100000",
+    "vehicles lqr --episodes 1000000000": "episodes must be a whole number from 1 to 100000",
+    "train --num-envs 1000000000": "num_envs must be a whole number from 1 to 100000, not 1000000000",
+    "train --net-arch 1000000000": "net_arch[0] must be a whole number from 1 to 8192, not 1000000000",
+    "train --learning-rate 1e300": "learning_rate must be a finite number in [1e-12, 10], not 1e+300",
+    f"evaluate {LONG}": f"a file cannot be read or written: {LONG}: File name too long",
+    f"evaluate lqr --scenarios {LONG}.toml": f"{LONG}.toml: File name too long",
+    "evaluate lqr --scenarios deep.json": "deep.json is nested too deeply",
+    "evaluate lqr --scenarios deep.toml": "deep.toml is nested too deeply",
+    "train --settings deep.json": "deep.json is nested too deeply",
+    f"watch lqr --out {LONG}.png": "out must be a file that can be written, not",
+    "export model.zip --out file/x.npz": "the folder of out must be a folder that can be written, not file",
+    f"wind {LONG}=windy": "out must be a file that can be written, not",
+    "evaluate lqr --out taken": "out must be a folder in which report.html can be written, not taken: this is a folder",
+    **{
+        f"{command} --out {folder}": "out must be a folder that can be written, not"
+        for command in ("evaluate lqr", "train", "tune lqr", "situation lqr", "wind", "paper", "ablate", "bound")
+        for folder in ("file/x", LONG)
+    },
+}
+
+
+@pytest.mark.parametrize("command", REFUSED)
+@pytest.mark.usefixtures("no_work")
+def test_impossible_numbers_and_paths_are_refused_before_any_work(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    Path("taken/report.html").mkdir(parents=True)
+    Path("deep.json").write_text('{"wind": ' + "[" * 100_000 + "]" * 100_000 + "}")
+    Path("deep.toml").write_text("wind = " + "[" * 2000 + "]" * 2000)
+    assert REFUSED[command] in refused(command.split(), capsys)
+
+
+@pytest.fixture
+def no_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*arguments: object, **settings: object) -> None:
+        raise AssertionError("work has begun")
+
+    monkeypatch.setattr("quadpend_train.evaluation.episodes.run_episodes", fail)
+    monkeypatch.setattr("quadpend_train.training.train.train", fail)
+
+
+FAULTS = {
+    OSError(errno.ENOSPC, "No space left on device", "x.npz"): "x.npz: No space left on device; what was written",
+    OSError(errno.EROFS, "Read-only file system"): "a file cannot be read or written: Read-only file system",
+    MemoryError("Unable to allocate 1 TiB"): "there is too little memory: ask for less, such as fewer episodes",
+    RecursionError("maximum recursion depth exceeded"): "nested too deeply",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: type(fault).__name__)
+def test_faults_of_the_machine_are_one_sentence(
+    fault: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise fault
+
+    monkeypatch.setattr("quadpend_train.cli.main.run", fail)
+    assert FAULTS[fault] in refused(["list"], capsys)
+
+
+def test_a_full_disk_of_the_output_is_one_sentence() -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        command = [sys.executable, "-m", "quadpend_train", "list", "tasks"]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        ran = subprocess.run(command, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert ran.returncode == 2
+    assert ran.stderr.count("\n") == 1
+    assert "No space left on device" in ran.stderr

@@ -62,7 +62,7 @@ def test_the_command_writes_tables_and_updates_its_parts_of_a_document(
         (["--parts", "leaderbord"], "there is no part 'leaderbord' (did you mean 'leaderboard'?)"),
         (["--presets", "x5000"], "there is no vehicle 'x5000' (did you mean 'x500'?)"),
         (["ppo-gain-scheduling"], "policies must have a classical controller for the parts other than leaderboard"),
-        (["--episodes", "0"], "episodes must be a whole number of at least 1, not 0"),
+        (["--episodes", "0"], "episodes must be a whole number from 1 to 100000, not 0"),
         (["--document", "missing.md"], "document must be an existing file, not missing.md"),
     ],
 )

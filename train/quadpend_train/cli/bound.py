@@ -10,9 +10,10 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_gym.core.validation import check_int
-from quadpend_train.cli.options import make_console, named_policies, named_scenarios, writable_folder
+from quadpend_train.cli.options import make_console, named_policies, named_scenarios
 from quadpend_train.common.files import write_text
+from quadpend_train.common.limits import check_counts
+from quadpend_train.common.paths import writable_folder
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -55,8 +56,7 @@ def bound(
     from quadpend_train.scenarios import find_scenario
     from quadpend_train.studies import bound as study
 
-    for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
-        check_int(value, name, least)
+    check_counts(episodes=episodes, seed=seed, jobs=jobs)
     if document:
         documents.check(document, [PART])
     chosen = {name: find_scenario(value) for name, value in named_scenarios(scenarios).items()}

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_train.cli.options import make_console, named_policies, named_scenarios, writable_folder
+from quadpend_train.cli.options import make_console, named_policies, named_scenarios
+from quadpend_train.common.limits import check_counts
+from quadpend_train.common.paths import writable_folder
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -67,7 +69,8 @@ def evaluate(
     planned = bounds.by_scenario(bounds.read_bound(bound), list(chosen), seed, episodes) if bound else None
     if document:
         documents.check(document, results.PARTS)
-    writable_folder(out)
+    check_counts(episodes=episodes, seed=seed, jobs=jobs, replay=replay, robustness=robustness)
+    writable_folder(out, files=results.FILES)
     writable_folder(cache, "cache")
     made = report.evaluate(
         named_policies(policies),
@@ -134,6 +137,7 @@ def compare(
     from quadpend_train.evaluation.pairwise import compare_pair
     from quadpend_train.reports import tables
 
+    check_counts(episodes=episodes, seed=seed, jobs=jobs)
     writable_folder(cache, "cache")
     named, chosen = named_policies(policies), named_scenarios(scenarios, vehicle, interface)
     comparison = compare_policies(named, chosen, episodes, seed, cache, recompute, jobs)

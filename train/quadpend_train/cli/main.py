@@ -9,7 +9,7 @@ from typing import NoReturn
 
 from quadpend_train.cli.commands import COMMANDS, run
 from quadpend_train.common import interruption
-from quadpend_train.common.text import print_everywhere
+from quadpend_train.common.text import brief, print_everywhere
 
 _EXTRAS = {
     "train": (
@@ -21,6 +21,7 @@ _EXTRAS = {
     "mpc": ("casadi",),
 }
 _TRACEBACK = "--traceback"
+_LONGEST = 4000  # characters of a sentence
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -49,7 +50,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(interruption.sentence(), file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit
+        _discard_output()
         sys.exit(141)
     except Exception as error:
         if not (sentence := _sentence(error)):
@@ -61,6 +62,10 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(sentence)
 
 
+def _discard_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit
+
+
 def _sentence(error: Exception) -> str:
     """Return the sentence about wrong input or about a missing package; empty for errors of the program."""
     if isinstance(error, ModuleNotFoundError):
@@ -69,10 +74,26 @@ def _sentence(error: Exception) -> str:
         return extra and f"this command needs {name}, which is not installed: pip install 'quadpend-gym[{extra}]'"
     from gymnasium.error import Error
 
-    reported = (ValueError, TypeError, FloatingPointError, OSError, Error)
-    return str(error) if isinstance(error, reported) else ""
+    from quadpend_train.common.paths import describe_os_error
+
+    if isinstance(error, OSError):
+        return describe_os_error(error)
+    if isinstance(error, MemoryError):
+        return f"there is too little memory: ask for less, such as fewer episodes or sub-environments{_details(error)}"
+    if isinstance(error, RecursionError):
+        return "a file or a text in JSON is nested too deeply"
+    reported = (ValueError, TypeError, FloatingPointError, OverflowError, Error)
+    return brief(error, _LONGEST) if isinstance(error, reported) else ""
+
+
+def _details(error: MemoryError) -> str:
+    return f" ({brief(error)})" if str(error) else ""
 
 
 def _exit(sentence: str) -> NoReturn:
     print(f"quadpend: {sentence}", file=sys.stderr)
+    try:
+        sys.stdout.flush()
+    except OSError:  # the disk of the output is full
+        _discard_output()
     sys.exit(2)

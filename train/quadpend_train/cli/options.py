@@ -6,7 +6,6 @@ The options `--vehicle` and `--interface` apply to all scenarios of a command, s
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 from quadpend_train.scenarios import expand_sets, with_changes
@@ -64,41 +63,6 @@ def _split_name(text: str) -> tuple[str, str]:
     """Split NAME=VALUE. A name contains no slash, while a path may contain an equals sign."""
     name, sign, value = text.partition("=")
     return (name, value) if sign and "/" not in name else (text, text)
-
-
-def writable_folder(path: Path, name: str = "out") -> Path:
-    """Create a folder, and check that files can be written in it, so that a wrong path is found before long work.
-
-    Args:
-        path: Folder.
-        name: Name of the option for error messages.
-
-    Raises:
-        ValueError: If the folder cannot be created or written.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=path):
-            return path
-    except OSError as error:
-        reason = "this is a file" if isinstance(error, FileExistsError) else error.strerror
-        raise ValueError(f"{name} must be a folder that can be written, not {path}: {reason}") from error
-
-
-def writable_file(path: Path, name: str = "out") -> Path:
-    """Check that a file can be written, and create its folder; the file itself does not change.
-
-    Args:
-        path: File.
-        name: Name of the option for error messages.
-
-    Raises:
-        ValueError: If it is a folder, or its folder cannot be created or written.
-    """
-    if path.is_dir():
-        raise ValueError(f"{name} must be a file, not the folder {path}")
-    writable_folder(path.parent, f"the folder of {name}")
-    return path
 
 
 def make_console() -> Any:

@@ -11,9 +11,10 @@ from pathlib import Path
 import tyro
 
 from quadpend_gym.core.factories import is_factory
-from quadpend_gym.core.validation import check_int
-from quadpend_train.cli.options import make_console, named_model, named_scenarios, writable_folder
+from quadpend_train.cli.options import make_console, named_model, named_scenarios
 from quadpend_train.common.files import write_text
+from quadpend_train.common.limits import check_counts
+from quadpend_train.common.paths import writable_file, writable_folder
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.scenarios import with_changes
@@ -50,6 +51,7 @@ def tune(
     from quadpend_train.studies import tuning
 
     tuning.check_names(controllers)
+    check_counts(trials=trials, episodes=episodes, seed=seed)
     writable_folder(out)
     chosen = [with_changes(name, vehicle, interface) for name in scenarios]
     for name in controllers:
@@ -73,7 +75,7 @@ def ablate(
     from quadpend_train.common import documents
     from quadpend_train.studies import ablations
 
-    check_int(seeds, "seeds", 1)
+    check_counts(seeds=seeds)
     if document and names:
         raise ValueError("a document needs all ablations: give no names with --document")
     if document:
@@ -111,8 +113,7 @@ def situation(
     from quadpend_train.reports import figures
     from quadpend_train.studies import situation as study
 
-    for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
-        check_int(value, name, least)
+    check_counts(episodes=episodes, seed=seed, jobs=jobs)
     if document:
         documents.check(document, ["situation"])
     for folder, name in ((out, "out"), (cache, "cache")):
@@ -149,13 +150,15 @@ def wind(
 
     if not (1.0 <= seconds <= 3600.0):
         raise ValueError(f"seconds must be from 1 to 3600, not {seconds:g}")
-    check_int(seed, "seed", 0)
+    check_counts(seed=seed)
     named = [named_model(model) for model in models] or list(model_plots.GALLERY.items())
     plain = [name.replace(":", "_").replace(".", "_") if is_factory(name) else name for name, _ in named]
     names = [name if name.isidentifier() else f"model_{number}" for number, name in enumerate(plain)]
     if len(set(names)) < len(names):
         raise ValueError("two models have the same name: give each its own, as NAME=MODEL")
     writable_folder(out)
+    for name in names:
+        writable_file(out / f"{name}.png")
     for name, (_, model) in zip(names, named, strict=True):
         model_plots.draw(name, model, seconds, seed, out / f"{name}.png")
         print(f"Written: {out / name}.png")

@@ -14,8 +14,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from quadpend_train.cli.options import writable_file, writable_folder
 from quadpend_train.common import interruption
+from quadpend_train.common.paths import writable_file, writable_folder
 from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
 from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
 

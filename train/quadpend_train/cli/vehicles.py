@@ -13,10 +13,11 @@ from typing import Any
 import tyro
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_gym.core.validation import check_int, suggest
+from quadpend_gym.core.validation import suggest
 from quadpend_gym.vehicles import VEHICLES
-from quadpend_train.cli.options import writable_folder
 from quadpend_train.common.files import write_text
+from quadpend_train.common.limits import check_counts
+from quadpend_train.common.paths import writable_folder
 from quadpend_train.evaluation.cache import FOLDER
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -60,9 +61,7 @@ def vehicles(
         raise ValueError(
             f"policies must have a classical controller for the parts other than leaderboard, not {policies}"
         )
-    check_int(episodes, "episodes", 1)
-    check_int(seed, "seed", 0)
-    check_int(jobs, "jobs", 1)
+    check_counts(episodes=episodes, seed=seed, jobs=jobs)
     if document:
         documents.check(document, [f"vehicles-{part}" for part in parts])
     writable_folder(cache, "cache")

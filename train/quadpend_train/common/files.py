@@ -22,7 +22,10 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """
     if path.suffix != ".json":
         return read_toml(path)
-    return parse_mapping(path.read_text(encoding="utf-8"), str(path))
+    try:
+        return parse_mapping(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
 
 
 def parse_mapping(text: str, name: str) -> dict[str, Any]:
@@ -39,6 +42,8 @@ def parse_mapping(text: str, name: str) -> dict[str, Any]:
         value = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"{name} is not valid JSON: {error}") from error
+    except RecursionError as error:
+        raise ValueError(f"{name} is nested too deeply") from error
     if not isinstance(value, dict):
         raise ValueError(f"{name} must contain a mapping, not {value!r}")
     return value

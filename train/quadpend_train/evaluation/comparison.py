@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_gym.core.validation import check_int
 from quadpend_train.common.files import atomic, to_json_data, write_text
+from quadpend_train.common.limits import check_counts
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
@@ -218,8 +218,7 @@ def compare(
     """
     if not policies or not scenarios:
         raise ValueError("policies and scenarios must each have at least one entry")
-    for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
-        check_int(value, name, least)
+    check_counts(episodes=episodes, seed=seed, jobs=jobs)
     compared = named_policies(policies)
     _check_training_seeds(compared)
     found = {name: _find_scenario(scenario) for name, scenario in _named_scenarios(scenarios).items()}

@@ -1,10 +1,10 @@
 """Evaluate policies and write the whole report: the page with its replay, tables, figures and data."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from quadpend_gym.core.validation import check_int
+from quadpend_train.common.limits import check_counts
+from quadpend_train.common.paths import writable_folder
 from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare, named_policies
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
@@ -71,10 +71,8 @@ def evaluate(
         ValueError: If a policy or a scenario is refused, see `compare`, a number is out of range, or the folder cannot
             be written.
     """
-    check_int(replay, "replay", 0)
-    check_int(robustness, "robustness", 0)
-    folder = Path(out)
-    _check_writable(folder)
+    check_counts(episodes=episodes, seed=seed, jobs=jobs, replay=replay, robustness=robustness)
+    folder = writable_folder(Path(out), files=results.FILES)
     named = named_policies(policies)
     comparison = compare(named, scenarios, episodes, seed, cache_folder, recompute, jobs)
     measured = None
@@ -97,10 +95,3 @@ def evaluate(
     recordings = record_replay(comparison, standings, loaded, replay)
     files = results.write(comparison, standings, measured, folder, learning_curves.collect(loaded), recordings)
     return Report(comparison, standings, measured, folder, files)
-
-
-def _check_writable(folder: Path) -> None:
-    """Check that files can be written into a folder, or that it can be created."""
-    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
-        raise ValueError(f"out must be a folder in which files can be written, not {folder}")

@@ -17,6 +17,7 @@ from quadpend_train.studies import robustness
 from quadpend_train.studies.robustness import Robustness
 
 PARTS = ("provenance", "tuning", "leaderboard", "pairwise", "matrix", "robustness")  # of a document
+FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "comparison.png")  # always written
 PAIRS = 3  # number of pairwise comparisons in a document, of the best policy with the next ones
 
 

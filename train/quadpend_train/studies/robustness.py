@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_gym.core.validation import check_int
 from quadpend_train.common.files import to_json_data, write_text
+from quadpend_train.common.limits import check_counts
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.formatting import markdown_table
@@ -224,8 +224,7 @@ def measure_robustness(
     """
     if not policies:
         raise ValueError("policies must have at least one entry")
-    for value, name, least in ((episodes, "episodes", 1), (seed, "seed", 0), (jobs, "jobs", 1)):
-        check_int(value, name, least)
+    check_counts(episodes=episodes, seed=seed, jobs=jobs)
     base = Scenario(simulation=base.simulation, duration=base.duration)
     on_axes = {
         (name, policy, value): Job(

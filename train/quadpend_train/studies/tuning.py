@@ -24,8 +24,9 @@ from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, replace_gains
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym import Simulation
-from quadpend_gym.core.validation import check_int, suggest
+from quadpend_gym.core.validation import suggest
 from quadpend_train.common.files import read_mapping, write_text
+from quadpend_train.common.limits import check_counts
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
 from quadpend_train.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
@@ -274,8 +275,7 @@ def tune(
     held_out = [base for base in (split_changes(item)[0] for item in scenarios) if base in HELD_OUT]
     if not scenarios or held_out:
         raise ValueError(f"scenarios must be at least one, and not {(held_out or ['test'])[0]!r}, which is held out")
-    check_int(trials, "trials", 1)
-    check_int(episodes, "episodes", 1)
+    check_counts(trials=trials, episodes=episodes)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = search(name, trials, episodes, seed, folder, scenarios)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}

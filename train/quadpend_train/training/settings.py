@@ -4,14 +4,15 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.hybrid import HYBRIDS
 from quadpend_baselines.hybrid.base_controller import check_action_scale
 from quadpend_baselines.hybrid.fallback import check_fallback_gain
 from quadpend_gym import RewardWeights
-from quadpend_gym.core.validation import check_int, check_number, check_positive, from_plain, suggest
+from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.validation import check_int, from_plain, suggest
 from quadpend_train.common.files import read_mapping
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy, check_input_scales
@@ -22,6 +23,8 @@ PRESETS = Path(__file__).with_name("presets")
 SB3_ALGORITHMS = ("ppo", "sac", "tqc")
 REPLAY_ALGORITHMS = ("sac", "tqc")  # with a replay buffer
 ALGORITHMS = (*SB3_ALGORITHMS, "apg")
+_MOST_LAYERS, _WIDEST_LAYER = 16, 8192  # of a network
+_MOST_SAMPLES = 50_000_000  # of a rollout, which needs about 0.2 kB of memory for each
 # Algorithms that use a table of settings; other algorithms refuse it.
 _ALGORITHMS_OF = {"ppo": ("ppo",), "sac": REPLAY_ALGORITHMS, "apg": ("apg",)}
 
@@ -42,14 +45,14 @@ class HybridSettings:
     """Factor κ in (0, 3] on the policy's action, with residual_action and bandwidth_scheduling."""
     fallback_gain: float = 0.0
     """Gain γ in [0, 10] that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
-    action_repeat: int = 1
+    action_repeat: Annotated[int, Range(1, 1000)] = 1
     """Control steps for which each action of the policy is repeated. Timesteps count actions, not control steps."""
     baseline_relative_reward: bool = False
     """Subtract the reward that the base controller alone earns in a copy of the same episode."""
-    failure_penalty: float = 0.0
+    failure_penalty: Annotated[float, Range(0.0, 1e6)] = 0.0
     """Penalty for a fall (early termination) with a baseline-relative reward, in rewards of steps of 0.01 s. It is
     multiplied by 0.01 s / control period, so that it has the same weight at any control period."""
-    imitation_timesteps: int = 0
+    imitation_timesteps: Annotated[int, Range(0, 1e12)] = 0
     """Timesteps before training in which the policy imitates the base controller (DAgger)."""
 
     def __post_init__(self) -> None:
@@ -57,9 +60,7 @@ class HybridSettings:
             _check_choice(getattr(self, name), name, known)
         object.__setattr__(self, "action_scale", check_action_scale(self.action_scale))
         object.__setattr__(self, "fallback_gain", check_fallback_gain(self.fallback_gain))
-        check_int(self.action_repeat, "action_repeat", 1)
-        check_number(self.failure_penalty, "failure_penalty", 0.0)
-        check_int(self.imitation_timesteps, "imitation_timesteps", 0)
+        check_fields(self)
         self._check_combination()
 
     def _check_combination(self) -> None:
@@ -108,39 +109,39 @@ class TrainSettings:
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()
     """Scenarios to train in first, one after the other, each for an equal part of curriculum_steps."""
-    curriculum_steps: int = 0
+    curriculum_steps: Annotated[int, Range(0, 1e12)] = 0
     """Timesteps of the whole curriculum."""
-    total_timesteps: int = 7_000_000
+    total_timesteps: Annotated[int, Range(1, 1e12)] = 7_000_000
     """Timesteps of the whole training."""
     start_from: str = ""
     """Learned policy whose network training starts from: the name of a policy of this package, a run folder, or a file
     (.npz or .zip). Its network, hybrid, history and interface must be those of the settings. The critic starts
     untrained."""
-    max_seconds: float = 0.0
+    max_seconds: Annotated[float, Range(0.0, 1e9, "s")] = 0.0
     """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit."""
-    seed: int = 0
+    seed: Annotated[int, Range(0, 2**31 - 1)] = 0
     """Seed of the networks and the episodes."""
-    num_envs: int = 256
+    num_envs: Annotated[int, Range(1, 100_000)] = 256
     """Number of sub-environments of the vector environment."""
-    max_episode_steps: int = 0
+    max_episode_steps: Annotated[int, Range(0, 10_000_000)] = 0
     """Control steps after which a training episode is truncated; 0 for the duration of the scenario."""
     hybrid: HybridSettings = field(default_factory=HybridSettings)
     """Settings of a hybrid."""
-    history: int = 1
+    history: Annotated[int, Range(1, 1000)] = 1
     """Number of latest observations that the policy receives."""
-    history_actions: int = 0
+    history_actions: Annotated[int, Range(0, 1000)] = 0
     """Number of its own latest actions that the policy also receives."""
-    batch_size: int = 1024
+    batch_size: Annotated[int, Range(1, 10_000_000)] = 1024
     """Samples per gradient step."""
-    learning_rate: float = 2e-3
+    learning_rate: Annotated[float, Range(1e-12, 10.0)] = 2e-3
     """Learning rate of Adam at the beginning."""
-    final_learning_rate: float = 4e-5
+    final_learning_rate: Annotated[float, Range(0.0, 10.0)] = 4e-5
     """Learning rate of Adam at the end; the learning rate changes linearly."""
-    gamma: float = 0.995
+    gamma: Annotated[float, Range(0.0, 1.0)] = 0.995
     """Discount factor γ."""
     reward: RewardWeights = field(default_factory=RewardWeights)
     """Reward weights in training. Weights other than the default replace those of the scenarios' tasks."""
-    reward_scale: float = 0.01
+    reward_scale: Annotated[float, Range(1e-9, 1e9)] = 0.01
     """Factor on the rewards that the algorithm receives, for discounted returns of order one."""
     net_arch: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers of actor and critic."""
@@ -149,17 +150,17 @@ class TrainSettings:
     input_scales: tuple[float, ...] = ()
     """Scales s₁, s₂, … of the inputs x of actor and critic, which also receive tanh(s₁ x), tanh(s₂ x), …: large scales
     resolve small errors. Empty for x alone."""
-    sde_sample_freq: int = 0
+    sde_sample_freq: Annotated[int, Range(0, 1e9)] = 0
     """Steps between two samples of the noise of gSDE (state-dependent exploration); 0 disables gSDE."""
-    save_freq: int = 1_000_000
+    save_freq: Annotated[int, Range(1, 1e12)] = 1_000_000
     """Timesteps between two checkpoints; all sub-environments begin new episodes at a checkpoint."""
-    eval_freq: int = 0
+    eval_freq: Annotated[int, Range(0, 1e12)] = 0
     """Timesteps between two evaluations in the training scenarios; 0 for no evaluations."""
-    n_eval_episodes: int = 32
+    n_eval_episodes: Annotated[int, Range(1, 100_000)] = 32
     """Episodes of each scenario in an evaluation."""
-    patience: int = 0
+    patience: Annotated[int, Range(0, 1e9)] = 0
     """Number of evaluations without a better score after which training stops; 0 for no early stopping."""
-    num_threads: int = 1
+    num_threads: Annotated[int, Range(1, 1024)] = 1
     """Threads of PyTorch. Two are faster on two idle cores, and many times slower on busy cores."""
     ppo: PpoSettings = field(default_factory=PpoSettings)
     """Settings of PPO only."""
@@ -179,21 +180,13 @@ class TrainSettings:
             raise TypeError(f"net_arch must be a list of widths, not {self.net_arch!r}")
         object.__setattr__(self, "net_arch", tuple(self.net_arch))
         object.__setattr__(self, "input_scales", check_input_scales(self.input_scales))
-        for name in ("total_timesteps", "num_envs", "history", "batch_size", "save_freq"):
-            check_int(getattr(self, name), name, 1)
-        for name in ("n_eval_episodes", "num_threads"):
-            check_int(getattr(self, name), name, 1)
-        for name in ("seed", "max_episode_steps", "curriculum_steps", "history_actions", "sde_sample_freq"):
-            check_int(getattr(self, name), name, 0)
-        for name in ("eval_freq", "patience"):
-            check_int(getattr(self, name), name, 0)
+        check_fields(self)
+        if len(self.net_arch) > _MOST_LAYERS:
+            raise ValueError(f"net_arch must have at most {_MOST_LAYERS} layers, not {len(self.net_arch)}")
         for i, width in enumerate(self.net_arch):
-            check_int(width, f"net_arch[{i}]", 1)
+            check_int(width, f"net_arch[{i}]", 1, _WIDEST_LAYER)
         for name in ("learning_rate", "reward_scale"):
-            object.__setattr__(self, name, check_positive(getattr(self, name), name))
-        check_number(self.gamma, "gamma", 0.0, 1.0)
-        for name in ("max_seconds", "final_learning_rate"):
-            check_number(getattr(self, name), name, 0.0)
+            object.__setattr__(self, name, float(getattr(self, name)))
         for name, known in (("algo", ALGORITHMS), ("activation_fn", tuple(ACTIVATIONS))):
             _check_choice(getattr(self, name), name, known)
         self._check_combination()
@@ -222,6 +215,11 @@ class TrainSettings:
             raise ValueError("baseline_relative_reward needs a gamma below 1")
         if self.patience and not self.eval_freq:
             raise ValueError("patience needs eval_freq")
+        if self.algo == "ppo" and self.num_envs * self.ppo.n_steps > _MOST_SAMPLES:
+            raise ValueError(
+                f"num_envs * ppo.n_steps must be at most {_MOST_SAMPLES}, since a sample needs 0.2 kB of memory,"
+                f" not {self.num_envs * self.ppo.n_steps}"
+            )
         if self.algo == "ppo" and self.num_envs * self.ppo.n_steps % self.batch_size:
             raise ValueError(
                 f"batch_size must divide num_envs * ppo.n_steps = {self.num_envs * self.ppo.n_steps},"
