@@ -2,8 +2,8 @@
 
 `make interruptions` runs this file as ``python -m benchmarks.interruptions``. It sends one or two SIGINT (to the whole
 process group, like Ctrl-C) or SIGTERM (to the process alone). A command must end within two seconds, with status 130 or
-143, one line on how to go on, no traceback, no process and no half-written file. Then it is resumed to its end. It
-needs Linux. The first moments, before the command has installed its handling of signals, are not tested.
+143, one line on how to go on, no traceback, no process and no half-written file. Then it is resumed to its end, and one
+of its workers is killed. The first moments, before the command handles signals, are not tested. It needs Linux.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from quadpend_train.policies.mlp_policy import MlpPolicy
 
-_END_SECONDS, _LONGEST_SECONDS = 2.0, 300.0
+_END_SECONDS, _LONGEST_SECONDS = 2.0, 120.0
 _STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 Results = dict[str, bytes]
 
@@ -112,10 +112,25 @@ def _blocks_signals(process: int) -> bool:
     return False
 
 
-def run(arguments: list[str], folder: Path) -> float:
-    """Run a command to its end, and return its duration after its start, s."""
+def run(arguments: list[str], folder: Path, kill_after: float = float("inf")) -> float:
+    """Run a command to its end, and return its duration after its start, s.
+
+    Args:
+        arguments: Arguments of the command.
+        folder: Folder in which it runs.
+        kill_after: Time after which one worker of the command, if it has any, is killed with SIGKILL, s.
+    """
     process, begin = start(arguments, folder), time.perf_counter()
-    output, _ = process.communicate(timeout=_LONGEST_SECONDS)
+    while True:
+        try:
+            output, _ = process.communicate(timeout=0.05)
+            break
+        except subprocess.TimeoutExpired:
+            assert time.perf_counter() - begin < _LONGEST_SECONDS, "the command hangs"
+            workers = [number for number, name in _processes_of(process.pid).items() if "spawn_main" in name]
+            if workers and time.perf_counter() - begin > kill_after:
+                os.kill(workers[0], signal.SIGKILL)
+                kill_after = float("inf")
     assert process.returncode == 0, output
     return time.perf_counter() - begin
 
@@ -162,15 +177,14 @@ def interrupt(arguments: list[str], folder: Path, moment: float, signals: list[s
     return seconds
 
 
-def _processes_of(session: int) -> list[str]:
-    """Return the names of the processes of a session, without those that have ended."""
-    found = []
+def _processes_of(session: int) -> dict[int, str]:
+    """Return the command lines of the processes of a session, without those that have ended, by their number."""
+    found = {}
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
-            name, _, rest = path.read_text(errors="replace").rpartition(")")
-            state, _, _, of_session = rest.split()[:4]
+            state, _, _, of_session = path.read_text(errors="replace").rpartition(")")[2].split()[:4]
             if int(of_session) == session and state not in "ZX":
-                found.append(f"{name})")
+                found[int(path.parent.name)] = path.with_name("cmdline").read_text(errors="replace")
     return found
 
 
@@ -206,7 +220,7 @@ def interrupt_and_resume(command: Command, moments: list[float], draw: random.Ra
                 signals = [draw.choice(list(_STATUS))] * draw.choice((1, 2))
                 taken.append(interrupt(arguments, folder, moment, signals, draw.uniform(0.0, 0.2)))
         if arguments := command.continuing(folder):
-            run(arguments, folder)
+            run(arguments, folder, kill_after=draw.uniform(1.0, 4.0))
         found = command.results(folder)
     assert found.keys() == expected.keys(), sorted(found.keys() ^ expected.keys())
     different = [name for name, value in expected.items() if found[name] != value]

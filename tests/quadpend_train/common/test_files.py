@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from quadpend_train.common import interruption
-from quadpend_train.common.files import atomic, write_text
+from quadpend_train.common.files import atomic, atomic_files, write_text
 
 
 def test_a_complete_file_replaces_the_old_one(tmp_path: Path) -> None:
@@ -47,3 +47,19 @@ def test_a_link_stays_a_link_and_a_device_a_device(tmp_path: Path) -> None:
 def test_a_name_of_the_largest_length_can_be_written(tmp_path: Path) -> None:
     write_text(tmp_path / ("θ" * 125 + ".txt"), "text")
     assert (tmp_path / ("θ" * 125 + ".txt")).read_text() == "text"
+
+
+def test_several_files_are_moved_together_or_not_at_all(tmp_path: Path) -> None:
+    def write(error: type[BaseException] | None) -> None:
+        with atomic_files(tmp_path) as unfinished:
+            for name in ("a", "b"):
+                (unfinished / name).write_text(f"{error}")
+            if error:
+                raise error
+
+    with pytest.raises(KeyboardInterrupt):
+        write(KeyboardInterrupt)
+    assert os.listdir(tmp_path) == []
+    write(None)
+    assert sorted(os.listdir(tmp_path)) == ["a", "b"]
+    assert not interruption.unfinished

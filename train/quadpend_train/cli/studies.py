@@ -12,7 +12,7 @@ import tyro
 
 from quadpend_gym.core.factories import is_factory
 from quadpend_train.cli.options import make_console, named_model, named_scenarios
-from quadpend_train.common.files import write_text
+from quadpend_train.common.files import atomic_files, write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_file, writable_folder
 from quadpend_train.evaluation.cache import FOLDER
@@ -180,7 +180,8 @@ def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bo
     from quadpend_baselines.paper import experiment, figures, figures_of_merit
 
     results = experiment.run(gains)
-    figures.draw(results, out)
+    with atomic_files(out) as unfinished:
+        figures.draw(results, unfinished)
     numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
     write_text(out / "merit.json", numbers + "\n")
     print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
@@ -191,5 +192,6 @@ def _paper_ablations(out: Path) -> None:
 
     results = ablations.run()
     write_text(out / "ablations.md", ablations.markdown(results))
-    ablation_plots.draw(results, out / "ablations.png")
+    with atomic_files(out) as unfinished:
+        ablation_plots.draw(results, unfinished / "ablations.png")
     print(ablations.markdown(results) + f"Written: {out}/ablations.md, ablations.png")

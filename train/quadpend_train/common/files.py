@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -77,6 +78,21 @@ def write_text(path: Path, text: str) -> None:
     """Replace a file by a text in UTF-8; after an interruption, it is complete or unchanged."""
     with atomic(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def atomic_files(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder in a folder, whose files are moved to that folder when the block is complete."""
+    unfinished = folder / f"unfinished_{os.getpid()}"
+    interruption.unfinished.add(str(unfinished))
+    try:
+        unfinished.mkdir()
+        yield unfinished
+        for path in sorted(unfinished.iterdir()):
+            path.replace(folder / path.name)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        interruption.unfinished.discard(str(unfinished))
 
 
 def to_json_data(value: Any) -> Any:

@@ -10,6 +10,7 @@ This module imports only light modules, since it is the first to be imported.
 """
 
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -19,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-unfinished: set[str] = set()  # temporary files that this process is writing
+unfinished: set[str] = set()  # temporary files and folders that this process is writing
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _FLUSH_SECONDS, _CHILDREN_SECONDS = 0.2, 0.5  # longest waiting times
 _advice: Callable[[], str] = str
@@ -68,6 +69,7 @@ def _end(number: int) -> NoReturn:
     try:
         _end_children()
         for path in unfinished.copy():
+            shutil.rmtree(path, ignore_errors=True)
             with suppress(OSError):
                 os.unlink(path)
         _print(sentence())
