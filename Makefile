@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels format bench time-to-beat golden interruptions docs tour screenshots clean help
+.PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels format bench time-to-beat accuracy soak golden interruptions docs tour screenshots clean help
 
 DEMO := --settings ppo-alone --total-timesteps 1200000  # about a minute on one core
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the flatness-based controller
@@ -90,6 +90,12 @@ bench: .venv/.installed  ## docs/bench.md: speed of the environments, compared w
 
 time-to-beat: .venv/.installed  ## docs/time_to_beat.md: training time until a policy balances and beats classical controllers
 	$(BIN)/python -m benchmarks.time_to_beat --out docs/time_to_beat.json
+
+accuracy: .venv/.installed  ## docs/accuracy.md: energy drift, distance from MuJoCo, coverage of intervals, error rates of tests
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.accuracy
+
+soak: .venv/.installed  ## docs/soak.md: everything for an hour on two cores
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --document docs/soak.md
 
 golden: .venv/.installed  ## hashes of results: written on the first run, compared on the next; run before and after a refactoring
 	$(BIN)/python -m benchmarks.golden

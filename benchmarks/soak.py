@@ -1,0 +1,291 @@
+"""Everything for an hour: random steps, resets, environments, training, and damaged files.
+
+`make soak` runs this file as ``python -m benchmarks.soak`` in two processes and updates docs/soak.md. Each process does
+its share of every part and then repeats the random steps until the time is over. What must not happen is a *finding*:
+an observation that is not finite or not in its space, a reward outside [0, 1], a warning, an exception, a step of more
+than a second, a damaged file that is not refused with one sentence, or memory that grows.
+"""
+
+import argparse
+import datetime
+import gc
+import multiprocessing
+import os
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+from benchmarks import fuzz
+from quadpend_gym import QuadPendulumEnv
+from quadpend_train.common.documents import fill
+from quadpend_train.evaluation.formatting import markdown_table
+from quadpend_train.training.settings import TrainSettings
+from quadpend_train.training.train import train
+from tests.helpers.random_settings import extreme_vector_env, usual_vector_env
+
+PROCESSES = 2
+STEPS, RESETS, ENVIRONMENTS, TIMESTEPS, MUTATIONS = 10**9, 10**5, 10**4, 10**7, 10**4  # of all processes together
+STEPS_OF_A_CONFIGURATION = 300_000
+LARGEST_GROWTH, NOISE = 1.0, 50.0  # MB for each million steps; MB that the allocator may keep
+_EXPECTED = ".*(the wind pushes with up to|the trajectory needs)"  # warnings about settings, not about steps
+_WARM_UP = 100  # configurations, after which all compiled code is loaded
+_ROWS = (1, 7, 64, 257, 1024)
+
+
+class Outcome(NamedTuple):
+    """What a part of the soak did in one process.
+
+    Attributes:
+        done: Number of steps, resets, environments, timesteps or mutations.
+        findings: Descriptions of what went wrong.
+        growth: Growth of the memory, MB.
+    """
+
+    done: int
+    findings: list[str]
+    growth: float
+
+
+def resident() -> float:
+    """Return the resident memory of this process, MB."""
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def random_env(seed: int) -> Any:
+    """Return a vector environment with random settings, usual or extreme; refused settings are drawn again."""
+    random = np.random.default_rng([5, seed])
+    extreme = bool(random.random() < 0.7)
+    while True:
+        rows = int(random.choice(_ROWS))
+        try:
+            return extreme_vector_env(random, rows) if extreme else usual_vector_env(random, rows)
+        except (ValueError, TypeError) as error:
+            if "\n" in str(error):
+                raise
+
+
+def fly(seed: int, steps: int) -> tuple[int, str]:
+    """Make random steps in an environment with random settings.
+
+    Args:
+        seed: Seed of the settings and of the actions.
+        steps: Least number of steps of all sub-environments together.
+
+    Returns:
+        Number of steps and the finding, empty if there is none.
+    """
+    done = 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=_EXPECTED)
+        try:
+            env = random_env(seed)
+            random, space = np.random.default_rng([6, seed]), env.observation_space
+            observation, _ = env.reset(seed=seed)
+            while done < steps:
+                action = random.uniform(-1.0, 1.0, (env.num_envs, 4)).astype(np.float32)
+                if random.random() < 0.1:
+                    action = np.sign(action)
+                begin = time.perf_counter()
+                observation, reward, *_ = env.step(action)
+                if time.perf_counter() - begin > 1.0 and done:  # the first step may compile
+                    return done, f"seed {seed}: a step took {time.perf_counter() - begin:.1f} s"
+                if not (np.isfinite(observation).all() and space.contains(observation)):
+                    return done, f"seed {seed}: an observation is not finite or not in its space"
+                if not ((reward >= 0.0) & (reward <= 1.0)).all():
+                    return done, f"seed {seed}: a reward is not in [0, 1]"
+                done += env.num_envs
+            env.close()
+        except Exception as error:  # every exception is a finding
+            return done, f"seed {seed}: {type(error).__name__}: {error}"
+    return done, ""
+
+
+def random_steps(process: int, steps: int) -> Outcome:
+    """Make random steps in many environments; the memory counts when all kinds of kernels are loaded."""
+    done, findings, start, configuration = 0, [], None, 0
+    counted = 0
+    while done < steps:
+        made, finding = fly(process + PROCESSES * configuration, min(STEPS_OF_A_CONFIGURATION, steps))
+        done, configuration = done + max(made, 1), configuration + 1
+        findings += [finding] if finding else []
+        if start is None and configuration >= _WARM_UP:
+            start, counted = resident(), done
+    growth = resident() - start if start else 0.0
+    return Outcome(done, findings + _grown(growth, done - counted), growth)
+
+
+def _grown(growth: float, steps: int) -> list[str]:
+    """Return the finding that the memory grew too much in a number of steps, if it did."""
+    grown = growth > max(LARGEST_GROWTH * steps / 1e6, NOISE)
+    return [f"memory grew by {growth:.0f} MB in {steps:,} steps"] if grown else []
+
+
+def _repeat(function: Any, number: int) -> Outcome:
+    """Call a function with 0, 1, …; an exception or a warning is a finding. Memory counts after the first tenth."""
+    findings, start = [], resident()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=_EXPECTED)
+        for index in range(number):
+            try:
+                function(index)
+            except Exception as error:  # every exception is a finding
+                findings.append(f"{index}: {type(error).__name__}: {error}")
+            if index == number // 10:
+                start = resident()
+    growth = resident() - start
+    return Outcome(number, findings + _grown(growth, number), growth)
+
+
+def resets(process: int, number: int) -> Outcome:
+    """Reset an environment in wind, with a new seed each time."""
+    env = QuadPendulumEnv(wind="storm")
+    return _repeat(lambda index: env.reset(seed=process + PROCESSES * index), number)
+
+
+def environments(process: int, number: int) -> Outcome:
+    """Make, step and close environments."""
+
+    def make_and_close(index: int) -> None:
+        env = QuadPendulumEnv(task=("track", "hover")[index % 2], wind=(None, "storm")[process % 2])
+        env.reset(seed=index)
+        env.step(np.zeros(4, np.float32))
+        env.close()
+
+    return _repeat(make_and_close, number)
+
+
+def training(process: int, timesteps: int) -> Outcome:
+    """Train PPO with evaluations; the memory counts after the first fifth of the rollouts."""
+    settings = TrainSettings(seed=process, total_timesteps=timesteps, eval_freq=max(timesteps // 10, 1))
+    memory = _Memory()
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            train(settings, Path(folder) / "run", progress=False, callbacks=[memory])
+        except Exception as error:  # every exception is a finding
+            return Outcome(timesteps, [f"{type(error).__name__}: {error}"], 0.0)
+    growth = memory.rollouts[-1] - memory.rollouts[len(memory.rollouts) // 5]
+    return Outcome(timesteps, _grown(growth, timesteps), growth)
+
+
+class _Memory(BaseCallback):
+    """The resident memory at the end of each rollout, MB."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rollouts: list[float] = []
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        self.rollouts.append(resident())
+
+
+def mutations(name: str, process: int, number: int) -> Outcome:
+    """Damage files of one kind, see `benchmarks.fuzz`."""
+    start = resident()
+    with tempfile.TemporaryDirectory() as folder:
+        findings = fuzz.fuzz(name, range(process, process + PROCESSES * number, PROCESSES), Path(folder))
+    growth = resident() - start
+    return Outcome(number, findings + _grown(growth, number), growth)
+
+
+def parts(process: int, scale: float) -> Iterator[tuple[str, Outcome]]:
+    """Run all parts in one process and yield their outcomes by name.
+
+    Args:
+        process: Number of the process; it selects the seeds.
+        scale: Share of the numbers of this module.
+    """
+
+    def share(number: int) -> int:
+        return max(int(number * scale) // PROCESSES, 1)
+
+    for name in fuzz.TARGETS:
+        yield f"damaged {name}", mutations(name, process, share(MUTATIONS))
+    yield "resets", resets(process, share(RESETS))
+    yield "environments made and closed", environments(process, share(ENVIRONMENTS))
+    yield "timesteps of training", training(process, share(TIMESTEPS))
+    yield "random steps", random_steps(process, share(STEPS))
+
+
+def run_process(process: int, seconds: float, scale: float, results: Any) -> None:
+    """Run all parts once, then random steps until the time is over, and put all outcomes into `results`."""
+    end = time.monotonic() + seconds
+    for item in parts(process, scale):
+        results.put(item)
+    configuration = process + PROCESSES * 10**6
+    done, findings, start = 0, [], resident()
+    while time.monotonic() < end:
+        made, finding = fly(configuration, STEPS_OF_A_CONFIGURATION)
+        done, configuration = done + made, configuration + PROCESSES
+        findings += [finding] if finding else []
+    growth = resident() - start
+    results.put(("random steps until the end", Outcome(done, findings + _grown(growth, done), growth)))
+    results.put(None)
+
+
+def table(outcomes: dict[str, list[Outcome]]) -> str:
+    """Return a Markdown table of the outcomes of all processes."""
+    rows = []
+    for name, group in outcomes.items():
+        done = sum(item.done for item in group)
+        growth = max(item.growth for item in group)
+        rows.append([name, f"{done:,}", str(sum(len(item.findings) for item in group)), f"{growth:.1f}"])
+    return markdown_table(["part", "number", "findings", "largest growth of memory in a process (MB)"], rows)
+
+
+def run(seconds: float, scale: float, document: Path | None) -> int:
+    """Run the soak in all processes, print the findings, update the page, and return the number of findings."""
+    context = multiprocessing.get_context("spawn")
+    results: Any = context.Queue()
+    begin = time.monotonic()
+    processes = [context.Process(target=run_process, args=(i, seconds, scale, results)) for i in range(PROCESSES)]
+    for process in processes:
+        process.start()
+    outcomes: dict[str, list[Outcome]] = {}
+    running = PROCESSES
+    while running:
+        item = results.get()
+        if item is None:
+            running -= 1
+            continue
+        name, outcome = item
+        outcomes.setdefault(name, []).append(outcome)
+        print(f"{name}: {outcome.done:,}, {len(outcome.findings)} findings, {outcome.growth:.1f} MB", flush=True)
+        for finding in outcome.findings[:20]:
+            print(f"  {finding}", flush=True)
+    for process in processes:
+        process.join()
+    minutes = (time.monotonic() - begin) / 60.0
+    if document is not None:
+        date = datetime.datetime.now(datetime.timezone.utc).date()
+        fill(
+            document,
+            {"soak": f"{date}, `make soak`: {minutes:.0f} minutes in {PROCESSES} processes.\n\n{table(outcomes)}"},
+        )
+    return sum(len(item.findings) for group in outcomes.values() for item in group)
+
+
+def main() -> None:
+    """Read the command line and run; the exit status is 1 if there are findings."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.soak", description="Run everything for an hour.")
+    parser.add_argument("--minutes", type=float, default=60.0, help="least duration (default: 60)")
+    parser.add_argument("--scale", type=float, default=1.0, help="share of the usual numbers (default: 1)")
+    parser.add_argument("--document", type=Path, help="page to update")
+    arguments = parser.parse_args()
+    raise SystemExit(min(run(60.0 * arguments.minutes, arguments.scale, arguments.document), 1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+"""Random settings of environments, drawn from the whole declared ranges and from their ends."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, get_args, get_type_hints
+
+import numpy as np
+
+from quadpend_gym import (
+    Actuators,
+    Constant,
+    Limits,
+    Parameters,
+    QuadPendulumVectorEnv,
+    ReferenceSettings,
+    Simulation,
+    StartSettings,
+    Task,
+)
+from quadpend_gym.actuators import KINDS as ACTUATORS
+from quadpend_gym.core.ranges import Range, declared_ranges
+from quadpend_gym.physics.state import STATE_FIELDS
+from quadpend_gym.sensors import KINDS as SENSORS
+from quadpend_gym.sensors import Channel, Noise
+from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.wind import KINDS as WINDS
+from quadpend_gym.wrappers import VectorActuatorWrapper, VectorSensorWrapper
+from tests.helpers.envs import ENDLESS
+from tests.helpers.wrappers import STACKS, wrapped
+
+TASK_PARTS = {"references": ReferenceSettings, "start": StartSettings, "limits": Limits}
+SIMULATION_PARTS: dict[str, Any] = {"parameters": Parameters, "actuators": Actuators}
+NEEDED = {"drawn": {"wind": Constant()}, "rescaled": {"wind": Constant()}, "rotor_fault": {}}  # fields without default
+INTERFACES = ("wrench", "rotors", "body_rates")
+WIND_PRESETS = ("breeze", "windy", "storm")
+_MOST_SUBSTEPS = 10  # so that many steps fit into a test
+
+Draw = Callable[[Range], float]
+
+
+def value_of(kind: Any, name: str, draw: Draw) -> Any:
+    """Return a value of a field, made of numbers that `draw` returns: a number, or a pair in order."""
+    bounds, hint = declared_ranges(kind)[name], get_type_hints(kind)[name]
+    if get_args(hint) == (float, float):
+        return tuple(sorted((draw(bounds), draw(bounds))))
+    return int(draw(bounds)) if hint is int else draw(bounds)
+
+
+def random_draw(random: np.random.Generator) -> Draw:
+    """Return a function that draws an end of a range, or a number between: uniform, or of a uniform logarithm."""
+
+    def draw(bounds: Range) -> float:
+        choice = random.integers(4)
+        if choice < 2:
+            return (bounds.low, bounds.high)[choice]
+        if choice == 2 and bounds.low > 0.0:
+            drawn = float(np.exp(random.uniform(np.log(bounds.low), np.log(bounds.high))))
+            return min(max(drawn, bounds.low), bounds.high)
+        return float(random.uniform(bounds.low, bounds.high))
+
+    return draw
+
+
+def random_values(kind: Any, random: np.random.Generator) -> dict[str, Any]:
+    """Return values of about half of the fields."""
+    draw = random_draw(random)
+    return {name: value_of(kind, name, draw) for name in declared_ranges(kind) if random.random() < 0.5}
+
+
+def random_task(random: np.random.Generator) -> Task:
+    """Return a task with random settings; half of the tasks end only at the limits of the simulation."""
+    task = Task(**{name: kind(**random_values(kind, random)) for name, kind in TASK_PARTS.items()})
+    return replace(task, limits=ENDLESS.limits) if random.random() < 0.5 else task
+
+
+def random_simulation(random: np.random.Generator) -> dict[str, Any]:
+    """Return random settings of a simulation as a mapping."""
+    parts = {name: random_values(kind, random) for name, kind in SIMULATION_PARTS.items()}
+    values = random_values(Simulation, random)
+    return values | parts | {"substeps": min(values.get("substeps", 2), _MOST_SUBSTEPS)}
+
+
+def random_wind(random: np.random.Generator) -> dict[str, Any]:
+    """Return a random kind of wind with random settings as a mapping."""
+    kind = sorted(WINDS)[random.integers(len(WINDS))]
+    return {"kind": kind, **NEEDED.get(kind, {}), **random_values(WINDS[kind], random)}
+
+
+def random_sensor(random: np.random.Generator) -> Any:
+    """Return a random kind of sensor error with random settings."""
+    kind = SENSORS[sorted(SENSORS)[random.integers(len(SENSORS))]]
+    if kind is Noise:
+        return Noise(**{name: Channel(**random_values(Channel, random)) for name in STATE_FIELDS})
+    return kind(**random_values(kind, random))
+
+
+def random_actuator(random: np.random.Generator) -> Any:
+    """Return a random kind of actuator error with random settings."""
+    kind = ACTUATORS[sorted(ACTUATORS)[random.integers(len(ACTUATORS))]]
+    return kind(**random_values(kind, random))
+
+
+def extreme_vector_env(random: np.random.Generator, rows: int) -> Any:
+    """Return a vector environment with settings from the whole declared ranges.
+
+    Raises:
+        TypeError: If the settings do not fit together.
+        ValueError: If the settings contradict each other.
+    """
+    env: Any = QuadPendulumVectorEnv(
+        rows,
+        task=random_task(random),
+        simulation=random_simulation(random),
+        wind=random_wind(random),
+        autoreset_mode="SameStep",
+        max_episode_steps=int(random.integers(1, 2000)),
+    )
+    if random.random() < 0.5:
+        env = VectorSensorWrapper(env, random_sensor(random))
+    return VectorActuatorWrapper(env, random_actuator(random)) if random.random() < 0.5 else env
+
+
+def usual_vector_env(random: np.random.Generator, rows: int) -> Any:
+    """Return a vector environment as users make it: a task, wind, sometimes a real vehicle, sometimes wrappers."""
+
+    def choose(values: Any) -> Any:
+        return list(values)[random.integers(len(values))]
+
+    rigid = random.random() < 0.5
+    return wrapped(
+        QuadPendulumVectorEnv(
+            rows,
+            task=choose(("track", "hover")),
+            wind=choose((None, *WIND_PRESETS)),
+            autoreset_mode=choose(("NextStep", "SameStep")),
+            **({"vehicle": choose(VEHICLES), "interface": choose(INTERFACES)} if rigid else {}),
+        ),
+        [] if rigid else choose([[], *STACKS.values()]),
+    )
