@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import check_interval, check_number, from_plain, suggest, to_plain_fields
+from quadpend_gym.core.validation import check_interval, from_plain, suggest, to_plain_fields
 from quadpend_gym.physics.parameters import PARAMETER_NAMES, Parameters
 
 Interval = tuple[float, float] | None  # (lowest, highest) of a uniform distribution, or None for the nominal value
@@ -40,7 +41,8 @@ class ParameterRanges:
         to_plain_fields(self)
         for item in fields(self):
             if (value := getattr(self, item.name)) is not None:
-                Parameters(**{item.name: check_interval(value, item.name)[0]})
+                for end in check_interval(value, item.name):
+                    Parameters(**{item.name: end})
         if all(value is None for value in asdict(self).values()):
             raise ValueError(
                 f"at least one parameter must have a range; the parameters are {', '.join(PARAMETER_NAMES)}"
@@ -75,12 +77,13 @@ class Around:
         ValueError: If `share` is outside [0, 1), or a name is not that of a parameter.
     """
 
-    share: float  # half width of the interval, as a fraction of the nominal value
+    share: Annotated[float, Range(0.0, 1.0)]  # half width of the interval, as a fraction of the nominal value
     names: tuple[str, ...] = ()  # parameters to randomize; if empty, all but gravity
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        if check_number(self.share, "share", 0.0) >= 1.0:
+        check_fields(self)
+        if self.share >= 1.0:
             raise ValueError(f"share must be below 1, not {self.share!r}")
         if not isinstance(self.names, tuple):
             raise TypeError(f"names must be a sequence of names of parameters, not {self.names!r}")

@@ -7,15 +7,16 @@ policy's action, applies the lag of the motors, and mixes the thrusts of the rot
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.delays import check_steps, delay, hold
+from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.core.models import Model, Registry, Stateless, ZeroInitialized
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import check_number, check_positive, to_plain_fields
+from quadpend_gym.core.validation import to_plain_fields
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE
 
@@ -56,12 +57,12 @@ class ActionDelay(ZeroInitialized):
         ValueError: If `steps` is not a whole number from 1 to 1000.
     """
 
-    steps: int = 1
+    steps: Annotated[int, Range(1, 1000)] = 1
     kind: str = field(default="action_delay", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_steps(self.steps)
+        check_fields(self)
 
     @property
     def memory_size(self) -> int:
@@ -82,15 +83,15 @@ class MotorLag(_FromHover):
 
     Raises:
         TypeError: If `time_constant` is not a number.
-        ValueError: If `time_constant` is not finite or not above zero.
+        ValueError: If `time_constant` is outside its range.
     """
 
-    time_constant: float = 0.05  # s, T
+    time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 0.05  # T
     kind: str = field(default="motor_lag", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_positive(self.time_constant, "time_constant")
+        check_fields(self)
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace the action by the mean of the lagged action over the period."""
@@ -106,15 +107,15 @@ class RateLimit(_FromHover):
 
     Raises:
         TypeError: If `rate` is not a number.
-        ValueError: If `rate` is not finite or not above zero.
+        ValueError: If `rate` is outside its range.
     """
 
-    rate: float = 20.0  # 1/s; a change from −1 to 1 takes 2/rate
+    rate: Annotated[float, Range(1e-6, 1e9, "1/s")] = 20.0  # a change from −1 to 1 takes 2/rate
     kind: str = field(default="rate_limit", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_positive(self.rate, "rate")
+        check_fields(self)
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Move from the previous action towards the new one, as far as the rate limit allows."""
@@ -132,12 +133,12 @@ class PacketLoss(_FromHover):
         ValueError: If `probability` is outside [0, 1].
     """
 
-    probability: float = 0.001
+    probability: Annotated[float, Range(0.0, 1.0)] = 0.001
     kind: str = field(default="packet_loss", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_number(self.probability, "probability", 0.0, 1.0)
+        check_fields(self)
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace lost commands by the last one that arrived."""
@@ -153,15 +154,15 @@ class GyroBias:
 
     Raises:
         TypeError: If `deviation` is not a number.
-        ValueError: If `deviation` is not finite or below zero.
+        ValueError: If `deviation` is outside its range.
     """
 
-    deviation: float = 0.02  # rad/s, standard deviation
+    deviation: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.02  # standard deviation
     kind: str = field(default="gyro_bias", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_number(self.deviation, "deviation", 0.0)
+        check_fields(self)
 
     @property
     def memory_size(self) -> int:
@@ -194,17 +195,16 @@ class Rotors(Stateless):
 
     Raises:
         TypeError: If a value is not a number.
-        ValueError: If a value is not finite or not above zero.
+        ValueError: If a value is outside its range.
     """
 
-    arm: float = 0.2  # m, d, distance from the centre to each rotor
-    drag_ratio: float = 0.02  # m, κ, drag torque divided by thrust
+    arm: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.2  # d, distance from the centre to each rotor
+    drag_ratio: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.02  # κ, drag torque divided by thrust
     kind: str = field(default="rotors", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_positive(self.arm, "arm")
-        check_positive(self.drag_ratio, "drag_ratio")
+        check_fields(self)
 
     def mixing(self, simulation: Simulation) -> Floats:
         """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4).
@@ -248,17 +248,14 @@ class RotorFault(Stateless):
         ValueError: If there is no such rotor, or a value is out of range.
     """
 
-    rotor: int = 1  # 1 to 4
-    effectiveness: float = 0.7  # remaining fraction of the thrust, 0 to 1
-    onset: float = 0.0  # s
+    rotor: Annotated[int, Range(1, 4)] = 1  # 1 to 4
+    effectiveness: Annotated[float, Range(0.0, 1.0)] = 0.7  # remaining fraction of the thrust, 0 to 1
+    onset: Annotated[float, Range(0.0, 1e6, "s")] = 0.0
     kind: str = field(default="rotor_fault", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        if not isinstance(self.rotor, int) or isinstance(self.rotor, bool) or not 1 <= self.rotor <= 4:
-            raise ValueError(f"rotor must be 1, 2, 3 or 4, not {self.rotor!r}")
-        check_number(self.effectiveness, "effectiveness", 0.0, 1.0)
-        check_number(self.onset, "onset", 0.0)
+        check_fields(self)
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Reduce the thrust of the faulty rotor."""

@@ -1,7 +1,5 @@
 """Delays by whole control steps, and values that are held, for sensors and actuators."""
 
-from typing import Any
-
 from quadpend_gym.core.arrays import Booleans, Floats, Integers
 from quadpend_gym.core.jit import compiled
 
@@ -40,13 +38,3 @@ def hold(values: Floats, memory: Floats, held: Booleans) -> None:
     """
     values[held] = memory[held]
     memory[:] = values
-
-
-def check_steps(steps: Any) -> None:
-    """Check the length of a delay.
-
-    Raises:
-        ValueError: If `steps` is not a whole number from 1 to 1000.
-    """
-    if not isinstance(steps, int) or isinstance(steps, bool) or not 1 <= steps <= 1000:
-        raise ValueError(f"steps must be a whole number from 1 to 1000, not {steps!r}")

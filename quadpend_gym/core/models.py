@@ -16,6 +16,8 @@ from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import from_plain, suggest
 
+MOST_NESTED = 16  # models within models
+
 
 class Model(Protocol):
     """The interface that wind, sensor and actuator models share, for a batch of n sub-environments."""
@@ -86,6 +88,7 @@ class Registry:
             TypeError: If `value` is none of these.
             ValueError: If a name, kind or setting is unknown, or a setting is out of range.
         """
+        _check_depth(value, self.name)
         if value is None:
             return ()
         if isinstance(value, str):
@@ -126,6 +129,25 @@ class Registry:
 
 
 _REGISTRIES: list[Registry] = []
+
+
+def _check_depth(value: Any, name: str) -> None:
+    """Refuse models that contain models that contain models more than `MOST_NESTED` deep."""
+    level, depth = [value], 0
+    while level := [part for item in level for part in _parts(item)]:
+        depth += 1
+        if depth > MOST_NESTED:
+            raise ValueError(f"{name} must be models within models at most {MOST_NESTED} deep, not deeper")
+
+
+def _parts(value: Any) -> list[Any]:
+    """Return what a model, a mapping or a sequence contains that can contain models; a sum counts as its models."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    elif not isinstance(value, list | tuple):
+        value = [getattr(value, "wind", None)]
+    parts = [part for item in value for part in (getattr(item, "models", None) or (item,))]
+    return [part for part in parts if isinstance(part, Mapping | list | tuple) or hasattr(part, "wind")]
 
 
 def to_plain_data(value: Any, otherwise: Callable[[Any], Any]) -> Any:

@@ -108,7 +108,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         """
         check_render_mode(render_mode, self.metadata["render_modes"])
         simulation = as_simulation(simulation, vehicle, interface)
-        self.metadata = {**type(self).metadata, "render_fps": round(1.0 / simulation.period)}
+        self.metadata = {**type(self).metadata, "render_fps": max(round(1.0 / simulation.period), 1)}
         self.render_mode = render_mode
         self.world = World(1, as_task(task), simulation, wind)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)

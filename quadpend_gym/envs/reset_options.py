@@ -14,6 +14,8 @@ from quadpend_gym.tasks import Limits
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.trajectories import Trajectory, as_trajectory
 
+SHORTEST_DIRECTION = 1e-9  # of a direction before its normalisation
+
 
 class ResetOptions(NamedTuple):
     """Checked options of a reset of m sub-environments; everything that they do not fix is drawn.
@@ -68,8 +70,11 @@ def _check_state(state: Any, count: int) -> dict[str, Floats]:
                 f"options['state'][{name!r}] must be finite numbers between ±{DIVERGENCE_LIMIT:g}, not {array.tolist()}"
             )
         checked[name] = array
-    if "direction" in checked and not np.linalg.norm(checked["direction"], axis=-1).all():
-        raise ValueError("options['state']['direction'] must not contain a zero vector")
+    if "direction" in checked and (np.linalg.norm(checked["direction"], axis=-1) < SHORTEST_DIRECTION).any():
+        raise ValueError(
+            f"options['state']['direction'] must not contain a zero vector or one shorter than {SHORTEST_DIRECTION:g},"
+            f" not {checked['direction'].tolist()}"
+        )
     return checked
 
 

@@ -13,6 +13,9 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.state import ACTION_SIZE
 
 NO_ERROR = -1
+# Largest force (N), torque (N·m) and wind velocity (m/s). Every wind of this package is weaker, and the numbers that a
+# step computes from larger ones would overflow.
+LARGEST_WIND = 1e20
 ROUNDING = 1e-6  # by how much an action may exceed ±1: a few units in the last place of float32
 
 
@@ -24,7 +27,7 @@ def action_error(row: int) -> int:
 
 @inlined
 def wind_error(row: int) -> int:
-    """Return the code for a wind that is not finite."""
+    """Return the code for a wind that is not finite or larger than `LARGEST_WIND`."""
     return -2 - row
 
 
@@ -49,13 +52,14 @@ def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> Non
         action_name: Name of the action in the message.
 
     Raises:
-        ValueError: If an action is out of range or not finite, or if the wind is not finite.
+        ValueError: If an action is out of range or not finite, or if the wind is not finite or too large.
     """
     if code == NO_ERROR:
         return
     source, row = decode_error(code)
     if source == "wind":
-        raise ValueError(f"wind must be finite numbers, not {wind[row].tolist()} in sub-environment {row}")
+        allowed = f"at most {LARGEST_WIND:g} N, N·m and m/s" if np.isfinite(wind[row]).all() else "finite numbers"
+        raise ValueError(f"wind must be {allowed}, not {wind[row].tolist()} in sub-environment {row}")
     owner = "" if len(action) == 1 else f" of sub-environment {row}"
     raise ValueError(
         f"{action_name}{owner} must be four numbers in [-1, 1], not {action[row].tolist()}: thrust and torques divided"
@@ -70,20 +74,20 @@ def find_error(action: Any, wind: Any) -> int:
         for component in range(ACTION_SIZE):
             if not (abs(action[row, component]) <= 1.0):
                 return action_error(row)
-    not_finite = False
+    too_large = False
     for number in wind.reshape(-1):
-        not_finite |= not np.isfinite(number)
-    if not_finite:  # find the sub-environment with a second loop, which the compiler cannot vectorise
+        too_large |= not (abs(number) <= LARGEST_WIND)
+    if too_large:  # find the sub-environment with a second loop, which the compiler cannot vectorise
         for row in range(wind.shape[1]):
             for component in range(wind.shape[0]):
-                if not np.isfinite(wind[component, row]):
+                if not (abs(wind[component, row]) <= LARGEST_WIND):
                     return wind_error(row)
     return NO_ERROR
 
 
 @compiled
 def check_inputs(action: Floats32, wind: Floats) -> int:
-    """Return the error code of the first action that is out of range or not finite, else of the first non-finite wind.
+    """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
 
     Args:
         action: Shape (n, 4).

@@ -74,7 +74,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self.max_episode_steps = max_episode_steps
         self.render_mode = render_mode
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
-        fps = round(1.0 / simulation.period)
+        fps = max(round(1.0 / simulation.period), 1)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self.world = World(num_envs, as_task(task), simulation, wind)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)

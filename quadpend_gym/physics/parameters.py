@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import check_number, check_positive, from_plain, suggest
+from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.validation import from_plain, suggest
 from quadpend_gym.vehicles import VEHICLES, Vehicle, as_vehicle, torque_limits
 from quadpend_gym.vehicles.parameters import PAPER as PAPER
 from quadpend_gym.vehicles.parameters import Parameters as Parameters
@@ -27,6 +28,7 @@ PARAMETERS_SIZE = len(PARAMETER_NAMES)
     BOB_DRAG_AREA,
 ) = range(PARAMETERS_SIZE)
 CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
+MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,14 @@ class Actuators:
 
     Raises:
         TypeError: If a value is not a number.
-        ValueError: If a value is not finite or not above zero.
+        ValueError: If a value is outside its range.
     """
 
-    roll_pitch_torque: float = 5.0  # N·m; by default τφ = 5 a₁ and τθ = 5 a₂
-    yaw_torque: float = 1.0  # N·m; by default τψ = a₃
+    roll_pitch_torque: Annotated[float, Range(1e-9, 1e6, "N·m")] = 5.0  # by default τφ = 5 a₁ and τθ = 5 a₂
+    yaw_torque: Annotated[float, Range(1e-9, 1e6, "N·m")] = 1.0  # by default τψ = a₃
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            check_positive(getattr(self, item.name), item.name)
+        check_fields(self)
 
 
 INTERFACES = ("wrench", "rotors", "body_rates")
@@ -65,19 +66,18 @@ class Simulation:
 
     parameters: Parameters = PAPER
     actuators: Actuators = field(default_factory=Actuators)
-    period: float = CONTROL_PERIOD  # s, control period
-    substeps: int = 2  # Runge–Kutta steps in a control period
+    period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD  # control period
+    substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
     vehicle: Any = None  # as `as_vehicle` takes it; None: the paper's
     interface: str = "wrench"  # what an action commands: "wrench", "rotors" or "body_rates"
-    latency: float = 0.0  # s, from an action to the moment when it acts; a whole number of substeps
+    # from an action to the moment when it acts; a whole number of substeps
+    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
         set_field(self, "parameters", from_plain(Parameters, self.parameters, "parameters"))
         set_field(self, "actuators", from_plain(Actuators, self.actuators, "actuators"))
-        check_positive(self.period, "period")
-        if not isinstance(self.substeps, int) or self.substeps < 1:
-            raise ValueError(f"substeps must be a whole number of at least 1, not {self.substeps!r}")
+        check_fields(self)
         if self.vehicle is not None:
             vehicle = as_vehicle(self.vehicle)
             if self.parameters == PAPER:
@@ -87,7 +87,10 @@ class Simulation:
                 set_field(self, "actuators", Actuators(*torque_limits(vehicle)))
             set_field(self, "vehicle", None if vehicle == VEHICLES["paper"] else vehicle)
         self._check_interface()
-        check_number(self.latency, "latency", 0.0, 1.0)
+        if self.latency > MOST_DELAYED * self.period * (1.0 + 1e-9):
+            raise ValueError(
+                f"latency must be at most {MOST_DELAYED} control periods of {self.period:g} s, not {self.latency:g} s"
+            )
         delayed = self.latency / self.period * self.substeps
         if abs(delayed - round(delayed)) > 1e-6:
             raise ValueError(

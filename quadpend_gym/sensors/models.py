@@ -11,16 +11,17 @@ Several sensors act in the order in which they are listed: ``[Noise(position=0.0
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Booleans, Floats, Integers
-from quadpend_gym.core.delays import check_steps, delay, hold
+from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import Model, Registry, ZeroInitialized
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
-from quadpend_gym.core.validation import check_number, check_positive, from_plain, to_plain_fields
+from quadpend_gym.core.validation import check_number, from_plain, to_plain_fields
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
 
 
@@ -41,6 +42,7 @@ class Sensor(Model, Protocol):
 
 
 SENSORS = Registry("sensor", "a sensor model", Sensor)  # `registry` adds the kinds
+SMALLEST_QUANTUM = 1e-12  # of a quantisation, in the unit of the field: finer steps are rounding errors of float64
 
 
 @dataclass(frozen=True)
@@ -51,18 +53,20 @@ class Channel:
 
     Raises:
         TypeError: If a value is not a number.
-        ValueError: If a value is not in [0, 1e6].
+        ValueError: If a value is not in [0, 1e6], or the quantum is below 1e-12 and not zero.
     """
 
-    white: float = 0.0  # standard deviation of white noise, independent at each sample
-    bias: float = 0.0  # standard deviation of a constant error, drawn for each episode
-    walk: float = 0.0  # standard deviation of a random walk after 1 s
-    quantum: float = 0.0  # quantisation: the measurement is rounded to multiples of this step
+    white: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of white noise, independent at each sample
+    bias: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of a constant error, drawn for each episode
+    walk: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of a random walk after 1 s
+    # quantisation: the measurement is rounded to multiples of this step
+    quantum: Annotated[float, Range(0.0, 1e6)] = 0.0
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        for item in fields(self):
-            check_number(getattr(self, item.name), item.name, 0.0, 1e6)
+        check_fields(self)
+        if 0.0 < self.quantum < SMALLEST_QUANTUM:
+            raise ValueError(f"quantum must be 0 or at least {SMALLEST_QUANTUM:g}, not {self.quantum!r}")
 
 
 def _as_channel(value: Any, name: str) -> Channel:
@@ -172,10 +176,10 @@ class _NoisePlan:
     """
 
     columns: Integers
-    white: Floats
-    bias: Floats
-    walk: Floats
-    quantum: Floats
+    white: Annotated[Floats, Range(0.0, 1e6)]
+    bias: Annotated[Floats, Range(0.0, 1e6)]
+    walk: Annotated[Floats, Range(0.0, 1e6)]
+    quantum: Annotated[Floats, Range(0.0, 1e6)]
     rounded: Integers
     has_offset: bool
     has_walk: bool
@@ -223,12 +227,12 @@ class Delay(ZeroInitialized):
         ValueError: If `steps` is not a whole number from 1 to 1000.
     """
 
-    steps: int = 1
+    steps: Annotated[int, Range(1, 1000)] = 1
     kind: str = field(default="delay", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_steps(self.steps)
+        check_fields(self)
 
     @property
     def memory_size(self) -> int:
@@ -256,12 +260,12 @@ class Dropout(ZeroInitialized):
         ValueError: If `probability` is outside [0, 1].
     """
 
-    probability: float = 0.1
+    probability: Annotated[float, Range(0.0, 1.0)] = 0.1
     kind: str = field(default="dropout", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_number(self.probability, "probability", 0.0, 1.0)
+        check_fields(self)
 
     @property
     def memory_size(self) -> int:
@@ -283,15 +287,15 @@ class SampleHold(ZeroInitialized):
 
     Raises:
         TypeError: If `period` is not a number.
-        ValueError: If `period` is not finite or not above zero.
+        ValueError: If `period` is outside its range.
     """
 
-    period: float = 0.02  # s
+    period: Annotated[float, Range(1e-6, 1e6, "s")] = 0.02
     kind: str = field(default="sample_hold", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        check_positive(self.period, "period")
+        check_fields(self)
 
     def steps(self, control_period: float) -> int:
         """Return the number of control steps from one sample to the next.

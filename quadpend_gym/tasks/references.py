@@ -17,15 +17,16 @@ Hovering, circles, figure eights (Gerono's lemniscate), helices and all Lissajou
 """
 
 from dataclasses import astuple, dataclass, fields
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import REFERENCE_STREAM, Keys, derive, uniform, uniform_between
-from quadpend_gym.core.validation import as_vector, check_number
+from quadpend_gym.core.validation import as_vector
 from quadpend_gym.physics.vectors import Vec3
 
 CHANNELS = 4
@@ -136,16 +137,16 @@ class Reference:
         ValueError: If a number is not finite, or its absolute value is larger than 1000.
     """
 
-    offset: tuple[float, ...] = (0.0, 0.0, 2.0, 0.0)
-    rate: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    amplitude: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    frequency: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    phase: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    offset: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
+    rate: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    amplitude: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
+    frequency: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            values = as_vector(getattr(self, field.name), CHANNELS, field.name)
-            object.__setattr__(self, field.name, tuple(check_number(x, field.name, -LARGEST, LARGEST) for x in values))
+            object.__setattr__(self, field.name, as_vector(getattr(self, field.name), CHANNELS, field.name))
+        check_fields(self)
 
     @classmethod
     def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":

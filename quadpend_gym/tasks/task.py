@@ -4,12 +4,13 @@
 """
 
 from dataclasses import astuple, dataclass, field, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import check_interval, check_number, from_plain, suggest
+from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.validation import check_interval, from_plain, suggest
 from quadpend_gym.tasks.trajectories import as_trajectory
 
 EPISODE_STEPS = 1000  # control steps after which an episode is truncated: 10 s at the default control period
@@ -20,80 +21,71 @@ Interval = tuple[float, float]
 class ReferenceSettings:
     """Relative frequency of each family of random references, and the bounds of their numbers."""
 
-    hover: float = 1.0  # relative frequencies of the four families
-    circle: float = 1.0
-    figure_eight: float = 1.0
-    helix: float = 1.0
-    height: Interval = (2.0, 3.0)  # m, above the ground z = 0
-    radius: Interval = (0.3, 1.5)  # m
-    acceleration: Interval = (0.2, 1.0)  # m/s², peak of the horizontal acceleration
-    climb: Interval = (-0.1, 0.1)  # m/s, vertical velocity of a helix
-    yaw_offset: float = 0.5  # rad, largest absolute value of the constant part of the yaw
-    yaw_amplitude: float = 0.3  # rad, largest amplitude of the sinusoidal part of the yaw
-    yaw_frequency: float = 1.0  # rad/s, largest angular frequency of the yaw
+    hover: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequencies of the four families
+    circle: Annotated[float, Range(0.0, 1e6)] = 1.0
+    figure_eight: Annotated[float, Range(0.0, 1e6)] = 1.0
+    helix: Annotated[float, Range(0.0, 1e6)] = 1.0
+    height: Annotated[Interval, Range(0.0, 10_000.0, "m")] = (2.0, 3.0)  # above the ground z = 0
+    radius: Annotated[Interval, Range(1e-3, 1000.0, "m")] = (0.3, 1.5)
+    acceleration: Annotated[Interval, Range(0.0, 1000.0, "m/s²")] = (0.2, 1.0)  # peak of the horizontal acceleration
+    climb: Annotated[Interval, Range(-1000.0, 1000.0, "m/s")] = (-0.1, 0.1)  # vertical velocity of a helix
+    # largest absolute value of the constant part of the yaw
+    yaw_offset: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.5
+    # largest amplitude of the sinusoidal part of the yaw
+    yaw_amplitude: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.3
+    yaw_frequency: Annotated[float, Range(0.0, 10_000.0, "rad/s")] = 1.0  # largest angular frequency of the yaw
 
     def __post_init__(self) -> None:
-        weights = [
-            check_number(getattr(self, name), name, 0.0) for name in ("hover", "circle", "figure_eight", "helix")
-        ]
-        if sum(weights) == 0.0:
+        check_fields(self)
+        if not (self.hover or self.circle or self.figure_eight or self.helix):
             raise ValueError("one of hover, circle, figure_eight and helix must be above zero")
-        for name, low in (("height", 0.0), ("radius", 0.0), ("acceleration", 0.0), ("climb", -np.inf)):
-            object.__setattr__(self, name, check_interval(getattr(self, name), name, low))
-        if self.radius[0] == 0.0:
-            raise ValueError(f"radius must be above zero, not {self.radius!r}")
-        for name in ("yaw_offset", "yaw_amplitude", "yaw_frequency"):
-            check_number(getattr(self, name), name, 0.0)
+        for name in ("height", "radius", "acceleration", "climb"):
+            object.__setattr__(self, name, check_interval(getattr(self, name), name))
 
 
 @dataclass(frozen=True)
 class StartSettings:
     """Largest deviation of a random start, in each component, from the state that tracks the reference exactly."""
 
-    position: float = 0.1  # m, position of the quadrotor
-    velocity: float = 0.05  # m/s, velocity of the quadrotor
-    angle: float = 0.03  # rad, roll, pitch and yaw
-    angle_rate: float = 0.05  # rad/s
-    direction: float = 0.03  # r, before its normalisation
-    direction_rate: float = 0.05  # 1/s, ṙ, before its projection onto the plane perpendicular to r
+    position: Annotated[float, Range(0.0, 1000.0, "m")] = 0.1  # position of the quadrotor
+    velocity: Annotated[float, Range(0.0, 1000.0, "m/s")] = 0.05  # velocity of the quadrotor
+    angle: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.03  # roll, pitch and yaw
+    angle_rate: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.05
+    direction: Annotated[float, Range(0.0, 0.9)] = 0.03  # r, before its normalisation
+    # ṙ, before its projection onto the plane perpendicular to r
+    direction_rate: Annotated[float, Range(0.0, 1000.0, "1/s")] = 0.05
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            check_number(getattr(self, item.name), item.name, 0.0, 0.9 if item.name == "direction" else np.inf)
+        check_fields(self)
 
 
 @dataclass(frozen=True)
 class Limits:
     """Limits of the state; an episode that exceeds one of them terminates (a fall)."""
 
-    pendulum_angle: float = np.pi / 3  # rad from upright; π disables this limit
-    body_angle: float = np.pi * 80 / 180  # rad from level; π disables this limit
-    tracking_error: float = 3.0  # m
-    ground: float = 0.0  # m, height of the ground, which neither the quadrotor nor the bob may touch
+    pendulum_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi / 3  # from upright; π disables this limit
+    body_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi * 80 / 180  # from level; π disables this limit
+    tracking_error: Annotated[float, Range(0.0, 1e9, "m")] = 3.0
+    # height of the ground, which neither the quadrotor nor the bob may touch
+    ground: Annotated[float, Range(-1e9, 1e9, "m")] = 0.0
 
     def __post_init__(self) -> None:
-        check_number(self.pendulum_angle, "pendulum_angle", 0.0, np.pi)
-        check_number(self.body_angle, "body_angle", 0.0, np.pi)
-        check_number(self.tracking_error, "tracking_error", 0.0)
-        check_number(self.ground, "ground")
+        check_fields(self)
 
 
 @dataclass(frozen=True)
 class RewardWeights:
     """Weights of the terms of the reward, see `quadpend_gym.tasks.rewards`; they are divided by their sum."""
 
-    tracking: float = 0.6
-    upright: float = 0.15
-    yaw: float = 0.1
-    effort: float = 0.15
-    tip: float = 0.5  # s, weight of the narrow peak in the tracking term
+    tracking: Annotated[float, Range(0.0, 1e6)] = 0.6
+    upright: Annotated[float, Range(0.0, 1e6)] = 0.15
+    yaw: Annotated[float, Range(0.0, 1e6)] = 0.1
+    effort: Annotated[float, Range(0.0, 1e6)] = 0.15
+    tip: Annotated[float, Range(0.0, 1.0)] = 0.5  # s, weight of the narrow peak in the tracking term
 
     def __post_init__(self) -> None:
-        check_number(self.tip, "tip", 0.0, 1.0)
-        if (
-            sum(check_number(getattr(self, name), name, 0.0) for name in ("tracking", "upright", "yaw", "effort"))
-            == 0.0
-        ):
+        check_fields(self)
+        if not (self.tracking or self.upright or self.yaw or self.effort):
             raise ValueError("one of the reward weights must be above zero")
 
 

@@ -21,12 +21,13 @@ A packed trajectory is a flat array. Many of them stand one after the other in t
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.validation import as_vector, check_number, from_plain, suggest, to_plain_fields
 from quadpend_gym.tasks.minimum_snap import COEFFICIENTS, minimum_snap
 from quadpend_gym.tasks.references import (
@@ -173,8 +174,8 @@ class Waypoints(_Packed):
             its absolute value is larger than 1000.
     """
 
-    times: tuple[float, ...]
-    points: tuple[tuple[float, ...], ...]
+    times: Annotated[tuple[float, ...], Range(0.0, LARGEST, "s")]
+    points: Annotated[tuple[tuple[float, ...], ...], Range(-LARGEST, LARGEST, "m and rad")]
     closed: bool = False
     kind: str = field(default="waypoints", init=False)
 
@@ -217,9 +218,14 @@ class SinusoidTerm:
         ValueError: If a number is not finite, or its absolute value is larger than 1000.
     """
 
-    amplitude: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # m, m, m, rad
-    frequency: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # rad/s
-    phase: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)  # rad
+    amplitude: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )  # m, m, m, rad
+    frequency: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         _check_channels(self, [item.name for item in fields(self)])
@@ -239,8 +245,8 @@ class Sinusoids(_Packed):
         ValueError: If a number is not finite, or its absolute value is larger than 1000.
     """
 
-    offset: tuple[float, ...] = (0.0, 0.0, 2.0, 0.0)
-    rate: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    offset: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
+    rate: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
     terms: tuple[SinusoidTerm, ...] = ()
     kind: str = field(default="sinusoids", init=False)
 
@@ -301,8 +307,8 @@ def as_trajectory(value: Any, name: str) -> Trajectory:
 def _check_channels(instance: Any, names: Sequence[str]) -> None:
     """Replace fields with one number for each channel by tuples of floats after checking them."""
     for name in names:
-        values = as_vector(getattr(instance, name), CHANNELS, name)
-        object.__setattr__(instance, name, tuple(check_number(x, name, -LARGEST, LARGEST) for x in values))
+        object.__setattr__(instance, name, as_vector(getattr(instance, name), CHANNELS, name))
+    check_fields(instance)
 
 
 def _check_times(times: Any) -> tuple[float, ...]:

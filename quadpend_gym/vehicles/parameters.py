@@ -3,12 +3,13 @@
 The default values come from Table 1 of the paper; `quadpend_gym.physics.drag` gives the source of the drag areas.
 """
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass
+from typing import Annotated
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import check_number, check_positive
+from quadpend_gym.core.ranges import Range, check_fields
 
 
 @dataclass(frozen=True)
@@ -17,25 +18,21 @@ class Parameters:
 
     Raises:
         TypeError: If a value is not a number.
-        ValueError: If a value is not finite, a drag area is negative, or another value is not above zero.
+        ValueError: If a value is outside its range.
     """
 
-    quadrotor_mass: float = 0.5  # M, kg, Table 1
-    bob_mass: float = 0.2  # m_c, kg, Table 1
-    rod_length: float = 0.3  # l, m, Table 1
-    gravity: float = 9.8  # g, m/s², Table 1
-    inertia_roll: float = 0.1  # I_φ, kg·m², Table 1
-    inertia_pitch: float = 0.1  # I_θ, kg·m², Table 1
-    inertia_yaw: float = 0.1  # I_ψ, kg·m², Table 1
-    quadrotor_drag_area: float = 0.01  # A_Q, m², see `quadpend_gym.physics.drag`
-    bob_drag_area: float = 0.0005  # A_B, m², see `quadpend_gym.physics.drag`
+    quadrotor_mass: Annotated[float, Range(1e-4, 1e4, "kg")] = 0.5  # M, Table 1
+    bob_mass: Annotated[float, Range(1e-6, 1e4, "kg")] = 0.2  # m_c, Table 1
+    rod_length: Annotated[float, Range(1e-3, 100.0, "m")] = 0.3  # l, Table 1
+    gravity: Annotated[float, Range(0.01, 1000.0, "m/s²")] = 9.8  # g, Table 1
+    inertia_roll: Annotated[float, Range(1e-10, 1e6, "kg·m²")] = 0.1  # I_φ, Table 1
+    inertia_pitch: Annotated[float, Range(1e-10, 1e6, "kg·m²")] = 0.1  # I_θ, Table 1
+    inertia_yaw: Annotated[float, Range(1e-10, 1e6, "kg·m²")] = 0.1  # I_ψ, Table 1
+    quadrotor_drag_area: Annotated[float, Range(0.0, 100.0, "m²")] = 0.01  # A_Q, see `quadpend_gym.physics.drag`
+    bob_drag_area: Annotated[float, Range(0.0, 100.0, "m²")] = 0.0005  # A_B, see `quadpend_gym.physics.drag`
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            if item.name.endswith("drag_area"):
-                check_number(getattr(self, item.name), item.name, 0.0)
-            else:
-                check_positive(getattr(self, item.name), item.name)
+        check_fields(self)
 
     @property
     def total_mass(self) -> float:

@@ -5,11 +5,12 @@ Frames: world z up; body x forward, y left, z up, with its origin in the body's 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.validation import as_vector, check_number, from_plain, suggest, to_plain_fields
 from quadpend_gym.vehicles.parameters import Parameters
 from quadpend_gym.vehicles.parts import Drag, Pole, RateLoop, Rotors
@@ -30,20 +31,20 @@ class Vehicle:
 
     Attributes:
         name: Name in tables and pictures.
-        mass: M, kg, without the pole, 0.001 to 1000.
+        mass: M, kg, without the pole.
         inertia: (Ixx, Iyy, Izz) or 3 × 3, kg·m², body frame, about the body's centre of mass, without the pole. With
             rotors, its radii of gyration are at most 3 times the distance of the outermost rotor from the centre of
             mass. A body whose mass is nowhere further out than the rotors has at most 1 times this distance.
         pole: The pole.
         attitude: "rigid" for a rigid body; "euler" for the paper's model, in which a constant diagonal inertia
             multiplies the Euler-angle accelerations. "euler" has neither rotors nor a pivot offset nor a pole inertia.
-        pivot: p, m, body frame, from the body's centre of mass to the joint, within ±2.
+        pivot: p, m, body frame, from the body's centre of mass to the joint.
         rotors: The rotors; None: thrust and torques act as they are commanded, and `torque` is needed.
         drag: Drag of the body.
         rate_loop: The loop on board for the interface "body_rates"; None means its default values.
-        torque: (roll and pitch, yaw), N·m: torques at an action of ±1 of the interface "wrench", 10⁻⁶ to 10⁴; None: as
+        torque: (roll and pitch, yaw), N·m: torques at an action of ±1 of the interface "wrench"; None: as
             computed by `torque_limits`.
-        gravity: g, m/s², 0.1 to 100.
+        gravity: g, m/s².
 
     Raises:
         TypeError: If a value has the wrong type.
@@ -52,16 +53,16 @@ class Vehicle:
     """
 
     name: str
-    mass: float
+    mass: Annotated[float, Range(1e-3, 1e3, "kg")]
     inertia: Any
     pole: Pole
     attitude: Literal["rigid", "euler"] = "rigid"
-    pivot: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pivot: Annotated[tuple[float, float, float], Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)
     rotors: Rotors | None = None
     drag: Drag = field(default_factory=Drag)
     rate_loop: RateLoop = field(default_factory=RateLoop)
-    torque: tuple[float, float] | None = None
-    gravity: float = 9.81
+    torque: Annotated[tuple[float, ...] | None, Range(1e-6, 1e4, "N·m")] = None
+    gravity: Annotated[float, Range(0.1, 100.0, "m/s²")] = 9.81
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -77,16 +78,12 @@ class Vehicle:
             raise ValueError(
                 f"vehicle.attitude must be 'rigid' or 'euler', not {self.attitude!r}{suggest(self.attitude, ATTITUDES)}"
             )
-        check_number(self.mass, "vehicle.mass", 1e-3, 1e3, "kg")
-        check_number(self.gravity, "vehicle.gravity", 0.1, 100.0, "m/s²")
-        pivot = as_vector(self.pivot, 3, "vehicle.pivot")
-        set_field(self, "pivot", tuple(check_number(number, "vehicle.pivot", -2.0, 2.0, "m") for number in pivot))
+        set_field(self, "pivot", as_vector(self.pivot, 3, "vehicle.pivot"))
+        if self.torque is not None and (not isinstance(self.torque, tuple) or len(self.torque) != 2):
+            raise TypeError(f"vehicle.torque must be a pair (roll and pitch, yaw) in N·m, not {self.torque!r}")
+        check_fields(self, "vehicle.")
         set_field(self, "inertia", _check_inertia(self.inertia, self.mass))
-        if self.torque is not None:
-            if not isinstance(self.torque, tuple) or len(self.torque) != 2:
-                raise TypeError(f"vehicle.torque must be a pair (roll and pitch, yaw) in N·m, not {self.torque!r}")
-            set_field(self, "torque", tuple(check_number(x, "vehicle.torque", 1e-6, 1e4, "N·m") for x in self.torque))
-        elif self.rotors is None:
+        if self.torque is None and self.rotors is None:
             raise ValueError("vehicle.torque must be given for a vehicle without rotors, not None")
         if self.attitude == "euler":
             _check_euler(self)
@@ -175,7 +172,8 @@ def torque_limits(vehicle: Vehicle) -> tuple[float, float]:
     that the rotors make at the hover thrust within their limits; the smaller of roll and pitch.
     """
     if vehicle.torque is not None:
-        return vehicle.torque
+        roll_pitch, yaw = vehicle.torque
+        return roll_pitch, yaw
     low, high = _rotors(vehicle).thrust
     hover = hover_thrusts(vehicle)
     room = np.minimum(hover - low, high - hover)  # N, of each rotor, in both senses

@@ -16,13 +16,14 @@ The velocities of several models are added before the drag is computed from thei
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.core.models import Model, Registry
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import as_vector, to_plain_fields
 
@@ -36,6 +37,7 @@ WIND_FIELDS = {
 # First columns of the vectors in the world frame; the torque is about the φ, θ and ψ axes.
 WORLD_VECTORS = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))
 Load = float | tuple[float, ...]  # one number for all three axes, or three numbers
+LARGEST_LOAD = 1e12  # N or N·m: far more than any wind, so that tests can end an episode at once
 
 
 @runtime_checkable
@@ -145,17 +147,18 @@ class Loads(Addable):
 
     Raises:
         TypeError: If a value is not a number, or a load is neither a number nor three numbers.
-        ValueError: If a value is not finite or out of its range.
+        ValueError: If a value is outside its range.
     """
 
-    force: Load = 0.0  # N, on the quadrotor
-    bob_force: Load = 0.0  # N, on the bob
-    torque: Load = 0.0  # N·m
-    velocity: Load = 0.0  # m/s, wind velocity
+    force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # on the quadrotor
+    bob_force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # on the bob
+    torque: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N·m")] = 0.0
+    velocity: Annotated[Load, Range(-1e4, 1e4, "m/s")] = 0.0  # wind velocity
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
         _ = self.load
+        check_fields(self)
 
     @cached_property
     def load(self) -> Floats:

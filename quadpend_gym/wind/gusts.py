@@ -2,15 +2,16 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import as_vector, check_interval, check_number, check_positive, to_plain_fields
-from quadpend_gym.wind.base import WIND_FIELDS, WORLD_VECTORS, Addable, Load, Loads, add_rotated
+from quadpend_gym.core.validation import as_vector, check_number, to_plain_fields
+from quadpend_gym.wind.base import LARGEST_LOAD, WIND_FIELDS, WORLD_VECTORS, Addable, Load, Loads, add_rotated
 
 
 @dataclass(frozen=True)
@@ -22,15 +23,15 @@ class Gusts(Loads):
     heading are drawn for each gust; an episode begins with a pause.
     """
 
-    pause: tuple[float, float] = (0.5, 3.0)  # s before a gust, uniform in this interval
-    length: tuple[float, float] = (0.5, 2.0)  # s, uniform in this interval, at least 0.01
-    heading: tuple[float, float] = (-np.pi, np.pi)  # rad from x towards y, uniform in this interval
+    pause: Annotated[tuple[float, float], Range(0.0, 1e6, "s")] = (0.5, 3.0)  # before a gust, uniform in this interval
+    # uniform in this interval, at least 0.01
+    length: Annotated[tuple[float, float], Range(0.01, 1e6, "s")] = (0.5, 2.0)
+    # from x towards y, uniform in this interval
+    heading: Annotated[tuple[float, float], Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
     kind: str = field(default="gusts", init=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, low in (("pause", 0.0), ("length", 0.01), ("heading", -np.inf)):
-            check_interval(getattr(self, name), name, low)
         if self.load[WIND_FIELDS["torque"]].any():
             raise ValueError(
                 "torque must be 0 for gusts: the heading of a gust rotates world-frame vectors, and a torque is not one"
@@ -82,21 +83,19 @@ class PaperGusts(Stateless, Addable):
 
     Raises:
         TypeError: If a value is not a number, or the force is neither a number nor three numbers.
-        ValueError: If a value is not finite or out of its range.
+        ValueError: If a value is outside its range.
     """
 
-    force: Load = 0.3  # N, amplitude on the quadrotor
-    yaw_torque: float = 0.05  # N·m, amplitude
-    onset: float = 10.0  # s, time of the first gust
-    hold: float = 1.0  # s, time between two targets
+    force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # amplitude on the quadrotor
+    yaw_torque: Annotated[float, Range(0.0, LARGEST_LOAD, "N·m")] = 0.05  # amplitude
+    onset: Annotated[float, Range(0.0, 1e6, "s")] = 10.0  # time of the first gust
+    hold: Annotated[float, Range(1e-3, 1e6, "s")] = 1.0  # time between two targets
     kind: str = field(default="paper_gusts", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
-        if (self.amplitude < 0.0).any():
-            raise ValueError(f"amplitudes must be at least 0, not {self.amplitude.tolist()}")
-        check_number(self.onset, "onset", 0.0)
-        check_positive(self.hold, "hold")
+        _ = self.amplitude
+        check_fields(self)
 
     @cached_property
     def amplitude(self) -> Floats:

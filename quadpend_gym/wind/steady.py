@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import as_vector, check_interval, check_number, check_positive, to_plain_fields
+from quadpend_gym.core.validation import as_vector, to_plain_fields
 from quadpend_gym.wind.base import (
     WIND_FIELDS,
     WIND_SIZE,
@@ -43,12 +44,8 @@ class Sinusoid(Loads):
     The phase of each axis is drawn for each episode. Add several models with ``+`` for several frequencies.
     """
 
-    frequency: float = 1.0  # rad/s
+    frequency: Annotated[float, Range(1e-6, 1e6, "rad/s")] = 1.0
     kind: str = field(default="sinusoid", init=False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_positive(self.frequency, "frequency")
 
     @property
     def memory_size(self) -> int:
@@ -87,19 +84,19 @@ class Drawn(Addable):
 
     Raises:
         TypeError: If `wind` is not a wind, or an interval is not a pair of numbers.
-        ValueError: If an interval is not finite or out of order.
+        ValueError: If an interval is out of its range or out of order.
     """
 
     wind: Any  # a model, a sum, the name of a preset or kind, or a mapping with its kind
-    strength: tuple[float, float] = (1.0, 1.0)  # factor, uniform in this interval
-    heading: tuple[float, float] = (-np.pi, np.pi)  # rad, from x towards y, uniform in this interval
+    strength: Annotated[tuple[float, float], Range(-1000.0, 1000.0)] = (1.0, 1.0)  # factor, uniform in this interval
+    # from x towards y, uniform in this interval
+    heading: Annotated[tuple[float, float], Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
     kind: str = field(default="drawn", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
         object.__setattr__(self, "wind", Sum(self.wind))
-        for name in ("strength", "heading"):
-            check_interval(getattr(self, name), name)
+        check_fields(self)
 
     @property
     def moves_air(self) -> bool:
@@ -145,20 +142,20 @@ class Rescaled(Composite):
 
     Raises:
         TypeError: If `wind` is not a wind, `scale` not a number, or `torque_scale` neither a number nor three numbers.
-        ValueError: If a factor is not finite or below zero.
+        ValueError: If a factor is outside its range.
     """
 
     wind: Any  # a model, a sum, the name of a preset or kind, or a mapping with its kind
-    scale: float = 1.0
-    torque_scale: Load | None = None  # of torques, about all axes or about each; None: `scale`
+    scale: Annotated[float, Range(0.0, 1e4)] = 1.0
+    # of torques, about all axes or about each; None: `scale`
+    torque_scale: Annotated[Load | None, Range(0.0, 1e4)] = None
     kind: str = field(default="rescaled", init=False)
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
         object.__setattr__(self, "wind", Sum(self.wind))
-        check_number(self.scale, "scale", 0.0)
-        for factor in self.torque_factors:
-            check_number(factor, "torque_scale", 0.0)
+        check_fields(self)
+        _ = self.torque_factors
 
     @property
     def parts(self) -> tuple[Any, ...]:

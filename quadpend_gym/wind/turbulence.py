@@ -36,13 +36,14 @@ third order, with an error of at most 0.25 dB up to ω = 16/T, and of at most 1 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import check_number, check_positive, to_plain_fields
+from quadpend_gym.core.validation import to_plain_fields
 from quadpend_gym.wind.base import WIND_FIELDS, Addable, Load, Loads
 from quadpend_gym.wind.filters import (
     DiscreteFilter,
@@ -71,14 +72,13 @@ class OrnsteinUhlenbeck(Loads):
     """
 
     force: Load = 0.3  # N, on the quadrotor
-    time_constant: float = 1.0  # s
+    time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 1.0
     kind: str = field(default="ornstein_uhlenbeck", init=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.load < 0.0).any():
             raise ValueError(f"standard deviations must be at least 0, not {self.load.tolist()}")
-        check_positive(self.time_constant, "time_constant")
 
     @property
     def memory_size(self) -> int:
@@ -148,10 +148,12 @@ class _Turbulence(Addable):
         ValueError: If a value is unknown or out of range.
     """
 
-    intensity: str | float = "light"  # "light", "moderate", "severe", or W₂₀ in m/s
-    altitude: float = 20.0 * FOOT  # m, 10 to 1000 feet
-    mean_wind: float | None = None  # m/s, V; None: computed with equation (1)
-    heading: float = 0.0  # rad from x towards y, direction of the mean wind's velocity
+    # "light", "moderate", "severe", or W₂₀ in m/s
+    intensity: Annotated[str | float, Range(1e-3, 1000.0, "m/s")] = "light"
+    altitude: Annotated[float, Range(10.0 * FOOT, 1000.0 * FOOT, "m")] = 20.0 * FOOT  # 10 to 1000 feet
+    mean_wind: Annotated[float | None, Range(1e-3, 1000.0, "m/s")] = None  # V; None: computed with equation (1)
+    # from x towards y, direction of the mean wind's velocity
+    heading: Annotated[float, Range(-1000.0, 1000.0, "rad")] = 0.0
     standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
     kind: str = field(default="", init=False)
 
@@ -159,10 +161,7 @@ class _Turbulence(Addable):
         to_plain_fields(self)
         if isinstance(self.intensity, str) and self.intensity not in INTENSITIES:
             raise ValueError(f"intensity must be {', '.join(INTENSITIES)} or a number, not {self.intensity!r}")
-        check_positive(self.wind_20_feet, "intensity")
-        check_number(self.altitude, "altitude", 10.0 * FOOT, 1000.0 * FOOT)
-        check_positive(self.mean_speed, "mean_wind")
-        check_number(self.heading, "heading")
+        check_fields(self)
         if not isinstance(self.standard, str) or self.standard not in STANDARDS:
             raise ValueError(f"standard must be one of {', '.join(STANDARDS)}, not {self.standard!r}")
 

@@ -15,7 +15,7 @@ import gymnasium as gym
 import pytest
 import tyro
 
-from docs.tools import vehicles
+from docs.tools import ranges, vehicles
 from docs.tools.settings import tables
 from quadpend_gym import OBSERVATION_FIELDS, Limits, RewardWeights, Simulation, StartSettings
 from quadpend_gym.physics.state import STATE_FIELDS
@@ -141,6 +141,12 @@ def test_the_tables_of_settings_and_presets_are_generated_from_the_code() -> Non
     page = (ROOT / "docs/training.md").read_text(encoding="utf-8")
     missing = [name for name, table in tables().items() if f"<!-- begin {name} -->\n\n{table}\n\n" not in page]
     assert missing == [], "run python -m docs.tools.settings"
+
+
+def test_the_page_of_ranges_has_the_ranges_of_the_code() -> None:
+    page = ranges.PAGE.read_text(encoding="utf-8")
+    missing = [name for name, table in ranges.tables().items() if f"<!-- begin {name} -->\n\n{table}\n\n" not in page]
+    assert missing == [], "run python -m docs.tools.ranges"
 
 
 def test_the_page_of_vehicles_has_the_presets_the_fields_and_the_picture_of_the_code() -> None:

@@ -301,19 +301,19 @@ def test_every_kind_is_created_from_its_name() -> None:
 BAD_MODELS = {
     "delay of zero": (lambda: ActionDelay(0), "steps .* 1 to 1000, not 0"),
     "fraction of a step": (lambda: ActionDelay(0.5), "steps .* not 0.5"),
-    "time constant of zero": (lambda: MotorLag(0.0), "time_constant must be above zero, not 0.0"),
+    "time constant of zero": (lambda: MotorLag(0.0), "time_constant must be .* .1e-06, 1e.06. s, not 0.0"),
     "text as time constant": (lambda: MotorLag("slow"), "time_constant must be a number, not 'slow'"),
-    "rate of zero": (lambda: RateLimit(0.0), "rate must be above zero, not 0.0"),
+    "rate of zero": (lambda: RateLimit(0.0), "rate must be .* .1e-06, 1e.09. 1/s, not 0.0"),
     "infinite rate": (lambda: RateLimit(np.inf), "rate must be a finite number .* not inf"),
     "probability above 1": (lambda: PacketLoss(1.5), r"probability .* \[0, 1\], not 1.5"),
     "negative deviation": (lambda: GyroBias(-0.1), "deviation .* not -0.1"),
-    "negative arm": (lambda: Rotors(arm=-0.1), "arm must be above zero, not -0.1"),
-    "drag ratio of zero": (lambda: Rotors(drag_ratio=0.0), "drag_ratio must be above zero, not 0.0"),
-    "rotor 0": (lambda: RotorFault(0), "rotor must be 1, 2, 3 or 4, not 0"),
-    "rotor 5": (lambda: RotorFault(5), "rotor must be 1, 2, 3 or 4, not 5"),
-    "rotor 1.0": (lambda: RotorFault(1.0), "rotor must be 1, 2, 3 or 4, not 1.0"),  # type: ignore[arg-type]
-    "text as rotor": (lambda: RotorFault("front"), "rotor must be 1, 2, 3 or 4, not 'front'"),  # type: ignore[arg-type]
-    "boolean as rotor": (lambda: RotorFault(True), "rotor must be 1, 2, 3 or 4, not True"),
+    "negative arm": (lambda: Rotors(arm=-0.1), "arm must be .* .1e-06, 1000. m, not -0.1"),
+    "drag ratio of zero": (lambda: Rotors(drag_ratio=0.0), "drag_ratio must be .* .1e-06, 1000. m, not 0.0"),
+    "rotor 0": (lambda: RotorFault(0), "rotor must be .* from 1 to 4, not 0"),
+    "rotor 5": (lambda: RotorFault(5), "rotor must be .* from 1 to 4, not 5"),
+    "rotor 1.0": (lambda: RotorFault(1.0), "rotor must be .* from 1 to 4, not 1.0"),  # type: ignore[arg-type]
+    "text as rotor": (lambda: RotorFault("front"), "rotor must be .* from 1 to 4, not 'front'"),  # type: ignore[arg-type]
+    "boolean as rotor": (lambda: RotorFault(True), "rotor must be .* from 1 to 4, not True"),
     "effectiveness above 1": (lambda: RotorFault(1, 1.2), r"effectiveness .* \[0, 1\], not 1.2"),
     "negative onset": (lambda: RotorFault(1, onset=-1.0), "onset .* not -1.0"),
     "unknown kind": (lambda: as_actuators({"kind": "propeller"}), "no kind 'propeller'; the kinds are action_delay"),

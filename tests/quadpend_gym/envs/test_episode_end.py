@@ -65,7 +65,7 @@ def test_no_state_terminates_an_episode_without_limits() -> None:
         assert not ends(start, ENDLESS)
 
 
-@pytest.mark.parametrize("wind", [{"force": 1e12}, {"bob_force": 1e12}, {"torque": 1e12}, {"force": 1e300}])
+@pytest.mark.parametrize("wind", [{"force": 1e12}, {"bob_force": 1e12}, {"torque": 1e12}, {"velocity": 1e4}])
 def test_divergence_terminates_and_the_observation_stays_finite(wind: dict[str, float]) -> None:
     env = make_unwrapped(task=ENDLESS, wind=Constant(**wind))
     env.reset(seed=0)

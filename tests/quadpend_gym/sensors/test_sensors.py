@@ -333,7 +333,7 @@ BAD = {
     "boolean as delay": (lambda: Delay(True), "steps .* not True"),
     "probability above 1": (lambda: Dropout(1.1), r"probability .* \[0, 1\], not 1.1"),
     "text as probability": (lambda: Dropout("often"), "probability must be a number, not 'often'"),
-    "period of zero": (lambda: SampleHold(0.0), "period must be above zero, not 0.0"),
+    "period of zero": (lambda: SampleHold(0.0), "period must be .* .1e-06, 1e.06. s, not 0.0"),
     "unknown kind": (lambda: as_sensors({"kind": "camera"}), "no kind 'camera'; the kinds are noise, delay, dropout"),
     "a name": (lambda: as_sensors("camera"), "no sensor 'camera'; there are noise, delay, dropout"),
     "a number": (lambda: as_sensors([Delay(), 0.1]), "sensor must be .* not 0.1"),

@@ -25,22 +25,26 @@ for model in WITH_LOADS:
         BAD += [(model, load, (1.0, 2.0, value), f"{load} must be a number, not") for value in ("strong", None, True)]
         BAD += [(model, load, value, f"{load} must be a finite number .* not -?(nan|inf)") for value in NOT_FINITE]
         BAD += [(model, load, (0.0, 0.0, NAN), f"{load} must be a finite number .* not nan")]
-for model, name in ((Sinusoid, "frequency"), (OrnsteinUhlenbeck, "time_constant"), (PaperGusts, "hold")):
+for model, name, least in (
+    (Sinusoid, "frequency", "1e-06"),
+    (OrnsteinUhlenbeck, "time_constant", "1e-06"),
+    (PaperGusts, "hold", "0.001"),
+):
     BAD += [(model, name, value, f"{name} must be a number, not") for value in NOT_NUMBERS]
     BAD += [(model, name, value, f"{name} must be a finite number") for value in NOT_FINITE]
-    BAD += [(model, name, value, f"{name} must be above zero, not") for value in (0.0, -1.0)]
+    BAD += [(model, name, value, rf"{name} must be .* \[{least}, .* not") for value in (0.0, -1.0, 1e300)]
 BAD += [(PaperGusts, "force", value, "force must be a number or 3 numbers, not") for value in ("strong", None, (1.0,))]
 BAD += [(PaperGusts, "yaw_torque", value, "yaw_torque must be a number, not") for value in ("a", None, (0.1, 0.1, 0.1))]
-BAD += [(PaperGusts, "onset", -1.0, r"onset must be a finite number in \[0, inf\], not -1")]
+BAD += [(PaperGusts, "onset", -1.0, r"onset must be a finite number in \[0, 1e\+06\] s, not -1")]
 for model, names in ((Gusts, ("pause", "length", "heading")), (Drawn, ("strength", "heading"))):
     for name in names:
         BAD += [(model, name, value, f"{name} must be ") for value in NOT_PAIRS]
         BAD += [(model, name, (1.0, value), f"{name} must be a finite number .* not") for value in NOT_FINITE]
         BAD += [(model, name, (2.0, 1.0), f"{name} must be in the order .lowest, highest., not .2.0, 1.0")]
 BAD += [
-    (Gusts, "pause", (-0.1, 1.0), r"pause must be a finite number in \[0, inf\], not -0.1"),
-    (Gusts, "length", (0.0, 1.0), r"length must be a finite number in \[0.01, inf\], not 0.0"),
-    (Gusts, "length", (-1.0, 1.0), r"length must be a finite number in \[0.01, inf\], not -1.0"),
+    (Gusts, "pause", (-0.1, 1.0), r"pause must be a finite number in \[0, 1e\+06\] s, not -0.1"),
+    (Gusts, "length", (0.0, 1.0), r"length must be a finite number in \[0.01, 1e\+06\] s, not 0.0"),
+    (Gusts, "length", (-1.0, 1.0), r"length must be a finite number in \[0.01, 1e\+06\] s, not -1.0"),
     (Gusts, "torque", 0.1, "torque must be 0"),
     (Drawn, "wind", 3.0, "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0"),
     (
@@ -54,9 +58,9 @@ BAD += [
     (Drawn, "wind", {"kind": "constant", "gust": 1.0}, "wind has no field 'gust'; its fields are force"),
     (Drawn, "wind", {"kind": "constant", "force": NAN}, "force must be a finite number"),
     (Rescaled, "wind", 3.0, "wind must be a wind model, the name of a wind or a mapping with its kind, not 3.0"),
-    (Rescaled, "scale", -1.0, r"scale must be a finite number in \[0, inf\], not -1"),
+    (Rescaled, "scale", -1.0, r"scale must be a finite number in \[0, 10000\], not -1"),
     (Rescaled, "torque_scale", (1.0, 1.0), r"torque_scale must be a number or 3 numbers, not \(1.0, 1.0\)"),
-    (Rescaled, "torque_scale", -1.0, r"torque_scale must be a finite number in \[0, inf\], not -1"),
+    (Rescaled, "torque_scale", -1.0, r"torque_scale must be a finite number in \[0, 10000\], not -1"),
     (
         Sum,
         "models",
@@ -70,12 +74,21 @@ for model in (Dryden, VonKarman):
         (model, "intensity", "mild", "intensity must be light, moderate, severe or a number, not 'mild'"),
         *((model, "intensity", value, "intensity must be a number, not") for value in (None, True, ["light"])),
         *((model, "intensity", value, "intensity must be a finite number") for value in NOT_FINITE),
-        *((model, "intensity", value, "intensity must be above zero, not") for value in (0.0, -1.0)),
+        *(
+            (model, "intensity", value, r"intensity must be .* \[0.001, 1000\] m/s, not")
+            for value in (0.0, -1.0, 1e300)
+        ),
         *((model, "altitude", value, "altitude must be a number, not") for value in NOT_NUMBERS),
-        *((model, "altitude", value, r"altitude must be .* \[3.048, 304.8\], not") for value in (0.0, 3.0, 305.0, NAN)),
+        *(
+            (model, "altitude", value, r"altitude must be .* \[3.048, 304.8\] m, not")
+            for value in (0.0, 3.0, 305.0, NAN)
+        ),
         *((model, "mean_wind", value, "mean_wind must be a number, not") for value in ("strong", True, [1.0])),
         *((model, "mean_wind", value, "mean_wind must be a finite number") for value in NOT_FINITE),
-        *((model, "mean_wind", value, "mean_wind must be above zero, not") for value in (0.0, -1.0)),
+        *(
+            (model, "mean_wind", value, r"mean_wind must be .* \[0.001, 1000\] m/s, not")
+            for value in (0.0, -1.0, 1e300)
+        ),
         *((model, "heading", value, "heading must be a number, not") for value in NOT_NUMBERS),
         *((model, "heading", value, "heading must be a finite number") for value in NOT_FINITE),
         (model, "standard", "MIL-STD-1797A", "standard must be one of MIL-F-8785C, MIL-HDBK-1797, not 'MIL-STD-1797A'"),

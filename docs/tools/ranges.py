@@ -1,0 +1,62 @@
+"""Write the table of permitted ranges in `docs/ranges.md`: ``python -m docs.tools.ranges``."""
+
+from collections.abc import Iterator
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+from quadpend_gym import Actuators, Limits, Parameters, Reference, ReferenceSettings, RewardWeights, StartSettings
+from quadpend_gym.actuators import KINDS as ACTUATORS
+from quadpend_gym.core.ranges import Range, declared_ranges
+from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.randomization import Around
+from quadpend_gym.sensors import KINDS as SENSORS
+from quadpend_gym.sensors import Channel
+from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
+from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Vehicle
+from quadpend_gym.wind import KINDS as WINDS
+from quadpend_train.common import documents
+
+PAGE = Path(__file__).parents[1] / "ranges.md"
+GROUPS: dict[str, tuple[type[Any], ...]] = {
+    "simulation": (Parameters, Actuators, Simulation, Around),
+    "task": (ReferenceSettings, StartSettings, Limits, RewardWeights, Reference, Waypoints, Sinusoids, SinusoidTerm),
+    "vehicles": (Vehicle, Pole, Rotors, Drag, RateLoop),
+    "wind": tuple(WINDS.values()),
+    "sensors": (Channel, *SENSORS.values()),
+    "actuators": tuple(ACTUATORS.values()),
+}
+
+
+def _number(value: float) -> str:
+    return f"{value:,.15g}" if 1e-3 <= abs(value) < 1e6 or value == 0.0 else f"{value:g}"
+
+
+def _default(item: Any) -> str:
+    if item.default is MISSING:
+        return "–"
+    value = item.default
+    return ", ".join(map(_value, value)) if isinstance(value, tuple) else _value(value)
+
+
+def _value(value: Any) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _rows(kind: type[Any]) -> Iterator[str]:
+    found: dict[str, Range] = dict(declared_ranges(kind))
+    for item in fields(kind):
+        if item.name in found:
+            low, high, unit = found[item.name]
+            limits = f"{_number(low)} to {_number(high)}"
+            yield f"| `{kind.__name__}.{item.name}` | {unit or '1'} | {limits} | {_default(item)} |"
+
+
+def tables() -> dict[str, str]:
+    """Return the generated tables of the page by name."""
+    head = ["| field | unit | range | default |", "|---|---|---|---|"]
+    return {name: "\n".join([*head, *(row for kind in kinds for row in _rows(kind))]) for name, kinds in GROUPS.items()}
+
+
+if __name__ == "__main__":
+    documents.fill(PAGE, tables())
