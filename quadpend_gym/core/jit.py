@@ -36,7 +36,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 def compiled(function: Function) -> Function:
     """Compile `function` for calls from Python, and cache the machine code on disk."""
-    if config.DISABLE_JIT:
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return _interpreted(function)
     dispatcher: Any = njit(error_model="numpy", nogil=True)(function)
     try:

@@ -291,7 +291,8 @@ def _random_signs(size: int) -> Floats:
 def _sign_blocks(size: int) -> Iterator[Floats]:
     """Return the random choices of signs in blocks of rows, which together are one draw of shape (9999, size)."""
     random = np.random.default_rng([2, size])
-    return (2.0 * random.integers(2, size=(rows, size)) - 1.0 for rows in _blocks(_SIGN_CHOICES, size))
+    for rows in _blocks(_SIGN_CHOICES, size):
+        yield np.asarray(2.0 * random.integers(2, size=(rows, size)) - 1.0, np.float64)
 
 
 def _p_value_over_seeds(effects: _RandomEffects) -> float:

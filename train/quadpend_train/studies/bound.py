@@ -270,7 +270,7 @@ def markdown(found: Mapping[str, Sequence[BoundEpisode]], measured: Mapping[str,
             format_interval(mean(values).not_negative())
             for values in (penalised_rmse(episodes), settled_rmse(episodes))
         )
-        cells = [scenario, f"≥ {survived:.3g}", *map(format_interval, best)]
+        cells = [scenario, f"≥ {survived:.3g}", *best]
         for policy in policies:
             gap = measured[scenario][policy]
             cells += [format_number(gap.rmse.value), format_number(gap.settled_rmse.value), format_interval(gap.gap)]
