@@ -21,6 +21,7 @@ from quadpend_train.evaluation import jobs
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import SCENARIOS, SETS, find_scenario, scenario_hash, with_changes
+from quadpend_train.training import run_folder
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import PRESETS
 from tests.helpers.policies import mlp_policy
@@ -273,8 +274,8 @@ def test_an_interrupted_evaluation_says_that_the_same_command_continues(
 def test_a_resumed_run_may_have_other_limits_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    training._write_json(tmp_path / "settings.json", training.to_mapping(BRIEF))
-    training._write_json(tmp_path / "provenance.json", {})
+    run_folder.write_json(tmp_path / "settings.json", training.to_mapping(BRIEF))
+    run_folder.write_json(tmp_path / "provenance.json", {})
     resume = ["train", "--resume", str(tmp_path)]
     assert "may change max_seconds and patience only: seed must be 0" in refused([*resume, "--seed", "9"], capsys)
     main([*resume, "--max-seconds", "1e-3"])

@@ -1,5 +1,6 @@
 """Cached results are used again, unless something that determines them has changed or the file is damaged."""
 
+import errno
 import json
 import re
 from pathlib import Path
@@ -166,3 +167,22 @@ def test_results_of_a_model_that_changes_meanwhile_are_not_cached(
     with pytest.raises(ValueError, match="adrc-paper has changed during its evaluation"):
         jobs.run_jobs(job, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_leaves_nothing_in_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Writing stops in the middle of a file: the temporary file is deleted, and the old file stays."""
+    results = run_episodes([ADRC()], Scenario(duration=0.05), 1)
+    cache.save(tmp_path, "old", results)
+    kept, save = (tmp_path / "old.npz").read_bytes(), np.savez
+
+    def write_half(file: Any, **arrays: Any) -> None:
+        save(file, survived=arrays["survived"])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", write_half)
+        for name in ("old", "new"):
+            with pytest.raises(OSError, match="No space left"):
+                cache.save(tmp_path, name, results)
+    assert [path.name for path in tmp_path.iterdir()] == ["old.npz"]
+    assert (tmp_path / "old.npz").read_bytes() == kept

@@ -12,8 +12,8 @@ from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import train as training
-from quadpend_train.training.callbacks import read_curve
 from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings
+from quadpend_train.training.validation import read_curve
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.policies import mlp_policy
@@ -133,7 +133,7 @@ def test_finished_run_goes_on_from_its_model(
     first, steps = train_policy(settings, tmp_path), settings.total_timesteps
     before, curve = trained_arrays(model_of(tmp_path, settings)), read_curve(tmp_path)
     with monkeypatch.context() as patch:  # the continuation is a run that was interrupted after the first part
-        patch.setattr(training, "resume", lambda folder, progress: folder)
+        patch.setattr(training, "resume", lambda folder, **options: folder)
         training.extend(tmp_path, 300, progress=False)
     assert_same(trained_arrays(checkpoint(tmp_path, settings)), before)
     policy = MlpPolicy.load(training.resume(tmp_path, progress=False))

@@ -22,10 +22,10 @@ from quadpend_train.scenarios import find_scenario, scenario_hash
 from quadpend_train.training import callbacks, dagger, validation
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model
-from quadpend_train.training.callbacks import first_seed, read_curve
+from quadpend_train.training.callbacks import first_seed
 from quadpend_train.training.environment import make_env, scenarios_at
 from quadpend_train.training.settings import HybridSettings, TrainSettings, from_mapping, read_settings
-from quadpend_train.training.validation import validate
+from quadpend_train.training.validation import read_curve, validate
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, model_of, train_policy, trained_arrays
@@ -58,7 +58,7 @@ def test_run_folder_has_settings_provenance_scores_model_and_policy(tmp_path: Pa
     provenance = json.loads((tmp_path / "provenance.json").read_text())
     assert {"command", "commit", "python", "packages"} <= set(provenance)
     names = {item.name for item in tmp_path.iterdir() if not item.name.startswith("events")}
-    assert names == {"settings.json", "provenance.json", "curve.csv", "best.npz", "model.zip", "policy.npz"}
+    assert names == {".lock", "settings.json", "provenance.json", "curve.csv", "best.npz", "model.zip", "policy.npz"}
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])

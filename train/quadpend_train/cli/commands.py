@@ -1,9 +1,11 @@
 """The table of commands, and the function that runs one of them."""
 
+import time
 from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
+STARTED = time.perf_counter()  # of the command line, in which max_seconds is counted from here
 _RESULTS_ARE_CACHED = "finished results are cached, and the same command continues"
 
 

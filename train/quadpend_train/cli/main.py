@@ -14,7 +14,7 @@ from quadpend_train.common.text import brief, print_everywhere
 _EXTRAS = {
     "train": (
         *("tyro", "torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm", "rich", "matplotlib", "jinja2"),
-        *("optuna", "cmaes", "markupsafe", "PIL"),
+        *("optuna", "cmaes", "filelock", "markupsafe", "PIL"),
     ),
     "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
     "onnx": ("onnxruntime",),

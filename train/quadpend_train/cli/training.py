@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from quadpend_train.cli.commands import STARTED
 from quadpend_train.common import interruption
 from quadpend_train.common.paths import writable_file, writable_folder
 from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
@@ -82,7 +83,8 @@ def train(
             selects the preset ppo, sac, tqc or apg, and --start-from the settings of its policy.
         out: Folder of the run.
         resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
-            --patience may be changed.
+            --patience may be changed. Loading its checkpoint executes code that it contains: resume only runs that you
+            trust.
         more_steps: Timesteps by which the finished run in the folder given by --resume is continued.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
@@ -97,6 +99,8 @@ def train(
             "--resume continues a run with its own scenarios: give no --vehicle and no --interface with it"
         )
     interruption.advise(lambda: how_to_continue(resume or out))
+    if resume:
+        print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
     typed = run.scenarios
     if vehicle or interface:
         run = replace(
@@ -109,9 +113,13 @@ def train(
     if more_steps is not None:
         if not resume:
             raise ValueError("--more-steps continues a finished run: give its folder with --resume")
-        path = training.extend(resume, more_steps, run)
+        path = training.extend(resume, more_steps, run, started=STARTED)
     else:
-        path = training.resume(resume, run) if resume else training.train(run, writable_folder(out))
+        path = (
+            training.resume(resume, run, started=STARTED)
+            if resume
+            else training.train(run, writable_folder(out), started=STARTED)
+        )
     card = MlpPolicy.load(path).card
     survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
     scenarios = card["settings"]["scenarios"] if resume else typed

@@ -12,6 +12,7 @@ from typing import Any
 from quadpend_gym.core.toml import read_toml
 from quadpend_train.common import interruption
 
+UNFINISHED = "unfinished_"  # start of the names of temporary files
 _LONGEST_STEM = 40  # characters of the name of a file that are part of the name of its temporary file
 
 
@@ -64,7 +65,7 @@ def atomic(path: Path) -> Iterator[Path]:
     if target.exists() and not target.is_file():
         yield path
         return
-    unfinished = target.with_name(f"unfinished_{os.getpid()}_{target.stem[:_LONGEST_STEM]}{target.suffix}")
+    unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}_{target.stem[:_LONGEST_STEM]}{target.suffix}")
     interruption.unfinished.add(str(unfinished))
     try:
         yield unfinished

@@ -7,7 +7,6 @@ are computed again. Comments, docstrings and messages of exceptions are not part
 
 import hashlib
 import json
-import os
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
@@ -18,6 +17,7 @@ import numpy as np
 import quadpend_baselines
 import quadpend_gym
 from quadpend_gym.core.source_hash import source_hash
+from quadpend_train.common.files import atomic
 from quadpend_train.common.provenance import versions
 from quadpend_train.common.text import brief
 from quadpend_train.evaluation.episodes import EpisodeResults
@@ -106,12 +106,10 @@ def load(folder: Path, name: str, steps: int) -> EpisodeResults | None:
 
 
 def save(folder: Path, name: str, results: EpisodeResults) -> None:
-    """Save results under a name; an interruption leaves an existing file unchanged."""
+    """Save results under a name; an interruption or a full disk leaves an existing file unchanged, and nothing else."""
     folder.mkdir(parents=True, exist_ok=True)
-    unfinished = folder / f"{name}.{os.getpid()}.tmp"
-    with unfinished.open("wb") as file:
+    with atomic(_path(folder, name)) as unfinished, unfinished.open("wb") as file:
         np.savez(file, **results._asdict())
-    unfinished.replace(_path(folder, name))
 
 
 def _path(folder: Path, name: str) -> Path:

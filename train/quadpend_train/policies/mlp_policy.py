@@ -46,6 +46,7 @@ from quadpend_gym.core.validation import check_int, check_positive
 from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
 from quadpend_train.common.version_0_1 import current_card, current_name
 from quadpend_train.policies.normalization import normalization_from_data
@@ -148,11 +149,8 @@ class MlpPolicy:
         arrays: dict[str, Any] = {"card": np.array(json.dumps(self.card))}
         for i, (weights, biases) in enumerate(self.layers):
             arrays |= {f"weights_{i}": weights, f"biases_{i}": biases}
-        path = Path(path)
-        unfinished = path.with_suffix(".tmp")
-        with unfinished.open("wb") as file:
+        with atomic(Path(path)) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, **arrays)
-        unfinished.replace(path)
 
     def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "MlpPolicy":
         """Return the policy with its base controller designed for another nominal simulation and loop.

@@ -27,8 +27,9 @@ from quadpend_train.evaluation.statistics import Interval, mean
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
+from quadpend_train.training.run_folder import POLICY
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping
-from quadpend_train.training.train import POLICY, train
+from quadpend_train.training.train import train
 
 TIMESTEPS = 3_000_000  # of a training without a base controller
 HYBRID_TIMESTEPS = 1_000_000  # of a hybrid, which performs as well as its base controller from the start

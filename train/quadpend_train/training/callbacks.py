@@ -1,7 +1,7 @@
 """Callbacks of a training run: checkpoints, stop conditions, evaluation, TensorBoard and the progress bar."""
 
-import csv
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +9,16 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm.auto import tqdm
 
+from quadpend_train.common.files import atomic
 from quadpend_train.policies.export import export
 from quadpend_train.policies.sb3_models import start_new_episodes
 from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import make_env, scenarios_at
+from quadpend_train.training.run_folder import CHECKPOINT
 from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings
-from quadpend_train.training.validation import Score, validate
+from quadpend_train.training.time_limit import TimeLimit
+from quadpend_train.training.validation import BEST, Score, read_curve, validate, write_curve
 
-CURVE, BEST = "curve.csv", "best.npz"
 DIVERGED = (
     "training diverged within {} steps: the weights of the networks are not finite; lower learning_rate or reward_scale"
 )
@@ -33,14 +35,12 @@ def first_seed(settings: TrainSettings) -> int:
 
 def save_checkpoint(model: Any, folder: Path) -> None:
     """Replace the checkpoint in `folder`. If saving is interrupted, the old checkpoint stays valid."""
-    parts = {"checkpoint.zip": model.save}
     buffer = f"buffer_{model.num_timesteps}.pkl"
-    if getattr(model, "replay_buffer", None) is not None:
-        parts = {buffer: model.save_replay_buffer, **parts}
-    for name, save in parts.items():
-        save(folder / f"unfinished_{name}")
-    for name in parts:
-        (folder / f"unfinished_{name}").replace(folder / name)
+    with ExitStack() as replaced:  # the last one first: the checkpoint refers to its buffer
+        checkpoint = replaced.enter_context(atomic(folder / CHECKPOINT))
+        if getattr(model, "replay_buffer", None) is not None:
+            model.save_replay_buffer(replaced.enter_context(atomic(folder / buffer)))
+        model.save(checkpoint)
     for old in folder.glob("buffer_*.pkl"):
         if old.name != buffer:
             old.unlink()
@@ -84,20 +84,20 @@ class CheckpointSegments(BaseCallback):
 
 
 class StopConditions(BaseCallback):
-    """Stop training after `max_seconds` or if it diverges, and freeze PPO's actor during the warm-up of the critic.
+    """Stop training for `max_seconds` or if it diverges, and freeze PPO's actor during the warm-up of the critic.
 
     Raises:
         FloatingPointError: If a weight is not finite.
     """
 
-    def __init__(self, settings: TrainSettings) -> None:
+    def __init__(self, settings: TrainSettings, limit: TimeLimit) -> None:
         super().__init__()
-        self.settings = settings
-        self.start_time = time.perf_counter()
+        self.settings, self.limit = settings, limit
         self.rollouts = 0
 
     def _on_rollout_start(self) -> None:
         self.rollouts += 1
+        self.limit.start_rollout()
         if self.settings.algo not in REPLAY_ALGORITHMS or self.rollouts % _CHECK_INTERVAL == 0:
             self.check_finite()
         if warmup := self.settings.ppo.critic_warmup_steps if self.settings.algo == "ppo" else 0:
@@ -110,8 +110,8 @@ class StopConditions(BaseCallback):
             raise FloatingPointError(DIVERGED.format(self.num_timesteps))
 
     def _on_step(self) -> bool:
-        limit = self.settings.max_seconds
-        return limit <= 0 or time.perf_counter() - self.start_time < limit
+        self.limit.step()
+        return not self.limit.reached()
 
 
 class EvaluationCallback(BaseCallback):
@@ -120,9 +120,9 @@ class EvaluationCallback(BaseCallback):
     ``curve.csv`` has one line per evaluation, see `Score`. The time of the evaluations does not count as training time.
     """
 
-    def __init__(self, settings: TrainSettings, folder: Path) -> None:
+    def __init__(self, settings: TrainSettings, folder: Path, limit: TimeLimit) -> None:
         super().__init__()
-        self.settings, self.folder = settings, folder
+        self.settings, self.folder, self.limit = settings, folder, limit
         self.scores: list[Score] = []
         self.evaluation_seconds = 0.0
         self.stop = False
@@ -137,7 +137,10 @@ class EvaluationCallback(BaseCallback):
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq
         if every and self.num_timesteps >= (self.scores[-1].steps // every + 1 if self.scores else 0) * every:
-            self.evaluate()
+            if self.limit.reached(evaluations=1):
+                self.stop = True  # and evaluate at the end of training
+            else:
+                self.evaluate()
 
     def _on_training_end(self) -> None:
         if self.settings.eval_freq and (not self.scores or self.scores[-1].steps < self.num_timesteps):
@@ -153,12 +156,13 @@ class EvaluationCallback(BaseCallback):
         if rmse < min((other.penalised_rmse for other in self.scores), default=float("inf")):
             policy.save(self.folder / BEST)
         self.scores.append(score)
-        _write_curve(self.folder, self.scores)
+        write_curve(self.folder, self.scores)
         for name, value in score._asdict().items():
             if name != "steps":
                 self.logger.record(f"evaluation/{name}", value)
         self.stop = self._out_of_patience()
         self.evaluation_seconds += time.perf_counter() - start
+        self.limit.evaluated(time.perf_counter() - start)
 
     def _out_of_patience(self) -> bool:
         patience, scores = self.settings.patience, [score.penalised_rmse for score in self.scores]
@@ -213,19 +217,3 @@ class ProgressBar(BaseCallback):
 
     def _on_step(self) -> bool:
         return True
-
-
-def read_curve(folder: Path) -> list[Score]:
-    """Return the scores of all evaluations of a run so far; an empty list if there are none."""
-    path = folder / CURVE
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    return [Score(int(row["steps"]), *(float(row[name]) for name in Score._fields[1:])) for row in rows]
-
-
-def _write_curve(folder: Path, scores: list[Score]) -> None:
-    with (folder / CURVE).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerows([Score._fields, *scores])

@@ -15,7 +15,7 @@ Source: Ross, Gordon and Bagnell, A reduction of imitation learning and structur
 learning, AISTATS 2011.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,13 +35,14 @@ _NOISE = 0.1  # largest standard deviation of the noise on the actions, which le
 _EPSILON = 1e-3  # ε of equation (1)
 
 
-def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
+def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings, check_time: Callable[[], None]) -> float:
     """Fit the model's policy to the actions of its base controller.
 
     Args:
         model: An untrained model of PPO, SAC, TQC or APG.
         env: Training environment of `settings`, whose hybrid is `EstimateOnly`.
         settings: Settings of the run.
+        check_time: Called before each step and each gradient step; it may raise an exception to stop the imitation.
 
     Returns:
         The root mean square of the difference between the policy's and the base controller's actions, over all rows and
@@ -57,10 +58,14 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
     for number in range(_ROUNDS):
         labels = slice(number * rows, (number + 1) * rows)
         if number == 0:
-            observation = _fly_teacher(env, observations[labels], actions[labels], episode_steps(settings), random)
+            observation = _fly_teacher(
+                env, observations[labels], actions[labels], episode_steps(settings), random, check_time
+            )
         else:
             noise = _noise(env.num_envs, random)
-            observation = _fly_policy(model, env, observation, observations[labels], actions[labels], noise, random)
+            observation = _fly_policy(
+                model, env, observation, observations[labels], actions[labels], noise, random, check_time
+            )
         done, now = (sum(passes[: number + i]) / sum(passes) for i in range(2))
         rates = [_LEARNING_RATES[0] ** (1.0 - part) * _LEARNING_RATES[1] ** part for part in (done, now)]
         batches = max(round(passes[number] * len(actions) / _BATCH_SIZE), 1)
@@ -71,8 +76,11 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings) -> float:
             actions[: labels.stop],
             np.geomspace(rates[0], rates[1], batches),
             random,
+            check_time,
         )
-    _fly_policy(model, env, observation, observations[labels], actions[labels], np.zeros((env.num_envs, 1)), random)
+    _fly_policy(
+        model, env, observation, observations[labels], actions[labels], np.zeros((env.num_envs, 1)), random, check_time
+    )
     with torch.no_grad():
         error = _mean_action(model, torch.as_tensor(observations[labels])) - torch.as_tensor(actions[labels])
     return float(error.pow(2).mean().sqrt())
@@ -83,7 +91,9 @@ def _noise(rows: int, random: Any) -> Any:
     return _NOISE * random.permutation(np.linspace(0.0, 1.0, rows))[:, np.newaxis] ** 2
 
 
-def _fly_teacher(env: SB3VecEnv, observations: Any, actions: Any, episode: int, random: Any) -> Any:
+def _fly_teacher(
+    env: SB3VecEnv, observations: Any, actions: Any, episode: int, random: Any, check_time: Callable[[], None]
+) -> Any:
     """Fill the arrays with labels of a flight of the base controller, and return the next observation.
 
     Args:
@@ -92,6 +102,7 @@ def _fly_teacher(env: SB3VecEnv, observations: Any, actions: Any, episode: int, 
         actions: Array for the labels, shape (k · n, 4).
         episode: Control steps of an episode. The flight has at least as many; labels are kept from k of its steps.
         random: Random generator.
+        check_time: As for `dagger`.
     """
     rows, wrappers, noise = env.num_envs, hybrid_wrappers(env.env), _noise(env.num_envs, random)
     flown = max(episode, len(actions) // rows)
@@ -107,17 +118,26 @@ def _fly_teacher(env: SB3VecEnv, observations: Any, actions: Any, episode: int, 
         if start < len(actions) and step == kept[start // rows]:
             observations[start : start + rows], actions[start : start + rows] = observation, label
             start += rows
+        check_time()
         observation = _step(env, label, noise, random)
     return observation
 
 
 def _fly_policy(
-    model: Any, env: SB3VecEnv, observation: Any, observations: Any, actions: Any, noise: Any, random: Any
+    model: Any,
+    env: SB3VecEnv,
+    observation: Any,
+    observations: Any,
+    actions: Any,
+    noise: Any,
+    random: Any,
+    check_time: Callable[[], None],
 ) -> Any:
     """Fill the arrays with observations of a flight of the policy and their labels, and return the next observation."""
     rows, wrappers = env.num_envs, hybrid_wrappers(env.env)
     for start in range(0, len(actions), rows):
         observations[start : start + rows], actions[start : start + rows] = observation, _base_action(wrappers)
+        check_time()
         observation = _step(env, model.predict(observation, deterministic=True)[0], noise, random)
     return observation
 
@@ -128,10 +148,19 @@ def _step(env: SB3VecEnv, action: Any, noise: Any, random: Any) -> Any:
     return env.step(np.clip(noisy, -1.0, 1.0).astype(np.float32))[0]
 
 
-def _fit(model: Any, optimizer: Any, observations: Any, actions: Any, learning_rates: Any, random: Any) -> None:
+def _fit(
+    model: Any,
+    optimizer: Any,
+    observations: Any,
+    actions: Any,
+    learning_rates: Any,
+    random: Any,
+    check_time: Callable[[], None],
+) -> None:
     """Fit the actor to labelled observations with one gradient step, on a random batch, for each learning rate."""
     inputs, labels = torch.as_tensor(observations), torch.as_tensor(actions)
     for rate in learning_rates:
+        check_time()
         batch = torch.as_tensor(random.integers(len(inputs), size=min(_BATCH_SIZE, len(inputs))))
         error = _mean_action(model, inputs[batch]) - labels[batch]
         loss = (error.pow(2).sum(dim=1) + _EPSILON**2).sqrt().mean()

@@ -118,7 +118,8 @@ class TrainSettings:
     (.npz or .zip). Its network, hybrid, history and interface must be those of the settings. The critic starts
     untrained."""
     max_seconds: Annotated[float, Range(0.0, 1e9, "s")] = 0.0
-    """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit."""
+    """Wall-clock seconds of the whole run with set-up, evaluations and score, counted anew when a run is resumed; 0 for
+    no limit. A run may end 2 s or 10 % later, or later still if its set-up and its score alone take longer."""
     seed: Annotated[int, Range(0, 2**31 - 1)] = 0
     """Seed of the networks and the episodes."""
     num_envs: Annotated[int, Range(1, 100_000)] = 256
@@ -233,6 +234,11 @@ class TrainSettings:
         for name in () if self.max_episode_steps else expand_sets((*self.curriculum, *self.scenarios)):
             if (steps := find_scenario(name).steps) % repeat:
                 raise ValueError(f"action_repeat must divide the {steps} control steps of an episode, not be {repeat}")
+
+    def rollout_timesteps(self) -> int:
+        """Return the timesteps of a rollout, after which the networks are trained."""
+        steps = {"ppo": self.ppo.n_steps, "apg": self.apg.window}.get(self.algo, self.sde_sample_freq or 1)
+        return steps * self.num_envs
 
     def policy_interface(self) -> dict[str, Any]:
         """Return the fields of a policy's card that say what the policy observes and how its action is applied."""

@@ -21,20 +21,19 @@ _COMPARED = {
 }
 
 
-def load_actor(model: Any, settings: TrainSettings, folder: Path | None) -> None:
+def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None:
     """Copy the network of the policy `start_from` to the actor of an untrained model.
 
     Args:
         model: The model of `settings`.
         settings: The settings of the run.
-        folder: The folder of the run; the policy in its file `START` is used if there is one.
+        copied: A copy of the policy, which is used if it exists.
 
     Raises:
         ValueError: If there is no such policy, or its network does not fit the settings.
     """
     name, expected = settings.start_from, export(model, **settings.policy_interface())
-    copied = folder is not None and (folder / START).is_file()
-    policy = MlpPolicy.load(folder / START) if folder is not None and copied else start_policy(settings)
+    policy = MlpPolicy.load(copied) if copied and copied.is_file() else start_policy(settings)
     _check_commands(policy, settings)
     for field, default in _COMPARED.items():
         if policy.card.get(field, default) != (other := expected.card.get(field, default)):

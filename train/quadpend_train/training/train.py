@@ -5,6 +5,7 @@ The files of a run folder:
 - ``settings.json``: all settings;
 - ``start.npz``: the policy that training starts from, if any;
 - ``provenance.json``: package versions, commit and machine;
+- ``.lock``: its lock is held while a process trains in the folder;
 - ``events*``: TensorBoard's event files;
 - ``checkpoint.zip``: the latest checkpoint, for SAC and TQC with ``buffer_*.pkl``; deleted when the run is finished;
 - ``curve.csv`` and ``best.npz``: scores and best policy, if the run is evaluated;
@@ -16,7 +17,6 @@ An interrupted run resumes from its latest checkpoint and gives the same policy 
 continues from its model, see `extend`.
 """
 
-import json
 import signal
 import time
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from quadpend_gym.core.validation import check_int
-from quadpend_train.common.provenance import provenance
+from quadpend_train.common.files import atomic
 from quadpend_train.common.version_0_1 import provenance_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
@@ -36,7 +36,6 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import check_own_models, expand_sets, find_scenario, scenario_hash
 from quadpend_train.training.algorithms import load_model, make_model
 from quadpend_train.training.callbacks import (
-    BEST,
     DIVERGED,
     CheckpointSegments,
     EvaluationCallback,
@@ -44,23 +43,38 @@ from quadpend_train.training.callbacks import (
     RewardTerms,
     StopConditions,
     first_seed,
-    read_curve,
     save_checkpoint,
 )
 from quadpend_train.training.dagger import dagger
 from quadpend_train.training.environment import check_curriculum, make_env
+from quadpend_train.training.run_folder import (
+    CHECKPOINT,
+    MODEL,
+    POLICY,
+    PROVENANCE,
+    SETTINGS,
+    delete_checkpoint,
+    locked,
+    read_provenance,
+    write_json,
+    write_provenance,
+)
 from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings, read_settings, to_mapping
-from quadpend_train.training.start import START, load_actor, start_policy, start_provenance
-from quadpend_train.training.validation import validate
+from quadpend_train.training.start import START, load_actor, start_policy
+from quadpend_train.training.time_limit import TimeLimit, TimeUpError
+from quadpend_train.training.validation import BEST, check_curve, read_curve, validate
 
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
-SETTINGS, PROVENANCE, CHECKPOINT = "settings.json", "provenance.json", "checkpoint.zip"
-MODEL, POLICY = "model.zip", "policy.npz"
 LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run is resumed
 
 
 def train(
-    settings: TrainSettings, folder: Path, *, progress: bool = True, callbacks: Sequence[BaseCallback] = ()
+    settings: TrainSettings,
+    folder: Path,
+    *,
+    progress: bool = True,
+    callbacks: Sequence[BaseCallback] = (),
+    started: float | None = None,
 ) -> Path:
     """Train a policy from scratch.
 
@@ -69,26 +83,37 @@ def train(
         folder: The folder of the run; it is created. See `resume` for a folder with an interrupted run.
         progress: Whether to show a progress bar.
         callbacks: Additional callbacks of Stable-Baselines3.
+        started: Time from which `max_seconds` is counted, as `time.perf_counter` returns it; None: this call.
 
     Returns:
         The path of the trained policy.
 
     Raises:
+        BlockingIOError: If another process trains in the folder.
         FileExistsError: If the folder contains a run already.
         FloatingPointError: If training diverged.
     """
-    if (folder / SETTINGS).exists():
-        raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
+    limit = TimeLimit(settings.max_seconds, started)
+    _check_empty(folder)
     model = _untrained_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
-    if settings.start_from:
-        start_policy(settings).save(folder / START)
-    _write_json(folder / SETTINGS, to_mapping(settings))
-    _write_json(folder / PROVENANCE, {**provenance(), **start_provenance(settings)})
-    return _begin(model, settings, folder, progress, callbacks)
+    with locked(folder):
+        _check_empty(folder)
+        if settings.start_from:
+            start_policy(settings).save(folder / START)
+        write_provenance(folder, settings)
+        write_json(folder / SETTINGS, to_mapping(settings))
+        return _begin(model, settings, folder, limit, progress, callbacks)
 
 
-def resume(folder: Path, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
+def _check_empty(folder: Path) -> None:
+    if (folder / SETTINGS).exists():
+        raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
+
+
+def resume(
+    folder: Path, settings: TrainSettings | None = None, *, progress: bool = True, started: float | None = None
+) -> Path:
     """Continue an interrupted run from its latest checkpoint, or from scratch if it has none.
 
     Loading a checkpoint executes code that is in it: resume only runs whose source you trust.
@@ -97,30 +122,45 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
         folder: The folder of the run.
         settings: The settings of the run, in which only `LIMITS` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
+        started: Time from which `max_seconds` is counted, as `time.perf_counter` returns it; None: this call.
 
     Returns:
         The path of the trained policy.
 
     Raises:
+        BlockingIOError: If another process trains in the folder.
         FileNotFoundError: If the folder contains no run, or a finished one.
-        ValueError: If another setting is changed.
+        ValueError: If another setting is changed, or the curve or the best policy is damaged.
         FloatingPointError: If training diverged.
     """
     if not (folder / SETTINGS).is_file():
         raise FileNotFoundError(f"{folder} contains no run")
-    if (folder / POLICY).is_file():
-        raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
-    settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings)
-    if not (folder / CHECKPOINT).is_file():
-        return _begin(_untrained_model(settings, folder), settings, folder, progress)
-    torch.set_num_threads(settings.num_threads)
-    model = load_model(settings, make_env(settings), folder / CHECKPOINT)
-    if settings.algo in REPLAY_ALGORITHMS:
-        model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
-    return _learn(model, settings, folder, progress)
+    with locked(folder):
+        if (folder / POLICY).is_file():
+            delete_checkpoint(folder)  # if the process was killed after it had written the policy
+            raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
+        settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings)
+        limit = TimeLimit(settings.max_seconds, started)
+        if not provenance_file(folder, PROVENANCE).is_file():  # a killed process of an earlier version wrote it last
+            write_provenance(folder, settings)
+        if not (folder / CHECKPOINT).is_file():
+            return _begin(_untrained_model(settings, folder, folder / START), settings, folder, limit, progress)
+        torch.set_num_threads(settings.num_threads)
+        model = load_model(settings, make_env(settings), folder / CHECKPOINT)
+        check_curve(folder, settings, model.num_timesteps)
+        if settings.algo in REPLAY_ALGORITHMS:
+            model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
+        return _learn(model, settings, folder, limit, progress)
 
 
-def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
+def extend(
+    folder: Path,
+    more_steps: int,
+    settings: TrainSettings | None = None,
+    *,
+    progress: bool = True,
+    started: float | None = None,
+) -> Path:
     """Continue a finished run for more timesteps, with its networks and the state of its optimizers.
 
     The run then has ``total_timesteps`` equal to its timesteps so far plus `more_steps`, and no ``patience``. The
@@ -135,11 +175,13 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
         more_steps: Number of timesteps.
         settings: The settings of the run, in which only ``max_seconds`` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
+        started: Time from which `max_seconds` is counted, as `time.perf_counter` returns it; None: this call.
 
     Returns:
         The path of the trained policy.
 
     Raises:
+        BlockingIOError: If another process trains in the folder.
         FileNotFoundError: If the folder contains no finished run.
         FloatingPointError: If training diverged.
         ValueError: If `more_steps` is not a whole number of at least 1, or another setting is changed.
@@ -149,18 +191,21 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
         raise FileNotFoundError(f"{folder} contains no run")
     if not (folder / POLICY).is_file() or not (folder / MODEL).is_file():
         raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
-    settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings, LIMITS[:1])
-    torch.set_num_threads(settings.num_threads)
-    model = load_model(settings, make_env(settings), folder / MODEL)
-    steps = model.num_timesteps
-    if settings.algo in REPLAY_ALGORITHMS:
-        model.learning_starts = steps + settings.sac.learning_starts
-    save_checkpoint(model, folder)
-    made = json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8"))
-    _write_json(folder / PROVENANCE, {**made, "continued_at": [*made.get("continued_at", []), steps]})
-    _write_json(folder / SETTINGS, to_mapping(replace(settings, total_timesteps=steps + more_steps, patience=0)))
-    (folder / POLICY).replace(folder / f"policy_{steps}.npz")
-    return resume(folder, progress=progress)
+    with locked(folder):  # each part may be repeated after the process was killed
+        settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings, LIMITS[:1])
+        torch.set_num_threads(settings.num_threads)
+        model = load_model(settings, make_env(settings), folder / MODEL)
+        steps = model.num_timesteps
+        check_curve(folder, settings, steps)
+        if settings.algo in REPLAY_ALGORITHMS:
+            model.learning_starts = steps + settings.sac.learning_starts
+        save_checkpoint(model, folder)
+        made = read_provenance(folder)
+        continued = [*(other for other in made.get("continued_at", []) if other != steps), steps]
+        write_json(folder / PROVENANCE, {**made, "continued_at": continued})
+        write_json(folder / SETTINGS, to_mapping(replace(settings, total_timesteps=steps + more_steps, patience=0)))
+        (folder / POLICY).replace(folder / f"policy_{steps}.npz")
+    return resume(folder, progress=progress, started=started)
 
 
 def _checked_limits(
@@ -183,12 +228,18 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
         folder: The folder for TensorBoard's event files; None writes no event files.
     """
     model = _untrained_model(settings, folder)
-    _imitate(model, settings)
+    _imitate(model, settings, TimeLimit(0.0))
     return model
 
 
-def _untrained_model(settings: TrainSettings, folder: Path | None) -> Any:
-    """Return the model of a run, with the network of the policy `start_from` if the settings name one."""
+def _untrained_model(settings: TrainSettings, folder: Path | None, start: Path | None = None) -> Any:
+    """Return the model of a run, with the network of the policy `start_from` if the settings name one.
+
+    Args:
+        settings: The settings of the run.
+        folder: The folder for TensorBoard's event files; None writes no event files.
+        start: A copy of the policy `start_from`, which is used if it exists.
+    """
     torch.set_num_threads(settings.num_threads)
     for name in expand_sets((*settings.scenarios, *settings.curriculum)):
         check_own_models(name, find_scenario(name))
@@ -197,11 +248,11 @@ def _untrained_model(settings: TrainSettings, folder: Path | None) -> Any:
         check_curriculum(settings)
     model = make_model(settings, env, folder)
     if settings.start_from:
-        load_actor(model, settings, folder)
+        load_actor(model, settings, start)
     return model
 
 
-def _imitate(model: Any, settings: TrainSettings) -> None:
+def _imitate(model: Any, settings: TrainSettings, limit: TimeLimit) -> None:
     """Train the actor to imitate the base controller, if the settings say so.
 
     Imitation uses no rewards: its environment has no baseline copies.
@@ -210,22 +261,32 @@ def _imitate(model: Any, settings: TrainSettings) -> None:
         hybrid = replace(settings.hybrid, baseline_relative_reward=False, failure_penalty=0.0)
         env = make_env(replace(settings, hybrid=hybrid))
         env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
-        error = dagger(model, env, settings)
+        limit.predict(export(model, **settings.policy_interface()), settings)
+        try:
+            error = dagger(model, env, settings, limit.check)
+        except TimeUpError:
+            print(f"The imitation of {settings.hybrid.base_controller} was stopped by max_seconds.")
+            return
         print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
 
 
 def _begin(
-    model: Any, settings: TrainSettings, folder: Path, progress: bool, callbacks: Sequence[BaseCallback] = ()
+    model: Any,
+    settings: TrainSettings,
+    folder: Path,
+    limit: TimeLimit,
+    progress: bool,
+    callbacks: Sequence[BaseCallback] = (),
 ) -> Path:
     """Imitate and learn. The first checkpoint of a run with imitation is the model after the imitation."""
     if settings.hybrid.imitation_timesteps:
         try:
-            _imitate(model, settings)
+            _imitate(model, settings, limit)
         except KeyboardInterrupt:
             print(f"Interrupted during the imitation; `quadpend train --resume {folder}` starts it again.")
             raise
         save_checkpoint(model, folder)
-    return _learn(model, settings, folder, progress, callbacks)
+    return _learn(model, settings, folder, limit, progress, callbacks)
 
 
 def _interrupt(*_: Any) -> None:
@@ -233,10 +294,16 @@ def _interrupt(*_: Any) -> None:
 
 
 def _learn(
-    model: Any, settings: TrainSettings, folder: Path, progress: bool, callbacks: Sequence[BaseCallback] = ()
+    model: Any,
+    settings: TrainSettings,
+    folder: Path,
+    limit: TimeLimit,
+    progress: bool,
+    callbacks: Sequence[BaseCallback] = (),
 ) -> Path:
+    limit.predict(export(model, **settings.policy_interface()), settings)
     steps, start = settings.total_timesteps - model.num_timesteps, time.perf_counter()
-    stop, evaluation = StopConditions(settings), EvaluationCallback(settings, folder)
+    stop, evaluation = StopConditions(settings, limit), EvaluationCallback(settings, folder, limit)
     callbacks = [CheckpointSegments(settings, folder), stop, evaluation, RewardTerms(), *callbacks]
     if progress:
         callbacks.append(ProgressBar(settings, evaluation))
@@ -254,11 +321,11 @@ def _learn(
         raise
     finally:
         signal.signal(signal.SIGTERM, previous_handler)
-    model.save(folder / MODEL)
+    with atomic(folder / MODEL) as unfinished:
+        model.save(unfinished)
     seconds = time.perf_counter() - start - evaluation.evaluation_seconds
     _final_policy(model, settings, folder, seconds).save(folder / POLICY)
-    for leftover in (folder / CHECKPOINT, *folder.glob("buffer_*.pkl")):
-        leftover.unlink(missing_ok=True)
+    delete_checkpoint(folder)
     return folder / POLICY
 
 
@@ -285,10 +352,6 @@ def _final_policy(model: Any, settings: TrainSettings, folder: Path, seconds: fl
             name: scenario_hash(find_scenario(name))
             for name in expand_sets((*settings.scenarios, *settings.curriculum))
         },
-        "provenance": json.loads(provenance_file(folder, PROVENANCE).read_text(encoding="utf-8")),
+        "provenance": read_provenance(folder),
     }
     return MlpPolicy(policy.layers, card)
-
-
-def _write_json(path: Path, data: Any) -> None:
-    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
