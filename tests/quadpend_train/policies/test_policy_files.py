@@ -23,7 +23,7 @@ OBSERVATIONS = np.random.default_rng(3).normal(size=(7, 36)).astype(np.float32)
 )
 def test_saved_policy_is_loaded_unchanged(inputs: int, fields: dict[str, Any], tmp_path: Path) -> None:
     """The actions are exactly the same, and so is the card."""
-    policy = mlp_policy(inputs, **fields, curve=[[0, 0.5, "ä"]], settings={"a": {"b": None}})
+    policy = mlp_policy(inputs, **fields, note=[[0, 0.5, "ä"]], settings={"a": {"b": None}})
     policy.save(tmp_path / "policy.npz")
     loaded = MlpPolicy.load(tmp_path / "policy.npz")
     assert loaded.card == policy.card

@@ -89,7 +89,7 @@ def _learned(policy: MlpPolicy) -> Lines:
         f"the environment's observation of {sizes} numbers{estimates}{memory}",
     )
     if vehicle := card.get("vehicle"):
-        yield "commands", f"{vehicle} by the interface {card['interface']}"
+        yield "commands", f"{vehicle} by the interface {card.get('interface', 'wrench')}"
     if card["action_repeat"] > 1:
         yield "acts", f"every {card['action_repeat']} control steps"
     if {"settings", "score"} <= card.keys():

@@ -49,6 +49,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZ
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
 from quadpend_train.common.version_0_1 import current_card, current_name
+from quadpend_train.policies.description import check_description
 from quadpend_train.policies.normalization import normalization_from_data
 
 SHIPPED = Path(__file__).parent / "shipped"
@@ -138,7 +139,9 @@ class MlpPolicy:
             layers = [(arrays.pop(f"weights_{i}"), arrays.pop(f"biases_{i}")) for i in range(count)]
             if arrays:
                 raise ValueError(f"the archive also contains {', '.join(sorted(arrays))}")
-            return cls(layers, card)
+            policy = cls(layers, card)
+            check_description(card)
+            return policy
         except KeyError as error:
             raise ValueError(f"{path} is not a policy file: it has no {error}") from error
         except Exception as error:  # a broken archive can raise nearly any exception
