@@ -94,7 +94,7 @@ def test_quadpend_wind_plots_the_given_models(tmp_path: Path, monkeypatch: pytes
         (["constant"], "the wind is always zero"),
         (['{"kind": "dryden"'], "the model is not valid JSON"),
         (["--seconds", "0"], "seconds must be from 1"),
-        (["--seed", "-1"], "seed must be a whole number of at least 0"),
+        (["--seed", "-1"], "seed must be a whole number from 0 to"),
     ],
 )
 def test_bad_options_of_quadpend_wind_are_refused(
