@@ -1,7 +1,9 @@
 """Every command ends at once after one or two signals at any moment, and resumes to the same results."""
 
+import os
 import random
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -42,3 +44,21 @@ def test_an_interrupted_training_says_how_it_continues(tmp_path: Path) -> None:
     assert how_to_continue(tmp_path) == f"`quadpend train --resume {tmp_path}` continues the run"
     (tmp_path / "policy.npz").touch()
     assert how_to_continue(tmp_path) == f"the run in {tmp_path} is finished"
+
+
+def test_a_file_begun_during_the_end_of_a_command_is_not_left(tmp_path: Path) -> None:
+    code = f"""
+import os, signal, time
+from pathlib import Path
+from quadpend_train.common import interruption
+from quadpend_train.common.files import write_text
+interruption.advise(lambda: time.sleep(0.3) or "")
+interruption.end_at_signals()
+os.kill(os.getpid(), signal.SIGINT)
+while True:
+    write_text(Path({str(tmp_path)!r}, "file"), "text" * 10_000)
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run([sys.executable, "-c", code], env=environment, check=False, timeout=60.0)
+    assert ended.returncode == 130
+    assert {path.name for path in tmp_path.iterdir()} <= {"file"}

@@ -66,7 +66,7 @@ def atomic(path: Path) -> Iterator[Path]:
         yield path
         return
     unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}_{target.stem[:_LONGEST_STEM]}{target.suffix}")
-    interruption.unfinished.add(str(unfinished))
+    interruption.begin_file(str(unfinished))
     try:
         yield unfinished
         unfinished.replace(target)
@@ -85,7 +85,7 @@ def write_text(path: Path, text: str) -> None:
 def atomic_files(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder in a folder, whose files are moved to that folder when the block is complete."""
     unfinished = folder / f"unfinished_{os.getpid()}"
-    interruption.unfinished.add(str(unfinished))
+    interruption.begin_file(str(unfinished))
     try:
         unfinished.mkdir()
         yield unfinished

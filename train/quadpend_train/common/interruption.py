@@ -68,13 +68,23 @@ def _end(number: int) -> NoReturn:
     _ending.acquire()
     try:
         _end_children()
-        for path in unfinished.copy():
-            shutil.rmtree(path, ignore_errors=True)
-            with suppress(OSError):
-                os.unlink(path)
         _print(sentence())
     finally:
+        _remove_unfinished()  # the last step: the main thread may have been about to create a file
         os._exit(128 + number)
+
+
+def _remove_unfinished() -> None:
+    for path in unfinished.copy():
+        shutil.rmtree(path, ignore_errors=True)
+        with suppress(OSError):
+            os.unlink(path)
+
+
+def begin_file(path: str) -> None:
+    """Add a path to `unfinished`; if a signal is about to end this process, wait for the end."""
+    unfinished.add(path)
+    wait_for_end()
 
 
 def _end_children() -> None:
