@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels format bench time-to-beat accuracy soak golden interruptions docs tour screenshots clean help
+.PHONY: demo evidence learners ablations results vehicles bound animation pictures test check static kernels kills format bench time-to-beat accuracy soak golden interruptions docs tour screenshots clean help
 
 DEMO := --settings ppo-alone --total-timesteps 1200000  # about a minute on one core
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the flatness-based controller
@@ -71,6 +71,9 @@ static: .venv/.installed  # the checks of `make check` that run beside the kerne
 
 kernels: .venv/.installed  # compile the kernels once, so that the processes of `make test` find them in the cache
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.helpers.kernels
+
+kills: .venv/.installed kernels  ## kill train, evaluate and tune at each of their file operations, and run them again
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.helpers.kills
 
 format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .

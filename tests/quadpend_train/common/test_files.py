@@ -1,6 +1,7 @@
 """Files are complete or unchanged."""
 
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -63,3 +64,14 @@ def test_several_files_are_moved_together_or_not_at_all(tmp_path: Path) -> None:
     write(None)
     assert sorted(os.listdir(tmp_path)) == ["a", "b"]
     assert not interruption.unfinished
+
+
+def test_file_of_a_killed_process_is_deleted_with_the_next_attempt(tmp_path: Path) -> None:
+    """Those of running processes and of other files stay."""
+    process = subprocess.Popen(["true"])
+    process.wait()
+    names = [f"unfinished_{process.pid}_a.txt", f"unfinished_{os.getppid()}_a.txt", f"unfinished_{process.pid}_b.txt"]
+    for name in names:
+        (tmp_path / name).write_text("half")
+    write_text(tmp_path / "a.txt", "whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"a.txt", *names[1:]}

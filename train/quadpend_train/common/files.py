@@ -5,7 +5,7 @@ import math
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,8 @@ def atomic(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file in the same folder, which replaces the file when the block is complete.
 
     After an exception or an interruption, the old file is unchanged and there is no temporary file. The temporary file
-    has the same suffix. A device such as ``/dev/stdout`` is written directly.
+    has the same suffix. What a killed process left of an earlier attempt is deleted. A device such as
+    ``/dev/stdout`` is written directly.
 
     Args:
         path: The file to write; its folder exists.
@@ -65,7 +66,9 @@ def atomic(path: Path) -> Iterator[Path]:
     if target.exists() and not target.is_file():
         yield path
         return
-    unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}_{target.stem[:_LONGEST_STEM]}{target.suffix}")
+    rest = f"_{target.stem[:_LONGEST_STEM]}{target.suffix}"
+    _delete_abandoned(target.parent, rest)
+    unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}{rest}")
     interruption.begin_file(str(unfinished))
     try:
         yield unfinished
@@ -73,6 +76,20 @@ def atomic(path: Path) -> Iterator[Path]:
     finally:
         unfinished.unlink(missing_ok=True)
         interruption.unfinished.discard(str(unfinished))
+
+
+def _delete_abandoned(folder: Path, rest: str) -> None:
+    """Delete the temporary files or folders that end with `rest` and whose process was killed."""
+    if os.name != "posix":  # elsewhere there is no safe way to ask for a process
+        return
+    for path in folder.glob(f"{UNFINISHED}*"):
+        process = path.name.removeprefix(UNFINISHED).removesuffix(rest)
+        if path.name.endswith(rest) and process.isdecimal():
+            with suppress(PermissionError):  # the process of another user
+                try:
+                    os.kill(int(process), 0)
+                except (ProcessLookupError, OverflowError):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -84,7 +101,8 @@ def write_text(path: Path, text: str) -> None:
 @contextmanager
 def atomic_files(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder in a folder, whose files are moved to that folder when the block is complete."""
-    unfinished = folder / f"unfinished_{os.getpid()}"
+    _delete_abandoned(folder, "")
+    unfinished = folder / f"{UNFINISHED}{os.getpid()}"
     interruption.begin_file(str(unfinished))
     try:
         unfinished.mkdir()

@@ -1,0 +1,16 @@
+"""A command that was killed at a file operation ends with the results of an undisturbed one; `make kills` tests all."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.helpers.sources import ROOT
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it needs fork and SIGKILL")
+def test_killed_training_resumes_to_the_same_results() -> None:
+    command = [sys.executable, "-m", "tests.helpers.kills", "train", "tune", "--most", "3"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("killed at 3 operations, 0 without the results") == 2
