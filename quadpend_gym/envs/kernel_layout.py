@@ -104,7 +104,10 @@ def make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps:
     limits, reward = task.limits, task.reward
     cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
     weights = np.array([reward.tracking, reward.upright, reward.yaw, reward.effort])
-    tracking, upright, yaw, effort = (weights / weights.sum()).tolist()
+    weights = weights / weights.sum()
+    while np.add.accumulate(weights)[-1] > 1.0:  # by rounding, in the order in which the kernel adds the terms
+        weights[weights.argmax()] = np.nextafter(weights.max(), 0.0)
+    tracking, upright, yaw, effort = weights.tolist()
     return KernelSettings(
         simulation.period,
         CommandScale(*simulation.command_scale.tolist()),

@@ -60,3 +60,15 @@ def test_the_memory_layout_has_no_gap_and_no_overlap() -> None:
     columns = np.arange(kernel_layout.MEMORY_SIZE)
     parts = kernel_layout.MEMORY_STATE, kernel_layout.MEMORY_PARAMETERS, kernel_layout.MEMORY_REFERENCE
     assert np.concatenate([columns[part] for part in parts]).tolist() == [*columns]
+
+
+def test_the_weights_of_the_reward_never_sum_to_more_than_one() -> None:
+    for values in (
+        (0.6, 0.15, 0.1, 0.15),
+        (0.56, 0.48, 0.9, 0.09),
+        *np.random.default_rng(0).random((500, 4)).tolist(),
+    ):
+        task = Task(reward=RewardWeights(*values))
+        weights = make_settings(task, Simulation(), moves_air=False, substeps=1).weights
+        assert 1.0 - 1e-15 <= weights.tracking + weights.upright + weights.yaw + weights.effort <= 1.0
+        np.testing.assert_allclose(weights[:4], np.array(values) / sum(values), rtol=1e-14)
