@@ -19,16 +19,21 @@ import traceback
 import zipfile
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.studies import tuning  # noqa: F401 (imported before the fork)
-from quadpend_train.training import train as training  # noqa: F401
+from quadpend_train.training import train as training
+from quadpend_train.training.validation import validate
+from tests.helpers.training import BRIEF
 
 _SECONDS = 120  # a command that takes longer hangs
 _CHANGES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate")
+_PARTS = ("training", "evaluation", "studies")
 _open = io.open
 
 
@@ -211,12 +216,21 @@ def _fault(first: int, status: int, command: Command, folder: Path, expected: di
     return f"other results: {different}" if different else ""
 
 
+def _warm_up() -> None:
+    """Import what the commands import, and load the kernels, so that each fork starts at once."""
+    for name in ("torch.utils.tensorboard", "tyro", *(f"quadpend_train.cli.{part}" for part in _PARTS)):
+        import_module(name)
+    settings = replace(BRIEF, total_timesteps=16)
+    validate(training.export(training.initial_model(settings, None)), settings)
+
+
 def run() -> None:
     """Kill the commands, and print a line for each."""
     parser = argparse.ArgumentParser(description="Kill commands at each of their file operations.")
     parser.add_argument("commands", nargs="*", help=f"of {', '.join(COMMANDS)}; all without it")
     parser.add_argument("--most", type=int, default=0, help="operations of each command; 0 for all")
     given = parser.parse_args()
+    _warm_up()
     faults = Counter[str]()
     for name in given.commands or COMMANDS:
         count, wrong = check(COMMANDS[name], given.most)
