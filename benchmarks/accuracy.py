@@ -6,6 +6,7 @@ simulated from fixed seeds, so the numbers are the same in every run on the same
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -136,9 +137,8 @@ def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
             slow_trials,
         )
     for share in (0.9, 0.99):
-        add(
-            f"survival of {100 * share:g} %", statistics.proportion, lambda n, p=share: random.random((1, n)) < p, share
-        )  # type: ignore[misc]
+        name = f"survival of {100 * share:g} %"
+        add(name, statistics.proportion, lambda n, p=share: random.random((1, n)) < p, share)  # type: ignore[misc]
     add(
         "difference of survivals, 95 % and 90 %",
         lambda pair: statistics.paired_proportion(*pair),
@@ -168,14 +168,12 @@ def error_table(trials: int = TRIALS, families: int = FAMILY_TRIALS) -> str:
     def rate(p: Callable[[int], float], number: int) -> list[str]:
         return [f"{100.0 * np.mean([p(n) < 0.05 for _ in range(number)]):.1f}" for n in SIZES]
 
-    rows = []
-    for name, (draw, _) in DRAWS.items():
-        rows.append(
-            [
-                f"RMSE, both {name}",
-                *rate(lambda n, d=draw: statistics.p_value(d(random, (1, n)) - d(random, (1, n))), trials),
-            ]  # type: ignore[misc]
-        )
+    rows: list[list[str]] = []
+
+    def equal(draw: Draw, n: int) -> float:
+        return statistics.p_value(draw(random, (1, n)) - draw(random, (1, n)))
+
+    rows += [[f"RMSE, both {name}", *rate(partial(equal, draw), trials)] for name, (draw, _) in DRAWS.items()]
     rows.append(
         [
             "survival, both 95 %",
