@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
@@ -13,6 +14,7 @@ from quadpend_gym import (
     Parameters,
     QuadPendulumVectorEnv,
     ReferenceSettings,
+    RewardWeights,
     Simulation,
     StartSettings,
     Task,
@@ -24,16 +26,15 @@ from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel, Noise
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import KINDS as WINDS
-from quadpend_gym.wrappers import VectorActuatorWrapper, VectorSensorWrapper
 from tests.helpers.envs import ENDLESS
-from tests.helpers.wrappers import STACKS, wrapped
+from tests.helpers.wrappers import STACKS, Layers, wrapped
 
-TASK_PARTS = {"references": ReferenceSettings, "start": StartSettings, "limits": Limits}
+TASK_PARTS = {"references": ReferenceSettings, "start": StartSettings, "limits": Limits, "reward": RewardWeights}
 SIMULATION_PARTS: dict[str, Any] = {"parameters": Parameters, "actuators": Actuators}
 NEEDED = {"drawn": {"wind": Constant()}, "rescaled": {"wind": Constant()}, "rotor_fault": {}}  # fields without default
 INTERFACES = ("wrench", "rotors", "body_rates")
 WIND_PRESETS = ("breeze", "windy", "storm")
-_MOST_SUBSTEPS = 10  # so that many steps fit into a test
+_MOST_SUBSTEPS = 10  # of a vector environment, so that a step of thousands of rows is fast
 
 Draw = Callable[[Range], float]
 
@@ -73,11 +74,16 @@ def random_task(random: np.random.Generator) -> Task:
     return replace(task, limits=ENDLESS.limits) if random.random() < 0.5 else task
 
 
-def random_simulation(random: np.random.Generator) -> dict[str, Any]:
-    """Return random settings of a simulation as a mapping."""
+def random_simulation(random: np.random.Generator, most_substeps: int = 10_000) -> dict[str, Any]:
+    """Return random settings of a simulation as a mapping, of the paper's vehicle or of a real one."""
     parts = {name: random_values(kind, random) for name, kind in SIMULATION_PARTS.items()}
-    values = random_values(Simulation, random)
-    return values | parts | {"substeps": min(values.get("substeps", 2), _MOST_SUBSTEPS)}
+    values = random_values(Simulation, random) | parts
+    values["substeps"] = min(values.get("substeps", 2), most_substeps)
+    if random.random() < 0.5:
+        values["vehicle"] = sorted(VEHICLES)[random.integers(len(VEHICLES))]
+    if values.get("vehicle", "paper") == "paper" or values.get("latency", 0.0) < 1.0:
+        values["latency"] = 0.0  # only the largest latency is a whole number of substeps
+    return values
 
 
 def random_wind(random: np.random.Generator) -> dict[str, Any]:
@@ -100,24 +106,29 @@ def random_actuator(random: np.random.Generator) -> Any:
     return kind(**random_values(kind, random))
 
 
-def extreme_vector_env(random: np.random.Generator, rows: int) -> Any:
-    """Return a vector environment with settings from the whole declared ranges.
+def extreme_env(random: np.random.Generator, make: Callable[..., Any], most_substeps: int = 10_000) -> Any:
+    """Return an environment with settings from the whole declared ranges, half of the time with wrappers.
+
+    Args:
+        random: Random numbers.
+        make: Makes the environment from ``task``, ``simulation`` and ``wind``.
+        most_substeps: Largest number of substeps.
 
     Raises:
         TypeError: If the settings do not fit together.
         ValueError: If the settings contradict each other.
     """
-    env: Any = QuadPendulumVectorEnv(
-        rows,
-        task=random_task(random),
-        simulation=random_simulation(random),
-        wind=random_wind(random),
-        autoreset_mode="SameStep",
-        max_episode_steps=int(random.integers(1, 2000)),
-    )
-    if random.random() < 0.5:
-        env = VectorSensorWrapper(env, random_sensor(random))
-    return VectorActuatorWrapper(env, random_actuator(random)) if random.random() < 0.5 else env
+    task, simulation = random_task(random), random_simulation(random, most_substeps)
+    layers: Layers = [("SensorWrapper", random_sensor(random))] if random.random() < 0.5 else []
+    layers += [("ActuatorWrapper", random_actuator(random))] if random.random() < 0.5 else []
+    return wrapped(make(task=task, simulation=simulation, wind=random_wind(random)), layers)
+
+
+def extreme_vector_env(random: np.random.Generator, rows: int) -> Any:
+    """Return a vector environment with settings from the whole declared ranges, see `extreme_env`."""
+    length = int(random.integers(1, 2000))
+    make = partial(QuadPendulumVectorEnv, rows, autoreset_mode="SameStep", max_episode_steps=length)
+    return extreme_env(random, make, _MOST_SUBSTEPS)
 
 
 def usual_vector_env(random: np.random.Generator, rows: int) -> Any:

@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,15 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quadpend_gym import (
-    Actuators,
-    Constant,
-    Limits,
-    Parameters,
     Reference,
-    ReferenceSettings,
-    RewardWeights,
     Simulation,
-    StartSettings,
 )
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.ranges import Range, declared_ranges
@@ -36,21 +29,10 @@ from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import KINDS as WINDS
 from quadpend_gym.wrappers import ActuatorWrapper, SensorWrapper
 from tests.helpers.envs import ENDLESS, draw_actions, make_unwrapped
+from tests.helpers.random_settings import NEEDED, SIMULATION_PARTS, TASK_PARTS, extreme_env, value_of
 
 STEPS = 60
-TASK_PARTS = {"references": ReferenceSettings, "start": StartSettings, "limits": Limits, "reward": RewardWeights}
-PARTS: dict[str, Any] = {"parameters": Parameters, "actuators": Actuators}
-NEEDED = {"drawn": {"wind": Constant()}, "rescaled": {"wind": Constant()}, "rotor_fault": {}}
 HUMMINGBIRD = VEHICLES["hummingbird"]
-Draw = Callable[[Range], float]
-
-
-def value_of(kind: Any, name: str, draw: Draw) -> Any:
-    """A value of a field, made of numbers that `draw` returns: a number, or a pair in order."""
-    bounds, hint = declared_ranges(kind)[name], get_type_hints(kind)[name]
-    if get_args(hint) == (float, float):
-        return tuple(sorted((draw(bounds), draw(bounds))))
-    return int(draw(bounds)) if hint is int else draw(bounds)
 
 
 def lowest(bounds: Range) -> float:
@@ -105,7 +87,7 @@ def assert_promises_or_refused(build: Callable[[], Any]) -> None:
 
 SETTINGS = [
     *({"simulation": values} for values in at_ends(Simulation)),
-    *({"simulation": {part: values}} for part, kind in PARTS.items() for values in at_ends(kind)),
+    *({"simulation": {part: values}} for part, kind in SIMULATION_PARTS.items() for values in at_ends(kind)),
     *({"task": {part: values}} for part, kind in TASK_PARTS.items() for values in at_ends(kind)),
     *(
         {"wind": {"kind": name, **NEEDED.get(name, {}), **values}, "task": task}
@@ -171,51 +153,7 @@ def test_every_reference_keeps_the_promises(values: dict[str, Any]) -> None:
     assert_promises(make_unwrapped(task=ENDLESS), options={"reference": reference})
 
 
-def random_draw(random: np.random.Generator) -> Draw:
-    """Draw an end of a range, or a number between: uniform, or of a uniform logarithm."""
-
-    def draw(bounds: Range) -> float:
-        choice = random.integers(4)
-        if choice < 2:
-            return (bounds.low, bounds.high)[choice]
-        if choice == 2 and bounds.low > 0.0:
-            return min(
-                max(float(np.exp(random.uniform(np.log(bounds.low), np.log(bounds.high)))), bounds.low), bounds.high
-            )
-        return float(random.uniform(bounds.low, bounds.high))
-
-    return draw
-
-
-def random_values(kind: Any, random: np.random.Generator) -> dict[str, Any]:
-    """Values of some fields."""
-    draw = random_draw(random)
-    return {name: value_of(kind, name, draw) for name in declared_ranges(kind) if random.random() < 0.5}
-
-
-def random_env(random: np.random.Generator) -> Any:
-    """An environment with random settings, and with a random wind, sensor and actuator."""
-    wind, sensor, actuator = (sorted(kinds)[random.integers(len(kinds))] for kinds in (WINDS, SENSORS, ACTUATORS))
-    simulation = random_values(Simulation, random) | {name: random_values(PARTS[name], random) for name in PARTS}
-    if random.random() < 0.5:
-        simulation |= {"vehicle": sorted(VEHICLES)[random.integers(len(VEHICLES))]}
-    if simulation.get("vehicle", "paper") == "paper" or simulation.get("latency", 0.0) < 1.0:
-        simulation["latency"] = 0.0
-    task = {name: random_values(kind, random) for name, kind in TASK_PARTS.items()}
-    if random.random() < 0.5:
-        task["limits"] = {name: getattr(ENDLESS.limits, name) for name in declared_ranges(Limits)}
-    arguments = NEEDED.get(wind, {}) | random_values(WINDS[wind], random)
-    env: Any = make_unwrapped(task=task, simulation=simulation, wind={"kind": wind, **arguments})
-    if random.random() < 0.5:
-        errors = {name: Channel(**random_values(Channel, random)) for name in STATE_FIELDS}
-        kind = SENSORS[sensor]
-        env = SensorWrapper(env, kind(**errors) if kind is Noise else kind(**random_values(kind, random)))
-    if random.random() < 0.5:
-        env = ActuatorWrapper(env, ACTUATORS[actuator](**random_values(ACTUATORS[actuator], random)))
-    return env
-
-
 @settings(deadline=None, max_examples=300)
 @given(seed=st.integers(0, 2**32))
 def test_random_settings_keep_the_promises(seed: int) -> None:
-    assert_promises_or_refused(lambda: random_env(np.random.default_rng(seed)))
+    assert_promises_or_refused(lambda: extreme_env(np.random.default_rng(seed), make_unwrapped))
