@@ -107,7 +107,7 @@ REFUSED = {
     "vehicles lqr --episodes 1000000000": "episodes must be a whole number from 1 to 100000",
     "train --num-envs 1000000000": "num_envs must be a whole number from 1 to 100000, not 1000000000",
     "train --net-arch 1000000000": "net_arch[0] must be a whole number from 1 to 8192, not 1000000000",
-    "train --learning-rate 1e300": "learning_rate must be a finite number in [1e-12, 10], not 1e+300",
+    "train --learning-rate 1e300": "learning_rate must be a finite number in [1e-12, 1e+06], not 1e+300",
     f"evaluate {LONG}": f"a file cannot be read or written: {LONG}: File name too long",
     f"evaluate lqr --scenarios {LONG}.toml": f"{LONG}.toml: File name too long",
     "evaluate lqr --scenarios deep.json": "deep.json is nested too deeply",

@@ -134,9 +134,9 @@ class TrainSettings:
     """Number of its own latest actions that the policy also receives."""
     batch_size: Annotated[int, Range(1, 10_000_000)] = 1024
     """Samples per gradient step."""
-    learning_rate: Annotated[float, Range(1e-12, 10.0)] = 2e-3
+    learning_rate: Annotated[float, Range(1e-12, 1e6)] = 2e-3
     """Learning rate of Adam at the beginning."""
-    final_learning_rate: Annotated[float, Range(0.0, 10.0)] = 4e-5
+    final_learning_rate: Annotated[float, Range(0.0, 1e6)] = 4e-5
     """Learning rate of Adam at the end; the learning rate changes linearly."""
     gamma: Annotated[float, Range(0.0, 1.0)] = 0.995
     """Discount factor γ."""
