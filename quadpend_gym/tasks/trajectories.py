@@ -218,12 +218,7 @@ class SinusoidTerm:
         ValueError: If a number is not finite, or its absolute value is larger than 1000.
     """
 
-    amplitude: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )  # m, m, m, rad
+    amplitude: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
     frequency: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
     phase: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
 
