@@ -51,7 +51,8 @@ LAYOUTS = {
 
 def _signatures() -> dict[str, int]:
     """Return the number of compiled signatures of every kernel of the process."""
-    kernels = [item for item in gc.get_objects() if isinstance(item, Dispatcher)]
+    # `isinstance` would ask objects for their class, and deprecated objects of other packages warn of that.
+    kernels = [item for item in gc.get_objects() if issubclass(type(item), Dispatcher)]
     return {f"{kernel.py_func.__module__}.{kernel.__name__}": len(kernel.signatures) for kernel in kernels}
 
 

@@ -24,7 +24,7 @@ from quadpend_train.scenarios import SCENARIOS, SETS, find_scenario, scenario_ha
 from quadpend_train.training import run_folder
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import PRESETS
-from tests.helpers.policies import mlp_policy
+from tests.helpers.policies import card, layers, mlp_policy
 from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
 from tests.helpers.training import BRIEF
@@ -282,17 +282,19 @@ def test_a_resumed_run_may_have_other_limits_only(
     printed = capsys.readouterr().out
     assert f"Trained policy: {tmp_path / 'policy.npz'}\n" in printed
     assert f"quadpend evaluate flatness mine={tmp_path} --scenarios '{{" in printed
-    card = MlpPolicy.load(tmp_path / "policy.npz").card
-    assert card["steps"] < BRIEF.total_timesteps
-    assert card["settings"]["max_seconds"] == 1e-3
+    described = MlpPolicy.load(tmp_path / "policy.npz").card
+    assert described["steps"] < BRIEF.total_timesteps
+    assert described["settings"]["max_seconds"] == 1e-3
 
 
 def test_the_command_printed_after_training_has_scenario_and_vehicle_as_they_were_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def save(settings: Any, folder: Path) -> Path:
+    def save(settings: Any, folder: Path, **_: Any) -> Path:
         score = {"survival": 1.0, "penalised_rmse": 0.1}
-        mlp_policy(36, score=score, settings=training.to_mapping(settings)).save(folder / "policy.npz")
+        trained = {"steps": 1, "best_at": 1, "seconds": 1.0, "seed": 0, "curve": []}
+        described = card(score=score, settings=training.to_mapping(settings), **trained)
+        MlpPolicy(layers(36, 4), described).save(folder / "policy.npz")
         return folder / "policy.npz"
 
     vehicle, run = tmp_path / "mine.toml", tmp_path / "run"

@@ -110,7 +110,7 @@ def test_three_lines_of_python_write_a_report_of_objects(tmp_path: Path) -> None
     assert {path.name for path in tmp_path.iterdir()} == set(report.files)
     assert "OutputFeedback" in (tmp_path / "comparison.md").read_text(encoding="utf-8")
     assert "2 episodes are too few" in str(report)
-    with pytest.raises(ValueError, match="out must be a folder in which files can be written, not"):
+    with pytest.raises(ValueError, match="out must be a folder that can be written, not"):
         evaluate(["lqr"], ["calm"], tmp_path / "report.html", episodes=1)
 
 

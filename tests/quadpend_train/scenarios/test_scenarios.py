@@ -132,7 +132,7 @@ def test_a_policy_that_does_not_fit_a_scenario_is_named_before_the_evaluation() 
         ("windy · paper · body_rates", "interface must be 'wrench', not 'body_rates'"),
         ("hummingbird_windy · paper", "interface must be 'wrench', not 'body_rates'"),
         ('{"actuators": "rotors"} · crazyflie · body_rates', 'Rotors needs the interface "wrench"'),
-        ('{"simulation": {"period": 0}}', "period must be above zero"),
+        ('{"simulation": {"period": 0}}', r"period must be a finite number in \[1e-09, 10\] s, not 0"),
         ('{"duration": 0}', "duration must be above zero"),
         ('{"duration": 0.015}', r"periods of 0.01 s \(simulation.period\), not 0.015 s"),
         ('{"duration": 1e300}', "whole number from 1 to 1000000 of control periods"),
