@@ -59,6 +59,13 @@ def test_evaluate_writes_the_same_files_every_time(
     assert text.endswith("The end\n")
     assert "| lqr |" in text
     assert "steady force" in text.lower() or "wind" in text.lower()
+    document.write_text(text.replace("lqr", "old"), encoding="utf-8")
+    without = command.index("--robustness")
+    main([*command[:without], *command[without + 2 :], "--out", str(folder)])  # leaves the robustness as it was
+    computed, kept = document.read_text(encoding="utf-8").split("<!-- begin robustness -->")
+    assert "old" not in computed
+    assert "| lqr |" in computed
+    assert "old |" in kept
 
 
 def test_a_document_without_a_place_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

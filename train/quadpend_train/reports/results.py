@@ -68,7 +68,7 @@ def update_document(
     Args:
         comparison: Comparison to describe.
         standings: Leaderboard of the comparison.
-        measured: Robustness of the same policies, or None.
+        measured: Robustness of the same policies; None leaves that part as it is.
         path: Markdown file.
         bound: Row above the leaderboard, see `quadpend_train.evaluation.bound`, or None.
 
@@ -88,6 +88,7 @@ def update_document(
         "leaderboard": tables.leaderboard_markdown(standings, bound),
         "pairwise": "\n".join(pairs),
         "matrix": tables.matrix_markdown(comparison),
-        "robustness": robustness.markdown(measured) if measured else "Not measured.",
     }
+    if measured:
+        parts["robustness"] = robustness.markdown(measured)
     documents.fill(path, parts)
