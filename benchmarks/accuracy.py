@@ -72,7 +72,7 @@ def energy_drift(steps: int) -> tuple[float, float, float]:
     """Return the energy of the pendulum relative to the quadrotor, and its largest drift in an episode and in `steps`.
 
     At constant hover thrust without a disturbance E = ½ μ l² |ṙ|² + μ l (u / m_q) r_z is constant, with the reduced
-    mass μ = m_q m_c / (m_q + m_c). The pendulum starts with |E| up to a few joules and turns over many times.
+    mass μ = m_q m_c / (m_q + m_c). Some of the pendulums turn over, the others swing.
 
     Args:
         steps: Number of control periods.
@@ -145,12 +145,13 @@ def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
         lambda n: (random.random((1, n)) < 0.95, random.random((1, n)) < 0.9),
         0.05,
     )
-    add(
-        "probability of improvement",
-        lambda pair: statistics.probability_of_improvement(*pair),
-        lambda n: (random.normal(0.0, 1.0, (1, n)), random.normal(0.0, 1.0, (1, n))),
-        0.5,
-    )
+
+    def improvement(values: Any) -> Any:
+        return statistics.probability_of_improvement(values, np.zeros_like(values))
+
+    for share in (0.5, 0.9, 0.99):
+        name = f"probability of improvement of {100 * share:g} %"
+        add(name, improvement, lambda n, p=share: p_signs(random, p, n), share)  # type: ignore[misc]
     for seeds in (2, 5):
         add(
             f"mean over {seeds} training seeds, normal",
@@ -158,7 +159,19 @@ def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
             lambda n, s=seeds: random.normal(size=(s, 1)) + random.normal(size=(1, n)) + random.normal(size=(s, n)),  # type: ignore[misc]
             0.0,
         )
+    add(
+        "interquartile mean over 5 training seeds, normal",
+        statistics.interquartile_mean,
+        lambda n: random.normal(size=(5, 1)) + random.normal(size=(1, n)) + random.normal(size=(5, n)),
+        0.0,
+        slow_trials // 2,
+    )
     return markdown_table(["interval", *(f"{n} episodes" for n in SIZES)], rows)
+
+
+def p_signs(random: np.random.Generator, share: float, number: int) -> Any:
+    """Return −1 with probability `share`, otherwise 1, shape (1, number)."""
+    return np.where(random.random((1, number)) < share, -1.0, 1.0)
 
 
 def error_table(trials: int = TRIALS, families: int = FAMILY_TRIALS) -> str:
@@ -188,6 +201,20 @@ def error_table(trials: int = TRIALS, families: int = FAMILY_TRIALS) -> str:
         return statistics.p_value(effects + random.normal(size=(5, n)))
 
     rows.append(["RMSE, five training seeds", *rate(learner, trials)])
+    for name in ("exponential", "lognormal"):
+        draw, truth = DRAWS[name]
+        rows.append(
+            [
+                f"RMSE, {name} differences with mean zero",
+                *rate(partial(lambda d, m, n: statistics.p_value(d(random, (1, n)) - m), draw, truth), trials),
+            ]
+        )
+
+    def skewed_learner(n: int) -> float:
+        effects = random.exponential(size=(5, 1)) - 1.0 + random.normal(size=(1, n))
+        return statistics.p_value(effects + random.normal(size=(5, n)))
+
+    rows.append(["RMSE, five training seeds with exponential effects", *rate(skewed_learner, trials)])
     rows.append([f"any of {FAMILY} scenarios, corrected", *rate(lambda n: _family(random, n), families)])
     return markdown_table(["hypothesis", *(f"{n} episodes" for n in SIZES)], rows)
 
@@ -212,7 +239,7 @@ def run(document: Path, steps: int = 1_000_000) -> None:
     """
     energy, episode, largest = energy_drift(steps)
     drift = [
-        ["mean energy", f"{energy:.2g} J"],
+        [r"mean of \|E\|", f"{energy:.2g} J"],
         ["largest drift in an episode of 1000 steps", f"{episode:.1e} J"],
         [f"largest drift in {steps:,} steps", f"{largest:.1e} J"],
         ["drift for each step", f"{largest / steps:.1e} J"],

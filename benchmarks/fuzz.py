@@ -1,4 +1,6 @@
-"""Damaged files of policies, cards, results, settings and scenarios are refused with one sentence or mean the same.
+"""Damaged files of policies, cards, results, settings and scenarios are refused with one sentence, or they work.
+
+Policies and cached results that are read are unchanged; cards and scenarios work; settings can be read.
 
 A *target* writes a valid file, damages it, and reads it again. Damage is done to the bytes of a file, and to the values
 of the data in it, so that checksums do not hide what is behind them.
@@ -12,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from quadpend_train.evaluation import cache
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import find_scenario
+from quadpend_train.scenarios import Scenario, find_scenario
 from quadpend_train.training.settings import read_settings
 from tests.helpers.policies import mlp_policy, synthetic_results
 
@@ -144,7 +147,8 @@ def kept_results(random: stdlib_random.Random, folder: Path) -> str:
     path.write_bytes(damaged_bytes(path.read_bytes(), random))
 
     def same(found: Any) -> bool:
-        return found is None or all(np.array_equal(x, y, equal_nan=True) for x, y in zip(found, results, strict=True))
+        pairs: Any = zip(found or results, results, strict=True)
+        return all(np.array_equal(x, y, equal_nan=True) for x, y in pairs)
 
     return attempt(lambda: cache.load(folder, "a", results.error.shape[-1]), same)
 
@@ -183,7 +187,7 @@ def _inline(value: Any) -> str:
 
 SCENARIO = {
     "duration": 4.0,
-    "wind": [{"kind": "gusts", "size": 1.0}, {"kind": "constant"}],
+    "wind": [{"kind": "gusts", "force": 1.0}, {"kind": "constant"}],
     "task": {"references": {"hover": 0.0, "radius": [0.5, 1.0]}, "start": {}},
     "simulation": {"period": 0.02, "parameters": {"bob_mass": 0.1}},
 }
@@ -196,7 +200,14 @@ def scenario(random: stdlib_random.Random, folder: Path) -> str:
         path.write_text(_toml(damaged_data(SCENARIO, random)), encoding="utf-8")
     else:
         path.write_bytes(damaged_bytes(_toml(SCENARIO).encode(), random))
-    return attempt(lambda: find_scenario(str(path)), lambda found: found is not None)
+    return attempt(lambda: find_scenario(str(path)), flies)
+
+
+def flies(found: Scenario) -> bool:
+    """Return whether a scenario makes an environment that steps."""
+    env: Any = found.make_vec(2, AutoresetMode.SAME_STEP)
+    env.reset(seed=0)
+    return bool(np.isfinite(env.step(np.zeros((2, 4), np.float32))[0]).all())
 
 
 TARGETS: dict[str, Target] = {

@@ -2,8 +2,9 @@
 
 `make interruptions` runs this file as ``python -m benchmarks.interruptions``. It sends one or two SIGINT (to the whole
 process group, like Ctrl-C) or SIGTERM (to the process alone). A command must end within two seconds, with status 130 or
-143, one line on how to go on, no traceback, no process and no half-written file. Then it is resumed to its end, and one
-of its workers is killed. The first moments, before the command handles signals, are not tested. It needs Linux.
+143, one line on how to go on, no traceback, no process and no half-written file. Then it is resumed to its end; if it
+has workers, one of them is killed meanwhile. The first moments, before the command handles signals, are not tested. It
+needs Linux.
 """
 
 import argparse
@@ -40,7 +41,7 @@ def _weights(folder: Path) -> Results:
 
 
 def _files(folder: Path) -> Results:
-    """Return all files but TensorBoard's."""
+    """Return the contents of all files by their relative paths."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 

@@ -11,6 +11,7 @@ import datetime
 import gc
 import multiprocessing
 import os
+import queue
 import tempfile
 import time
 import warnings
@@ -224,6 +225,13 @@ def parts(process: int, scale: float) -> Iterator[tuple[str, Outcome]]:
 
 def run_process(process: int, seconds: float, scale: float, results: Any) -> None:
     """Run all parts once, then random steps until the time is over, and put all outcomes into `results`."""
+    try:
+        _run_all(process, seconds, scale, results)
+    finally:
+        results.put(None)
+
+
+def _run_all(process: int, seconds: float, scale: float, results: Any) -> None:
     end = time.monotonic() + seconds
     for item in parts(process, scale):
         results.put(item)
@@ -235,7 +243,6 @@ def run_process(process: int, seconds: float, scale: float, results: Any) -> Non
         findings += [finding] if finding else []
     growth = resident() - start
     results.put(("random steps until the end", Outcome(done, findings + _grown(growth, done), growth)))
-    results.put(None)
 
 
 def table(outcomes: dict[str, list[Outcome]]) -> str:
@@ -259,7 +266,12 @@ def run(seconds: float, scale: float, document: Path | None) -> int:
     outcomes: dict[str, list[Outcome]] = {}
     running = PROCESSES
     while running:
-        item = results.get()
+        try:
+            item = results.get(timeout=60.0)
+        except queue.Empty:
+            if not any(process.is_alive() for process in processes):
+                break  # a killed process; the exit codes below say so
+            continue
         if item is None:
             running -= 1
             continue
@@ -268,8 +280,12 @@ def run(seconds: float, scale: float, document: Path | None) -> int:
         print(f"{name}: {outcome.done:,}, {len(outcome.findings)} findings, {outcome.growth:.1f} MB", flush=True)
         for finding in outcome.findings[:20]:
             print(f"  {finding}", flush=True)
-    for process in processes:
+    for number, process in enumerate(processes):
         process.join()
+        if process.exitcode:
+            finding = f"process {number} ended with exit code {process.exitcode}"
+            print(finding, flush=True)
+            outcomes.setdefault("processes", []).append(Outcome(1, [finding], 0.0))
     minutes = (time.monotonic() - begin) / 60.0
     if document is not None:
         date = datetime.datetime.now(datetime.timezone.utc).date()

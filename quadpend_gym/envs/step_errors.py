@@ -13,8 +13,8 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.state import ACTION_SIZE
 
 NO_ERROR = -1
-# Largest force (N), torque (N·m) and wind velocity (m/s). Every wind of this package is weaker, and the numbers that a
-# step computes from larger ones would overflow.
+# Largest force (N), torque (N·m) and wind velocity (m/s): the numbers that a step computes from larger ones would
+# overflow. Of the winds of this package, only rescaled ones within rescaled ones can be larger.
 LARGEST_WIND = 1e20
 ROUNDING = 1e-6  # by how much an action may exceed ±1: a few units in the last place of float32
 

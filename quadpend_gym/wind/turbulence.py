@@ -44,7 +44,7 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import to_plain_fields
-from quadpend_gym.wind.base import WIND_FIELDS, Addable, Load, Loads
+from quadpend_gym.wind.base import LARGEST_LOAD, WIND_FIELDS, Addable, Load, Loads
 from quadpend_gym.wind.filters import (
     DiscreteFilter,
     Filter,
@@ -71,14 +71,12 @@ class OrnsteinUhlenbeck(Loads):
     a = exp(−period / time_constant).
     """
 
-    force: Load = 0.3  # N, on the quadrotor
+    force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # on the quadrotor
+    bob_force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.0  # on the bob
+    torque: Annotated[Load, Range(0.0, LARGEST_LOAD, "N·m")] = 0.0
+    velocity: Annotated[Load, Range(0.0, 1e4, "m/s")] = 0.0  # wind velocity
     time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 1.0
     kind: str = field(default="ornstein_uhlenbeck", init=False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.load < 0.0).any():
-            raise ValueError(f"standard deviations must be at least 0, not {self.load.tolist()}")
 
     @property
     def memory_size(self) -> int:

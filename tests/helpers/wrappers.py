@@ -73,12 +73,14 @@ def wrapped(env: Any, layers: Layers) -> Any:
 
 def make_wrapped(layers: Layers, **kwargs: Any) -> gym.Env[Any, Any]:
     """Return a single environment inside wrappers."""
-    return wrapped(make(**kwargs), layers)
+    env: gym.Env[Any, Any] = wrapped(make(**kwargs), layers)
+    return env
 
 
 def make_wrapped_vec(rows: int, layers: Layers, **kwargs: Any) -> VectorEnv[Any, Any, Any]:
     """Return the native vector environment inside wrappers."""
-    return wrapped(make_vec(rows, **kwargs), layers)
+    env: VectorEnv[Any, Any, Any] = wrapped(make_vec(rows, **kwargs), layers)
+    return env
 
 
 def make_sync_vec(rows: int, layers: Layers, mode: str, **kwargs: Any) -> VectorEnv[Any, Any, Any]:

@@ -24,9 +24,10 @@ def test_the_tables_have_a_line_for_each_population(monkeypatch: pytest.MonkeyPa
         assert f"| RMSE, both {name} |" in errors
 
 
-def test_the_page_has_small_rates_of_false_claims() -> None:
+def test_the_page_has_small_rates_of_false_claims_about_equal_policies() -> None:
     text = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
     errors = text[text.index("<!-- begin errors -->") :]
-    rates = [float(rate) for line in errors.splitlines()[4:] for rate in re.findall(r"\| (\d+\.\d)", line)]
-    assert len(rates) >= 24
+    lines = [line for line in errors.splitlines() if "both" in line or "any of" in line]  # the tests of equal policies
+    rates = [float(rate) for line in lines for rate in re.findall(r"\| (\d+\.\d)", line)]
+    assert len(rates) == 24
     assert max(rates) < 6.5

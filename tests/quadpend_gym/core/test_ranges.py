@@ -1,12 +1,17 @@
 """Numbers outside their declared range are refused with one sentence that names the field, its range and the value."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import numpy as np
 import pytest
 
+from quadpend_gym import Actuators, OrnsteinUhlenbeck, Parameters, Simulation
+from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.ranges import Range, check_fields, declared_ranges
+from quadpend_gym.sensors import KINDS as SENSORS
+from quadpend_gym.sensors import Channel
+from quadpend_gym.wind import KINDS as WINDS
 from tests.helpers.bad_input import INF, NAN, assert_refused
 
 
@@ -78,3 +83,22 @@ def test_the_declared_ranges_are_those_of_the_fields_in_their_order() -> None:
     found = declared_ranges(Example)
     assert list(found) == ["length", "count", "pair", "numbers", "optional", "named", "nested"]
     assert found["length"] == Range(0.5, 2.0, "m")
+
+
+NUMBERS = (int, float)
+NOISELESS = [kind for name, kind in SENSORS.items() if name != "noise"]  # the fields of a noise are channels
+KINDS = [*WINDS.values(), *NOISELESS, *ACTUATORS.values(), Parameters, Actuators, Simulation, Channel]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_every_number_of_a_model_declares_its_range(kind: Any) -> None:
+    """A field that a class redeclares without a range loses the range of its base class."""
+    for item in fields(kind):
+        numbers = item.default if isinstance(item.default, tuple) else (item.default,)
+        if numbers and all(type(number) in NUMBERS for number in numbers):
+            assert item.name in declared_ranges(kind), item.name
+
+
+def test_a_redeclared_load_keeps_a_range() -> None:
+    assert_refused(lambda: OrnsteinUhlenbeck(force=1e300), r"force must be a finite number in \[0, 1e\+12\] N, not 1e")
+    assert_refused(lambda: OrnsteinUhlenbeck(torque=-0.1), r"torque must be a finite number in \[0, 1e\+12\] N·m")

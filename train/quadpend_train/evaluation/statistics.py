@@ -231,9 +231,20 @@ def probability_of_improvement(values: Floats, others: Floats) -> Interval:
     """Probability that a value is below the other value of the same episode, P(x < y) + ½ P(x = y).
 
     The shapes are (s, n) and (1, n) or equal. The probability is 0.5 for equal policies. Comparisons report this paired
-    version, since episodes differ more than policies do.
+    version, since episodes differ more than policies do. For one seed the interval also covers Wilson's, so that it has
+    a width if one policy is better in every episode.
     """
-    return mean(0.5 * (np.sign(others - values) + 1.0)).clipped(0.0, 1.0)
+    better = 0.5 * (np.sign(others - values) + 1.0)
+    found = mean(better).clipped(0.0, 1.0)
+    return found if len(better) > 1 else found.widened(_wilson(float(better.mean()), better.size))
+
+
+def _wilson(share: float, number: int) -> Interval:
+    """Return Wilson's interval of a share, which may count a tie as half a success."""
+    z = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
+    centre = (share + z * z / (2 * number)) / (1 + z * z / number)
+    half = z * np.sqrt(share * (1 - share) / number + (z / (2 * number)) ** 2) / (1 + z * z / number)
+    return Interval(share, float(centre - half), float(centre + half)).clipped(0.0, 1.0)
 
 
 def unpaired_probability_of_improvement(values: Floats, others: Floats) -> float:

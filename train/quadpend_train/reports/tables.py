@@ -31,7 +31,7 @@ PAIRWISE_COLUMNS = (
     "penalised rmse (mm)",
     "improvement",
 )
-MANY_EPISODES = 50  # from this number on, the intervals' coverage is close to 95 %, see docs/accuracy.md
+MANY_EPISODES = 50  # from this number on, most intervals cover close to 95 %, see docs/accuracy.md
 _POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
 

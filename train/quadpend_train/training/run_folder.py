@@ -1,7 +1,8 @@
 """The files of a run folder, and the lock that keeps a second process out of it.
 
 ``settings.json`` is written last when a run begins: a folder without it contains no run, and the same command starts
-again. Every file is replaced as a whole, so that a run resumes wherever it was stopped.
+again. Every file that a resumed run reads is replaced as a whole, so that the run continues from its last checkpoint
+wherever it was stopped.
 """
 
 import json

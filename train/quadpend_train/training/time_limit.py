@@ -1,9 +1,10 @@
 """The limit `max_seconds` of a run.
 
 It counts everything from the start to the trained policy: the set-up, the imitation, training with its evaluations, the
-last evaluation, the score on the card, and saving. So training has to stop early enough for the last of these. Their
-duration is predicted from a few control steps of an evaluation, and from the evaluations so far. Training can stop
-after a step only, so the time of the longest interval between two steps, which contains gradient steps, is kept too.
+last evaluation, the score on the card, and saving. Training therefore stops early enough to leave time for the last
+three. Their duration is predicted from a few control steps of an evaluation, and from the evaluations so far. Training
+can stop after a step only, so the time of the longest interval between two steps, which contains gradient steps, is
+kept too.
 """
 
 import time
