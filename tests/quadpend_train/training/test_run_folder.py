@@ -118,6 +118,12 @@ def test_missing_best_policy_is_refused_by_its_name(interrupted: Path, tmp_path:
     assert_refused(lambda: training.resume(folder, progress=False), "run/best.npz is damaged: it does not exist")
 
 
+def test_damaged_best_policy_is_refused_by_its_name(interrupted: Path, tmp_path: Path) -> None:
+    folder = copied(interrupted, tmp_path / "run")
+    (folder / "best.npz").write_bytes((folder / "best.npz").read_bytes()[:100])
+    assert_refused(lambda: training.resume(folder, progress=False), "run/best.npz is damaged: .* is not a policy file")
+
+
 def test_interrupted_writing_leaves_the_curve_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scores = [Score(0, 0.0, 0.5, 0.25), Score(64, 1.5, 1.0, 0.125)]
     write_curve(tmp_path, scores[:1])

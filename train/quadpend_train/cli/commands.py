@@ -5,7 +5,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
-STARTED = time.perf_counter()  # of the command line, in which max_seconds is counted from here
+started = time.perf_counter()  # of the command, which counts max_seconds from here; a later `main` sets it again
 _RESULTS_ARE_CACHED = "finished results are cached, and the same command continues"
 
 

@@ -5,8 +5,10 @@ This module and `commands` import no library at module level, so that `quadpend 
 
 import os
 import sys
+import time
 from typing import NoReturn
 
+from quadpend_train.cli import commands
 from quadpend_train.cli.commands import COMMANDS, run
 from quadpend_train.common import interruption
 from quadpend_train.common.text import brief, print_everywhere
@@ -37,6 +39,8 @@ def main(arguments: list[str] | None = None) -> None:
     print_everywhere()
     if arguments is None:
         interruption.end_at_signals()
+    else:
+        commands.started = time.perf_counter()
     given = sys.argv[1:] if arguments is None else arguments
     command = [argument for argument in given if argument != _TRACEBACK]
     interruption.advise(lambda: "".join(COMMANDS[name].interrupted for name in command[:1] if name in COMMANDS))

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from quadpend_train.cli.commands import STARTED
+from quadpend_train.cli import commands
 from quadpend_train.common import interruption
 from quadpend_train.common.paths import writable_file, writable_folder
 from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
@@ -98,7 +98,7 @@ def train(
         raise ValueError(
             "--resume continues a run with its own scenarios: give no --vehicle and no --interface with it"
         )
-    interruption.advise(lambda: how_to_continue(resume or out))
+    interruption.advise(lambda: how_to_continue(resume or out) if more_steps is None else "the same command continues")
     if resume:
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
     typed = run.scenarios
@@ -113,12 +113,12 @@ def train(
     if more_steps is not None:
         if not resume:
             raise ValueError("--more-steps continues a finished run: give its folder with --resume")
-        path = training.extend(resume, more_steps, run, started=STARTED)
+        path = training.extend(resume, more_steps, run, started=commands.started)
     else:
         path = (
-            training.resume(resume, run, started=STARTED)
+            training.resume(resume, run, started=commands.started)
             if resume
-            else training.train(run, writable_folder(out), started=STARTED)
+            else training.train(run, writable_folder(out), started=commands.started)
         )
     card = MlpPolicy.load(path).card
     survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]

@@ -15,6 +15,7 @@ import numpy as np
 from quadpend_baselines import Policy
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
+from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import expand_sets
 from quadpend_train.training.settings import TrainSettings
 
@@ -109,6 +110,10 @@ def check_curve(folder: Path, settings: TrainSettings, steps: int) -> None:
             raise ValueError(_damaged(folder / CURVE, f"it lacks the evaluation after {due} timesteps"))
     if not (folder / BEST).is_file():
         raise ValueError(_damaged(folder / BEST, "it does not exist"))
+    try:
+        MlpPolicy.load(folder / BEST)
+    except ValueError as error:
+        raise ValueError(_damaged(folder / BEST, str(error))) from None
 
 
 def _is_score(score: Score) -> bool:
