@@ -5,25 +5,43 @@ simulated from fixed seeds, so the numbers are the same in every run on the same
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
+from quadpend_gym import QuadPendulumEnv
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, PAPER, Parameters, Simulation
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE, THRUST, State
+from quadpend_gym.vehicles import VEHICLES, Vehicle, torque_limits
+from quadpend_gym.vehicles.parts import Drag
 from quadpend_train.common.documents import fill
 from quadpend_train.evaluation import statistics
 from quadpend_train.evaluation.formatting import markdown_table
-from tests.helpers.mujoco_engine import position_errors
+from tests.helpers.envs import AT_REST, ENDLESS
+from tests.helpers.mujoco_engine import Comparison, position_errors
 from tests.helpers.physics import UNEQUAL, random_states, simulate_period
+from tests.helpers.rigid_mujoco import rigid_position_errors
 
 EPISODE_STEPS = 1000
 PERIODS = (0.005, 0.01, 0.02, 0.04)  # s
 SUBSTEPS = [1, 2, 4, 10, 20]
-MUJOCO_SEEDS, MUJOCO_SECONDS = range(3), 2.0
+SEEDS, RIGID_SEEDS, SECONDS = range(10), range(5), 2.0  # of the flights that are compared with MuJoCo
+TIMESTEP = 1e-4  # s, of MuJoCo
+BODIES = {
+    "unequal": UNEQUAL,
+    "paper": PAPER,
+    "rod of 0.1 m, bob of 0.5 kg": replace(PAPER, rod_length=0.1, bob_mass=0.5),
+    "rod of 1 m": replace(PAPER, rod_length=1.0),
+    "bob of 0.02 kg": replace(PAPER, bob_mass=0.02),
+}
+RIGID_VEHICLES = ("hummingbird", "crazyflie", "skydio-x2")
+DRAG_PERIODS, DRAG_SECONDS = (0.02, 0.01, 0.005, 0.0025), 0.5  # s
+_FINE = 50  # The error of a flight with drag is its distance from one with so many times shorter control periods.
+TURNS = (0.05, 0.1, 0.2, 0.4, 0.8, np.inf)  # rad: limits of the angle by which the pendulum turns in a substep
 SIZES = (10, 20, 50, 200)
 TRIALS = 2000
 SLOW_TRIALS = 500  # of the interquartile mean
@@ -46,8 +64,8 @@ class Population(NamedTuple):
     middle: float
 
 
-def _with_falls(random: np.random.Generator, shape: tuple[int, ...]) -> Any:
-    return np.where(random.random(shape) < 0.05, 1.0, random.gamma(4.0, 0.005, shape))
+def _with_falls(random: np.random.Generator, shape: tuple[int, ...], share: float = 0.05) -> Any:
+    return np.where(random.random(shape) < share, 1.0, random.gamma(4.0, 0.005, shape))
 
 
 def _interquartile_mean(draw: Draw) -> float:
@@ -103,14 +121,96 @@ def energy_drift(steps: int) -> tuple[float, float, float]:
     return float(np.abs(first).mean()), episode, largest
 
 
-def mujoco_table() -> str:
-    """Return a Markdown table with the largest distance from MuJoCo by control period and substeps."""
+def pendulum_time(parameters: Parameters) -> float:
+    """Return τ = √(l m_q / ((m_q + m_c) g)), s: an upright pendulum at hover thrust falls like exp(t/τ)."""
+    p = parameters
+    return float(np.sqrt(p.rod_length * p.quadrotor_mass / (p.total_mass * p.gravity)))
+
+
+def compare_bodies() -> dict[tuple[str, float], list[Comparison]]:
+    """Return the flights of every body at every control period, compared with MuJoCo."""
+    return {
+        (name, period): [position_errors(parameters, seed, SECONDS, period, SUBSTEPS) for seed in SEEDS]
+        for name, parameters in BODIES.items()
+        for period in PERIODS
+    }
+
+
+def compare_rigid_vehicles() -> dict[tuple[str, float], list[Comparison]]:
+    """Return flights of rigid vehicles without drag with random rotor thrusts, compared with MuJoCo."""
+    return {
+        (name, period): [rigid_comparison(VEHICLES[name], seed, period) for seed in RIGID_SEEDS]
+        for name in RIGID_VEHICLES
+        for period in PERIODS
+    }
+
+
+def rigid_comparison(vehicle: Vehicle, seed: int, period: float) -> Comparison:
+    """Compare a flight of a vehicle without drag; standard deviations of the disturbances follow from its weight."""
+    pole = replace(vehicle.pole, drag_area=0.0)
+    force, bob_force = 0.1 * vehicle.weight, 0.5 * pole.mass * vehicle.gravity
+    forces = np.repeat([force, bob_force, 0.1 * torque_limits(vehicle)[0]], 3)
+    free = replace(vehicle, pole=pole, drag=Drag())
+    return rigid_position_errors(free, seed, SECONDS, period, SUBSTEPS, TIMESTEP, forces)
+
+
+def mujoco_table(flights: dict[tuple[str, float], list[Comparison]]) -> str:
+    """Return a Markdown table with the largest distance from MuJoCo, mm, by body, control period and substeps."""
     rows = []
-    for period in PERIODS:
-        runs = [position_errors(UNEQUAL, seed, MUJOCO_SECONDS, period, SUBSTEPS) for seed in MUJOCO_SEEDS]
-        worst = [1000.0 * max(run[number] for run in runs) for number in SUBSTEPS]
-        rows.append([f"{1000.0 * period:g} ms", *(f"{value:.1e}" for value in worst)])
-    return markdown_table(["control period", *(f"{number} substeps" for number in SUBSTEPS)], rows)
+    for (name, period), runs in flights.items():
+        worst = [1000.0 * max(run.errors[number] for run in runs) for number in SUBSTEPS]
+        rate = max(run.rate for run in runs)
+        rows.append([name, f"{1000.0 * period:g} ms", f"{rate:.0f} rad/s", *(f"{value:.1e}" for value in worst)])
+    substeps = [f"{number} substep{'s' if number > 1 else ''}" for number in SUBSTEPS]
+    return markdown_table(["body", "control period", "rate", *substeps], rows)
+
+
+def drag_table() -> str:
+    """Return a Markdown table of the error of flights in still air, and of one without drag, mm."""
+    rows = []
+    for name, vehicle in VEHICLES.items():
+        errors = [f"{drag_error(vehicle, period):.2g}" for period in DRAG_PERIODS]
+        free = replace(vehicle, drag=Drag(), pole=replace(vehicle.pole, drag_area=0.0))
+        rows.append([name, *errors, f"{drag_error(free, CONTROL_PERIOD):.1e}"])
+    periods = [f"{1000.0 * period:g} ms" for period in DRAG_PERIODS]
+    return markdown_table(["vehicle", *periods, f"{1000.0 * CONTROL_PERIOD:g} ms without drag"], rows)
+
+
+def drag_error(vehicle: Vehicle, period: float) -> float:
+    """Return the error of the position after half a second with constant rotors, from 5 m/s, mm."""
+    ends = []
+    for length in (period, period / _FINE):
+        env = QuadPendulumEnv(vehicle=vehicle, wind="still_air", simulation={"period": length}, task=ENDLESS)
+        env.reset(seed=0, options={"state": {**AT_REST, "velocity": (4.0, 3.0, 0.0), "direction": (0.1, 0.0, 1.0)}})
+        for _ in range(round(DRAG_SECONDS / length)):
+            env.step(np.zeros(4, np.float32))
+        ends.append(env.state.position.copy())
+    return float(1000.0 * np.linalg.norm(ends[0] - ends[1]))
+
+
+def rule_table(flights: dict[tuple[str, float], list[Comparison]]) -> str:
+    """Return a Markdown table with errors by the largest angle of the pendulum in a substep, relative to the rod."""
+    found = [point for key, runs in flights.items() for run in runs for point in _points(BODIES[key[0]], key[1], run)]
+    turns, errors, gains = np.array(found).T
+    rows = []
+    for low, high in zip((0.0, *TURNS), TURNS, strict=False):
+        inside = (turns > low) & (turns <= high)
+        if not inside.any():
+            continue
+        label = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
+        values = errors[inside]
+        gain = f"{np.nanmedian(gains[inside]):.0f}" if np.isfinite(gains[inside]).any() else "–"
+        rows.append([label, f"{values.size}", f"{np.median(values):.0e}", f"{values.max():.0e}", gain])
+    return markdown_table(
+        ["h Ω", "simulations", "median error / l", "largest error / l", "error with h : error with h/2"], rows
+    )
+
+
+def _points(parameters: Parameters, period: float, run: Comparison) -> Iterable[tuple[float, float, float]]:
+    """Yield h Ω, the error relative to the rod, and the factor by which half the substep reduces it."""
+    for number, error in run.errors.items():
+        gain = error / run.errors[2 * number] if 2 * number in run.errors else np.nan
+        yield period / number * run.rate, error / parameters.rod_length, gain
 
 
 def _coverage(estimate: Callable[[Any], Any], draw: Callable[[], Any], truth: float, trials: int) -> str:
@@ -118,31 +218,39 @@ def _coverage(estimate: Callable[[Any], Any], draw: Callable[[], Any], truth: fl
     return f"{100.0 * np.mean([low <= truth <= high for _, low, high in intervals]):.1f}"
 
 
+def _episodes(draw: Draw, random: np.random.Generator, number: int) -> Any:
+    return draw(random, (1, number))
+
+
+def _survivals(share: float, random: np.random.Generator, number: int) -> Any:
+    return random.random((1, number)) < share
+
+
+def _training_seeds(seeds: int, random: np.random.Generator, number: int) -> Any:
+    return random.normal(size=(seeds, 1)) + random.normal(size=(1, number)) + random.normal(size=(seeds, number))
+
+
 def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
     """Return a Markdown table with the coverage in % of every 95 % interval by the number of episodes."""
     random, rows = np.random.default_rng(1), []
 
     def add(name: str, estimate: Any, draw: Callable[[int], Any], truth: float, number: int = trials) -> None:
-        rows.append([name, *(_coverage(estimate, lambda n=n: draw(n), truth, number) for n in SIZES)])  # type: ignore[misc]
+        rows.append([name, *(_coverage(estimate, partial(draw, n), truth, number) for n in SIZES)])
 
     known = populations()
     for name, population in known.items():
-        add(f"mean, {name}", statistics.mean, lambda n, p=population: p.draw(random, (1, n)), population.mean)  # type: ignore[misc]
+        add(f"mean, {name}", statistics.mean, partial(_episodes, population.draw, random), population.mean)
+    rare = partial(_episodes, partial(_with_falls, share=0.01), np.random.default_rng(3))
+    add("mean, 1 % falls", statistics.mean, rare, 0.01 + 0.99 * 0.02)
     for name, population in known.items():
-        add(
-            f"interquartile mean, {name}",
-            statistics.interquartile_mean,
-            lambda n, p=population: p.draw(random, (1, n)),  # type: ignore[misc]
-            population.middle,
-            slow_trials,
-        )
+        draw = partial(_episodes, population.draw, random)
+        add(f"interquartile mean, {name}", statistics.interquartile_mean, draw, population.middle, slow_trials)
     for share in (0.9, 0.99):
-        name = f"survival of {100 * share:g} %"
-        add(name, statistics.proportion, lambda n, p=share: random.random((1, n)) < p, share)  # type: ignore[misc]
+        add(f"survival of {100 * share:g} %", statistics.proportion, partial(_survivals, share, random), share)
     add(
         "difference of survivals, 95 % and 90 %",
         lambda pair: statistics.paired_proportion(*pair),
-        lambda n: (random.random((1, n)) < 0.95, random.random((1, n)) < 0.9),
+        lambda n: (_survivals(0.95, random, n), _survivals(0.9, random, n)),
         0.05,
     )
 
@@ -150,19 +258,14 @@ def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
         return statistics.probability_of_improvement(values, np.zeros_like(values))
 
     for share in (0.5, 0.9, 0.99):
-        name = f"probability of improvement of {100 * share:g} %"
-        add(name, improvement, lambda n, p=share: p_signs(random, p, n), share)  # type: ignore[misc]
+        add(f"probability of improvement of {100 * share:g} %", improvement, partial(p_signs, random, share), share)
     for seeds in (2, 5):
-        add(
-            f"mean over {seeds} training seeds, normal",
-            statistics.mean,
-            lambda n, s=seeds: random.normal(size=(s, 1)) + random.normal(size=(1, n)) + random.normal(size=(s, n)),  # type: ignore[misc]
-            0.0,
-        )
+        draw = partial(_training_seeds, seeds, random)
+        add(f"mean over {seeds} training seeds, normal", statistics.mean, draw, 0.0)
     add(
         "interquartile mean over 5 training seeds, normal",
         statistics.interquartile_mean,
-        lambda n: random.normal(size=(5, 1)) + random.normal(size=(1, n)) + random.normal(size=(5, n)),
+        partial(_training_seeds, 5, random),
         0.0,
         slow_trials // 2,
     )
@@ -234,19 +337,23 @@ def run(document: Path, steps: int = 1_000_000) -> None:
     """Measure and update the page.
 
     Args:
-        document: Page with the parts energy, mujoco, coverage and errors.
+        document: Page with the parts energy, mujoco, rule, rigid, drag, coverage and errors.
         steps: Control periods of the energy's drift.
     """
     energy, episode, largest = energy_drift(steps)
     drift = [
-        [r"mean of \|E\|", f"{energy:.2g} J"],
+        ["mean of |E|", f"{energy:.2g} J"],
         ["largest drift in an episode of 1000 steps", f"{episode:.1e} J"],
         [f"largest drift in {steps:,} steps", f"{largest:.1e} J"],
         ["drift for each step", f"{largest / steps:.1e} J"],
     ]
+    flights = compare_bodies()
     parts = {
         "energy": markdown_table(["quantity", "value"], drift),
-        "mujoco": mujoco_table(),
+        "mujoco": mujoco_table(flights),
+        "rule": rule_table(flights),
+        "rigid": mujoco_table(compare_rigid_vehicles()),
+        "drag": drag_table(),
         "coverage": coverage_table(),
         "errors": error_table(),
     }

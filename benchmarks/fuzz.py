@@ -10,6 +10,7 @@ import json
 import random as stdlib_random
 import warnings
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -70,9 +71,9 @@ def damaged_data(data: Any, random: stdlib_random.Random) -> Any:
         if change == 0 and key is not None:
             del container[key]
         elif change == 1 and isinstance(container, dict):
-            container[random.choice(["", "a", "seed", "kind"])] = random.choice(VALUES)
+            container[random.choice(["", "a", "seed", "kind"])] = deepcopy(random.choice(VALUES))
         elif key is not None:
-            container[key] = random.choice(VALUES)
+            container[key] = deepcopy(random.choice(VALUES))
     return data
 
 

@@ -9,9 +9,11 @@ needs Linux.
 
 import argparse
 import json
+import math
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -46,15 +48,23 @@ def _files(folder: Path) -> Results:
 
 
 class Command(NamedTuple):
-    """A command that is run in an empty folder, and a function that returns what must not depend on interruptions."""
+    """A command, and a function that returns what must not depend on interruptions.
+
+    Attributes:
+        arguments: Arguments of the command.
+        results: Function that returns the results of a folder.
+        before: Arguments of a command that is run first, in an empty folder, and not interrupted; none without it.
+    """
 
     arguments: tuple[str, ...]
     results: Callable[[Path], Results] = _files
+    before: tuple[str, ...] = ()
 
     def continuing(self, folder: Path) -> list[str]:
         """Return the arguments that begin the command or continue it; none if it is finished."""
         run = folder / "run"
-        if self.arguments[0] != "train" or not (run / "settings.json").exists():
+        begun = any(run.glob("policy_*.npz" if self.before else "settings.json"))
+        if self.arguments[0] != "train" or not begun:
             return list(self.arguments)
         return [] if (run / "policy.npz").exists() else ["train", "--resume", "run"]
 
@@ -65,8 +75,10 @@ def commands(size: int) -> dict[str, Command]:
     scenarios = ("--scenarios", f"calm={calm}", f"windy={windy}")
     training = ("--total-timesteps", 2 * steps, "--eval-freq", steps // 2, "--save-freq", steps // 4)
     network = ("--num-envs", 16, "--batch-size", 128, "--net-arch", 16, "--n-eval-episodes", 2)
+    first: tuple[object, ...] = ("train", "--settings", "ppo", "--out", "run", *training, *network)
     everything: dict[str, tuple[object, ...]] = {
-        "train": ("train", "--settings", "ppo", "--out", "run", *training, *network),
+        "train": first,
+        "train more": ("train", "--resume", "run", "--more-steps", 2 * steps),
         "evaluate": (
             "evaluate",
             "flatness",
@@ -85,7 +97,11 @@ def commands(size: int) -> dict[str, Command]:
         "watch": ("watch", "flatness", "--scenarios", "calm", "--seconds", 0, size / 4, "--out", "video.gif"),
     }
     return {
-        name: Command(tuple(map(str, arguments)), _weights if name == "train" else _files)
+        name: Command(
+            tuple(map(str, arguments)),
+            _weights if arguments[0] == "train" else _files,
+            tuple(map(str, first)) if name == "train more" else (),
+        )
         for name, arguments in everything.items()
     }
 
@@ -136,15 +152,23 @@ def run(arguments: list[str], folder: Path, kill_after: float = float("inf")) ->
     return time.perf_counter() - begin
 
 
-def interrupt(arguments: list[str], folder: Path, moment: float, signals: list[signal.Signals], pause: float) -> float:
+def interrupt(
+    arguments: list[str],
+    folder: Path,
+    moment: float,
+    signals: list[signal.Signals],
+    pause: float,
+    most: float = _END_SECONDS,
+) -> float:
     """Start a command, send signals, and check how it ends.
 
     Args:
         arguments: Arguments of the command.
         folder: Folder in which it runs.
         moment: Time of the first signal after the start, s.
-        signals: Signals, all the same.
-        pause: Time between two signals, s.
+        signals: As for `end`.
+        pause: As for `end`.
+        most: As for `end`.
 
     Returns:
         The time between the first signal and the end of the command, s; nan if it ended before.
@@ -152,6 +176,24 @@ def interrupt(arguments: list[str], folder: Path, moment: float, signals: list[s
     process = start(arguments, folder)
     with suppress(subprocess.TimeoutExpired):
         process.wait(moment)
+    return end(process, folder, signals, pause, most)
+
+
+def end(
+    process: "subprocess.Popen[str]", folder: Path, signals: list[signal.Signals], pause: float, most: float
+) -> float:
+    """Send signals to a command, and check how it ends.
+
+    Args:
+        process: Process of the command.
+        folder: Folder in which it runs.
+        signals: Signals, all the same.
+        pause: Time between two signals, s.
+        most: Largest permitted time between the first signal and the end of the command, s.
+
+    Returns:
+        The time between the first signal and the end of the command, s; nan if it ended before.
+    """
     finished, begin = process.poll() is not None, time.perf_counter()
     for number in signals:
         with suppress(ProcessLookupError):
@@ -174,7 +216,7 @@ def interrupt(arguments: list[str], folder: Path, moment: float, signals: list[s
     assert process.returncode == _STATUS[signals[0]], f"status {process.returncode}: {output}"
     assert output.count("Interrupted: ") == 1, output
     assert output.rstrip("\n").rpartition("\n")[2].startswith("Interrupted: "), output
-    assert seconds < _END_SECONDS, f"the command ended after {seconds:.1f} s"
+    assert seconds < most, f"the command ended after {seconds:.1f} s"
     return seconds
 
 
@@ -201,25 +243,34 @@ def check_files(folder: Path) -> None:
                 assert archive.testzip() is None, path
 
 
-def interrupt_and_resume(command: Command, moments: list[float], draw: random.Random, expected: Results) -> list[float]:
+def interrupt_and_resume(
+    command: Command,
+    start_folder: Path,
+    moments: list[float],
+    draw: random.Random,
+    expected: Results,
+    most: float = _END_SECONDS,
+) -> list[float]:
     """Interrupt a command at each of these moments, resume it to its end, and compare its results.
 
     Args:
         command: The command; it runs in a new folder, in which it is continued after each interruption.
+        start_folder: Folder of which the new folder is a copy.
         moments: Times of the interruptions after the start of the command, s.
         draw: Source of the kind and the number of the signals.
         expected: Results of the uninterrupted command.
+        most: Largest permitted time of an interruption, s.
 
     Returns:
         The time that each interruption took, s.
     """
     taken = []
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder = shutil.copytree(start_folder, Path(name, "copy"))
         for moment in moments:
             if arguments := command.continuing(folder):
                 signals = [draw.choice(list(_STATUS))] * draw.choice((1, 2))
-                taken.append(interrupt(arguments, folder, moment, signals, draw.uniform(0.0, 0.2)))
+                taken.append(interrupt(arguments, folder, moment, signals, draw.uniform(0.0, 0.2), most))
         if arguments := command.continuing(folder):
             run(arguments, folder, kill_after=draw.uniform(1.0, 4.0))
         found = command.results(folder)
@@ -229,11 +280,12 @@ def interrupt_and_resume(command: Command, moments: list[float], draw: random.Ra
     return taken
 
 
-def uninterrupted(command: Command) -> tuple[Results, float]:
+def uninterrupted(command: Command, start_folder: Path) -> tuple[Results, float]:
     """Return the results of a command that is not interrupted, and its duration, s."""
     with tempfile.TemporaryDirectory() as name:
-        seconds = run(list(command.arguments), Path(name))
-        return command.results(Path(name)), seconds
+        folder = shutil.copytree(start_folder, Path(name, "copy"))
+        seconds = run(list(command.arguments), folder)
+        return command.results(folder), seconds
 
 
 def main() -> None:
@@ -247,15 +299,19 @@ def main() -> None:
     for name, command in commands(options.size).items():
         if options.names and name not in options.names:
             continue
-        expected, duration = uninterrupted(command)
         draw = random.Random(options.seed)
         taken: list[float] = []
-        for _ in range(options.moments):
-            taken += interrupt_and_resume(command, [draw.uniform(0.0, duration)], draw, expected)
-        ended = [seconds for seconds in taken if seconds == seconds]
+        with tempfile.TemporaryDirectory() as start_folder:
+            if command.before:
+                run(list(command.before), Path(start_folder))
+            expected, duration = uninterrupted(command, Path(start_folder))
+            while sum(map(math.isfinite, taken)) < options.moments:
+                moment = draw.uniform(0.0, duration)
+                taken += interrupt_and_resume(command, Path(start_folder), [moment], draw, expected)
+        ended = list(filter(math.isfinite, taken))
         print(
-            f"{name}: {len(ended)} of {len(taken)} runs of {duration:.1f} s interrupted, each at most"
-            f" {max(ended, default=0.0):.2f} s; all resumed to the same results.",
+            f"{name}: {len(ended)} runs of {duration:.1f} s interrupted, each at most {max(ended):.2f} s, and"
+            f" {len(taken) - len(ended)} that ended before; all resumed to the same results.",
             flush=True,
         )
 

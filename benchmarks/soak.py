@@ -15,7 +15,8 @@ import queue
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,11 +34,14 @@ from tests.helpers.random_settings import extreme_vector_env, usual_vector_env
 PROCESSES = 2
 STEPS, RESETS, ENVIRONMENTS, TIMESTEPS, MUTATIONS = 10**9, 10**5, 10**4, 10**7, 10**4  # of all processes together
 STEPS_OF_A_CONFIGURATION = 300  # of each sub-environment
-LARGEST_GROWTH, NOISE = 1.0, 50.0  # MB for each million steps; MB that the allocator may keep
-_EXPECTED = ".*(the wind pushes with up to|the trajectory needs)"  # warnings about settings, not about steps
+SECONDS_OF_A_CONFIGURATION = 10.0  # s of processor time, after which the next configuration begins
+LARGEST_GROWTH = 1.0  # MB for each million steps
+NOISE, STEPS_NOISE = 10.0, 50.0  # MB that the allocator may keep; of random steps, whose environments differ in size
+_EXPECTED = ".*(the wind pushes with up to|the trajectory (needs|reaches))"  # warnings about settings, not about steps
 LONGEST_STEP = 1.0  # s of processor time, for up to 1024 sub-environments
 _WARM_UP = 100  # configurations, after which all compiled code is loaded
 _ROWS = (1, 7, 64, 1024, 4096)
+COUNTED = ("usual settings", "extreme settings", "settings refused", "terminations", "truncations")
 
 
 class Outcome(NamedTuple):
@@ -47,11 +51,13 @@ class Outcome(NamedTuple):
         done: Number of steps, resets, environments, timesteps or mutations.
         findings: Descriptions of what went wrong.
         growth: Growth of the memory, MB.
+        counts: What else was counted, see `COUNTED`.
     """
 
     done: int
     findings: list[str]
     growth: float
+    counts: tuple[tuple[str, int], ...] = ()
 
 
 def resident() -> float:
@@ -61,35 +67,40 @@ def resident() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def random_env(seed: int) -> Any:
-    """Return a vector environment with random settings, usual or extreme; refused settings are drawn again."""
+def random_env(seed: int, counts: Counter[str]) -> Any:
+    """Return a vector environment with random settings, usual or extreme. Refused settings are drawn again."""
     random = np.random.default_rng([5, seed])
     extreme = bool(random.random() < 0.7)
     while True:
         rows = int(random.choice(_ROWS))
         try:
-            return extreme_vector_env(random, rows) if extreme else usual_vector_env(random, rows)
+            env = extreme_vector_env(random, rows) if extreme else usual_vector_env(random, rows)
         except (ValueError, TypeError) as error:
             if "\n" in str(error):
                 raise
+            counts["settings refused"] += 1
+        else:
+            counts["extreme settings" if extreme else "usual settings"] += 1
+            return env
 
 
-def fly(seed: int, steps: int) -> tuple[int, str]:
+def fly(seed: int, steps: int, counts: Counter[str]) -> tuple[int, str]:
     """Make random steps in an environment with random settings.
 
     Args:
         seed: Seed of the settings and of the actions.
-        steps: Number of steps of each sub-environment.
+        steps: Largest number of steps of each sub-environment.
+        counts: To be increased by what happens, see `COUNTED`.
 
     Returns:
         Number of steps and the finding, empty if there is none.
     """
-    done = 0
+    done, end = 0, time.thread_time() + SECONDS_OF_A_CONFIGURATION
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=_EXPECTED)
         try:
-            env = random_env(seed)
+            env = random_env(seed, counts)
             random, space = np.random.default_rng([6, seed]), env.observation_space
             observation, _ = env.reset(seed=seed)
             for _ in range(steps):
@@ -97,7 +108,7 @@ def fly(seed: int, steps: int) -> tuple[int, str]:
                 if random.random() < 0.1:
                     action = np.sign(action)
                 begin = time.thread_time()
-                observation, reward, *_ = env.step(action)
+                observation, reward, terminated, truncated, _ = env.step(action)
                 seconds = time.thread_time() - begin
                 if seconds > LONGEST_STEP * max(env.num_envs / 1024.0, 1.0) and done:  # the first step may compile
                     return done, f"seed {seed}: a step took {seconds:.1f} s"
@@ -106,6 +117,10 @@ def fly(seed: int, steps: int) -> tuple[int, str]:
                 if not ((reward >= 0.0) & (reward <= 1.0)).all():
                     return done, f"seed {seed}: a reward is not in [0, 1]"
                 done += env.num_envs
+                counts["terminations"] += int(terminated.sum())
+                counts["truncations"] += int(truncated.sum())
+                if time.thread_time() > end:
+                    break
             env.close()
         except Exception as error:  # every exception is a finding
             return done, f"seed {seed}: {type(error).__name__}: {error}"
@@ -117,23 +132,24 @@ def random_steps(process: int, steps: int) -> Outcome:
     start: float | None = None
     findings: list[str] = []
     done = configuration = counted = 0
+    counts: Counter[str] = Counter()
     while done < steps:
-        made, finding = fly(process + PROCESSES * configuration, STEPS_OF_A_CONFIGURATION)
+        made, finding = fly(process + PROCESSES * configuration, STEPS_OF_A_CONFIGURATION, counts)
         done, configuration = done + max(made, 1), configuration + 1
         findings += [finding] if finding else []
         if start is None and configuration >= _WARM_UP:
             start, counted = resident(), done
     growth = resident() - start if start else 0.0
-    return Outcome(done, findings + _grown(growth, done - counted), growth)
+    return Outcome(done, findings + _grown(growth, done - counted, STEPS_NOISE), growth, tuple(counts.items()))
 
 
-def _grown(growth: float, steps: int) -> list[str]:
+def _grown(growth: float, steps: int, noise: float = NOISE) -> list[str]:
     """Return the finding that the memory grew too much in a number of steps, if it did."""
-    grown = growth > max(LARGEST_GROWTH * steps / 1e6, NOISE)
+    grown = growth > max(LARGEST_GROWTH * steps / 1e6, noise)
     return [f"memory grew by {growth:.0f} MB in {steps:,} steps"] if grown else []
 
 
-def _repeat(function: Any, number: int) -> Outcome:
+def _repeat(function: Callable[[int], Any], number: int) -> Outcome:
     """Call a function with 0, 1, …; an exception or a warning is a finding. Memory counts after the first tenth."""
     findings, start = [], resident()
     with warnings.catch_warnings():
@@ -196,10 +212,12 @@ class _Memory(BaseCallback):
 
 
 def mutations(name: str, process: int, number: int) -> Outcome:
-    """Damage files of one kind, see `benchmarks.fuzz`."""
-    start = resident()
+    """Damage files of one kind, see `benchmarks.fuzz`; the memory counts after the first tenth, as in `_repeat`."""
+    seeds = range(process, process + PROCESSES * number, PROCESSES)
     with tempfile.TemporaryDirectory() as folder:
-        findings = fuzz.fuzz(name, range(process, process + PROCESSES * number, PROCESSES), Path(folder))
+        findings = fuzz.fuzz(name, seeds[: number // 10], Path(folder))
+        start = resident()
+        findings += fuzz.fuzz(name, seeds[number // 10 :], Path(folder))
     growth = resident() - start
     return Outcome(number, findings + _grown(growth, number), growth)
 
@@ -237,12 +255,18 @@ def _run_all(process: int, seconds: float, scale: float, results: Any) -> None:
         results.put(item)
     configuration = process + PROCESSES * 10**6
     done, findings, start = 0, [], resident()
+    counts: Counter[str] = Counter()
     while time.monotonic() < end:
-        made, finding = fly(configuration, STEPS_OF_A_CONFIGURATION)
+        made, finding = fly(configuration, STEPS_OF_A_CONFIGURATION, counts)
         done, configuration = done + made, configuration + PROCESSES
         findings += [finding] if finding else []
     growth = resident() - start
-    results.put(("random steps until the end", Outcome(done, findings + _grown(growth, done), growth)))
+    results.put(
+        (
+            "random steps until the end",
+            Outcome(done, findings + _grown(growth, done, STEPS_NOISE), growth, tuple(counts.items())),
+        )
+    )
 
 
 def table(outcomes: dict[str, list[Outcome]]) -> str:
@@ -252,7 +276,9 @@ def table(outcomes: dict[str, list[Outcome]]) -> str:
         done = sum(item.done for item in group)
         growth = max(item.growth for item in group)
         rows.append([name, f"{done:,}", str(sum(len(item.findings) for item in group)), f"{growth:.1f}"])
-    return markdown_table(["part", "number", "findings", "largest growth of memory in a process (MB)"], rows)
+    text = markdown_table(["part", "number", "findings", "largest growth of memory in a process (MB)"], rows)
+    counts = sum((Counter(dict(item.counts)) for group in outcomes.values() for item in group), Counter[str]())
+    return f"{text}\n\nThe random steps had {', '.join(f'{counts[name]:,} {name}' for name in COUNTED)}."
 
 
 def run(seconds: float, scale: float, document: Path | None) -> int:

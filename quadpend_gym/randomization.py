@@ -74,17 +74,15 @@ class Around:
 
     Raises:
         TypeError: If `share` is not a number, or `names` not a sequence.
-        ValueError: If `share` is outside [0, 1), or a name is not that of a parameter.
+        ValueError: If `share` is outside [0, 0.999], or a name is not that of a parameter.
     """
 
-    share: Annotated[float, Range(0.0, 1.0)]  # half width of the interval, as a fraction of the nominal value
+    share: Annotated[float, Range(0.0, 0.999)]  # half width of the interval, as a fraction of the nominal value
     names: tuple[str, ...] = ()  # parameters to randomize; if empty, all but gravity
 
     def __post_init__(self) -> None:
         to_plain_fields(self)
         check_fields(self)
-        if self.share >= 1.0:
-            raise ValueError(f"share must be below 1, not {self.share!r}")
         if not isinstance(self.names, tuple):
             raise TypeError(f"names must be a sequence of names of parameters, not {self.names!r}")
         for name in self.names:

@@ -41,8 +41,8 @@ class ZeroInitialized:
     memory_size: Any
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """Return zeros, shape (n, memory_size)."""
-        return np.zeros((streams.keys.size, self.memory_size))
+        """Return zeros, shape (n, memory_size), columns contiguous."""
+        return np.zeros((self.memory_size, streams.keys.size)).T
 
 
 class Stateless(ZeroInitialized):

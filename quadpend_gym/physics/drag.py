@@ -11,9 +11,9 @@
 | v        | wind velocity, world      | m/s   |                                                                      |
 
 The forces are computed at the beginning of a control period and are constant during it. The quadrotor has the same drag
-area in all directions. The drag of the rotors and of the rod is not modelled. The drag is
-zero if no wind model sets a wind velocity, as in the paper's calm simulations. The model `StillAir` adds the drag of
-air at rest.
+area in all directions. The drag of the rotors of rigid vehicles is added in `quadpend_gym.physics.rigid_kernel`. A pole
+has one drag area; the velocity that its pivot has by the rotation of the body is neglected. The drag is zero if no wind
+model sets a wind velocity, as in the paper's calm simulations. The model `StillAir` adds the drag of air at rest.
 """
 
 from typing import Any

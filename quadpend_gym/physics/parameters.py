@@ -28,7 +28,12 @@ PARAMETERS_SIZE = len(PARAMETER_NAMES)
     BOB_DRAG_AREA,
 ) = range(PARAMETERS_SIZE)
 CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
+MOST_SUBSTEPS = 10_000
 MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
+# Largest rate at which linear drag slows a motion, times the length of a substep. The drag of the rotors is constant
+# during a substep, so it would reverse the motion above 1. Angular drag is part of the Runge-Kutta step, which is
+# unstable above 2.8. The rest is for parameters that are drawn for each episode.
+MOST_DAMPED = {"rotor": 0.5, "angular": 1.0}
 
 
 @dataclass(frozen=True)
@@ -60,14 +65,14 @@ class Simulation:
 
     Raises:
         TypeError: If a value has the wrong type.
-        ValueError: If a value is out of range, the vehicle does not have the interface, or the parameters are those of
-            another vehicle of `VEHICLES`.
+        ValueError: If a value is out of range, the vehicle does not have the interface, the parameters are those of
+            another vehicle of `VEHICLES`, or linear drag slows the vehicle within less than a substep.
     """
 
     parameters: Parameters = PAPER
     actuators: Actuators = field(default_factory=Actuators)
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD  # control period
-    substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
+    substeps: Annotated[int, Range(1, MOST_SUBSTEPS)] = 2  # Runge–Kutta steps in a control period
     vehicle: Any = None  # as `as_vehicle` takes it; None: the paper's
     interface: str = "wrench"  # what an action commands: "wrench", "rotors" or "body_rates"
     # from an action to the moment when it acts; a whole number of substeps
@@ -87,6 +92,8 @@ class Simulation:
                 set_field(self, "actuators", Actuators(*torque_limits(vehicle)))
             set_field(self, "vehicle", None if vehicle == VEHICLES["paper"] else vehicle)
         self._check_interface()
+        if self.is_rigid:
+            _check_damping(self)
         if self.latency > MOST_DELAYED * self.period * (1.0 + 1e-9):
             raise ValueError(
                 f"latency must be at most {MOST_DELAYED} control periods of {self.period:g} s, not {self.latency:g} s"
@@ -148,6 +155,39 @@ class Simulation:
             loop = self.rigid_vehicle.rate_loop
             return np.array([hover, loop.roll_pitch, loop.roll_pitch, loop.yaw])
         return np.array([hover, a.roll_pitch_torque, a.roll_pitch_torque, a.yaw_torque])
+
+
+def _check_damping(simulation: Simulation) -> None:
+    """Refuse a linear drag that is too strong for the length of a substep."""
+    drag, p, period = simulation.rigid_vehicle.drag, simulation.parameters, simulation.period
+    inertia = scaled_inertia(simulation.rigid_vehicle, p)
+    rates = {
+        "rotor": max(drag.rotor) / p.quadrotor_mass,
+        "angular": float(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(drag.angular))).real.max()),
+    }
+    name = max(rates, key=lambda name: rates[name] / MOST_DAMPED[name])
+    least = int(np.ceil(period * rates[name] / MOST_DAMPED[name] * (1.0 - 1e-9)))
+    if simulation.substeps < least:
+        limit = f"substeps must be at least {least}, not {simulation.substeps}"
+        if least > MOST_SUBSTEPS:
+            longest = period * MOST_SUBSTEPS / least
+            unit = 10.0 ** (np.floor(np.log10(longest)) - 1.0)  # of the second digit, to round down
+            limit = (
+                f"period must be at most {np.floor(longest / unit) * unit:.2g} s with {MOST_SUBSTEPS} substeps, not"
+                f" {period:g} s"
+            )
+        raise ValueError(
+            f"{limit}: drag.{name} = {getattr(drag, name)!r} slows the vehicle within {1.0 / rates[name]:.2g} s, and a"
+            f" substep may last at most {MOST_DAMPED[name]:g} times as long"
+        )
+
+
+def scaled_inertia(vehicle: Vehicle, parameters: Parameters) -> Floats:
+    """Return the inertia of a rigid vehicle with the moments of inertia in `parameters`, kg·m², shape (3, 3)."""
+    inertia = vehicle.inertia_matrix
+    moments = [parameters.inertia_roll, parameters.inertia_pitch, parameters.inertia_yaw]
+    factors = np.sqrt(np.array(moments) / np.diag(inertia))
+    return np.asarray(inertia * np.outer(factors, factors))
 
 
 def _check_own(parameters: Parameters, vehicle: Vehicle) -> None:

@@ -241,14 +241,12 @@ class Delay(ZeroInitialized):
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the sample by that of `steps` steps ago."""
-        _store_first(measured, memory, step == 0)
-        delay(measured, step, memory, self.steps)
+        delay(measured, step, memory, self.steps, repeats_first=True)
 
 
 def _store_first(measured: Floats, memory: Floats, starts: Booleans) -> None:
-    """Fill the memory of the sub-environments whose episode starts with copies of their first sample."""
-    if starts.any():
-        memory[starts] = np.tile(measured[starts], memory.shape[1] // measured.shape[1])
+    """Store the first sample of the sub-environments whose episode starts."""
+    memory[starts] = measured[starts]
 
 
 @dataclass(frozen=True)

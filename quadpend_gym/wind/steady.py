@@ -24,6 +24,8 @@ from quadpend_gym.wind.base import (
     add_rotated,
 )
 
+LARGEST_FACTOR = 1e6  # product of the factors of winds within winds
+
 
 @dataclass(frozen=True)
 class Constant(Stateless, Loads):
@@ -97,6 +99,7 @@ class Drawn(Addable):
         to_plain_fields(self)
         object.__setattr__(self, "wind", Sum(self.wind))
         check_fields(self)
+        _check_factor(self, "strength")
 
     @property
     def moves_air(self) -> bool:
@@ -155,7 +158,7 @@ class Rescaled(Composite):
         to_plain_fields(self)
         object.__setattr__(self, "wind", Sum(self.wind))
         check_fields(self)
-        _ = self.torque_factors
+        _check_factor(self, "torque_scale" if max(self.torque_factors) > self.scale else "scale")
 
     @property
     def parts(self) -> tuple[Any, ...]:
@@ -175,3 +178,24 @@ class Rescaled(Composite):
     def torque_factors(self) -> tuple[float, ...]:
         """The factors of the torques about x, y and z."""
         return as_vector(self.scale if self.torque_scale is None else self.torque_scale, 3, "torque_scale")
+
+
+def _largest_factor(wind: Any) -> float:
+    """Return the largest product of the factors of a wind and of winds within it."""
+    if isinstance(wind, Drawn):
+        own, parts = max(map(abs, wind.strength)), wind.wind.models
+    elif isinstance(wind, Rescaled):
+        own, parts = max(wind.scale, *wind.torque_factors), wind.parts
+    else:
+        own, parts = 1.0, getattr(wind, "parts", ())
+    return float(own * max(map(_largest_factor, parts), default=1.0))
+
+
+def _check_factor(wind: Any, name: str) -> None:
+    """Refuse factors of winds within winds whose product is larger than `LARGEST_FACTOR`."""
+    factor = _largest_factor(wind)
+    if factor > LARGEST_FACTOR:
+        raise ValueError(
+            f"{name} and the factors of the winds within the wind must multiply to at most {LARGEST_FACTOR:g}, not"
+            f" {factor:g}"
+        )

@@ -43,10 +43,11 @@ class Operations:
     Args:
         folder: The folder.
         kill_at: Number of the operation, from 1; 0 to count only.
+        files: Part of the names of the files whose operations count.
     """
 
-    def __init__(self, folder: Path, kill_at: int) -> None:
-        self.folder, self.kill_at, self.count = str(folder.resolve()), kill_at, 0
+    def __init__(self, folder: Path, kill_at: int, files: str = "") -> None:
+        self.folder, self.kill_at, self.files, self.count = str(folder.resolve()), kill_at, files, 0
         sys.addaudithook(self._before_event)
         io.open = builtins.open = self._open_file  # type: ignore[assignment]
 
@@ -59,7 +60,7 @@ class Operations:
         if isinstance(path, int) or not isinstance(path, str | bytes | os.PathLike):
             return False
         full = os.path.abspath(os.fsdecode(path))
-        return full.startswith(self.folder) and "events.out" not in full
+        return full.startswith(self.folder) and "events.out" not in full and self.files in os.path.basename(full)
 
     def _before_event(self, event: str, arguments: tuple[Any, ...]) -> None:
         changes = event in _CHANGES
@@ -101,6 +102,8 @@ def _trained(folder: Path) -> dict[str, Any]:
     rows = [line.split(",") for line in (folder / "run/curve.csv").read_text().splitlines()]
     found["curve"] = [cells[:1] + cells[2:] for cells in rows]
     found["names"] = sorted(path.name for path in (folder / "run").iterdir() if "events" not in path.name)
+    found["settings"] = (folder / "run/settings.json").read_bytes()
+    found["continued_at"] = json.loads((folder / "run/provenance.json").read_bytes()).get("continued_at")
     return found
 
 
@@ -118,15 +121,25 @@ def _written(folder: Path) -> dict[str, Any]:
 
 
 class Command(NamedTuple):
-    """A command that is run in an empty folder, and a function that returns what must not depend on kills."""
+    """A command, and a function that returns what must not depend on kills.
+
+    Attributes:
+        arguments: Arguments of the command.
+        results: Function that returns the results of a folder.
+        before: Arguments of a command that is run first, in an empty folder, and is not killed; none without it.
+    """
 
     arguments: tuple[str, ...]
     results: Callable[[Path], dict[str, Any]] = _written
+    before: tuple[str, ...] = ()
+
+    def begun(self, folder: Path) -> bool:
+        """Return whether a training has begun in a folder, or the continuation of one."""
+        return any((folder / "run").glob("policy_*.npz" if self.before else "settings.json"))
 
     def continuing(self, folder: Path) -> tuple[str, ...]:
         """Return the arguments that begin the command or continue it."""
-        begun = self.arguments[0] == "train" and (folder / "run/settings.json").exists()
-        return ("train", "--resume", "run") if begun else self.arguments
+        return ("train", "--resume", "run") if self.begun(folder) else self.arguments
 
 
 _CALM = json.dumps({"wind": "windy", "duration": 0.3})
@@ -135,8 +148,10 @@ _TRAINING = {
     **{"--net-arch": 8, "--n-eval-episodes": 2, "--scenarios": _CALM, "--out": "run"},
 }
 _OPTIONS = [str(part) for pair in _TRAINING.items() for part in pair]
+_PPO = ("train", "--algo", "ppo", "--ppo.n-steps", "16", *_OPTIONS)
 COMMANDS = {
-    "train": Command(("train", "--algo", "ppo", "--ppo.n-steps", "16", *_OPTIONS), _trained),
+    "train": Command(_PPO, _trained),
+    "train more": Command(("train", "--resume", "run", "--more-steps", "512"), _trained, _PPO),
     "train sac": Command(("train", "--algo", "sac", "--sac.learning-starts", "64", *_OPTIONS), _trained),
     "evaluate": Command(
         ("evaluate", "flatness", "lqr", "--scenarios", f"a={_CALM}", "--episodes", "2", "--replay", "1", "--out", "out")
@@ -145,7 +160,7 @@ COMMANDS = {
 }
 
 
-def call(arguments: tuple[str, ...], folder: Path, kill_at: int, log: Path) -> tuple[int, int]:
+def call(arguments: tuple[str, ...], folder: Path, log: Path, kill_at: int = 0, files: str = "") -> tuple[int, int]:
     """Run a command in a fork, and return its exit status (−9 if it was killed) and the number of operations."""
     reader, writer = os.pipe()
     if not (child := os.fork()):
@@ -157,7 +172,7 @@ def call(arguments: tuple[str, ...], folder: Path, kill_at: int, log: Path) -> t
             os.chdir(folder)
             signal.alarm(_SECONDS)
             sys.argv = ["quadpend", "command"]  # the provenance contains it
-            operations = Operations(folder, kill_at)
+            operations = Operations(folder, kill_at, files)
             main(list(arguments))
             status = 0
         except SystemExit as error:
@@ -175,35 +190,46 @@ def call(arguments: tuple[str, ...], folder: Path, kill_at: int, log: Path) -> t
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), count
 
 
-def check(command: Command, most: int) -> tuple[int, list[str]]:
+def check(command: Command, most: int = 0, files: str = "") -> tuple[int, list[str]]:
     """Kill a command at its operations, and return how often and what was wrong.
 
     Args:
         command: The command.
         most: Number of operations at which it is killed, spread evenly; 0 for all.
+        files: Part of the names of the files whose operations count.
     """
     wrong: list[str] = []
     with tempfile.TemporaryDirectory() as name:
-        whole, killed, log = Path(name, "whole"), Path(name, "killed"), Path(name, "log")
-        whole.mkdir()
-        status, count = call(command.arguments, whole, 0, log)
+        start, whole, killed, log = (Path(name, part) for part in ("start", "whole", "killed", "log"))
+        start.mkdir()
+        if command.before:
+            status, _ = call(command.before, start, log)
+            assert status == 0, log.read_text()[-3000:]
+        shutil.copytree(start, whole)
+        status, count = call(command.arguments, whole, log, 0, files)
         assert status == 0, log.read_text()[-3000:]
         expected = command.results(whole)
         moments = range(1, count + 1)
         chosen = [moments[(2 * i + 1) * count // (2 * most)] for i in range(most)] if most else list(moments)
         for kill_at in chosen:
             shutil.rmtree(killed, ignore_errors=True)
-            killed.mkdir()
+            shutil.copytree(start, killed)
             log.write_text("")
-            first, _ = call(command.arguments, killed, kill_at, log)
-            if not (killed / "run/policy.npz").exists():
-                status, _ = call(command.continuing(killed), killed, 0, log)
-            else:  # the run is finished
-                status = 0 if call(command.continuing(killed), killed, 0, log)[0] == 2 else 1
-            fault = _fault(first, status, command, killed, expected)
-            if fault:
-                wrong.append(f"operation {kill_at}: {fault}\n{log.read_text()[-1500:]}")
+            first, _ = call(command.arguments, killed, log, kill_at, files)
+            begun = command.begun(killed)
+            changed = [] if begun or not command.before else _changed(start, killed)
+            finished = begun and (killed / "run/policy.npz").exists()
+            status, _ = call(command.continuing(killed), killed, log)
+            fault = _fault(first, abs(status - 2) if finished else status, command, killed, expected)
+            if changed or fault:
+                wrong.append(f"operation {kill_at}: {fault or f'changed: {changed}'}\n{log.read_text()[-1500:]}")
     return len(chosen), wrong
+
+
+def _changed(start: Path, folder: Path) -> list[str]:
+    """Return which files of a finished run are not those at the start."""
+    names = ("settings.json", "provenance.json", "policy.npz")
+    return [name for name in names if (folder / "run" / name).read_bytes() != (start / "run" / name).read_bytes()]
 
 
 def _fault(first: int, status: int, command: Command, folder: Path, expected: dict[str, Any]) -> str:
@@ -229,11 +255,12 @@ def run() -> None:
     parser = argparse.ArgumentParser(description="Kill commands at each of their file operations.")
     parser.add_argument("commands", nargs="*", help=f"of {', '.join(COMMANDS)}; all without it")
     parser.add_argument("--most", type=int, default=0, help="operations of each command; 0 for all")
+    parser.add_argument("--files", default="", help="only operations on files whose names contain this text")
     given = parser.parse_args()
     _warm_up()
     faults = Counter[str]()
     for name in given.commands or COMMANDS:
-        count, wrong = check(COMMANDS[name], given.most)
+        count, wrong = check(COMMANDS[name], given.most, given.files)
         faults[name] = len(wrong)
         print(
             f"{name}: killed at {count} operations, {len(wrong)} without the results of an undisturbed run", flush=True

@@ -5,6 +5,8 @@ is therefore a point mass in MuJoCo, to which the same thrust is applied as a fo
 translation and the pendulum are compared.
 """
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -39,6 +41,18 @@ MODEL = """
 """
 
 
+class Comparison(NamedTuple):
+    """The distance of a flight from MuJoCo's.
+
+    Attributes:
+        errors: Largest distance of a body along an axis, m, by the number of substeps.
+        rate: Largest rate of the flight, rad/s: of the pendulum and, for a rigid vehicle, of its body.
+    """
+
+    errors: dict[int, float]
+    rate: float
+
+
 class Engine:
     """MuJoCo simulation of the two bodies; the quadrotor is body 1, the bob body 2."""
 
@@ -58,6 +72,11 @@ class Engine:
         """Advance by one timestep with constant forces in the world frame, N."""
         self.data.xfrc_applied[1, 0:3], self.data.xfrc_applied[2, 0:3] = force, bob_force
         mujoco.mj_step(self.model, self.data)
+
+    def squared_rate(self) -> float:
+        """Return |ṙ|², rad²/s²; the pendulum does not turn about its own axis."""
+        spin = self.data.qvel[3:6]
+        return float(spin @ spin)
 
     def positions(self) -> Floats:
         """Return the positions of quadrotor and bob, m, shape (2, 3)."""
@@ -80,8 +99,8 @@ def middle_thrusts(
 
 def position_errors(
     parameters: Parameters, seed: int, duration: float, period: float, substeps: list[int]
-) -> dict[int, float]:
-    """Return the largest distance along an axis from MuJoCo, m, of both bodies in tumbling motion, by substeps.
+) -> Comparison:
+    """Compare the positions of both bodies in tumbling motion with MuJoCo's.
 
     Args:
         parameters: Parameters of the vehicle.
@@ -94,14 +113,15 @@ def position_errors(
     start = random_states(1, seed)[0]
     states, largest = dict.fromkeys(substeps, start), dict.fromkeys(substeps, 0.0)
     commands, disturbances = random_commands(periods, seed, p), random_disturbances(periods, seed)
-    engine = Engine(start, p)
+    engine, squared_rate = Engine(start, p), 0.0
     for command, disturbance in zip(commands, disturbances, strict=True):
         for thrust in middle_thrusts(states[substeps[0]], command, disturbance, p, period):
             engine.step(thrust + Disturbance(disturbance).force, Disturbance(disturbance).bob_force)
+            squared_rate = max(squared_rate, engine.squared_rate())
         positions = engine.positions()
         for number in substeps:
             states[number] = simulate_period(states[number], command, disturbance, p, period, number)[0]
             s = State(states[number])
             ours = np.array([s.position, s.position + p.rod_length * s.direction])
             largest[number] = max(largest[number], float(np.abs(ours - positions).max()))
-    return largest
+    return Comparison(largest, float(np.sqrt(squared_rate)))

@@ -1,6 +1,7 @@
 """Random settings of environments, drawn from the whole declared ranges and from their ends."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, get_args, get_type_hints
@@ -16,24 +17,31 @@ from quadpend_gym import (
     ReferenceSettings,
     RewardWeights,
     Simulation,
+    Sinusoids,
     StartSettings,
     Task,
+    Waypoints,
 )
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.ranges import Range, declared_ranges
+from quadpend_gym.physics.parameters import CONTROL_PERIOD, INTERFACES, MOST_DELAYED
 from quadpend_gym.physics.state import STATE_FIELDS
+from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel, Noise
-from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.tasks.trajectories import SHORTEST_INTERVAL, SinusoidTerm
+from quadpend_gym.vehicles import VEHICLES, Vehicle
 from quadpend_gym.wind import KINDS as WINDS
+from tests.helpers import rigid
 from tests.helpers.envs import ENDLESS
 from tests.helpers.wrappers import STACKS, Layers, wrapped
 
 TASK_PARTS = {"references": ReferenceSettings, "start": StartSettings, "limits": Limits, "reward": RewardWeights}
 SIMULATION_PARTS: dict[str, Any] = {"parameters": Parameters, "actuators": Actuators}
 NEEDED = {"drawn": {"wind": Constant()}, "rescaled": {"wind": Constant()}, "rotor_fault": {}}  # fields without default
-INTERFACES = ("wrench", "rotors", "body_rates")
+VEHICLE_PARTS = ("pole", "drag", "rate_loop", "rotors")
 WIND_PRESETS = ("breeze", "windy", "storm")
+_TRIALS = 20
 _MOST_SUBSTEPS = 10  # of a vector environment, so that a step of thousands of rows is fast
 
 Draw = Callable[[Range], float]
@@ -62,15 +70,16 @@ def random_draw(random: np.random.Generator) -> Draw:
     return draw
 
 
-def random_values(kind: Any, random: np.random.Generator) -> dict[str, Any]:
-    """Return values of about half of the fields."""
+def random_values(kind: Any, random: np.random.Generator, share: float = 0.5) -> dict[str, Any]:
+    """Return values of about this share of the fields."""
     draw = random_draw(random)
-    return {name: value_of(kind, name, draw) for name in declared_ranges(kind) if random.random() < 0.5}
+    return {name: value_of(kind, name, draw) for name in declared_ranges(kind) if random.random() < share}
 
 
 def random_task(random: np.random.Generator) -> Task:
     """Return a task with random settings; half of the tasks end only at the limits of the simulation."""
     task = Task(**{name: kind(**random_values(kind, random)) for name, kind in TASK_PARTS.items()})
+    task = replace(task, trajectory=random_trajectory(random)) if random.random() < 0.2 else task
     return replace(task, limits=ENDLESS.limits) if random.random() < 0.5 else task
 
 
@@ -79,11 +88,58 @@ def random_simulation(random: np.random.Generator, most_substeps: int = 10_000) 
     parts = {name: random_values(kind, random) for name, kind in SIMULATION_PARTS.items()}
     values = random_values(Simulation, random) | parts
     values["substeps"] = min(values.get("substeps", 2), most_substeps)
-    if random.random() < 0.5:
-        values["vehicle"] = sorted(VEHICLES)[random.integers(len(VEHICLES))]
-    if values.get("vehicle", "paper") == "paper" or values.get("latency", 0.0) < 1.0:
-        values["latency"] = 0.0  # only the largest latency is a whole number of substeps
+    values["latency"] = 0.0
+    vehicle = random_vehicle(random) if random.random() < 0.5 else None
+    if vehicle is not None and vehicle.attitude == "rigid":
+        values["vehicle"], values["interface"] = vehicle, INTERFACES[random.integers(len(INTERFACES))]
+        if random.random() < 0.5:
+            step = values.get("period", CONTROL_PERIOD) / values["substeps"]
+            longest = min(1.0, MOST_DELAYED * values["substeps"] * step)
+            values["latency"] = step * int(random.uniform(0.0, longest / step))
     return values
+
+
+def random_vehicle(random: np.random.Generator) -> Any:
+    """Return a real vehicle, or a random one of similar size; of most, some numbers are from the declared ranges."""
+    vehicle = VEHICLES[sorted(VEHICLES)[random.integers(len(VEHICLES))]]
+    if random.random() < 0.5:
+        vehicle = rigid.random_vehicle(int(random.integers(2**32)), bool(random.random() < 0.7))
+    for _ in range(_TRIALS if vehicle.attitude == "rigid" else 0):
+        with suppress(ValueError):  # the numbers do not fit together
+            return replace(vehicle, **_changed_fields(vehicle, random))
+    return vehicle
+
+
+def _changed_fields(vehicle: Vehicle, random: np.random.Generator) -> dict[str, Any]:
+    """Return other values of about one number in each of half of the parts."""
+    draw = random_draw(random)
+
+    def change(instance: Any) -> Any:
+        names = [name for name in declared_ranges(type(instance)) if name not in ("positions", "torque")]
+        name = names[random.integers(len(names))]
+        return {name: value_of(type(instance), name, draw)}
+
+    parts = {name: part for name in VEHICLE_PARTS if (part := getattr(vehicle, name)) is not None}
+    changed = {name: replace(part, **change(part)) for name, part in parts.items() if random.random() < 0.4}
+    changed |= change(vehicle) if random.random() < 0.4 else {}
+    if random.random() < 0.3:
+        bounds = declared_ranges(Vehicle)["torque"]
+        changed["torque"] = draw(bounds), draw(bounds)
+    return changed
+
+
+def random_trajectory(random: np.random.Generator) -> Waypoints | Sinusoids:
+    """Return waypoints or a sum of sinusoids with random numbers."""
+    if random.random() < 0.5:
+        terms = [SinusoidTerm(**random_values(SinusoidTerm, random)) for _ in range(random.integers(1, 6))]
+        return Sinusoids(**random_values(Sinusoids, random), terms=tuple(terms))
+    number = int(random.integers(2, 12))
+    longest = random.choice((2.0 * SHORTEST_INTERVAL, 1.0, 80.0))
+    times = np.cumsum([0.0, *random.uniform(max(SHORTEST_INTERVAL, longest / 900.0), longest, number - 1)])
+    points = random.uniform(-1.0, 1.0, (number, 4)) * random.choice((0.01, 3.0, 1000.0))
+    closed = bool(random.random() < 0.5)
+    points[-1] = points[0] if closed else points[-1]
+    return Waypoints(tuple(times.tolist()), tuple(map(tuple, points.tolist())), closed)
 
 
 def random_wind(random: np.random.Generator) -> dict[str, Any]:
@@ -121,6 +177,7 @@ def extreme_env(random: np.random.Generator, make: Callable[..., Any], most_subs
     task, simulation = random_task(random), random_simulation(random, most_substeps)
     layers: Layers = [("SensorWrapper", random_sensor(random))] if random.random() < 0.5 else []
     layers += [("ActuatorWrapper", random_actuator(random))] if random.random() < 0.5 else []
+    layers += [("ParameterWrapper", Around(**random_values(Around, random, 1.0)))] if random.random() < 0.2 else []
     return wrapped(make(task=task, simulation=simulation, wind=random_wind(random)), layers)
 
 
@@ -144,6 +201,7 @@ def usual_vector_env(random: np.random.Generator, rows: int) -> Any:
             task=choose(("track", "hover")),
             wind=choose((None, *WIND_PRESETS)),
             autoreset_mode=choose(("NextStep", "SameStep")),
+            max_episode_steps=choose((50, 200, 1000)),
             **({"vehicle": choose(VEHICLES), "interface": choose(INTERFACES)} if rigid else {}),
         ),
         [] if rigid else choose([[], *STACKS.values()]),

@@ -12,6 +12,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
+from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.algorithms import load_model
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import PpoSettings, SacSettings, TrainSettings
@@ -31,6 +32,7 @@ BRIEF = TrainSettings(
 # What `replace` changes in them for SAC and TQC
 SAC: dict[str, Any] = {"ppo": PpoSettings(), "sac": SacSettings(gradient_steps=1, buffer_size=1024, learning_starts=64)}
 BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32, **SAC)
+APG = replace(BRIEF, algo="apg", batch_size=1024, ppo=PpoSettings(), apg=ApgSettings(window=8))
 
 
 def train_policy(settings: TrainSettings, folder: Path, **options: Any) -> MlpPolicy:

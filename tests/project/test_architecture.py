@@ -27,7 +27,7 @@ PACKAGES = {
         ["wind", "sensors", "actuators", "randomization"],
         ["viewer"],
         ["envs"],
-        ["wrappers"],
+        ["wrappers", "gpu"],
         ["__init__"],
     ),
     "quadpend_baselines": (
@@ -62,12 +62,27 @@ LATE_IMPORTS = {
     ("quadpend_baselines.controllers.nmpc", "quadpend_baselines.controllers.nmpc_solver"),  # casadi
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.window"),  # pygame
     ("quadpend_gym.envs.recorder", "quadpend_gym.viewer.picture"),  # pygame
+    ("quadpend_train.common.executors", "quadpend_train.common.ray_executor"),  # ray
+    ("quadpend_train.common.ray_executor", "quadpend_train.common.ray_executor"),  # in a worker of Ray
     ("quadpend_train.policies.loading", "quadpend_train.policies.export"),  # torch and Stable-Baselines3
     ("quadpend_train.policies.conversion", "quadpend_train.policies.export"),  # torch and Stable-Baselines3
     ("quadpend_train.policies.conversion", "quadpend_train.policies.torch_policy"),  # torch
 }
 LATE_SUBPACKAGES = ["quadpend_train.cli"]  # `quadpend --help` starts without torch, matplotlib and pygame
-HEAVY_LIBRARIES = HEAVY | {"PIL", "casadi", "imageio", "onnxruntime", "optuna", "rich", "sb3_contrib", "sympy", "tqdm"}
+HEAVY_LIBRARIES = HEAVY | {
+    "PIL",
+    "casadi",
+    "cuda",
+    "fsspec",
+    "imageio",
+    "onnxruntime",
+    "optuna",
+    "ray",
+    "rich",
+    "sb3_contrib",
+    "sympy",
+    "tqdm",
+}
 
 
 class Import(NamedTuple):

@@ -18,15 +18,20 @@ from tests.helpers.sources import ROOT
 PROJECT = read_toml(ROOT / "pyproject.toml")["project"]
 OWN = ("quadpend_gym", "quadpend_baselines", "quadpend_train", "benchmarks", "tests", "docs")
 # Modules whose distribution has another name, where `packages_distributions` does not know it on every Python.
-DISTRIBUTIONS = {"tomli": "tomli", "griffe": "mkdocstrings"}  # griffe belongs to mkdocstrings[python]
+DISTRIBUTIONS = {
+    "tomli": "tomli",
+    "griffe": "mkdocstrings",  # griffe belongs to mkdocstrings[python]
+    "cuda": "cuda-core",
+    "rsl_rl": "rsl-rl-lib",
+}
 # Extras that the code of a folder may import, beside the dependencies of the package.
 EXTRAS = {
-    "quadpend_gym": ("view",),
+    "quadpend_gym": ("view", "gpu"),
     "baselines": ("train", "mpc"),
-    "train": ("train", "view", "onnx", "mpc"),
-    "benchmarks": ("train", "view", "dev"),
-    "tests": ("train", "view", "dev", "docs"),
-    "docs": ("train", "view", "dev", "docs"),
+    "train": ("train", "view", "onnx", "mpc", "cluster"),
+    "benchmarks": ("train", "view", "dev", "cluster"),
+    "tests": ("train", "view", "dev", "docs", "cluster"),
+    "docs": ("train", "view", "dev", "docs", "rsl", "cluster"),
 }
 
 

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.physics.parameters import scaled_inertia
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_FIELDS, DISTURBANCE_SIZE, STATE_FIELDS, STATE_SIZE
 
 
@@ -129,9 +130,7 @@ def euler_rates(euler: Any, rate: Any) -> Any:
 def rigid_accelerations(state: Any, command: Any, disturbance: Any, simulation: Simulation) -> Acceleration:
     """Return the second derivatives of a rigid vehicle, equations (1) to (8) of `rigid_body`."""
     p, vehicle = simulation.parameters, simulation.rigid_vehicle
-    diagonal = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
-    factor = np.sqrt(diagonal / np.diag(vehicle.inertia_matrix))
-    inertia = vehicle.inertia_matrix * np.outer(factor, factor)
+    inertia = scaled_inertia(vehicle, p)
     per_inertia, pivot = ca.DM(np.linalg.inv(inertia)), ca.DM(list(vehicle.pivot))
     M, m, shape = p.quadrotor_mass, p.bob_mass, vehicle.pole.inertia / (vehicle.pole.mass * vehicle.pole.length**2)
     share = shape / (1.0 + shape)

@@ -1,5 +1,6 @@
 """Numbers of absurd size are refused at once with one sentence, where they once led to hangs, nan or overflows."""
 
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
@@ -22,10 +23,13 @@ from quadpend_gym import (
 )
 from quadpend_gym.actuators import GyroBias, MotorLag, RotorFault
 from quadpend_gym.core.models import MOST_NESTED, Stateless
+from quadpend_gym.physics.state import State
 from quadpend_gym.sensors import Channel, SampleHold
+from quadpend_gym.vehicles import VEHICLES, Drag
+from quadpend_gym.wind import Rescaled
 from quadpend_gym.wind.base import WIND_FIELDS
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.envs import draw_actions, make, make_unwrapped, run_actions
+from tests.helpers.envs import ENDLESS, draw_actions, make, make_unwrapped, run_actions
 
 HUGE, TINY = 1e300, 1e-300
 
@@ -36,6 +40,16 @@ def nested(depth: int) -> Any:
     for _ in range(depth):
         wind = {"kind": "drawn", "wind": wind}
     return wind
+
+
+def rescaled(*scales: float) -> Any:
+    """A wind within rescaled winds, the first scale innermost."""
+    return reduce(Rescaled, scales, Constant(force=1.0))
+
+
+def dragging(**drag: float) -> Any:
+    """A vehicle with this drag, the same about or along all axes."""
+    return replace(VEHICLES["hummingbird"], drag=Drag(**{name: (value,) * 3 for name, value in drag.items()}))
 
 
 CASES: dict[str, tuple[Any, str]] = {
@@ -81,6 +95,27 @@ CASES: dict[str, tuple[Any, str]] = {
     "gyro": (lambda: GyroBias(HUGE), "deviation must be .* rad/s, not 1e.300"),
     "late fault": (lambda: RotorFault(onset=HUGE), "onset must be .* s, not 1e.300"),
     "nested winds": (lambda: make(wind=nested(500)), f"wind must .* at most {MOST_NESTED} deep"),
+    "rescaled winds": (lambda: rescaled(1e4, 1e4), r"scale and .* multiply to at most 1e\+06, not 1e\+08"),
+    "rescaled torques": (
+        lambda: Rescaled(rescaled(1e4), torque_scale=(1.0, 1e4, 1.0)),
+        "torque_scale and .* multiply to at most",
+    ),
+    "drawn rescaled winds": (
+        lambda: Drawn(rescaled(1e4), strength=(-1000.0, 1.0)),
+        r"strength and .* multiply to at most 1e\+06, not 1e\+07",
+    ),
+    "drag of the body rates": (
+        lambda: Simulation(vehicle=dragging(angular=2.0)),
+        r"substeps must be at least 7, not 2: drag.angular = \(2.0, 2.0, 2.0\) slows the vehicle within 0.0016 s",
+    ),
+    "drag of the rotors": (
+        lambda: Simulation(vehicle=dragging(rotor=80.0), period=0.1),
+        "substeps must be at least 32, not 2: drag.rotor = .* a substep may last at most 0.5 times as long",
+    ),
+    "drag in a long period": (
+        lambda: Simulation(vehicle=dragging(angular=90.0), period=10.0),
+        "period must be at most 0.35 s with 10000 substeps, not 10 s: drag.angular = ",
+    ),
     "nested lists of winds": (
         lambda: make(wind=reduce(lambda wind, _: [wind], range(2000), "calm")),
         "wind must .* deep",
@@ -94,10 +129,27 @@ def test_an_absurd_number_is_refused_with_one_sentence(case: str) -> None:
     assert_refused(call, message, ValueError)
 
 
+def test_the_longest_period_with_drag_is_the_one_that_the_sentence_says() -> None:
+    Simulation(vehicle=dragging(angular=90.0), period=0.35, substeps=10_000)
+
+
 def test_winds_may_be_nested_as_deep_as_the_sentence_says() -> None:
     env = make_unwrapped(wind=nested(MOST_NESTED))
     env.reset(seed=0)
     run_actions(env, draw_actions(0, 5))
+
+
+@pytest.mark.parametrize(("name", "slowed", "size"), [("rotor", "velocity", 0.25), ("angular", "euler_rate", 0.0032)])
+def test_the_strongest_permitted_drag_slows_the_body(name: str, slowed: str, size: float) -> None:
+    substep = 0.5 * Simulation().period
+    env = make_unwrapped(vehicle=dragging(**{name: size / substep}), task=ENDLESS)
+    env.reset(seed=0, options={"state": {slowed: (3.0, 3.0, 3.0)}})
+    run_actions(env, np.zeros((20, 4)))
+    assert np.abs(getattr(State(env.world.state), slowed)).max() < 0.5
+
+
+def test_winds_within_winds_may_shrink_and_grow() -> None:
+    assert rescaled(1e4, 1e-4, 1e4).scale == 1e4
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "euler", "euler_rate", "direction", "direction_rate"])

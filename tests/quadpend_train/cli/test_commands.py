@@ -264,7 +264,7 @@ def test_an_interrupted_evaluation_says_that_the_same_command_continues(
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(jobs.Job, "run", interrupt)
+    monkeypatch.setattr(jobs.Job, "__call__", interrupt)
     with pytest.raises(SystemExit, match="130"):
         main([*command, "--scenarios", "calm", "--episodes", "1"])
     last = capsys.readouterr().err.splitlines()[-1]

@@ -208,6 +208,16 @@ def test_too_few_episodes_are_said_in_words() -> None:
         note = f"{episodes} episodes are too few for wins by RMSE with 36 tests: use at least {needed} episodes."
         assert leaderboard_note(three) == (note if episodes < needed else "")
         assert episodes_note(three).startswith(f"The 95 % intervals are from {episodes} episodes") == (episodes < 50)
+    for falls in (0, 1, 4, 5):
+        survived = np.arange(60) >= falls
+        cells = [synthetic_results([0.1] * 60)._replace(survived=survived[None])] * 7
+        many = replace(compared(one=cells), episodes=60)
+        names = ", ".join(f"one in {scenario}" for scenario in list(many.scenarios)[:5])
+        note = f"Few falls (1 to 4): {names} and 2 more. There, the 95 % interval"
+        assert episodes_note(many).startswith(note) == (falls in (1, 4))
+        assert not episodes_note(many) or falls in (1, 4)
+    seeds = synthetic_results([0.1] * 60)._replace(survived=np.tile(np.arange(60) >= 1, (2, 1)))
+    assert episodes_note(replace(compared(one=[seeds]), episodes=60)) == ""
     few = compared(first=[synthetic_results([0.1] * 5)], other=[synthetic_results([0.2] * 5)])
     (verdict,) = verdicts(few)
     assert verdict.endswith("; 5 episodes are too few to show a difference, use at least 10.")

@@ -70,7 +70,7 @@ def test_missing_field_of_a_trained_policy_is_refused(tmp_path: Path) -> None:
 def test_command_refuses_the_card_before_any_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("quadpend_train.evaluation.jobs.Job.run", lambda _: 1 / 0)
+    monkeypatch.setattr("quadpend_train.evaluation.jobs.Job.__call__", lambda _: 1 / 0)
     policy(DESCRIPTION | {"curve": [1, 2]}).save(tmp_path / "policy.npz")
     paths = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     with pytest.raises(SystemExit, match="2"):

@@ -374,7 +374,7 @@ RECORD = """(() => {
         if (this.canvas.id === "replay-errors") labels.push([text, left, left + width, y, this.canvas.clientWidth]);
         fillText.call(this, text, x, y);
     };
-    replay.seek(0);
+    replay.seek(0); Object.assign(pen, {fillText, stroke, lineTo});  // the page draws again when its size changes
 })()"""
 
 

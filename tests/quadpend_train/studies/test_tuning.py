@@ -127,3 +127,18 @@ def test_the_score_beside_the_gains_can_be_reproduced(name: str) -> None:
     """The score of MPPI takes minutes and is not computed here; `quadpend tune mppi` computes it."""
     scores = [rmse for _, rmse in tuning.score(controller(name)).values()]
     assert np.mean(scores) == pytest.approx(TUNED[name].score, abs=0.5)
+
+
+def test_processes_that_share_a_storage_continue_one_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SETS, "training", ("calm",))
+    shorten_scenarios(monkeypatch, 1.0)
+    monkeypatch.setattr(tuning, "SCORE_EPISODES", 2)
+    storage = str(tmp_path / "search.log")
+    options = ["tune", "adrc-tuned", "--episodes", "2", "--out", str(tmp_path / "out"), "--storage", storage]
+    for trials in (2, 3, 3):
+        main([*options, "--trials", str(trials)])
+        assert len(tuning.open_search("adrc-tuned", 2, 0, ("training",), storage).trials) == trials
+    found = json.loads((tmp_path / "out/adrc-tuned.json").read_text(encoding="utf-8"))
+    assert found["command"].endswith(f"--trials 3 --episodes 2 --seed 0 --storage {storage}")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"adrc-tuned.json", "adrc-tuned.png"}
+    assert len(tuning.open_search("adrc-tuned", 2, 1, ("training",), storage).trials) == 1  # the queued start

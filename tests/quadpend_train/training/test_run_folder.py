@@ -1,22 +1,26 @@
-"""A run folder holds one run of one process; its files are complete, and damaged ones are refused by their name."""
+"""A run folder holds one run of one process; its files are complete, and damaged ones are written again or refused."""
 
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from stable_baselines3 import PPO
 
 from quadpend_train.cli.main import main
+from quadpend_train.common.files import temporary_name
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-from quadpend_train.training import run_folder
+from quadpend_train.training import callbacks, run_folder
 from quadpend_train.training import train as training
 from quadpend_train.training.run_folder import locked
+from quadpend_train.training.time_limit import TimeLimit
 from quadpend_train.training.validation import Score, read_curve, write_curve
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.policies import mlp_policy
-from tests.helpers.training import BRIEF, interrupt_at, train_policy
+from tests.helpers.training import APG, BRIEF, BRIEF_SAC, interrupt_at, train_policy
 
 EVALUATED = replace(BRIEF, eval_freq=256, save_freq=512)
 
@@ -62,7 +66,8 @@ def test_run_exists_from_its_settings_on(tmp_path: Path, monkeypatch: pytest.Mon
             train_policy(settings[0], tmp_path / "run")
     assert {path.name for path in (tmp_path / "run").iterdir()} == {".lock", "start.npz", "provenance.json"}
     assert_refused(lambda: training.resume(tmp_path / "run"), "contains no run", FileNotFoundError)
-    (tmp_path / "run/unfinished_1_checkpoint.zip").write_bytes(b"half")
+    for name in (temporary_name(1, "_checkpoint.zip"), "unfinished_another.host_1_checkpoint.zip", "unfinished_1_a"):
+        (tmp_path / "run" / name).write_bytes(b"half")  # the lock ensures that no process writes them
     again, expected = train_policy(settings[1], tmp_path / "run"), train_policy(settings[1], tmp_path / "other")
     assert weight_difference(again, expected) == 0.0
     assert weight_difference(MlpPolicy.load(tmp_path / "run/start.npz"), MlpPolicy.load(starts[1])) == 0.0
@@ -70,11 +75,13 @@ def test_run_exists_from_its_settings_on(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_finished_run_loses_the_checkpoint_that_a_killed_process_left(tmp_path: Path) -> None:
+    """Also what was to begin a continuation: `tests.helpers.kills` kills it at each operation."""
     train_policy(BRIEF, tmp_path)
-    for name in ("checkpoint.zip", "buffer_512.pkl"):
+    names = {path.name for path in tmp_path.iterdir()}
+    for name in ("checkpoint.zip", "buffer_512.pkl", "continued_provenance.json", "continued_settings.json"):
         (tmp_path / name).write_bytes(b"")
     assert_refused(lambda: training.resume(tmp_path), "is finished: there is nothing to resume", FileNotFoundError)
-    assert not list(tmp_path.glob("checkpoint*")) + list(tmp_path.glob("buffer*"))
+    assert {path.name for path in tmp_path.iterdir()} == names
 
 
 def test_continuation_that_was_killed_is_recorded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,41 +94,112 @@ def test_continuation_that_was_killed_is_recorded_once(tmp_path: Path, monkeypat
     assert policy.card["provenance"]["continued_at"] == [1024]
 
 
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda text: "", "it is cut off or contains something else than scores"),
-        (lambda text: text[: text.index("\n") + 1], "it lacks the evaluation after 0 timesteps"),
-        (lambda text: text[:-4], "it is cut off"),
-        (lambda text: text[: text.index("256")], "it lacks the evaluation after 256 timesteps"),
-        (lambda text: text.replace("256,", "2x6,"), "something else than scores"),
-        (lambda text: text.replace("256,", "256,nan,"), "something else than scores"),
-        (lambda text: text.replace("survival", "\x00"), "something else than scores"),
-        (None, "it lacks the evaluation after 0 timesteps"),
-    ],
-    ids=["emptied", "only the head", "cut in a line", "cut between lines", "no number", "nan", "other head", "deleted"],
-)
-def test_damaged_curve_is_refused_by_its_name(damage: object, message: str, interrupted: Path, tmp_path: Path) -> None:
-    folder = copied(interrupted, tmp_path / "run")
+DAMAGES: dict[str, Callable[[str], str] | None] = {
+    "emptied": lambda text: "",
+    "only the head": lambda text: text[: text.index("\n") + 1],
+    "cut in a line": lambda text: text[:-4],
+    "no number": lambda text: text.replace("256,", "2x6,"),
+    "nan": lambda text: text.replace("256,", "256,nan,"),
+    "other head": lambda text: text.replace("survival", "\x00"),
+    "deleted": None,
+}
+every_damage = pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES.keys())
+
+
+def damage_curve(folder: Path, damage: Callable[[str], str] | None) -> None:
     text = (folder / "curve.csv").read_bytes().decode()
-    if callable(damage):
-        (folder / "curve.csv").write_bytes(damage(text).encode())
-    else:
+    if damage is None:
         (folder / "curve.csv").unlink()
-    assert_refused(lambda: training.resume(folder, progress=False), f"run/curve.csv is damaged: .*{message}")
+    else:
+        (folder / "curve.csv").write_bytes(damage(text).encode())
+
+
+def save_as_earlier_version(folder: Path) -> None:
+    """Remove from the checkpoint what earlier versions did not write."""
+    model = PPO.load(folder / "checkpoint.zip", device="cpu")
+    del model.scores, model.best
+    model.save(folder / "checkpoint.zip")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that was not interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    train_policy(EVALUATED, folder)
+    return folder
+
+
+@pytest.mark.parametrize("earlier", [False, True], ids=["this version", "an earlier version"])
+def test_resumed_run_has_the_scores_of_a_whole_one(
+    earlier: bool, interrupted: Path, whole: Path, tmp_path: Path
+) -> None:
+    folder = copied(interrupted, tmp_path / "run")
+    if earlier:
+        save_as_earlier_version(folder)
+    assert_equal_runs(training.resume(folder, progress=False).parent, whole)
+
+
+def assert_equal_runs(folder: Path, whole: Path) -> None:
+    scores = [[score._replace(seconds=0.0) for score in read_curve(run)] for run in (folder, whole)]
+    assert scores[0] == scores[1]
+    for name in ("best.npz", "policy.npz"):
+        assert weight_difference(*(MlpPolicy.load(run / name) for run in (folder, whole))) == 0.0
+
+
+@every_damage
+def test_damaged_curve_is_written_again(
+    damage: Callable[[str], str] | None, interrupted: Path, whole: Path, tmp_path: Path
+) -> None:
+    """The scores and the best policy are in the checkpoint."""
+    folder = copied(interrupted, tmp_path / "run")
+    damage_curve(folder, damage)
+    (folder / "best.npz").write_bytes((folder / "best.npz").read_bytes()[:100])
+    assert_equal_runs(training.resume(folder, progress=False).parent, whole)
+
+
+@every_damage
+def test_damaged_curve_of_an_earlier_version_is_refused_by_its_name(
+    damage: Callable[[str], str] | None, interrupted: Path, tmp_path: Path
+) -> None:
+    folder = copied(interrupted, tmp_path / "run")
+    save_as_earlier_version(folder)
+    damage_curve(folder, damage)
+    assert_refused(lambda: training.resume(folder, progress=False), r"run/curve.csv is damaged: it (lacks|is cut off)")
     assert not (folder / "policy.npz").exists()
 
 
-def test_missing_best_policy_is_refused_by_its_name(interrupted: Path, tmp_path: Path) -> None:
+def test_damaged_best_policy_of_an_earlier_version_is_refused_by_its_name(interrupted: Path, tmp_path: Path) -> None:
     folder = copied(interrupted, tmp_path / "run")
+    save_as_earlier_version(folder)
+    (folder / "best.npz").write_bytes((folder / "best.npz").read_bytes()[:100])
+    assert_refused(lambda: training.resume(folder, progress=False), "run/best.npz is damaged: .* is not a policy file")
     (folder / "best.npz").unlink()
     assert_refused(lambda: training.resume(folder, progress=False), "run/best.npz is damaged: it does not exist")
 
 
-def test_damaged_best_policy_is_refused_by_its_name(interrupted: Path, tmp_path: Path) -> None:
-    folder = copied(interrupted, tmp_path / "run")
-    (folder / "best.npz").write_bytes((folder / "best.npz").read_bytes()[:100])
-    assert_refused(lambda: training.resume(folder, progress=False), "run/best.npz is damaged: .* is not a policy file")
+@pytest.mark.parametrize("algo", ["ppo", "sac", "apg"])
+def test_policy_of_a_dropped_evaluation_is_not_the_best(
+    algo: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An evaluation after the checkpoint was the best; the resumed run stops before it repeats this evaluation."""
+    base = {"ppo": BRIEF, "sac": BRIEF_SAC, "apg": APG}[algo]
+    settings = replace(base, eval_freq=128, save_freq=256, total_timesteps=512, max_seconds=1e6)
+    scores = iter([(1.0, rmse) for rmse in (0.5, 0.4, 0.3, 0.1)])
+    with monkeypatch.context() as patch:
+        patch.setattr(callbacks, "validate", lambda *_: next(scores))
+        interrupt_at(450, patch)
+        with pytest.raises(KeyboardInterrupt):
+            train_policy(settings, tmp_path)
+    late = MlpPolicy.load(tmp_path / "best.npz")
+    with monkeypatch.context() as patch:
+        patch.setattr(callbacks, "validate", lambda *_: (1.0, 0.6))
+        patch.setattr(TimeLimit, "reached", lambda *_: True)
+        policy = MlpPolicy.load(training.resume(tmp_path, progress=False))
+    curve = [Score(*row) for row in policy.card["curve"]]
+    assert min(score.penalised_rmse for score in curve) >= 0.3
+    assert policy.card["best_at"] == min(curve, key=lambda score: score.penalised_rmse).steps
+    assert weight_difference(policy, late) > 0.0
+    assert weight_difference(policy, MlpPolicy.load(tmp_path / "best.npz")) == 0.0
 
 
 def test_interrupted_writing_leaves_the_curve_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

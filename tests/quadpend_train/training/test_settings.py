@@ -176,7 +176,7 @@ RESIDUAL = {"base_controller": "flatness", "mode": "residual_action"}
         ({"net_arch": (0,)}, r"net_arch\[0\] must be a whole number"),
         ({"net_arch": 64}, "net_arch"),
         ({"input_scales": 8.0}, "input_scales must be a list of numbers, not 8.0"),
-        ({"input_scales": (8.0, -1.0)}, r"input_scales\[1\] must be above zero, not -1.0"),
+        ({"input_scales": (8.0, -1.0)}, r"input_scales\[1\] must be a finite number in \[1e-06, 1e\+06\], not -1.0"),
         ({"gamma": 5.0}, r"gamma must be a finite number in \[0, 1\], not 5.0"),
         ({"max_seconds": -3.0}, "max_seconds must be a finite number"),
         ({"final_learning_rate": -1e-3}, "final_learning_rate must be a finite number"),

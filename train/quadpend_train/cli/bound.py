@@ -11,10 +11,11 @@ from pathlib import Path
 import tyro
 
 from quadpend_train.cli.options import make_console, named_policies, named_scenarios
+from quadpend_train.common.executors import executor
 from quadpend_train.common.files import write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_folder
-from quadpend_train.evaluation.cache import FOLDER
+from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 PART = "bound"  # of a document
@@ -27,7 +28,8 @@ def bound(
     seed: int = VALIDATION_SEED,
     out: Path = Path("results/bound"),
     jobs: int = 1,
-    cache: Path = FOLDER,
+    cluster: str | None = None,
+    cache: str = FOLDER,
     recompute: bool = False,
     document: Path | None = None,
 ) -> None:
@@ -45,7 +47,8 @@ def bound(
         out: Folder for bound.csv (one line for each episode), bound.md (the table), bound.json (its numbers) and
             bound.png. Episodes in bound.csv are not planned again.
         jobs: Number of processes; the results do not depend on it.
-        cache: Folder of cached results of the policies; only missing results are computed.
+        cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
+        cache: Folder or URL (s3://…) of cached results of the policies; only missing results are computed.
         recompute: Plan all episodes again, also those in bound.csv.
         document: Markdown file in which to update the part "bound".
     """
@@ -56,7 +59,8 @@ def bound(
     from quadpend_train.scenarios import find_scenario
     from quadpend_train.studies import bound as study
 
-    check_counts(episodes=episodes, seed=seed, jobs=jobs)
+    check_counts(episodes=episodes, seed=seed)
+    run = executor(jobs, cluster)
     if document:
         documents.check(document, [PART])
     chosen = {name: find_scenario(value) for name, value in named_scenarios(scenarios).items()}
@@ -65,10 +69,10 @@ def bound(
     notes = [f"{name} is left out: {reason}." for name, reason in reasons.items()]
     if not chosen:
         raise ValueError(f"no scenario can be planned: {' '.join(notes)}")
-    writable_folder(cache, "cache")
+    check_folder(cache)
     writable_folder(out)
-    comparison = compare(named_policies(policies), chosen, episodes, seed, cache, jobs=jobs)
-    found = study.plan(chosen, episodes, seed, out, jobs, recompute)
+    comparison = compare(named_policies(policies), chosen, episodes, seed, cache, jobs=run)
+    found = study.plan(chosen, episodes, seed, out, run, recompute)
     measured = study.gaps(found, comparison)
     table = "\n\n".join([study.markdown(found, measured), *notes])
     made = provenance()

@@ -49,6 +49,11 @@ COMMANDS = {
         "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",
         "finished trials are saved, and the same command continues",
     ),
+    "sweep": Command(
+        "studies.sweep",
+        "Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.",
+        "finished trials are saved, and the same command continues",
+    ),
     "ablate": Command(
         "studies.ablate",
         "Train with and without each part of a learner, and tabulate the differences.",

@@ -9,9 +9,9 @@ from pathlib import Path
 import tyro
 
 from quadpend_train.cli.options import make_console, named_policies, named_scenarios
+from quadpend_train.common.executors import executor
 from quadpend_train.common.limits import check_counts
-from quadpend_train.common.paths import writable_folder
-from quadpend_train.evaluation.cache import FOLDER
+from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 _MOST_SENTENCES, _MOST_ROWS = 16, 40  # largest numbers that are printed; the files contain all of them
@@ -24,7 +24,8 @@ def evaluate(
     seed: int = VALIDATION_SEED,
     out: Path = Path("results"),
     jobs: int = 1,
-    cache: Path = FOLDER,
+    cluster: str | None = None,
+    cache: str = FOLDER,
     recompute: bool = False,
     robustness: int = 0,
     replay: int = 2,
@@ -46,7 +47,8 @@ def evaluate(
         seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
         out: Folder for report.html, comparison.json, .csv, .md and .png, and figures of robustness.
         jobs: Number of processes; the results do not depend on it.
-        cache: Folder of cached results; only missing results are computed.
+        cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
+        cache: Folder or URL (s3://…) of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.
         robustness: Episodes at each value of the perturbation axes, see train/quadpend_train/studies; 0 omits the
             robustness curves and the recovery maps. Vehicle, control period and duration are those of the first
@@ -69,16 +71,13 @@ def evaluate(
     planned = bounds.by_scenario(bounds.read_bound(bound), list(chosen), seed, episodes) if bound else None
     if document:
         documents.check(document, results.PARTS)
-    check_counts(episodes=episodes, seed=seed, jobs=jobs, replay=replay, robustness=robustness)
-    writable_folder(out, files=results.FILES)
-    writable_folder(cache, "cache")
     made = report.evaluate(
         named_policies(policies),
         chosen,
         out,
         episodes=episodes,
         seed=seed,
-        jobs=jobs,
+        jobs=executor(jobs, cluster),
         cache_folder=cache,
         recompute=recompute,
         robustness=robustness,
@@ -91,7 +90,7 @@ def evaluate(
     console = make_console()
     if len(comparison.results) <= _MOST_ROWS:
         console.print(tables.comparison_table(comparison))
-    for note in filter(None, (tables.episodes_note(comparison), tables.vehicle_note(comparison))):
+    for note in tables.notes(comparison):
         console.print(note, highlight=False)
     if len(sentences := tables.verdicts(comparison)) <= _MOST_SENTENCES:
         for sentence in sentences:
@@ -109,7 +108,8 @@ def compare(
     episodes: int = 200,
     seed: int = VALIDATION_SEED,
     jobs: int = 1,
-    cache: Path = FOLDER,
+    cluster: str | None = None,
+    cache: str = FOLDER,
     recompute: bool = False,
     vehicle: str | None = None,
     interface: str | None = None,
@@ -126,7 +126,8 @@ def compare(
         episodes: Episodes in each scenario.
         seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
         jobs: Number of processes; the results do not depend on it.
-        cache: Folder of cached results; only missing results are computed.
+        cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
+        cache: Folder or URL (s3://…) of cached results; only missing results are computed.
         recompute: Compute all results again, also cached ones.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
@@ -137,13 +138,14 @@ def compare(
     from quadpend_train.evaluation.pairwise import compare_pair
     from quadpend_train.reports import tables
 
-    check_counts(episodes=episodes, seed=seed, jobs=jobs)
-    writable_folder(cache, "cache")
+    check_counts(episodes=episodes, seed=seed)
+    run = executor(jobs, cluster)
+    check_folder(cache)
     named, chosen = named_policies(policies), named_scenarios(scenarios, vehicle, interface)
-    comparison = compare_policies(named, chosen, episodes, seed, cache, recompute, jobs)
+    comparison = compare_policies(named, chosen, episodes, seed, cache, recompute, run)
     pair = compare_pair(comparison, *named)
     console = make_console()
     console.print(pair.sentence(), highlight=False)
     console.print(tables.pairwise_table(pair))
-    for note in filter(None, (tables.episodes_note(comparison), tables.vehicle_note(comparison))):
+    for note in tables.notes(comparison):
         console.print(note, highlight=False)

@@ -16,11 +16,12 @@ from quadpend_train.common.text import brief, print_everywhere
 _EXTRAS = {
     "train": (
         *("tyro", "torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm", "rich", "matplotlib", "jinja2"),
-        *("optuna", "cmaes", "filelock", "markupsafe", "PIL"),
+        *("optuna", "cmaes", "filelock", "fsspec", "markupsafe", "PIL"),
     ),
     "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
     "onnx": ("onnxruntime",),
     "mpc": ("casadi",),
+    "cluster": ("ray",),
 }
 _TRACEBACK = "--traceback"
 _LONGEST = 4000  # characters of a sentence
@@ -28,6 +29,8 @@ _LONGEST = 4000  # characters of a sentence
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line. Wrong input ends with one sentence on stderr and exit status 2.
+
+    If a part of a study fails, all other parts are computed, and the exit status is 1.
 
     The option ``--traceback``, anywhere on the command line, prints the traceback before the sentence. The exit status
     is 130 after Ctrl-C, 143 after SIGTERM, and 141 if the reader of the output, such as ``head``, has closed it.
@@ -63,7 +66,7 @@ def main(arguments: list[str] | None = None) -> None:
             import traceback
 
             traceback.print_exc()
-        _exit(sentence)
+        _exit(sentence, 1 if type(error).__name__ == "CallsFailedError" else 2)
 
 
 def _discard_output() -> None:
@@ -78,8 +81,11 @@ def _sentence(error: Exception) -> str:
         return extra and f"this command needs {name}, which is not installed: pip install 'quadpend-gym[{extra}]'"
     from gymnasium.error import Error
 
+    from quadpend_train.common.executors import CallsFailedError
     from quadpend_train.common.paths import describe_os_error
 
+    if isinstance(error, CallsFailedError):
+        return str(error)
     if isinstance(error, OSError):
         return describe_os_error(error)
     if isinstance(error, MemoryError):
@@ -94,10 +100,10 @@ def _details(error: MemoryError) -> str:
     return f" ({brief(error)})" if str(error) else ""
 
 
-def _exit(sentence: str) -> NoReturn:
+def _exit(sentence: str, status: int) -> NoReturn:
     print(f"quadpend: {sentence}", file=sys.stderr)
     try:
         sys.stdout.flush()
     except OSError:  # the disk of the output is full
         _discard_output()
-    sys.exit(2)
+    sys.exit(status)

@@ -16,6 +16,7 @@ import tyro
 
 from quadpend_train.cli import commands
 from quadpend_train.common import interruption
+from quadpend_train.common.executors import executor
 from quadpend_train.common.paths import writable_file, writable_folder
 from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
 from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
@@ -52,17 +53,27 @@ def default_settings(options: Sequence[str]) -> dict[str, Any]:
     Args:
         options: Options of the command.
     """
+    from quadpend_train.training.run_folder import settings_file
+
     parser = argparse.ArgumentParser(prog="quadpend train", add_help=False, allow_abbrev=False)
-    for option in ("--settings", "--algo", "--resume", "--start-from"):
+    for option in ("--settings", "--algo", "--resume", "--start-from", "--seeds"):
         parser.add_argument(option, nargs="?")
     known = parser.parse_known_args(options)[0]
-    stored = Path(known.resume or "", "settings.json")
+    stored = settings_file(_any_run(Path(known.resume or ""), known.seeds))
     if known.resume and known.settings:
         raise ValueError("--resume continues a run with its own settings: give no --settings with it")
     if known.resume and stored.is_file():
         return {"run": read_settings(str(stored)), "settings": str(stored)}
     name = known.settings or (known.algo if known.algo in ALGORITHMS else settings_of(known.start_from))
     return {"run": read_settings(name), "settings": name}
+
+
+def _any_run(folder: Path, seeds: str | None) -> Path:
+    """Return the folder of a run, of several training seeds that of the first one that has begun."""
+    from quadpend_train.cli.seeds import begun, parse_seeds
+
+    found = begun(folder, parse_seeds(seeds)) if seeds and folder.name else []
+    return found[0] if found else folder
 
 
 def train(
@@ -73,6 +84,9 @@ def train(
     more_steps: int | None = None,
     vehicle: str | None = None,
     interface: str | None = None,
+    seeds: str | None = None,
+    jobs: int = 1,
+    cluster: str | None = None,
 ) -> None:
     """Train PPO, SAC, TQC or APG.
 
@@ -90,15 +104,25 @@ def train(
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
             the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
+        seeds: Several training seeds, such as 0-4 or 0,2,5, each in a folder of its own: OUT-0, OUT-1 and so on.
+            Finished ones are skipped. With --resume OUT instead of --out OUT, interrupted ones continue.
+        jobs: Number of processes for several seeds; the results do not depend on it.
+        cluster: Ray cluster that trains several seeds instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
     """
     from quadpend_train.policies.mlp_policy import MlpPolicy
     from quadpend_train.training import train as training
+
+    if seeds is None and (jobs != 1 or cluster is not None):
+        raise ValueError("--jobs and --cluster train several seeds: give them with --seeds")
 
     if resume and (vehicle or interface):
         raise ValueError(
             "--resume continues a run with its own scenarios: give no --vehicle and no --interface with it"
         )
-    interruption.advise(lambda: how_to_continue(resume or out) if more_steps is None else "the same command continues")
+    if resume and out != DEFAULT_OUT:
+        raise ValueError("--resume continues a run in its own folder: give no --out with it")
+    parts = None if more_steps is None or not resume else finished_parts(resume)
+    interruption.advise(lambda: how_to_continue(resume or out, parts))
     if resume:
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
     typed = run.scenarios
@@ -108,8 +132,9 @@ def train(
             scenarios=tuple(with_changes(name, vehicle, interface) for name in run.scenarios),
             curriculum=tuple(with_changes(name, vehicle, interface) for name in run.curriculum),
         )
-    if resume and out != DEFAULT_OUT:
-        raise ValueError("--resume continues a run in its own folder: give no --out with it")
+    if seeds is not None:
+        _train_seeds(run, seeds, resume, out, more_steps, jobs, cluster)
+        return
     if more_steps is not None:
         if not resume:
             raise ValueError("--more-steps continues a finished run: give its folder with --resume")
@@ -131,8 +156,40 @@ def train(
     print(f"Compare it with a classical controller: {shlex.join(command)}")
 
 
-def how_to_continue(folder: Path) -> str:
-    """Return how an interrupted training in a folder continues; empty if nothing has been written."""
+def _train_seeds(
+    run: TrainSettings,
+    text: str,
+    resume: Path | None,
+    out: Path,
+    more_steps: int | None,
+    jobs: int,
+    cluster: str | None,
+) -> None:
+    from quadpend_train.cli import seeds
+
+    if more_steps is not None:
+        raise ValueError("--more-steps continues one run: give no --seeds with it")
+    chosen, start = seeds.parse_seeds(text), resume or out
+    if resume and not seeds.begun(start, chosen):
+        raise FileNotFoundError(f"{seeds.run_folder(start, chosen[0])} and the others contain no run")
+    interruption.advise(lambda: seeds.how_to_continue(start, text, jobs, cluster))
+    print(seeds.summary(seeds.train_seeds(run, chosen, start, resume is not None, executor(jobs, cluster))))
+
+
+def finished_parts(folder: Path) -> int:
+    """Return how many times the run in a folder has been continued."""
+    return len(list(folder.glob("policy_*.npz")))
+
+
+def how_to_continue(folder: Path, parts: int | None = None) -> str:
+    """Return how an interrupted training in a folder continues; empty if nothing has been written.
+
+    Args:
+        folder: Folder of the run.
+        parts: `finished_parts` before the command, if it continues a finished run for more timesteps.
+    """
+    if parts is not None and parts == finished_parts(folder):
+        return "the same command continues"
     if not (folder / "settings.json").is_file():
         return ""
     if (folder / "policy.npz").is_file():

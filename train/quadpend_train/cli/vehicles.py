@@ -15,10 +15,11 @@ import tyro
 from quadpend_baselines import CONTROLLERS
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.vehicles import VEHICLES
+from quadpend_train.common.executors import Executor, executor
 from quadpend_train.common.files import write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_folder
-from quadpend_train.evaluation.cache import FOLDER
+from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 PARTS = ("presets", "recovery", "as-flown", "leaderboard")
@@ -32,7 +33,8 @@ def vehicles(
     seed: int = VALIDATION_SEED,
     out: Path = Path("results/vehicles"),
     jobs: int = 1,
-    cache: Path = FOLDER,
+    cluster: str | None = None,
+    cache: str = FOLDER,
     document: Path | None = None,
 ) -> None:
     """Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.
@@ -47,7 +49,8 @@ def vehicles(
         seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
         out: Folder for a table PART.md and its numbers PART.json of each part.
         jobs: Number of processes; the results do not depend on it.
-        cache: Folder of cached results; only missing results are computed.
+        cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
+        cache: Folder or URL (s3://…) of cached results; only missing results are computed.
         document: Markdown file in which to update the generated parts vehicles-PART; other text does not change.
     """
     from quadpend_train.common import documents
@@ -61,17 +64,18 @@ def vehicles(
         raise ValueError(
             f"policies must have a classical controller for the parts other than leaderboard, not {policies}"
         )
-    check_counts(episodes=episodes, seed=seed, jobs=jobs)
+    check_counts(episodes=episodes, seed=seed)
+    run = executor(jobs, cluster)
     if document:
         documents.check(document, [f"vehicles-{part}" for part in parts])
-    writable_folder(cache, "cache")
+    check_folder(cache)
     writable_folder(out)
-    settings: dict[str, Any] = {"cache_folder": cache, "processes": jobs}
+    settings: dict[str, Any] = {"cache_folder": cache, "processes": run}
     measure: dict[str, Callable[[], study.Table]] = {
         "presets": partial(study.measure_presets, controllers, presets, episodes, seed, **settings),
         "recovery": partial(study.measure_recovery, controllers, presets, seed, **settings),
         "as-flown": partial(study.measure_as_flown, controllers, episodes, seed, **settings),
-        "leaderboard": partial(_leaderboard, policies, episodes, seed, cache, jobs),
+        "leaderboard": partial(_leaderboard, policies, episodes, seed, cache, run),
     }
     for part in parts:
         table = measure[part]()
@@ -84,7 +88,7 @@ def vehicles(
     print(f"Written: {out}/{', '.join(f'{part}.md, {part}.json' for part in parts)}")
 
 
-def _leaderboard(policies: tuple[str, ...], episodes: int, seed: int, cache: Path, jobs: int) -> Any:
+def _leaderboard(policies: tuple[str, ...], episodes: int, seed: int, cache: str, run: Executor) -> Any:
     """Return leaderboard and penalised RMSE of the scenarios of the set test-hummingbird."""
     from quadpend_train.cli.options import named_policies, named_scenarios
     from quadpend_train.evaluation.comparison import compare
@@ -93,7 +97,7 @@ def _leaderboard(policies: tuple[str, ...], episodes: int, seed: int, cache: Pat
     from quadpend_train.studies.vehicles import Table
 
     chosen = named_scenarios(("test-hummingbird",))
-    comparison = compare(named_policies(policies), chosen, episodes, seed, cache, jobs=jobs)
+    comparison = compare(named_policies(policies), chosen, episodes, seed, cache, jobs=run)
     parts = [tables.leaderboard_markdown(leaderboard(comparison)), tables.matrix_markdown(comparison)]
     return Table("\n\n".join(parts), comparison.as_data()["results"])
 

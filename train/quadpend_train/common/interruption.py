@@ -20,7 +20,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
-unfinished: set[str] = set()  # temporary files and folders that this process is writing
+unfinished: set[str] = set()  # temporary files and folders that this process is writing, without symbolic links
+groups: set[int] = set()  # process groups of the workers of this process
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _FLUSH_SECONDS, _CHILDREN_SECONDS = 0.2, 0.5  # longest waiting times
 _advice: Callable[[], str] = str
@@ -90,14 +91,29 @@ def begin_file(path: str) -> None:
 def _end_children() -> None:
     """Kill all child processes and wait for their ends; the main thread may be starting one."""
     end = time.monotonic() + _CHILDREN_SECONDS
-    while (children := _descendants(os.getpid())) and time.monotonic() < end:
-        for child in children:
-            with suppress(ProcessLookupError):
-                os.kill(child, signal.SIGKILL)
+    while _kill_all() and time.monotonic() < end:
         time.sleep(0.01)
         with suppress(ChildProcessError):  # there is none
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
+
+
+def _kill_all() -> bool:
+    """Kill the groups of the workers and all descendants, and return whether there were any descendants."""
+    for group in groups.copy():  # of a killed worker, they contain processes that are no descendants any more
+        kill_group(group)
+    processes = descendants(os.getpid())
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
+    return bool(processes)
+
+
+def kill_group(group: int) -> None:
+    """Kill the processes of a group, if there are any."""
+    if os.name == "posix":
+        with suppress(ProcessLookupError, PermissionError):  # on macOS, processes that have ended give no permission
+            os.killpg(group, signal.SIGKILL)
 
 
 def _print(line: str) -> None:
@@ -120,7 +136,7 @@ def _print(line: str) -> None:
     writer.join(_FLUSH_SECONDS)
 
 
-def _descendants(process: int) -> list[int]:
+def descendants(process: int) -> list[int]:
     """Return the children of a process and their children. Except on Linux, an empty list.
 
     On other systems, children end by themselves when their pipe to this process is closed.

@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+sent: dict[str, Any] = {}  # `sender` of the process that sent a call to this one, on a cluster
 _PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "scipy", "numba", "stable-baselines3", "torch")
 
 
@@ -16,8 +17,8 @@ def versions() -> dict[str, str]:
     return {name: version(name) for name in _PACKAGES}
 
 
-def provenance() -> dict[str, Any]:
-    """Return the command line, the commit, the versions of Python and of the packages, and the machine, for JSON."""
+def sender() -> dict[str, Any]:
+    """Return the command line and the commit."""
     root = Path(__file__).parents[3]
     command = ["git", "-C", str(root), "describe", "--always", "--dirty"]
     try:
@@ -27,6 +28,13 @@ def provenance() -> dict[str, Any]:
     return {
         "command": [Path(sys.argv[0]).name.replace("__main__.py", "quadpend"), *sys.argv[1:]],
         "commit": commit if (root / ".git").exists() else None,
+    }
+
+
+def provenance() -> dict[str, Any]:
+    """Return the command line, the commit, the versions of Python and of the packages, and the machine, for JSON."""
+    return {
+        **(sent or sender()),
         "python": platform.python_version(),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
         "packages": versions(),

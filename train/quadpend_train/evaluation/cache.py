@@ -1,16 +1,20 @@
-"""Cache of evaluation results on disk: a repeated or interrupted study computes only the missing results.
+"""Cache of evaluation results: a repeated or interrupted study computes only the missing results.
 
 There is one file for each policy, scenario, number of episodes and seed. Its name is a hash of these, of the package
 versions and of the source code that determines the results. If one of them changes, the name changes, and the results
 are computed again. Comments, docstrings and messages of exceptions are not part of the hash of the source code.
+
+The folder of the files is local, or a URL such as ``s3://bucket/folder`` that fsspec opens.
 """
 
 import hashlib
+import io
 import json
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,16 +22,18 @@ import quadpend_baselines
 import quadpend_gym
 from quadpend_gym.core.source_hash import source_hash
 from quadpend_train.common.files import atomic
+from quadpend_train.common.paths import writable_folder
 from quadpend_train.common.provenance import versions
 from quadpend_train.common.text import brief
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.scenarios import Scenario, scenario_hash
 
-FOLDER = Path("results/cache")
+Folder = Path | str
+FOLDER = "results/cache"
 _TRAIN = Path(__file__).parents[1]  # the folder of quadpend_train
 # Folders and files that do not influence the result of an episode.
 _EXCLUDED = {
-    quadpend_gym: ("viewer", "core/source_hash.py", "envs/recorder.py"),
+    quadpend_gym: ("viewer", "gpu", "core/source_hash.py", "envs/recorder.py"),
     quadpend_baselines: ("paper", "optimal"),
 }
 # The files of quadpend_train that influence the result of an episode.
@@ -78,12 +84,49 @@ def key(policies: Sequence[str], scenario: Scenario, episodes: int, seed: int) -
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
-def has(folder: Path, name: str) -> bool:
+def check_folder(folder: Folder) -> None:
+    """Create a folder of cached results, and check that files can be written in it.
+
+    Raises:
+        ValueError: If it is not a folder that can be written.
+    """
+    if (remote := _remote(folder, "check")) is None:
+        writable_folder(Path(folder), "cache")
+        return
+    files, path = remote
+    try:
+        files.makedirs(path.rpartition("/")[0], exist_ok=True)
+        files.pipe_file(path, b"0")
+        files.rm_file(path)
+    except Exception as error:  # file systems raise exceptions of many types
+        raise ValueError(f"cache must be a folder that can be written, not {folder}: {brief(error)}") from error
+
+
+def _remote(folder: Folder, name: str) -> tuple[Any, str] | None:
+    """Return the file system of a folder that is a URL, and the path of a cached file there; None for a local folder.
+
+    Raises:
+        ValueError: If there is no such file system, or its package is not installed.
+    """
+    if "://" not in str(folder):
+        return None
+    import fsspec
+
+    try:
+        files, path = fsspec.core.url_to_fs(f"{str(folder).rstrip('/')}/{name}.npz")
+    except (ImportError, ValueError) as error:
+        raise ValueError(f"cache must be a folder or a URL that fsspec opens, not {folder}: {error}") from error
+    return files, str(path)
+
+
+def has(folder: Folder, name: str) -> bool:
     """Return whether there is a cached file with this name, damaged or not."""
+    if remote := _remote(folder, name):
+        return bool(remote[0].exists(remote[1]))
     return _path(folder, name).exists()
 
 
-def load(folder: Path, name: str, steps: int) -> EpisodeResults | None:
+def load(folder: Folder, name: str, steps: int) -> EpisodeResults | None:
     """Return the cached results with this name; None if there are none, or, with a warning, if the file is damaged.
 
     Args:
@@ -93,9 +136,12 @@ def load(folder: Path, name: str, steps: int) -> EpisodeResults | None:
     """
     if not has(folder, name):
         return None
-    path = _path(folder, name)
+    remote, path = _remote(folder, name), _path(folder, name)
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+        with (
+            io.BytesIO(remote[0].cat_file(remote[1])) if remote else path.open("rb") as file,
+            np.load(file, allow_pickle=False) as data,
+        ):
             results = EpisodeResults(**{field: data[field] for field in EpisodeResults._fields})
         if results.error.shape != (*results.survived.shape, steps):
             raise ValueError("the shapes of its arrays do not match")
@@ -105,12 +151,18 @@ def load(folder: Path, name: str, steps: int) -> EpisodeResults | None:
     return results
 
 
-def save(folder: Path, name: str, results: EpisodeResults) -> None:
+def save(folder: Folder, name: str, results: EpisodeResults) -> None:
     """Save results under a name; an interruption or a full disk leaves an existing file unchanged, and nothing else."""
-    folder.mkdir(parents=True, exist_ok=True)
+    if remote := _remote(folder, name):
+        content = io.BytesIO()
+        np.savez(content, **results._asdict())
+        remote[0].makedirs(remote[1].rpartition("/")[0], exist_ok=True)
+        remote[0].pipe_file(remote[1], content.getvalue())
+        return
+    Path(folder).mkdir(parents=True, exist_ok=True)
     with atomic(_path(folder, name)) as unfinished, unfinished.open("wb") as file:
         np.savez(file, **results._asdict())
 
 
-def _path(folder: Path, name: str) -> Path:
-    return folder / f"{name}.npz"
+def _path(folder: Folder, name: str) -> Path:
+    return Path(folder) / f"{name}.npz"

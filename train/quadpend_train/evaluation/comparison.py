@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_train.common.executors import Executor, as_executor
 from quadpend_train.common.files import atomic, to_json_data, write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.provenance import provenance
@@ -191,9 +192,9 @@ def compare(
     scenarios: Scenarios,
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
-    cache_folder: Path | None = None,
+    cache_folder: cache.Folder | None = None,
     recompute: bool = False,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
 ) -> Comparison:
     """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
 
@@ -209,7 +210,7 @@ def compare(
         seed: Seed of the first episode.
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results.
-        jobs: Number of processes.
+        jobs: Number of processes, or an executor of `quadpend_train.common.executors`.
 
     Raises:
         TypeError: If a policy or a scenario has the wrong type.
@@ -218,7 +219,8 @@ def compare(
     """
     if not policies or not scenarios:
         raise ValueError("policies and scenarios must each have at least one entry")
-    check_counts(episodes=episodes, seed=seed, jobs=jobs)
+    check_counts(episodes=episodes, seed=seed)
+    jobs = as_executor(jobs)
     compared = named_policies(policies)
     _check_training_seeds(compared)
     found = {name: _find_scenario(scenario) for name, scenario in _named_scenarios(scenarios).items()}
@@ -271,7 +273,7 @@ def _named_scenarios(scenarios: Scenarios) -> Mapping[str, Any]:
     }
 
 
-def _is_cached(job: Job, cache_folder: Path | None) -> bool:
+def _is_cached(job: Job, cache_folder: cache.Folder | None) -> bool:
     key = job.cache_key() if cache_folder else None
     return cache_folder is not None and key is not None and cache.has(cache_folder, key)
 

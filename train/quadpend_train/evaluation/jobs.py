@@ -1,4 +1,4 @@
-"""Run the evaluations of a study: load cached results, and run the missing evaluations in several processes."""
+"""Run the evaluations of a study: load cached results, and run the missing evaluations with an executor."""
 
 import hashlib
 import json
@@ -11,9 +11,10 @@ from tqdm.auto import tqdm
 
 from quadpend_baselines import Policy
 from quadpend_gym.wind import WindFromFactory
-from quadpend_train.common.processes import call_in_processes
+from quadpend_train.common.executors import Executor, as_executor, call_here, successes
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
+from quadpend_train.evaluation.files import policy_files
 from quadpend_train.policies.loading import cache_fingerprints, load_policies
 from quadpend_train.scenarios import Scenario, own_models
 
@@ -38,7 +39,7 @@ class Job(NamedTuple):
     seed: int
     options: dict[str, Any] | None = None
 
-    def run(self) -> EpisodeResults:
+    def __call__(self) -> EpisodeResults:
         """Load the policies and run the episodes."""
         policies = load_policies(self.policies) if isinstance(self.policies, str) else self.policies
         return run_episodes(policies, self.scenario, self.episodes, self.seed, self.options)
@@ -56,6 +57,10 @@ class Job(NamedTuple):
             policies.append(hashlib.sha256(options.encode()).hexdigest())
         return cache.key(policies, self.scenario, self.episodes, self.seed)
 
+    def files(self) -> list[Path]:
+        """Return the files of the policies, which another machine needs."""
+        return policy_files(self.policies) if isinstance(self.policies, str) else []
+
     def runs_elsewhere(self) -> bool:
         """Return whether another process can run the job: it consists of names and data only."""
         own = own_models(self.scenario)
@@ -63,7 +68,10 @@ class Job(NamedTuple):
 
 
 def run_jobs(
-    jobs: Mapping[Name, Job], cache_folder: Path | None = None, recompute: bool = False, processes: int = 1
+    jobs: Mapping[Name, Job],
+    cache_folder: cache.Folder | None = None,
+    recompute: bool = False,
+    processes: int | Executor = 1,
 ) -> dict[Name, EpisodeResults]:
     """Run all jobs and return their results, which do not depend on `processes`.
 
@@ -71,9 +79,10 @@ def run_jobs(
         jobs: Jobs by any hashable name.
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results and to run all jobs again.
-        processes: Number of processes.
+        processes: Number of processes, or an executor.
 
     Raises:
+        CallsFailedError: If jobs fail; the results of the others are cached.
         ValueError: If a policy is unknown, does not fit a scenario, or its file changes while the job runs.
     """
     keys = {name: key for name, job in jobs.items() if cache_folder and (key := job.cache_key())}
@@ -84,9 +93,10 @@ def run_jobs(
         if cache_folder and (found := cache.load(cache_folder, key, jobs[name].scenario.steps)) is not None
     }
     missing = {name: job for name, job in jobs.items() if name not in results}
+    outcomes = _run_as_completed(missing, as_executor(processes))
     with (
         tqdm(total=len(jobs), initial=len(results), unit="job", leave=False) as bar,
-        closing(_run_as_completed(missing, processes)) as completed,
+        closing(successes(outcomes, kept="are cached" if cache_folder else "")) as completed,
     ):
         for name, result in completed:
             if cache_folder and name in keys:
@@ -100,11 +110,8 @@ def run_jobs(
     return {name: results[name] for name in jobs}
 
 
-def _run_as_completed(jobs: Mapping[Name, Job], processes: int) -> Generator[tuple[Name, EpisodeResults], None, None]:
-    """Yield results as soon as they are ready; jobs of names and data run in other processes if there are several."""
-    remote = {name: job for name, job in jobs.items() if processes > 1 and job.runs_elsewhere()}
-    if remote:
-        yield from call_in_processes({name: job.run for name, job in remote.items()}, processes)
-    for name, job in jobs.items():
-        if name not in remote:
-            yield name, job.run()
+def _run_as_completed(jobs: Mapping[Name, Job], executor: Executor) -> Generator[tuple[Name, Any], None, None]:
+    """Yield outcomes as soon as they are ready. The executor runs jobs of names and data, this process the others."""
+    remote = {name: job for name, job in jobs.items() if job.runs_elsewhere()}
+    yield from executor(remote)
+    yield from call_here({name: job for name, job in jobs.items() if name not in remote})

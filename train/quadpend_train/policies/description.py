@@ -3,7 +3,7 @@
 A report or `quadpend card` reads them long after the policy has flown; a damaged card is refused before.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -29,7 +29,7 @@ def check_description(card: dict[str, Any]) -> None:
     _check(card, "seconds", _is_positive, "a finite number of at least 0")
     _check(card, "source", lambda value: isinstance(value, str), "a text")
     _check(card, "curve", _is_curve, "a list of [steps, seconds, survival, penalised RMSE] with increasing steps")
-    _check(card, "score", _is_score, "a mapping with survival from 0 to 1 and penalised_rmse of at least 0")
+    _check(card, "score", _is_final_score, "a mapping with survival from 0 to 1 and penalised_rmse of at least 0")
     _check(card, "scenarios", _is_texts, "a mapping from at least one scenario to its hash")
     for name in ("settings", "provenance"):
         _check(card, name, lambda value: isinstance(value, dict), "a mapping")
@@ -69,14 +69,15 @@ def _is_positive(value: Any, largest: float = 1e300) -> bool:
 
 def _is_curve(value: Any) -> bool:
     rows = isinstance(value, list) and all(isinstance(row, list) and len(row) == 4 for row in value)
-    if not rows or not all(
-        _is_count(row[0]) and all(map(_is_positive, row[1:])) and row[2] <= 1.0 and row[3] <= 1.0 for row in value
-    ):
-        return False
-    return all(one[0] < other[0] for one, other in pairwise(value))
+    return rows and all(map(is_score, value)) and all(one[0] < other[0] for one, other in pairwise(value))
 
 
-def _is_score(value: Any) -> bool:
+def is_score(row: Sequence[Any]) -> bool:
+    """Return whether these are the timesteps, the seconds, the survival and the penalised RMSE (m) of an evaluation."""
+    return _is_count(row[0]) and all(map(_is_positive, row[1:])) and row[2] <= 1.0 and row[3] <= 1.0
+
+
+def _is_final_score(value: Any) -> bool:
     return (
         isinstance(value, dict)
         and _is_positive(value.get("survival"), 1.0)

@@ -42,7 +42,7 @@ from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.core.validation import check_int, check_positive
+from quadpend_gym.core.validation import check_int, check_number
 from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
@@ -243,15 +243,15 @@ class MlpPolicy:
 
 
 def check_input_scales(scales: Any) -> tuple[float, ...]:
-    """Return input scales after a check that they are a list of numbers above zero.
+    """Return input scales after a check that they are a list of numbers from 1e-6 to 1e6.
 
     Raises:
         TypeError: If they are not a list of numbers.
-        ValueError: If a scale is not above zero.
+        ValueError: If a scale is out of range.
     """
     if not isinstance(scales, tuple | list):
         raise TypeError(f"input_scales must be a list of numbers, not {scales!r}")
-    return tuple(check_positive(scale, f"input_scales[{i}]") for i, scale in enumerate(scales))
+    return tuple(check_number(scale, f"input_scales[{i}]", 1e-6, 1e6) for i, scale in enumerate(scales))
 
 
 def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:

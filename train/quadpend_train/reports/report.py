@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from quadpend_train.common.executors import Executor, as_executor
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_folder
+from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare, named_policies
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
@@ -43,8 +45,8 @@ def evaluate(
     *,
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
-    jobs: int = 1,
-    cache_folder: Path | None = None,
+    jobs: int | Executor = 1,
+    cache_folder: cache.Folder | None = None,
     recompute: bool = False,
     robustness: int = 0,
     replay: int = 2,
@@ -59,7 +61,7 @@ def evaluate(
         out: Folder for report.html, comparison.json, .csv, .md and .png, and figures of robustness; it is created.
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
-        jobs: Number of processes; the results do not depend on it.
+        jobs: Number of processes, or an executor of `quadpend_train.common.executors`; the results do not depend on it.
         cache_folder: Folder of cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results.
         robustness: Number of episodes at each value of the perturbation axes; 0 omits the robustness. Of a learner with
@@ -68,11 +70,14 @@ def evaluate(
 
     Raises:
         TypeError: If a policy or a scenario has the wrong type.
-        ValueError: If a policy or a scenario is refused, see `compare`, a number is out of range, or the folder cannot
+        ValueError: If a policy or a scenario is refused, see `compare`, a number is out of range, or a folder cannot
             be written.
     """
-    check_counts(episodes=episodes, seed=seed, jobs=jobs, replay=replay, robustness=robustness)
+    check_counts(episodes=episodes, seed=seed, replay=replay, robustness=robustness)
+    jobs = as_executor(jobs)
     folder = writable_folder(Path(out), files=results.FILES)
+    if cache_folder:
+        cache.check_folder(cache_folder)
     named = named_policies(policies)
     comparison = compare(named, scenarios, episodes, seed, cache_folder, recompute, jobs)
     measured = None

@@ -32,6 +32,8 @@ PAIRWISE_COLUMNS = (
     "improvement",
 )
 MANY_EPISODES = 50  # from this number on, most intervals cover close to 95 %, see docs/accuracy.md
+_MANY_FALLS = 5  # with fewer, an interval of a mean covers less, see docs/accuracy.md
+_MOST_NAMED = 5  # cells in a note
 _POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
 
@@ -92,14 +94,35 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow] | None 
     return f"{text}\n"
 
 
+def notes(comparison: Comparison) -> list[str]:
+    """Return the notes below the table of a comparison: about few episodes and about a scaled wind."""
+    return [note for note in (episodes_note(comparison), vehicle_note(comparison)) if note]
+
+
 def episodes_note(comparison: Comparison) -> str:
-    """Return that the intervals are from few episodes; empty if there are at least `MANY_EPISODES`."""
+    """Return that the intervals are from few episodes, or which are from few falls; empty if there are none."""
     if comparison.episodes >= MANY_EPISODES:
-        return ""
+        falls = {
+            f"{policy} in {scenario}": np.sum(~results.survived)
+            for (scenario, policy), results in comparison.results.items()
+            if len(results.survived) == 1  # the interval of several training seeds is another one
+        }
+        return falls_note([cell for cell, count in falls.items() if 0 < count < _MANY_FALLS])
     few = f"{comparison.episodes} episode{'s' if comparison.episodes > 1 else ''}"
     return (
-        f"The 95 % intervals are from {few} and less reliable than their name says: rare falls and skewed errors lower"
-        f" their coverage. Use at least {MANY_EPISODES} episodes."
+        f"The 95 % intervals are from {few}. They contain the true value in less than 95 % of all studies, because few"
+        f" episodes seldom contain a rare fall. Use at least {MANY_EPISODES} episodes."
+    )
+
+
+def falls_note(cells: Sequence[str]) -> str:
+    """Return that the intervals of some cells ("lqr in windy") are from few falls; empty without cells."""
+    if not cells:
+        return ""
+    more = f" and {len(cells) - _MOST_NAMED} more" if len(cells) > _MOST_NAMED else ""
+    return (
+        f"Few falls (1 to {_MANY_FALLS - 1}): {', '.join(cells[:_MOST_NAMED])}{more}. There, the 95 % interval of the"
+        " penalised RMSE contains the true value in less than 95 % of all studies: use more episodes."
     )
 
 

@@ -9,20 +9,25 @@ import hashlib
 import json
 import shutil
 from collections.abc import Mapping
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from tqdm.auto import tqdm
 
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import suggest
 from quadpend_train.common import documents
+from quadpend_train.common.executors import Executor, FolderCall, as_executor, successes
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.provenance import versions
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import format_interval
+from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, mean
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import expand_sets, find_scenario
@@ -34,6 +39,7 @@ from quadpend_train.training.train import train
 TIMESTEPS = 3_000_000  # of a training without a base controller
 HYBRID_TIMESTEPS = 1_000_000  # of a hybrid, which performs as well as its base controller from the start
 EPISODES = 100
+_PARTS = ("without", "with")  # the two trainings of an ablation
 _OUTPUT_FEEDBACK = '{"wind": "breeze", "output_feedback": true}'
 
 
@@ -187,27 +193,47 @@ def settings_pair(ablation: Ablation, seed: int) -> tuple[TrainSettings, TrainSe
     return from_mapping(without, ablation.part), from_mapping(added, ablation.part)
 
 
-def run(folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS)) -> dict[str, AblationResult]:
+def run(
+    folder: Path, seeds: int = 3, names: tuple[str, ...] = tuple(ABLATIONS), jobs: int | Executor = 1
+) -> dict[str, AblationResult]:
     """Train and evaluate; trainings that `folder` already has with the same settings are not repeated.
 
     Args:
         folder: Folder of the run folders and of `ablations.json`.
         seeds: Number of training seeds.
         names: Keys of `ABLATIONS`.
+        jobs: Number of processes, or an executor; the results do not depend on it.
 
     Raises:
+        CallsFailedError: If trainings fail; the others are in `folder`.
         ValueError: If a name is unknown.
     """
     if unknown := [name for name in names if name not in ABLATIONS]:
         raise ValueError(
             f"there is no ablation {unknown[0]!r}{suggest(unknown[0], ABLATIONS)}; there are {', '.join(ABLATIONS)}"
         )
+    execute = as_executor(jobs)
+    pairs = {(name, seed): settings_pair(ABLATIONS[name], seed) for name in names for seed in range(seeds)}
+    runs = {
+        (name, part, seed): settings
+        for (name, seed), pair in pairs.items()
+        for part, settings in zip(_PARTS, pair, strict=True)
+    }
+    _train_all(runs, folder, execute)
+    evaluations = {
+        key: Job(
+            str(run_folder(folder, settings) / POLICY),
+            find_scenario(ABLATIONS[key[0]].scenario),
+            EPISODES,
+            VALIDATION_SEED,
+        )
+        for key, settings in runs.items()
+    }
+    evaluated = run_jobs(evaluations, processes=execute)
     results = {}
     for name in names:
-        pairs = [settings_pair(ABLATIONS[name], seed) for seed in range(seeds)]
         without, added = (
-            np.stack([_train_and_evaluate(settings, ABLATIONS[name].scenario, folder) for settings in group])
-            for group in zip(*pairs, strict=True)
+            np.stack([evaluated[name, part, seed].penalised_rmse[0] for seed in range(seeds)]) for part in _PARTS
         )
         results[name] = AblationResult(mean(without).not_negative(), mean(added).not_negative(), mean(added - without))
         print(f"{ABLATIONS[name].part}: {_cells(results[name])}", flush=True)
@@ -236,15 +262,27 @@ def _with_constant_output(policy: MlpPolicy) -> MlpPolicy:
     return MlpPolicy([*policy.layers[:-1], (np.zeros_like(weights), constant)], policy.card)
 
 
-def _train_and_evaluate(settings: TrainSettings, scenario: str, folder: Path) -> Floats:
-    """Return the penalised RMSE of each episode of the trained policy, m, shape (n,)."""
+def run_folder(folder: Path, settings: TrainSettings) -> Path:
+    """Return the folder of the run with certain settings."""
     key = json.dumps([to_mapping(settings), code_stamp(), versions()], sort_keys=True)
-    run_folder = folder / hashlib.sha256(key.encode()).hexdigest()[:16]
-    policy = run_folder / POLICY
-    if not policy.is_file():
-        shutil.rmtree(run_folder, ignore_errors=True)  # removes what an interrupted training left
-        train(settings, run_folder, progress=False)
-    return _penalised_rmse(MlpPolicy.load(policy), scenario)
+    return folder / hashlib.sha256(key.encode()).hexdigest()[:16]
+
+
+def _train_all(runs: Mapping[Any, TrainSettings], folder: Path, execute: Executor) -> None:
+    """Make the runs of which `folder` has no finished one. Ablations can have runs in common."""
+    names = {run_folder(folder, settings): name for name, settings in runs.items()}
+    calls = {}
+    for path, name in names.items():
+        if not (path / POLICY).is_file():
+            shutil.rmtree(path, ignore_errors=True)  # removes what an interrupted training left
+            calls[name] = FolderCall(partial(train, runs[name], progress=False), path, cpus=runs[name].num_threads)
+    with (
+        tqdm(total=len(names), initial=len(names) - len(calls), unit="training", leave=False) as bar,
+        closing(successes(execute(calls), "training", f"are in {folder}")) as done,
+    ):
+        for name, files in done:
+            calls[name].keep(files)
+            bar.update()
 
 
 def _penalised_rmse(policy: MlpPolicy, scenario: str) -> Floats:

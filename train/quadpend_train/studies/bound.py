@@ -9,7 +9,7 @@ counts, since a clairvoyant could repeat it.
 import hashlib
 import json
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -31,8 +31,8 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.source_hash import source_hash
+from quadpend_train.common.executors import Executor, as_executor, successes
 from quadpend_train.common.files import to_json_data
-from quadpend_train.common.processes import call_in_processes
 from quadpend_train.evaluation.bound import (
     CLAIRVOYANT,
     BoundEpisode,
@@ -165,7 +165,7 @@ def plan(
     episodes: int,
     seed: int,
     folder: Path,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     recompute: bool = False,
 ) -> dict[str, list[BoundEpisode]]:
     """Plan the missing episodes of `bound.csv` in a folder, which is written after each of them.
@@ -175,21 +175,25 @@ def plan(
         episodes: Number of episodes of each scenario.
         seed: Seed of the first episode.
         folder: Folder of `bound.csv`. Its other episodes are kept.
-        jobs: Number of processes; the results do not depend on it.
+        jobs: Number of processes, or an executor; the results do not depend on it.
         recompute: Whether to plan stored episodes again.
 
     Returns:
         The episodes of each scenario.
+
+    Raises:
+        CallsFailedError: If episodes fail; the others are in `bound.csv`.
     """
     path = folder / "bound.csv"
     stored = {(item.scenario, item.seed): item for item in read_bound(path)} if path.exists() else {}
     tasks = [Task(name, scenario, seed + k) for k in range(episodes) for name, scenario in scenarios.items()]
     missing = [task for task in tasks if recompute or not _is_current(task, stored)]
+    calls = {(task.name, task.seed): partial(plan_episode, task) for task in missing}
     with (
         tqdm(total=len(tasks), initial=len(tasks) - len(missing), unit="episode", leave=False) as bar,
-        closing(_planned(missing, jobs)) as planned,
+        closing(successes(as_executor(jobs)(calls), "episode", f"are in {path}")) as planned,
     ):
-        for episode in planned:
+        for _, episode in planned:
             stored[episode.scenario, episode.seed] = episode
             write_bound(path, [stored[place] for place in sorted(stored, key=lambda place: (place[0], place[1]))])
             bar.update()
@@ -199,15 +203,6 @@ def plan(
 def _is_current(task: Task, stored: Mapping[tuple[str, int], BoundEpisode]) -> bool:
     found = stored.get((task.name, task.seed))
     return found is not None and found.key == task.key
-
-
-def _planned(tasks: Sequence[Task], jobs: int) -> Generator[BoundEpisode, None, None]:
-    """Yield the flights as soon as they are planned, in other processes if there are several jobs."""
-    if jobs == 1 or len(tasks) < 2:
-        yield from map(plan_episode, tasks)
-        return
-    calls = {(task.name, task.seed): partial(plan_episode, task) for task in tasks}
-    yield from (episode for _, episode in call_in_processes(calls, jobs))
 
 
 class Gap(NamedTuple):

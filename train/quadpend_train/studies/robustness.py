@@ -15,9 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_train.common.executors import Executor
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.provenance import provenance
+from quadpend_train.evaluation.cache import Folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
@@ -199,9 +201,9 @@ def measure_robustness(
     start_grids: Mapping[str, StartGrid] = START_GRIDS,
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
-    cache_folder: Path | None = None,
+    cache_folder: Folder | None = None,
     recompute: bool = False,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     base: Scenario = CALM,
 ) -> Robustness:
     """Evaluate every policy at all values of every perturbation axis and from all starts of every grid.
@@ -215,7 +217,7 @@ def measure_robustness(
         seed: Seed of the first episode.
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results.
-        jobs: Number of processes.
+        jobs: Number of processes, or an executor.
         base: Scenario whose nominal simulation (vehicle and control period) and duration are used; its other fields
             have no effect.
 
@@ -224,7 +226,7 @@ def measure_robustness(
     """
     if not policies:
         raise ValueError("policies must have at least one entry")
-    check_counts(episodes=episodes, seed=seed, jobs=jobs)
+    check_counts(episodes=episodes, seed=seed)
     base = Scenario(simulation=base.simulation, duration=base.duration)
     on_axes = {
         (name, policy, value): Job(

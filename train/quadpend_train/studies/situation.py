@@ -20,7 +20,9 @@ from quadpend_baselines.hybrid.protocol import HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
+from quadpend_train.common.executors import Executor
 from quadpend_train.common.files import to_json_data, write_text
+from quadpend_train.evaluation.cache import Folder
 from quadpend_train.evaluation.comparison import compare, differences
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
@@ -89,7 +91,7 @@ def with_mean_situation(policy: MlpPolicy) -> MlpPolicy:
 
 
 def measure(
-    name: str, scenarios: Mapping[str, Any], episodes: int, seed: int, cache: Path | None, jobs: int
+    name: str, scenarios: Mapping[str, Any], episodes: int, seed: int, cache: Folder | None, jobs: int | Executor
 ) -> dict[str, dict[str, Interval]]:
     """Return the metrics of the policy, of the policy with the mean situation, and their differences, by scenario.
 
@@ -99,7 +101,7 @@ def measure(
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         cache: Folder of cached results of the policy.
-        jobs: Number of processes.
+        jobs: Number of processes, or an executor.
     """
     policies = adaptive_policies(name)
     held: Any = [with_mean_situation(policy) for policy in policies]

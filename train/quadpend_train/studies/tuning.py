@@ -30,6 +30,14 @@ from quadpend_train.common.limits import check_counts
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
 from quadpend_train.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
+from quadpend_train.studies.shared_trials import (
+    TrialSampler,
+    describe_storage,
+    open_storage,
+    open_study,
+    quiet,
+    run_trials,
+)
 from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
@@ -168,37 +176,97 @@ def run_training_scenarios(
 
 
 def search(
-    name: str, trials: int, episodes: int, seed: int, folder: Path, scenarios: Sequence[str] = SCENARIOS
+    name: str,
+    trials: int,
+    episodes: int,
+    seed: int,
+    folder: Path,
+    scenarios: Sequence[str] = SCENARIOS,
+    storage: str | None = None,
 ) -> optuna.Study:
     """Search for gains of a controller, with the losses of earlier trials if the code has not changed since.
 
     The search depends only on its seed and on the losses. So an interrupted search continues like an uninterrupted
-    one: it makes the same trials again, without running their episodes.
+    one: it makes the same trials again, without running their episodes. With a storage, several processes search
+    together, and which trials they make depends on when they end too.
 
     Args:
         name: Key of `SEARCH_SPACES`.
-        trials: Number of trials, including those in `folder`.
+        trials: Number of trials, including those in `folder` or in the storage.
         episodes: Number of episodes in each scenario.
         seed: Seed of the search.
         folder: Folder of the losses of the trials.
         scenarios: Names of the scenarios and of sets of scenarios.
+        storage: File or URL for `open_storage`, which replaces the file in `folder`; opening it executes code that it
+            contains.
 
     Raises:
-        ValueError: If the file of the losses is damaged.
+        ValueError: If the file of the losses is damaged, or the storage cannot be opened.
     """
-    hashes = [scenario_hash(scenario) for scenario in _find_all(scenarios)]
+    space, start = _space_and_start(name, scenarios)
+    measure = _loss_of_gains(name, episodes, scenarios)
+    if storage is not None:
+        study = open_search(name, episodes, seed, scenarios, storage)
+        with quiet():
+            run_trials(study, lambda trial: measure(_suggest(trial, space)), trials)
+        return study
+    study = optuna.create_study(sampler=_sampler(start, seed))
+    study.enqueue_trial(start)
+    folder.mkdir(parents=True, exist_ok=True)
+    losses = _Losses(folder / f"{_study_name(name, episodes, seed, scenarios)}.trials.json")
+
+    def objective(trial: optuna.Trial) -> float:
+        gains = _suggest(trial, space)
+        if (known := losses.find(trial.number, gains)) is not None:
+            return known
+        value = measure(gains)
+        losses.add(trial.number, gains, value)
+        return value
+
+    study.optimize(objective, n_trials=trials, show_progress_bar=True)
+    return study
+
+
+def open_search(name: str, episodes: int, seed: int, scenarios: Sequence[str], storage: str) -> optuna.Study:
+    """Open or create the study of a search that several processes share, see `search`."""
+    _, start = _space_and_start(name, scenarios)
+    sampler = TrialSampler(lambda number: _sampler(start, number), seed, start)
+    with quiet():
+        return open_study(_study_name(name, episodes, seed, scenarios), open_storage(storage), sampler)
+
+
+def _space_and_start(name: str, scenarios: Sequence[str]) -> tuple[dict[str, SearchRange], dict[str, float]]:
     space = search_space(name, _find_all(scenarios)[0].simulation)
-    start = {path: first for path, (_, _, first) in space.items()}
+    return space, {path: first for path, (_, _, first) in space.items()}
+
+
+def _study_name(name: str, episodes: int, seed: int, scenarios: Sequence[str]) -> str:
+    """Return a name that differs for searches whose losses differ."""
+    hashes = [scenario_hash(scenario) for scenario in _find_all(scenarios)]
+    key = json.dumps([name, episodes, seed, _space_and_start(name, scenarios)[0], hashes, code_stamp()])
+    return f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
+
+
+def _sampler(start: dict[str, float], seed: int) -> optuna.samplers.CmaEsSampler:
     with warnings.catch_warnings():  # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
         warnings.simplefilter("ignore", FutureWarning)
-        sampler = optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
-    study = optuna.create_study(sampler=sampler)
-    study.enqueue_trial(start)
-    key = json.dumps([name, episodes, seed, space, hashes, code_stamp()])
-    folder.mkdir(parents=True, exist_ok=True)
-    losses = _Losses(folder / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.trials.json")
-    study.optimize(_objective(name, episodes, scenarios, losses), n_trials=trials, show_progress_bar=True)
-    return study
+        return optuna.samplers.CmaEsSampler(x0=start, sigma0=0.1, seed=seed, warn_independent_sampling=False)
+
+
+def _suggest(trial: optuna.Trial, space: dict[str, SearchRange]) -> dict[str, float]:
+    return {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in space.items()}
+
+
+def _loss_of_gains(name: str, episodes: int, scenarios: Sequence[str]) -> Callable[[dict[str, float]], float]:
+    """Return the function that runs episodes with gains and returns their loss."""
+    env, simulation = training_scenarios(episodes, scenarios), _find_all(scenarios)[0].simulation
+    present = gains_for(name, simulation)
+
+    def measure(gains: dict[str, float]) -> float:
+        policy = CONTROLLER_FACTORIES[name](replace_gains(present, gains), simulation)
+        return loss(run_training_scenarios(policy, env, TUNING_SEED, scenarios))
+
+    return measure
 
 
 class _Losses:
@@ -224,22 +292,6 @@ class _Losses:
         write_text(self.path, json.dumps({"trials": self.trials}, indent=1) + "\n")
 
 
-def _objective(name: str, episodes: int, scenarios: Sequence[str], losses: _Losses) -> Callable[[optuna.Trial], float]:
-    env, simulation = training_scenarios(episodes, scenarios), _find_all(scenarios)[0].simulation
-    space, present = search_space(name, simulation), gains_for(name, simulation)
-
-    def objective(trial: optuna.Trial) -> float:
-        gains = {path: trial.suggest_float(path, low, high, log=True) for path, (low, high, _) in space.items()}
-        if (known := losses.find(trial.number, gains)) is not None:
-            return known
-        policy = CONTROLLER_FACTORIES[name](replace_gains(present, gains), simulation)
-        value = loss(run_training_scenarios(policy, env, TUNING_SEED, scenarios))
-        losses.add(trial.number, gains, value)
-        return value
-
-    return objective
-
-
 def check_names(names: Sequence[str]) -> None:
     """Check that controllers have a search space.
 
@@ -255,7 +307,13 @@ def check_names(names: Sequence[str]) -> None:
 
 
 def tune(
-    name: str, trials: int, episodes: int, seed: int, folder: Path, scenarios: Sequence[str] = SCENARIOS
+    name: str,
+    trials: int,
+    episodes: int,
+    seed: int,
+    folder: Path,
+    scenarios: Sequence[str] = SCENARIOS,
+    storage: str | None = None,
 ) -> dict[str, Any]:
     """Search for gains, score them, write gains and scores to ``{name}.json`` in `folder`, and return them.
 
@@ -266,6 +324,7 @@ def tune(
         seed: Seed of the search.
         folder: Folder of the results and of the losses of the trials.
         scenarios: Names of scenarios, as for `find_scenario`, and of sets of scenarios.
+        storage: File or URL that several processes share, see `search`.
 
     Raises:
         ValueError: If the controller has no search space, a scenario is unknown, the scenarios have different nominal
@@ -277,7 +336,7 @@ def tune(
         raise ValueError(f"scenarios must be at least one, and not {(held_out or ['test'])[0]!r}, which is held out")
     check_counts(trials=trials, episodes=episodes)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = search(name, trials, episodes, seed, folder, scenarios)
+    study = search(name, trials, episodes, seed, folder, scenarios, storage)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
     simulation = _find_all(scenarios)[0].simulation
     present = gains_for(name, simulation)
@@ -286,8 +345,12 @@ def tune(
         for gains in (present, replace_gains(present, values))
     )
     command = f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}"
+    if tuple(scenarios) != SCENARIOS:
+        command += f" --scenarios {shlex.join(scenarios)}"
+    if storage is not None:
+        command += f" --storage {shlex.quote(describe_storage(storage))}"
     found = {
-        "command": command if tuple(scenarios) == SCENARIOS else f"{command} --scenarios {shlex.join(scenarios)}",
+        "command": command,
         "gains": values,
         "score": round(float(np.mean([rmse for _, rmse in after.values()])), 2),
         "score of the gains in baselines/quadpend_baselines/gains.py": round(

@@ -9,7 +9,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm.auto import tqdm
 
-from quadpend_train.common.files import atomic
+from quadpend_train.common.files import atomic, write_bytes
 from quadpend_train.policies.export import export
 from quadpend_train.policies.sb3_models import start_new_episodes
 from quadpend_train.scenarios import expand_sets, find_scenario
@@ -17,7 +17,7 @@ from quadpend_train.training.environment import make_env, scenarios_at
 from quadpend_train.training.run_folder import CHECKPOINT
 from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings
 from quadpend_train.training.time_limit import TimeLimit
-from quadpend_train.training.validation import BEST, Score, read_curve, validate, write_curve
+from quadpend_train.training.validation import BEST, Score, validate, write_curve
 
 DIVERGED = (
     "training diverged within {} steps: the weights of the networks are not finite; lower learning_rate or reward_scale"
@@ -111,13 +111,16 @@ class StopConditions(BaseCallback):
 
     def _on_step(self) -> bool:
         self.limit.step()
-        return not self.limit.reached()
+        return not self.limit.stop()
 
 
 class EvaluationCallback(BaseCallback):
     """Evaluate the policy every `eval_freq` steps, save the best one, and stop early, see `patience`.
 
     ``curve.csv`` has one line per evaluation, see `Score`. The time of the evaluations does not count as training time.
+
+    The scores and the best policy are also in the model, and so in its checkpoints: a resumed run continues from those
+    before its checkpoint, writes the two files again, and repeats the later evaluations.
     """
 
     def __init__(self, settings: TrainSettings, folder: Path, limit: TimeLimit) -> None:
@@ -129,15 +132,19 @@ class EvaluationCallback(BaseCallback):
 
     def _on_training_start(self) -> None:
         self.start_time = time.perf_counter()
-        # Scores after the checkpoint are dropped: a resumed run makes these evaluations again.
-        self.scores = [score for score in read_curve(self.folder) if score.steps <= self.num_timesteps]
+        model: Any = self.model
+        self.scores = [Score(*values) for values in getattr(model, "scores", [])]
+        model.scores, model.best = self.scores, getattr(model, "best", b"")
+        if self.scores:
+            write_bytes(self.folder / BEST, model.best)
+            write_curve(self.folder, self.scores)
         self.stop = self._out_of_patience()
         self.seconds_before = self.scores[-1].seconds if self.scores else 0.0
 
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq
         if every and self.num_timesteps >= (self.scores[-1].steps // every + 1 if self.scores else 0) * every:
-            if self.limit.reached(evaluations=1):
+            if self.limit.stop(evaluations=1):
                 self.stop = True  # and evaluate at the end of training
             else:
                 self.evaluate()
@@ -155,6 +162,7 @@ class EvaluationCallback(BaseCallback):
         score = Score(self.num_timesteps, round(seconds, 2), survival, rmse)
         if rmse < min((other.penalised_rmse for other in self.scores), default=float("inf")):
             policy.save(self.folder / BEST)
+            self.model.best = (self.folder / BEST).read_bytes()  # type: ignore[attr-defined]
         self.scores.append(score)
         write_curve(self.folder, self.scores)
         for name, value in score._asdict().items():

@@ -38,6 +38,7 @@ class TimeLimit:
 
     def __init__(self, seconds: float, started: float | None = None) -> None:
         self.end = (time.perf_counter() if started is None else started) + seconds if seconds else float("inf")
+        self.stopped = False  # whether the limit has ended the training
         self.evaluation = 0.0  # s, duration of an evaluation
         self._evaluations = 1  # after training: the score, and the last evaluation if there are any
         self._last: float | None = None  # time of the last step
@@ -79,6 +80,11 @@ class TimeLimit:
         """Return whether there is no time for more evaluations and another interval between two steps."""
         final = _SAVING + _MARGIN * self.evaluation * (self._evaluations + evaluations)
         return time.perf_counter() + final + max(self._intervals) >= self.end
+
+    def stop(self, evaluations: int = 0) -> bool:
+        """Return whether training has to stop, as `reached` says, and remember in `stopped` that it had to."""
+        self.stopped = self.stopped or self.reached(evaluations)
+        return self.stopped
 
     def check(self) -> None:
         """Raise `TimeUpError` if training has to stop."""

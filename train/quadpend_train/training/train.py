@@ -18,6 +18,7 @@ continues from its model, see `extend`.
 """
 
 import signal
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -53,6 +54,8 @@ from quadpend_train.training.run_folder import (
     POLICY,
     PROVENANCE,
     SETTINGS,
+    begin_continuation,
+    complete_continuation,
     delete_checkpoint,
     locked,
     read_provenance,
@@ -62,9 +65,13 @@ from quadpend_train.training.run_folder import (
 from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings, read_settings, to_mapping
 from quadpend_train.training.start import START, load_actor, start_policy
 from quadpend_train.training.time_limit import TimeLimit, TimeUpError
-from quadpend_train.training.validation import BEST, check_curve, read_curve, validate
+from quadpend_train.training.validation import BEST, Score, restore_scores, validate
 
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
+STOPPED = (
+    "max_seconds ended the training early, after {} of {} timesteps:"
+    " `quadpend train --resume {} --more-steps {}` continues it."
+)
 LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run is resumed
 
 
@@ -130,7 +137,7 @@ def resume(
     Raises:
         BlockingIOError: If another process trains in the folder.
         FileNotFoundError: If the folder contains no run, or a finished one.
-        ValueError: If another setting is changed, or the curve or the best policy is damaged.
+        ValueError: If another setting is changed, or a file of a run of an earlier version is damaged.
         FloatingPointError: If training diverged.
     """
     if not (folder / SETTINGS).is_file():
@@ -139,6 +146,7 @@ def resume(
         if (folder / POLICY).is_file():
             delete_checkpoint(folder)  # if the process was killed after it had written the policy
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
+        complete_continuation(folder)
         settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings)
         limit = TimeLimit(settings.max_seconds, started)
         if not provenance_file(folder, PROVENANCE).is_file():  # a killed process of an earlier version wrote it last
@@ -147,10 +155,25 @@ def resume(
             return _begin(_untrained_model(settings, folder, folder / START), settings, folder, limit, progress)
         torch.set_num_threads(settings.num_threads)
         model = load_model(settings, make_env(settings), folder / CHECKPOINT)
-        check_curve(folder, settings, model.num_timesteps)
+        restore_scores(model, settings, folder)
         if settings.algo in REPLAY_ALGORITHMS:
             model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
         return _learn(model, settings, folder, limit, progress)
+
+
+def train_or_resume(settings: TrainSettings, folder: Path, *, progress: bool = True) -> Path:
+    """Train a policy, or continue the interrupted run in the folder, see `train` and `resume`.
+
+    Args:
+        settings: The settings of the run.
+        folder: The folder of the run.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The path of the trained policy.
+    """
+    begun = (folder / SETTINGS).is_file()
+    return resume(folder, settings, progress=progress) if begun else train(settings, folder, progress=progress)
 
 
 def extend(
@@ -191,20 +214,17 @@ def extend(
         raise FileNotFoundError(f"{folder} contains no run")
     if not (folder / POLICY).is_file() or not (folder / MODEL).is_file():
         raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
-    with locked(folder):  # each part may be repeated after the process was killed
+    with locked(folder):
         settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings, LIMITS[:1])
         torch.set_num_threads(settings.num_threads)
         model = load_model(settings, make_env(settings), folder / MODEL)
+        restore_scores(model, settings, folder)
         steps = model.num_timesteps
-        check_curve(folder, settings, steps)
         if settings.algo in REPLAY_ALGORITHMS:
             model.learning_starts = steps + settings.sac.learning_starts
         save_checkpoint(model, folder)
-        made = read_provenance(folder)
-        continued = [*(other for other in made.get("continued_at", []) if other != steps), steps]
-        write_json(folder / PROVENANCE, {**made, "continued_at": continued})
-        write_json(folder / SETTINGS, to_mapping(replace(settings, total_timesteps=steps + more_steps, patience=0)))
-        (folder / POLICY).replace(folder / f"policy_{steps}.npz")
+        new = replace(settings, total_timesteps=steps + more_steps, patience=0)
+        begin_continuation(folder, steps, to_mapping(new))
     return resume(folder, progress=progress, started=started)
 
 
@@ -293,6 +313,12 @@ def _interrupt(*_: Any) -> None:
     raise KeyboardInterrupt
 
 
+def _handle_sigterm(handler: Any) -> Any:
+    """Set the handler of SIGTERM and return the previous one; only the main thread can, elsewhere nothing changes."""
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    return signal.signal(signal.SIGTERM, handler) if in_main_thread else None
+
+
 def _learn(
     model: Any,
     settings: TrainSettings,
@@ -307,10 +333,12 @@ def _learn(
     callbacks = [CheckpointSegments(settings, folder), stop, evaluation, RewardTerms(), *callbacks]
     if progress:
         callbacks.append(ProgressBar(settings, evaluation))
-    previous_handler = signal.signal(signal.SIGTERM, _interrupt)
+    previous_handler = _handle_sigterm(_interrupt)
     try:
         model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
         stop.check_finite()
+        if limit.stopped:
+            print(STOPPED.format(model.num_timesteps, settings.total_timesteps, folder, _missing(model, settings)))
     except KeyboardInterrupt:
         print(f"Interrupted after {model.num_timesteps} steps; `quadpend train --resume {folder}` continues the run.")
         raise
@@ -320,22 +348,30 @@ def _learn(
             raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
         raise
     finally:
-        signal.signal(signal.SIGTERM, previous_handler)
+        _handle_sigterm(previous_handler)
     with atomic(folder / MODEL) as unfinished:
         model.save(unfinished)
     seconds = time.perf_counter() - start - evaluation.evaluation_seconds
-    _final_policy(model, settings, folder, seconds).save(folder / POLICY)
+    policy = _final_policy(model, settings, folder, evaluation.scores, seconds)
+    if limit.stopped:
+        policy.card["stopped_by"] = "max_seconds"
+    policy.save(folder / POLICY)
     delete_checkpoint(folder)
     return folder / POLICY
 
 
-def _final_policy(model: Any, settings: TrainSettings, folder: Path, seconds: float) -> MlpPolicy:
+def _missing(model: Any, settings: TrainSettings) -> int:
+    """Return how many timesteps a stopped run lacks: at least a rollout, whose gradient steps it has not made."""
+    return max(settings.total_timesteps - int(model.num_timesteps), settings.rollout_timesteps())
+
+
+def _final_policy(
+    model: Any, settings: TrainSettings, folder: Path, curve: Sequence[Score], seconds: float
+) -> MlpPolicy:
     """Return the policy of a finished run with its card."""
-    best = folder / BEST
-    policy = MlpPolicy.load(best) if best.is_file() else export(model, **settings.policy_interface())
-    curve = read_curve(folder)
+    policy = MlpPolicy.load(folder / BEST) if curve else export(model, **settings.policy_interface())
     survival, rmse = validate(policy, settings, CARD_SEED)
-    best_at = min(curve, key=lambda score: score.penalised_rmse).steps if best.is_file() else model.num_timesteps
+    best_at = min(curve, key=lambda score: score.penalised_rmse).steps if curve else model.num_timesteps
     simulation = find_scenario(expand_sets(settings.scenarios)[0]).simulation  # all scenarios have the same
     card = {
         **policy.card,

@@ -1,20 +1,20 @@
 """Validation: score a policy in its training scenarios, in episodes that are not used for training.
 
-The scores of a run are its learning curve, in the file ``curve.csv``. Which policy is the best depends on them, so a
-damaged file is refused.
+The scores of a run are its learning curve, in the file ``curve.csv``. The file is for its readers: a resumed run takes
+the scores from its checkpoint.
 """
 
 import csv
 import io
-import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
+from quadpend_train.policies.description import is_score
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import expand_sets
 from quadpend_train.training.settings import TrainSettings
@@ -75,7 +75,7 @@ def read_curve(folder: Path) -> list[Score]:
         whole = tuple(head) == Score._fields and text.endswith("\n")
     except (ValueError, TypeError, csv.Error):
         whole, scores = False, []
-    if not whole or not all(map(_is_score, scores)):
+    if not whole or not all(map(is_score, scores)):
         raise ValueError(_damaged(path, "it is cut off or contains something else than scores"))
     return scores
 
@@ -87,38 +87,30 @@ def write_curve(folder: Path, scores: list[Score]) -> None:
     write_text(folder / CURVE, lines.getvalue())
 
 
-def check_curve(folder: Path, settings: TrainSettings, steps: int) -> None:
-    """Check that the scores of a run before a checkpoint are complete, and that its best policy is there.
-
-    An evaluation is due at the first rollout that starts after a multiple of `eval_freq` timesteps.
+def restore_scores(model: Any, settings: TrainSettings, folder: Path) -> None:
+    """Give a model that an earlier version has saved the scores and the best policy, which are in files of its run.
 
     Args:
-        folder: The folder of the run.
+        model: A model from a checkpoint or of a finished run; those of this version contain both.
         settings: The settings of the run.
-        steps: Timesteps of the checkpoint.
+        folder: The folder of the run.
 
     Raises:
         ValueError: If one of the files is damaged or missing.
     """
-    every, done = settings.eval_freq, [score.steps for score in read_curve(folder) if score.steps <= steps]
-    if not every or steps == 0:
+    if hasattr(model, "scores"):
         return
-    rollout = settings.rollout_timesteps()
-    for last, following in zip([None, *done], [*done, steps], strict=True):
-        due = 0 if last is None else (last // every + 1) * every
-        if following >= due + rollout or (last is not None and following < last):
-            raise ValueError(_damaged(folder / CURVE, f"it lacks the evaluation after {due} timesteps"))
-    if not (folder / BEST).is_file():
-        raise ValueError(_damaged(folder / BEST, "it does not exist"))
+    model.scores = [score for score in read_curve(folder) if score.steps <= model.num_timesteps]
+    if not settings.eval_freq:
+        return
+    if not model.scores:
+        raise ValueError(_damaged(folder / CURVE, "it lacks the evaluation after 0 timesteps"))
     try:
         MlpPolicy.load(folder / BEST)
     except ValueError as error:
-        raise ValueError(_damaged(folder / BEST, str(error))) from None
-
-
-def _is_score(score: Score) -> bool:
-    limits = ((0, math.inf), (0.0, math.inf), (0.0, 1.0), (0.0, math.inf))
-    return all(math.isfinite(x) and low <= x <= high for x, (low, high) in zip(score, limits, strict=True))
+        reason = str(error) if (folder / BEST).is_file() else "it does not exist"
+        raise ValueError(_damaged(folder / BEST, reason)) from None
+    model.best = (folder / BEST).read_bytes()
 
 
 def _damaged(path: Path, reason: str) -> str:

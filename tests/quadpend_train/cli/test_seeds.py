@@ -1,0 +1,85 @@
+"""`quadpend train --seeds` gives the policies of single trainings, and continues interrupted ones."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from quadpend_train.cli.main import main
+from quadpend_train.cli.seeds import how_to_continue, parse_seeds
+from quadpend_train.common.files import toml_text
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.training import train as training
+from quadpend_train.training.run_folder import POLICY
+from quadpend_train.training.settings import to_mapping
+from tests.helpers.training import BRIEF, interrupt_at
+
+
+@pytest.fixture
+def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    monkeypatch.chdir(tmp_path)
+    values = {name: value for name, value in to_mapping(BRIEF).items() if value is not None}
+    Path("brief.toml").write_text(toml_text(values), encoding="utf-8")
+    return ["train", "--settings", "brief.toml", "--save-freq", "512"]
+
+
+def weights(path: Path) -> list[Any]:
+    return [array.tobytes() for layer in MlpPolicy.load(path).layers for array in layer]
+
+
+@pytest.mark.parametrize("options", [[], ["--jobs", "2"]], ids=["one process", "two processes"])
+def test_each_seed_gives_the_policy_of_its_training(
+    options: list[str], settings: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main([*settings, "--seeds", "0,3", "--out", "runs/mine", *options])
+    printed = capsys.readouterr().out
+    assert "runs/mine-0: a new run" in printed
+    assert "quadpend evaluate flatness mine=runs/mine-0,runs/mine-3" in printed
+    single = training.train(replace(BRIEF, seed=3, save_freq=512), tmp_path / "single", progress=False)
+    assert weights(Path("runs/mine-3", POLICY)) == weights(single)
+    assert weights(Path("runs/mine-0", POLICY)) != weights(single)
+    main([*settings, "--seeds", "0,3", "--out", "runs/mine"])
+    assert "runs/mine-3: finished, skipped" in capsys.readouterr().out
+
+
+def test_an_interrupted_seed_continues(
+    settings: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = replace(BRIEF, seed=1, save_freq=512)
+    whole = training.train(one, tmp_path / "whole", progress=False)
+    with monkeypatch.context() as patch:
+        interrupt_at(1024, patch)
+        with pytest.raises(KeyboardInterrupt):
+            training.train(one, tmp_path / "mine-1", progress=False)
+    with pytest.raises(SystemExit):
+        main([*settings, "--seeds", "0-1", "--out", "mine"])
+    assert "mine-1 contains an interrupted run: give --resume instead of --out" in capsys.readouterr().err
+    assert how_to_continue(Path("mine"), "0-1") == "`quadpend train --resume mine --seeds 0-1` continues the runs"
+    main(["train", "--resume", "mine", "--seeds", "0-1"])
+    assert "mine-1: interrupted, continues from its last checkpoint" in capsys.readouterr().out
+    assert weights(Path("mine-1", POLICY)) == weights(whole)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--seeds", "4-0"], "seeds must be numbers and ranges"),
+        (["--seeds", "0,0-2"], "seeds must be different"),
+        (["--seeds", "0-2", "--more-steps", "5"], "--more-steps continues one run"),
+        (["--jobs", "2"], "give them with --seeds"),
+        (["--cluster", "auto"], "give them with --seeds"),
+        (["--resume", "nix", "--seeds", "0-2"], "contain no run"),
+    ],
+)
+def test_wrong_options_are_refused(
+    options: list[str], sentence: str, settings: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*(settings if "--resume" not in options else settings[:1]), *options])
+    assert ended.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_seeds_are_numbers_and_ranges() -> None:
+    assert parse_seeds("0-2,7, 5") == [0, 1, 2, 7, 5]
