@@ -141,4 +141,4 @@ def test_processes_that_share_a_storage_continue_one_search(tmp_path: Path, monk
     found = json.loads((tmp_path / "out/adrc-tuned.json").read_text(encoding="utf-8"))
     assert found["command"].endswith(f"--trials 3 --episodes 2 --seed 0 --storage {storage}")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"adrc-tuned.json", "adrc-tuned.png"}
-    assert len(tuning.open_search("adrc-tuned", 2, 1, ("training",), storage).trials) == 1  # the queued start
+    assert not tuning.open_search("adrc-tuned", 2, 1, ("training",), storage).trials  # another search
