@@ -4,6 +4,7 @@ import os
 import platform
 import subprocess
 import sys
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,12 @@ _PACKAGES = ("quadpend-gym", "gymnasium", "numpy", "scipy", "numba", "stable-bas
 
 def versions() -> dict[str, str]:
     """Return the versions of the packages that determine a result."""
-    return {name: version(name) for name in _PACKAGES}
+    return dict(_versions())
+
+
+@cache
+def _versions() -> tuple[tuple[str, str], ...]:
+    return tuple((name, version(name)) for name in _PACKAGES)
 
 
 def sender() -> dict[str, Any]:
