@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: cluster-test demo evidence learners ablations results vehicles bound animation pictures test check static kernels kills format bench time-to-beat accuracy soak golden interruptions docs tour screenshots clean help
+.PHONY: cluster-test rllib-test demo evidence learners ablations results vehicles bound animation pictures test check static kernels kills format bench time-to-beat accuracy soak golden interruptions docs tour screenshots clean help
 
 DEMO := --settings ppo-alone --total-timesteps 1200000  # about a minute on one core
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the flatness-based controller
@@ -70,9 +70,11 @@ static: .venv/.installed  # the checks of `make check` that run beside the kerne
 	$(MAKE) docs
 
 cluster-test: .venv-ray/.installed kernels  ## run the tests that need Ray, on a local cluster of two nodes
-	OMP_NUM_THREADS=1 .venv-ray/bin/python -m pytest $(CLUSTER_TESTS)
+	OMP_NUM_THREADS=1 .venv-ray/bin/python -m pytest tests/quadpend_train/common/test_ray_executor.py
+	OMP_NUM_THREADS=1 .venv-ray/bin/python -m pytest tests/quadpend_train/studies/test_sweep.py -k ray_tune
 
-CLUSTER_TESTS := tests/quadpend_train/common/test_ray_executor.py
+rllib-test: .venv-rllib/.installed kernels  ## run the tests that need RLlib, which pins an older Gymnasium
+	OMP_NUM_THREADS=1 .venv-rllib/bin/python -m pytest tests/project/test_rllib.py
 
 kernels: .venv/.installed  # compile the kernels once, so that the processes of `make test` find them in the cache
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.helpers.kernels
@@ -118,11 +120,15 @@ clean:  ## delete the caches of numba and of the tools
 	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
 	rm -rf site .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
 
-# Ray, with the packages of .venv, whose versions it must not change.
-.venv-ray/.installed: .venv/.installed
-	$(PYTHON) -m venv .venv-ray
-	.venv-ray/bin/python -c 'import sysconfig as s; open(s.get_path("purelib") + "/main.pth", "w").write("import site; site.addsitedir(\"" + s.get_path("purelib").replace(".venv-ray", ".venv") + "\")\n")'
-	.venv-ray/bin/python -m pip install --quiet --constraint constraints.txt 'ray[client,tune]>=2.40'
+# Ray, with the packages of .venv, whose versions it must not change; and RLlib, with a Gymnasium of its own.
+RAY_CONSTRAINTS := --constraint constraints.txt
+RAY_EXTRAS := client,tune
+.venv-rllib/.installed: RAY_CONSTRAINTS :=
+.venv-rllib/.installed: RAY_EXTRAS := rllib
+.venv-ray/.installed .venv-rllib/.installed: .venv/.installed
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/python -c 'import sysconfig as s; open(s.get_path("purelib") + "/main.pth", "w").write("import site; site.addsitedir(\"" + s.get_path("purelib").replace("$(@D)", ".venv") + "\")\n")'
+	$(@D)/bin/python -m pip install --quiet $(RAY_CONSTRAINTS) 'ray[$(RAY_EXTRAS)]>=2.40'
 	touch $@
 
 .venv/.installed: pyproject.toml constraints.txt
