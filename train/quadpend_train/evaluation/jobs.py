@@ -82,8 +82,9 @@ def run_jobs(
         processes: Number of processes, or an executor.
 
     Raises:
-        CallsFailedError: If jobs fail; the results of the others are cached.
-        ValueError: If a policy is unknown, does not fit a scenario, or its file changes while the job runs.
+        CallsFailedError: If jobs fail, for example since a policy is unknown or does not fit its scenario. The results
+            of the others are cached.
+        ValueError: If the file of a policy changes while the job runs, or the executor cannot run the jobs.
     """
     keys = {name: key for name, job in jobs.items() if cache_folder and (key := job.cache_key())}
     cached = {} if recompute else keys
