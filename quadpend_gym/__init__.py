@@ -5,7 +5,8 @@
 
     env = gym.make("QuadPendulum-v0")
 
-The import registers the environments `QuadPendulum-v0` and `QuadPendulumHover-v0`. A line
+The import registers the environments `QuadPendulum-v0`, `QuadPendulumHover-v0`, `QuadPendulumSwingUp-v0`,
+`QuadPendulumLoad-v0` and `QuadPendulumRecovery-v0`. A line
 ``gym.register_envs(quadpend_gym)`` after it has no effect, but linters then do not report an unused import. The id
 ``"quadpend_gym:QuadPendulum-v0"`` needs no import, for example in worker processes and on command lines.
 `QuadPendulumEnv` describes action, observation, reward and episode.
@@ -82,3 +83,6 @@ def _register(name: str, **kwargs: Any) -> None:
 
 _register("QuadPendulum-v0", task="track")
 _register("QuadPendulumHover-v0", task="hover")
+_register("QuadPendulumSwingUp-v0", task="swing_up")
+_register("QuadPendulumLoad-v0", task="load")
+_register("QuadPendulumRecovery-v0", task="recovery")

@@ -135,6 +135,26 @@ class NmpcGains:
     estimator: EstimatorGains = field(default_factory=EstimatorGains)
 
 
+@dataclass(frozen=True)
+class SwingUpGains:
+    """Gains of `swing.swing_up`, and the limits of the region in which the balancing controller takes over."""
+
+    damp: float = 1.5  # c, m/s, of damping the swing
+    lead: float = 0.08  # τ, s
+    position: float = 1.0  # k, 1/s²
+    velocity: float = 1.5  # d, 1/s
+    lean: float = 0.6  # λ_max, rad
+    attitude_bandwidth: float = 14.0  # rad/s, of roll and pitch while damping
+    vertical_bandwidth: float = 3.0  # rad/s, of height and yaw while damping
+    damping: float = 0.8  # of both
+    regulator: LqrGains = field(
+        default_factory=lambda: LqrGains(position=0.2, velocity=1.0, angle=1.4, angle_rate=4.0, effort=1.0)
+    )
+    catch: float = 0.35  # c
+    catch_height: float = 0.8  # r_z
+    lost_height: float = 0.4  # r_z
+
+
 class Tuning(NamedTuple):
     """The search that found the gains of a controller.
 
@@ -209,6 +229,7 @@ GAINS: dict[str, Any] = {
         feedback=LqrGains(position=0.1, velocity=1.56, angle=1.47, angle_rate=2.0),
         estimator=EstimatorGains(rate_noise=0.00393, force_walk=0.177, bob_force_walk=0.345, torque_walk=3.06),
     ),
+    "swing-up": SwingUpGains(),
 }
 
 UNPREDICTED = "-unpredicted"  # end of the names of controllers that do not know the delays and lags of the loop

@@ -36,7 +36,7 @@ SENSED_STATE = slice(SENSED_ROD_LENGTH + 1, SENSED_ROD_LENGTH + 1 + STATE_SIZE)
 SENSED_SIZE = SENSED_STATE.stop
 
 
-_SETTINGS_SIZE = 16
+_SETTINGS_SIZE = 18
 
 
 class CommandScale(NamedTuple):
@@ -49,22 +49,24 @@ class CommandScale(NamedTuple):
 
 
 class KernelLimits(NamedTuple):
-    """The limits of a task, `quadpend_gym.tasks.Limits`, with the angles as cosines."""
+    """The limits of a task, `quadpend_gym.tasks.Limits`, with the angles as cosines, and the side of its pendulum."""
 
     cos_pendulum_angle: float
     cos_body_angle: float
     tracking_error: float  # m
     ground: float  # m
+    side: float  # see `Task.side`
 
 
 class KernelWeights(NamedTuple):
-    """The weights of the reward terms, which sum to 1, and the weight s of the narrow peak in the tracking term."""
+    """The weights of the reward terms, which sum to 1, and the numbers s and p of `quadpend_gym.tasks.rewards`."""
 
     tracking: float
     upright: float
     yaw: float
     effort: float
     tip: float
+    pendulum_first: float
 
 
 class RigidStep(NamedTuple):
@@ -111,15 +113,15 @@ def make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps:
     return KernelSettings(
         simulation.period,
         CommandScale(*simulation.command_scale.tolist()),
-        KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground),
-        KernelWeights(tracking, upright, yaw, effort, reward.tip),
+        KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground, task.side),
+        KernelWeights(tracking, upright, yaw, effort, reward.tip, reward.pendulum_first),
         moves_air,
         substeps,
     )
 
 
 def pack_settings(settings: KernelSettings) -> Floats:
-    """Return the settings as a flat array, shape (16,), which `unpack_settings` reads."""
+    """Return the settings as a flat array, shape (18,), which `unpack_settings` reads."""
     period, command_scale, limits, weights, moves_air, substeps = settings
     return np.array([period, *command_scale, *limits, *weights, moves_air, substeps], np.float64)
 
@@ -142,8 +144,8 @@ def unpack_settings(packed: Any) -> KernelSettings:
     return KernelSettings(
         packed[0],
         CommandScale(packed[1], packed[2], packed[3], packed[4]),
-        KernelLimits(packed[5], packed[6], packed[7], packed[8]),
-        KernelWeights(packed[9], packed[10], packed[11], packed[12], packed[13]),
-        packed[14] > 0.0,
-        int(packed[15]),
+        KernelLimits(packed[5], packed[6], packed[7], packed[8], packed[9]),
+        KernelWeights(packed[10], packed[11], packed[12], packed[13], packed[14], packed[15]),
+        packed[16] > 0.0,
+        int(packed[17]),
     )

@@ -86,7 +86,7 @@ from quadpend_gym.tasks.observation import (
     tracking_errors,
 )
 from quadpend_gym.tasks.references import REFERENCE_SIZE
-from quadpend_gym.tasks.rewards import reward_terms
+from quadpend_gym.tasks.rewards import pendulum_factor, reward_terms
 from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and the further
@@ -131,12 +131,12 @@ def _diverged(state: Any, lane: int) -> bool:
 @inlined
 def _outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: KernelLimits) -> bool:
     """Return whether the state is outside the task's limits."""
-    height, upright = state[POSITION + 2, lane], state[DIRECTION + 2, lane]
+    height, vertical = state[POSITION + 2, lane], state[DIRECTION + 2, lane]
     return bool(
-        (upright < limits.cos_pendulum_angle)
+        (limits.side * vertical < limits.cos_pendulum_angle)
         | (state[THRUST_AXIS + 2, lane] < limits.cos_body_angle)
         | (norm(error) > limits.tracking_error)
-        | (min(height, height + rod_length * upright) <= limits.ground)
+        | (min(height, height + rod_length * vertical) <= limits.ground)
     )
 
 
@@ -153,14 +153,15 @@ def _measure(
 ) -> None:
     """Write reward, termination, tracking error and tilt into column `lane` of an outcome."""
     r = load(state, DIRECTION, lane)
-    terms = reward_terms(tracking.error, r.z, tracking.yaw_error, action, lane, weights.tip)
+    cosine = limits.side * r.z
+    terms = reward_terms(tracking.error, cosine, tracking.yaw_error, action, lane, weights.tip)
     out[TRACKING_TERM, lane] = terms.tracking
     out[UPRIGHT_TERM, lane] = terms.upright
     out[YAW_TERM, lane] = terms.yaw
     out[EFFORT_TERM, lane] = terms.effort
     store(out, _TRACKING_ERROR, lane, tracking.error)
-    out[TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - 1.0)), 1.0))
-    out[REWARD, lane] = (
+    out[TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - limits.side)), 1.0))
+    out[REWARD, lane] = pendulum_factor(cosine, weights.pendulum_first) * (
         weights.tracking * terms.tracking
         + weights.upright * terms.upright
         + weights.yaw * terms.yaw

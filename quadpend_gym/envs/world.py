@@ -93,7 +93,7 @@ class World:
         self.episode = np.full(num_envs, -1, np.int64)
         self._seeds = np.zeros(num_envs, np.uint64)
         self._reference_ranges = flatten(task.references)
-        self._start_settings = flatten(task.start), start_pole(simulation)
+        self._start_settings = flatten(task.start), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
         self._rigid = RigidRows(self._memory, simulation) if simulation.is_rigid else None
         self._observe_settings = self._pack_settings(moves_air=False, substeps=0)

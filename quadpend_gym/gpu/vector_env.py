@@ -255,7 +255,7 @@ def _packed(world: World, wind: tuple[Any, ...], max_episode_steps: int | None) 
     episodes = EpisodeSettings(
         flatten(task.references),
         flatten(task.start),
-        start_pole(simulation),
+        start_pole(simulation, task.side),
         hover_thrusts_of(simulation) if simulation.is_rigid else np.zeros(ACTION_SIZE),
         task.trajectory.as_array() if fixed else np.zeros(REFERENCE_SIZE),
         float(fixed),

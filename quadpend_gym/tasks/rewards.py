@@ -1,14 +1,17 @@
 """The reward: a weighted mean of four terms in [0, 1]. It is 1 only for exact tracking with zero action.
 
-With the tracking error e (m), the pendulum's direction r, the yaw error ψ_e (rad) and the action a:
+With the tracking error e (m), the yaw error ψ_e (rad), the action a, and h = cos of the angle between the pendulum and
+the side on which it is to be: h = r_z for an upright one, h = −r_z for a hanging one:
 
     (1)  tracking = (1 − s) / (1 + (|e| / 0.3 m)²) + s / (1 + |e| / 0.02 m)     a wide and a narrow peak
-    (2)  upright  = max(r_z, 0)²
+    (2)  upright  = max(h, 0)²
     (3)  yaw      = 1 / (1 + (ψ_e / 0.2 rad)²)
     (4)  effort   = 1 / (1 + |a|²)
+    (5)  reward   = (1 − p + p (1 + h)²/4) · weighted mean of (1) to (4)
 
-The weight s of the narrow peak is `RewardWeights.tip`, by default ½. No term is negative, so an early termination never
-increases the return.
+The weight s of the narrow peak is `RewardWeights.tip`, by default ½. p is `RewardWeights.pendulum_first`, by default 0:
+with 1, nothing is rewarded while the pendulum is on the opposite side. No term is negative, so an early termination
+never increases the return.
 """
 
 from typing import Any, NamedTuple
@@ -29,12 +32,12 @@ class Reward(NamedTuple):
 
 
 @inlined
-def reward_terms(error: Vec3, upright: float, yaw_error: float, action: Any, lane: int, tip: float) -> Reward:
+def reward_terms(error: Vec3, cosine: float, yaw_error: float, action: Any, lane: int, tip: float) -> Reward:
     """Compute the terms (1)–(4).
 
     Args:
         error: Tracking error e, m.
-        upright: r_z.
+        cosine: h.
         yaw_error: ψ_e, rad.
         action: Actions, shape (4, n).
         lane: Column of `action`.
@@ -42,7 +45,7 @@ def reward_terms(error: Vec3, upright: float, yaw_error: float, action: Any, lan
     """
     far = 1.0 / (1.0 + dot(error, error) / _FAR**2)
     near = 1.0 / (1.0 + norm(error) / _NEAR)
-    above = max(upright, 0.0)
+    above = max(cosine, 0.0)
     effort = action[0, lane] ** 2 + action[1, lane] ** 2 + action[2, lane] ** 2 + action[3, lane] ** 2
     return Reward(
         (1.0 - tip) * far + tip * near,
@@ -50,3 +53,9 @@ def reward_terms(error: Vec3, upright: float, yaw_error: float, action: Any, lan
         1.0 / (1.0 + (yaw_error / _YAW) ** 2),
         1.0 / (1.0 + effort),
     )
+
+
+@inlined
+def pendulum_factor(cosine: float, pendulum_first: float) -> float:
+    """Return the factor in (5) from h and p."""
+    return 1.0 - pendulum_first * (1.0 - 0.25 * (1.0 + cosine) * (1.0 + cosine))

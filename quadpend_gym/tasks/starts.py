@@ -16,7 +16,10 @@ M' = M + m_c − m' take the place of l and M in K. The pivot is at the height p
 
 in the horizontal components, up to derivatives of order 5. `quadpend_baselines.modelling.equivalent` derives this.
 
-A start is this state plus a random deviation, which is uniform in each component.
+These equations also hold for a hanging pendulum, with −r and −l in place of r and l.
+
+A start is this state plus a random deviation, which is uniform in each component. `StartSettings.pendulum_angle` then
+turns r.
 """
 
 from typing import Any, NamedTuple
@@ -31,7 +34,7 @@ from quadpend_gym.physics.dynamics import Physics, load_physics
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
-from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, norm, scale, store
+from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, norm, scale, store
 from quadpend_gym.tasks.references import ReferencePoint
 from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
 
@@ -45,21 +48,24 @@ class StartRanges(NamedTuple):
     angle_rate: float
     direction: float
     direction_rate: float
+    lowest_angle: float
+    highest_angle: float
 
 
 class StartPole(NamedTuple):
-    """The numbers of a pole and its pivot that `Physics` does not have, inside compiled functions."""
+    """The numbers of a pole and its pivot that `Physics` does not have, and its side, inside compiled functions."""
 
     shape: float  # J/(m_c l²)
     pivot_height: float  # p, m
+    side: float  # 1: upright, −1: hanging
 
 
-def start_pole(simulation: Simulation) -> Floats:
-    """Return the values of `StartPole`, shape (2,); zero for the paper's vehicle."""
+def start_pole(simulation: Simulation, side: float) -> Floats:
+    """Return the values of `StartPole`, shape (3,); the first two are zero for the paper's vehicle."""
     if not simulation.is_rigid:
-        return np.zeros(2)
+        return np.array([0.0, 0.0, side])
     settings = make_rigid_settings(simulation)
-    return np.array([settings.shape, settings.pivot.z])
+    return np.array([settings.shape, settings.pivot.z, side])
 
 
 @inlined
@@ -76,6 +82,19 @@ def _roll_and_pitch(axis: Vec3, yaw: float) -> tuple[float, float]:
     """Return roll and pitch of a thrust axis to first order; given the rate of the axis, return their rates."""
     sin_yaw, cos_yaw = sincos(yaw)
     return sin_yaw * axis.x - cos_yaw * axis.y, cos_yaw * axis.x + sin_yaw * axis.y
+
+
+@inlined
+def _turned(key: Any, index: int, ranges: StartRanges, r: Vec3) -> Vec3:
+    """Return r turned to a random side by a random angle, whose cosine is uniform."""
+    (_, lowest), (_, highest) = sincos(ranges.highest_angle), sincos(ranges.lowest_angle)
+    cosine = uniform_between(key, index, lowest, highest)
+    sin_side, cos_side = sincos(uniform_between(key, index + 1, -np.pi, np.pi))
+    along = cross(r, Vec3(1.0, 0.0, 0.0) if abs(r.x) < 0.8 else Vec3(0.0, 1.0, 0.0))
+    along = scale(1.0 / norm(along), along)
+    to_side = axpy(cos_side, along, scale(sin_side, cross(r, along)))
+    turned = axpy(cosine, r, scale(np.sqrt(max(1.0 - cosine * cosine, 0.0)), to_side))
+    return scale(1.0 / norm(turned), turned)
 
 
 @inlined
@@ -96,11 +115,12 @@ def draw_start(
 ) -> None:
     """Draw a start near `reference` into column `lane` of an (18, n) buffer."""
     gravity, total_mass = physics.gravity, physics.quadrotor_mass + physics.bob_mass
-    length = physics.rod_length * (1.0 + pole.shape)
+    rod_length = pole.side * physics.rod_length
+    length = rod_length * (1.0 + pole.shape)
     carried_mass = physics.quadrotor_mass + physics.bob_mass * pole.shape / (1.0 + pole.shape)
     stiffness = total_mass * gravity / (carried_mass * length)
     pivot_ratio = physics.quadrotor_mass * pole.pivot_height / (carried_mass * length)
-    reach = physics.rod_length * pole.shape + physics.bob_mass / total_mass * pole.pivot_height
+    reach = rod_length * pole.shape + physics.bob_mass / total_mass * pole.pivot_height
     per_fourth = reach / gravity + pivot_ratio / stiffness
     lift = _horizontally(per_fourth, reference.d4, Vec3(reference.d2.x, reference.d2.y, reference.d2.z + gravity))
     per_lift = 1.0 / norm(lift)
@@ -115,14 +135,18 @@ def draw_start(
     yaw_rate = reference.yaw_rate
     euler = Vec3(roll, pitch, reference.yaw)
     euler_rate = Vec3(roll_rate + yaw_rate * pitch, pitch_rate - yaw_rate * roll, yaw_rate)
-    position = axpy(-physics.rod_length, r, reference.d0)
+    position = axpy(-rod_length, r, reference.d0)
     position = Vec3(position.x, position.y, reference.d0.z)
-    velocity = axpy(-physics.rod_length, r_dot, reference.d1)
+    velocity = axpy(-rod_length, r_dot, reference.d1)
     velocity = Vec3(velocity.x, velocity.y, reference.d1.z)
     store(lanes, POSITION, lane, add(position, _deviation(key, 6, ranges.position)))
     store(lanes, VELOCITY, lane, add(velocity, _deviation(key, 9, ranges.velocity)))
     store(lanes, EULER, lane, add(euler, _deviation(key, 12, ranges.angle)))
     store(lanes, EULER_RATE, lane, add(euler_rate, _deviation(key, 15, ranges.angle_rate)))
+    r, r_dot = scale(pole.side, r), scale(pole.side, r_dot)
+    if ranges.highest_angle > 0.0:
+        r = _turned(key, 18, ranges, r)
+        r_dot = axpy(-dot(r, r_dot), r, r_dot)
     store(lanes, DIRECTION, lane, r)
     store(lanes, DIRECTION_RATE, lane, r_dot)
 
@@ -139,8 +163,8 @@ def _draw_starts(
     state: Any,
     trajectories: Any,
 ) -> None:
-    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5])
-    geometry = StartPole(pole[0], pole[1])
+    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5], ranges[6], ranges[7])
+    geometry = StartPole(pole[0], pole[1], pole[2])
     for row in rows:
         key = derive(derive(seeds[row], episodes[row]), START_STREAM)
         point = point_at(trajectories, row, reference.T, row, 0.0)
@@ -164,8 +188,8 @@ def draw_starts(
         rows: Indices of the sub-environments, shape (m,).
         seeds: Key of the random stream of each sub-environment, shape (n,).
         episodes: Number of the episode of each sub-environment, shape (n,).
-        ranges: Values of `StartSettings`, see `quadpend_gym.tasks.flatten`, shape (6,).
-        pole: See `start_pole`, shape (2,).
+        ranges: Values of `StartSettings`, see `quadpend_gym.tasks.flatten`, shape (8,).
+        pole: See `start_pole`, shape (3,).
         parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
         reference: References, shape (n, 20), see `Reference.as_array`.
         state: States, shape (n, 18), changed in place.

@@ -3,7 +3,7 @@
 `gym.make` accepts a task as a name, a `Task`, or a mapping of its fields. Environment specifications store it as JSON.
 """
 
-from dataclasses import astuple, dataclass, field, fields
+from dataclasses import astuple, dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from quadpend_gym.tasks.trajectories import as_trajectory
 
 EPISODE_STEPS = 1000  # control steps after which an episode is truncated: 10 s at the default control period
 Interval = tuple[float, float]
+SIDES = {"upright": 1.0, "hanging": -1.0}  # sign of r_z by the side on which the pendulum is to be
 
 
 @dataclass(frozen=True)
@@ -54,16 +55,20 @@ class StartSettings:
     direction: Annotated[float, Range(0.0, 0.9)] = 0.03  # r, before its normalisation
     # ṙ, before its projection onto the plane perpendicular to r
     direction_rate: Annotated[float, Range(0.0, 1000.0, "1/s")] = 0.05
+    # angle by which r is then turned to a random side, drawn uniformly by the area on the sphere
+    pendulum_angle: Annotated[Interval, Range(0.0, np.pi, "rad")] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         check_fields(self)
+        object.__setattr__(self, "pendulum_angle", check_interval(self.pendulum_angle, "pendulum_angle"))
 
 
 @dataclass(frozen=True)
 class Limits:
     """Limits of the state; an episode that exceeds one of them terminates (a fall)."""
 
-    pendulum_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi / 3  # from upright; π disables this limit
+    # from `Task.pendulum`; π disables this limit
+    pendulum_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi / 3
     body_angle: Annotated[float, Range(0.0, np.pi, "rad")] = np.pi * 80 / 180  # from level; π disables this limit
     tracking_error: Annotated[float, Range(0.0, 1e9, "m")] = 3.0
     # height of the ground, which neither the quadrotor nor the bob may touch
@@ -82,6 +87,7 @@ class RewardWeights:
     yaw: Annotated[float, Range(0.0, 1e6)] = 0.1
     effort: Annotated[float, Range(0.0, 1e6)] = 0.15
     tip: Annotated[float, Range(0.0, 1.0)] = 0.5  # s, weight of the narrow peak in the tracking term
+    pendulum_first: Annotated[float, Range(0.0, 1.0)] = 0.0  # p, how much all terms need the pendulum on its side
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -91,7 +97,7 @@ class RewardWeights:
 
 @dataclass(frozen=True)
 class Task:
-    """Task: references, random starts, termination limits and reward weights.
+    """Task: references, random starts, termination limits, reward weights, and the side of the pendulum.
 
     Attributes:
         references: Random references.
@@ -100,6 +106,8 @@ class Task:
         reward: Weights of the reward.
         trajectory: Reference of every episode: `Reference`, `Waypoints`, `Sinusoids`, or a mapping as `as_trajectory`
             takes it; None: each episode draws one from `references`.
+        pendulum: Side on which the pendulum is to be: ``"upright"``, above the quadrotor, or ``"hanging"``, below it.
+            Starts, limit and reward are relative to it.
     """
 
     references: ReferenceSettings = field(default_factory=ReferenceSettings)
@@ -107,22 +115,48 @@ class Task:
     limits: Limits = field(default_factory=Limits)
     reward: RewardWeights = field(default_factory=RewardWeights)
     trajectory: Any = None
+    pendulum: str = "upright"
 
     def __post_init__(self) -> None:
+        if self.pendulum not in SIDES:
+            raise ValueError(f"pendulum must be one of {', '.join(SIDES)}, not {self.pendulum!r}")
         if self.trajectory is not None:
             object.__setattr__(self, "trajectory", as_trajectory(self.trajectory, "trajectory"))
-        for item in fields(self):
-            if item.name != "trajectory":
-                kind: Any = item.default_factory
-                object.__setattr__(self, item.name, from_plain(kind, getattr(self, item.name), item.name))
+        for name, kind in _PARTS.items():
+            object.__setattr__(self, name, from_plain(kind, getattr(self, name), name))
+
+    @property
+    def side(self) -> float:
+        """Sign of r_z on the side of the pendulum: 1 for upright, −1 for hanging."""
+        return SIDES[self.pendulum]
 
 
+_PARTS: dict[str, Any] = {
+    "references": ReferenceSettings,
+    "start": StartSettings,
+    "limits": Limits,
+    "reward": RewardWeights,
+}
+_HOVER = ReferenceSettings(
+    circle=0.0, figure_eight=0.0, helix=0.0, height=(2.0, 2.0), yaw_offset=0.0, yaw_amplitude=0.0
+)
 TASKS = {
     "track": Task(),
-    "hover": Task(
-        references=ReferenceSettings(
-            circle=0.0, figure_eight=0.0, helix=0.0, height=(2.0, 2.0), yaw_offset=0.0, yaw_amplitude=0.0
-        )
+    "hover": Task(references=_HOVER),
+    "swing_up": Task(
+        references=replace(_HOVER, height=(3.0, 3.0)),
+        start=StartSettings(pendulum_angle=(np.pi, np.pi)),
+        limits=Limits(pendulum_angle=np.pi),
+        reward=RewardWeights(pendulum_first=1.0),
+    ),
+    "load": Task(pendulum="hanging"),
+    "recovery": Task(
+        references=replace(_HOVER, height=(5.0, 5.0)),
+        start=StartSettings(
+            velocity=2.0, angle=np.pi, angle_rate=3.0, direction_rate=3.0, pendulum_angle=(0.0, np.pi)
+        ),
+        limits=Limits(pendulum_angle=np.pi, body_angle=np.pi, tracking_error=4.5),
+        reward=RewardWeights(pendulum_first=1.0),
     ),
 }
 

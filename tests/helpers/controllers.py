@@ -11,7 +11,7 @@ from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import ControlLaw
-from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
+from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import Hybrid

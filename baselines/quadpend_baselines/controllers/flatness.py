@@ -118,7 +118,7 @@ class Flatness:
 
         far = (gains.position_bandwidth, gains.far_pendulum_bandwidth, gains.far_attitude_bandwidth)
         near = (gains.position_bandwidth, gains.pendulum_bandwidth, gains.attitude_bandwidth)
-        mode = np.linalg.norm(e2 + e3 / np.sqrt(stiffness), axis=1) / bob_gravity[:, 0]
+        mode = np.linalg.norm(e2 + e3 / np.sqrt(np.abs(stiffness)), axis=1) / bob_gravity[:, 0]
         share = 1.0 / (1.0 + (mode / gains.near) ** 2)
         bandwidths = [f * (a + (b - a) * share) for a, b, f in zip(far, near, bandwidth_scale.T, strict=False)]
         k = _coefficients(bandwidths, gains.damping)

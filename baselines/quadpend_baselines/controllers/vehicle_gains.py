@@ -93,7 +93,7 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
         tuned: Design parameters of the vehicle for which they were tuned.
         other: Design parameters of the other vehicle.
     """
-    rate = np.sqrt(other.chain_stiffness / tuned.chain_stiffness)
+    rate = np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness)
     factors = {path: rate**exponent for path, exponent in EXPONENTS[type(gains)].items()}
     if hasattr(gains, "estimator"):
         factors["estimator.force_walk"] = rate**0.5 * other.hover_thrust / tuned.hover_thrust

@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from quadpend_baselines.controllers.registry import controller
+from quadpend_baselines.registry import controller
 from quadpend_baselines.estimation.loop import Loop, design_for
 from quadpend_baselines.hybrid.protocol import Hybrid
 from quadpend_gym import Simulation

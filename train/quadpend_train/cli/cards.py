@@ -10,7 +10,7 @@ from typing import Any
 import tyro
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.controllers.registry import DESCRIPTIONS
+from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_baselines.gains import GAINS, TUNED
 from quadpend_train.common.files import to_json_data
 from quadpend_train.policies.loading import load_policy, own_policy, policy_names

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from quadpend_baselines.controllers.registry import DESCRIPTIONS
+from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.tasks import TASKS

@@ -8,6 +8,7 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy, RotorAllocation
 from quadpend_baselines.estimation.loop import Loop, design_for
+from quadpend_baselines.swing.hanging import Hanging
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.factories import describe_error
@@ -39,9 +40,12 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     are those of the environment.
     """
     adaptable: Any = policy
-    if hasattr(policy, "with_simulation"):
-        policy = design_for(policy, scenario.simulation, known_loop(scenario))
     sizes = getattr(policy, "observation_sizes", None)
+    if hasattr(policy, "with_simulation"):
+        if scenario.pendulum == "hanging" and sizes is None:
+            policy = Hanging(policy, scenario.simulation, known_loop(scenario))
+        else:
+            policy = design_for(policy, scenario.simulation, known_loop(scenario))
     if sizes is None:
         rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]
         return RotorAllocation(policy, rotors[0], scenario.simulation) if rotors and policy is not adaptable else policy

@@ -31,7 +31,7 @@ from quadpend_gym.core.validation import check_int, check_positive, from_plain, 
 from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors, check_periods
-from quadpend_gym.tasks import TASKS, RewardWeights, as_task
+from quadpend_gym.tasks import TASKS, RewardWeights, Task, as_task
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.vehicles import VEHICLES, as_vehicle
 from quadpend_gym.wind import Rescaled, Sum, WindFromFactory, as_wind
@@ -47,7 +47,13 @@ from quadpend_train.common.files import parse_mapping, read_mapping
 SCENARIO_FILE = Path(__file__).with_name("scenarios.toml")
 HOVER = "QuadPendulumHover-v0"
 _MOST_STEPS = 1_000_000  # of an episode
-ENVIRONMENTS = {"QuadPendulum-v0": "track", HOVER: "hover"}  # tasks by the ids of their environments
+ENVIRONMENTS = {  # tasks by the ids of their environments
+    "QuadPendulum-v0": "track",
+    HOVER: "hover",
+    "QuadPendulumSwingUp-v0": "swing_up",
+    "QuadPendulumLoad-v0": "load",
+    "QuadPendulumRecovery-v0": "recovery",
+}
 
 
 @dataclass(frozen=True)
@@ -124,10 +130,19 @@ class Scenario:
         steps: int = round(self.duration / self.simulation.period)
         return steps
 
+    @property
+    def pendulum(self) -> str:
+        """Side on which the pendulum is to be, see `quadpend_gym.tasks.Task`."""
+        return self._task.pendulum
+
+    @property
+    def _task(self) -> Task:
+        """The task, that of `env_id` if there is no other."""
+        return TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
+
     def with_reward(self, reward: RewardWeights) -> "Scenario":
         """Return the scenario with other reward weights."""
-        task = TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
-        return replace(self, task=replace(task, reward=reward))
+        return replace(self, task=replace(self._task, reward=reward))
 
     def with_vehicle(self, vehicle: Any = None, interface: str | None = None) -> "Scenario":
         """Return the scenario with another vehicle, another command interface, or both.
@@ -200,7 +215,9 @@ class Scenario:
 # hashes of older scenarios stay the same.
 _LATER_FIELDS: dict[str, dict[str, Any]] = {
     "": {"duration": 10.0, "loop_known": True},
-    "task": {"trajectory": None},
+    "task": {"trajectory": None, "pendulum": "upright"},
+    "task.start": {"pendulum_angle": [0.0, 0.0]},
+    "task.reward": {"pendulum_first": 0.0},
     "simulation": {"vehicle": None, "interface": "wrench", "latency": 0.0},
 }
 
@@ -355,8 +372,10 @@ def check_own_models(name: str, scenario: Scenario) -> None:
 def _stored_fields(scenario: Scenario) -> dict[str, Any]:
     """Return the fields of a scenario without those of `_LATER_FIELDS` that have their default value."""
     data = scenario_data(scenario)
-    for part, later in _LATER_FIELDS.items():
-        container = data[part] if part else data
+    for path, later in _LATER_FIELDS.items():
+        container: Any = data
+        for part in path.split(".") if path else ():
+            container = container and container[part]
         for name in [name for name, default in later.items() if container and container[name] == default]:
             del container[name]
     return data

@@ -20,7 +20,7 @@ import optuna
 from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import Policy
-from quadpend_baselines.controllers.registry import CONTROLLER_FACTORIES
+from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, replace_gains
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym import Simulation

@@ -13,6 +13,7 @@ from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.policy.protocol import Policy
+from quadpend_baselines.swing.swing_up import SwingUp
 from quadpend_gym import Simulation
 from quadpend_gym.core.validation import suggest
 
@@ -31,6 +32,7 @@ CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
     "nmpc": partial(OutputFeedback, Nmpc),
     "flatness-unpredicted": partial(OutputFeedback, Flatness),
     "lqr-unpredicted": partial(OutputFeedback, Lqr),
+    "swing-up": SwingUp,
 }
 CONTROLLERS = tuple(CONTROLLER_FACTORIES)
 DESCRIPTIONS = {
@@ -46,6 +48,7 @@ DESCRIPTIONS = {
     "nmpc": "nonlinear model-predictive control by real-time iterations; needs CasADi",
     "flatness-unpredicted": "flatness, without the prediction through known delays and lags",
     "lqr-unpredicted": "lqr, without the prediction through known delays and lags",
+    "swing-up": "energy shaping of a pendulum that hangs, until flatness can catch it",
 }
 
 

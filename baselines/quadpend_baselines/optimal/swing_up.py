@@ -1,0 +1,90 @@
+"""The plan of a swing-up: from a hanging pendulum to an upright one by direct multiple shooting, solved by IPOPT.
+
+With the states x_k and the actions a_k of N control steps:
+
+    (1)  minimise    Σ_k |ρ a_k|² + κ Σ_k |X_k|²,        X: deviation of the centre of mass from its place
+    (2)  subject to  x_{k+1} = f(x_k, a_k),   x_0 hanging at rest,   x_N upright at rest at the same place
+    (3)              |a_k| ≤ a_max,   |θ_k| ≤ θ_max
+
+The flight stays in the plane of the body's x axis: roll, yaw and the y components are zero. f is one control step of
+the environment in calm air (`plant`). a_max < 1 and θ_max leave room for the feedback.
+"""
+
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from quadpend_baselines.optimal.plant import KNOWN_SIZE, Plant, step
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
+from quadpend_gym.wind import WIND_SIZE
+
+MOST_ACTION, MOST_PITCH = 0.8, np.deg2rad(65.0)  # a_max, θ_max
+_EFFORT, _PLACE = 1e-2, 1.0  # ρ² and κ, 1/m²
+_PLANAR = np.array([0, 2, 3, 5, 7, 10, 12, 14, 15, 17])  # x, z, θ, r_x, r_z and their rates
+_OPTIONS = {
+    "print_time": False,
+    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000},
+}
+
+
+class Plan(NamedTuple):
+    """A flight of N control steps.
+
+    Attributes:
+        states: States relative to the place, shape (N + 1, 18).
+        actions: Shape (N, 4).
+    """
+
+    states: Floats
+    actions: Floats
+
+
+def plan_swing_up(simulation: Simulation, steps: int) -> Plan:
+    """Return the plan of a swing-up in N control steps.
+
+    Args:
+        simulation: The paper's vehicle, with any parameters.
+        steps: N.
+
+    Raises:
+        ValueError: If the solver finds no plan.
+    """
+    x, a, known, after = step(Plant(simulation))
+    motion = ca.Function("motion", [x, a, known], [after])
+    numbers = np.concatenate([np.zeros(WIND_SIZE), simulation.parameters.as_array()])
+    assert numbers.size == KNOWN_SIZE
+    problem = ca.Opti()
+    X, A = problem.variable(STATE_SIZE, steps + 1), problem.variable(ACTION_SIZE, steps)
+    gaps = motion.map(steps)(X[:, :-1], A, np.tile(numbers[:, np.newaxis], steps)) - X[:, 1:]
+    planar = _PLANAR.tolist()
+    problem.subject_to(ca.vec(gaps[planar, :]) == 0)
+    others = [i for i in range(STATE_SIZE) if i not in planar]
+    problem.subject_to(ca.vec(X[others, :]) == 0)
+    problem.subject_to(ca.vec(A[[1, 3], :]) == 0)
+    start, end = (_rest(side) for side in (-1.0, 1.0))
+    problem.subject_to(X[planar, 0] == start[planar])
+    problem.subject_to(X[planar, -1] == end[planar])
+    problem.subject_to(problem.bounded(-MOST_ACTION, ca.vec(A[[0, 2], :]), MOST_ACTION))
+    problem.subject_to(problem.bounded(-MOST_PITCH, X[7, :], MOST_PITCH))
+    p = simulation.parameters
+    centre = X[[0, 2], :] + p.bob_mass * p.rod_length / p.total_mass * X[[12, 14], :]
+    problem.minimize(_EFFORT * ca.sumsqr(A) + _PLACE * ca.sumsqr(centre))
+    angle = np.pi * (1.0 - np.linspace(0.0, 1.0, steps + 1) ** 2)
+    problem.set_initial(X[12, :], np.sin(angle))
+    problem.set_initial(X[14, :], np.cos(angle))
+    problem.solver("ipopt", *({"print_time": False}, _OPTIONS["ipopt"]))
+    try:
+        found: Any = problem.solve()
+    except RuntimeError as error:
+        raise ValueError(f"there is no plan of a swing-up in {steps} control steps: {error}") from error
+    return Plan(np.array(found.value(X)).T, np.array(found.value(A)).T)
+
+
+def _rest(side: float) -> Floats:
+    """Return the state at rest at the origin, shape (18,), upright (1) or hanging (−1)."""
+    state = np.zeros(STATE_SIZE)
+    State(state).direction[2] = side
+    return state

@@ -1,0 +1,1 @@
+"""Controllers of a pendulum below the quadrotor: a hanging load, and the swing-up."""

@@ -1,0 +1,181 @@
+"""Swing-up along a planned flight, which hands over to a balancing controller.
+
+A row is in one of three phases:
+
+- *damp*: the pendulum is brought to rest below the quadrotor, from any direction. A horizontal force f changes the
+  energy e of the pendulum relative to the quadrotor by ė = −f·ṙ/(M l), so
+
+      (1)  f = (M + m_c)(c v − k ζ − d ζ̇),    limited to the lean λ_max
+
+  damps it; v is the horizontal part of ṙ after the lead time τ, which makes up for the time that the attitude needs.
+- *swing*: the plan x_k, a_k of `swing.plan` is flown with the feedback of a time-varying linear-quadratic regulator:
+
+      (2)  a = a_k − K_k (x − x_k)
+
+  x is the state relative to the reference, in the axes of the reference's heading.
+- *balance*: `flatness` balances the pendulum at the reference.
+
+Damping ends when the pendulum hangs almost at rest. Balancing begins where it can catch the pendulum: at
+|r_xy + ṙ_xy/√K| < c, the unstable mode of an upright pendulum, above the height r_z = `catch_height`. It ends below
+`lost_height`.
+"""
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
+from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.estimation.estimator import measurement_from_observation
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.estimation.prediction import Measurement
+from quadpend_baselines.gains import SwingUpGains
+from quadpend_baselines.modelling.planar import limit_norm, rotate
+from quadpend_baselines.policy.protocol import episode_start_mask, to_action
+from quadpend_baselines.swing.plan import tracked_plan
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
+from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, POSITION, VELOCITY, State
+
+_LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
+
+
+class Phase(IntEnum):
+    """What a row does."""
+
+    DAMP = 0
+    SWING = 1
+    BALANCE = 2
+
+
+class SwingUpMemory(NamedTuple):
+    """Memory of `SwingUp` for n rows.
+
+    Attributes:
+        phase: `Phase`, shape (n,).
+        step: Control step of the plan, shape (n,).
+        balancing: Memory of the balancing controller.
+    """
+
+    phase: Integers
+    step: Integers
+    balancing: OutputFeedbackMemory
+
+
+class SwingUp:
+    """Damping, a planned flight and a balancing controller as a policy with the `predict` protocol.
+
+    Args:
+        gains: Gains of damping and regulator, or a function that returns them for a nominal simulation.
+        simulation: Nominal plant and control period; None: the default simulation.
+        loop: The known delays and lags of the loop, for the balancing controller; None: there are none.
+    """
+
+    def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
+        """Design the balancing controller."""
+        self.given_gains, self.simulation = gains, simulation or Simulation()
+        self.gains: SwingUpGains = gains(self.simulation) if callable(gains) else gains
+        self.balancer = OutputFeedback(Flatness, gains_for("flatness", self.simulation), self.simulation, loop)
+
+    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "SwingUp":
+        """Return the same controller, designed for another nominal simulation and loop."""
+        return SwingUp(self.given_gains, simulation, loop)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, SwingUpMemory]:
+        """Return action and memory; see `Policy.predict`.
+
+        Raises:
+            ValueError: If the observation has no velocities, or there is no plan for the simulation.
+        """
+        single = np.ndim(observation) == 1
+        observed = np.atleast_2d(np.asarray(observation, np.float32))
+        measurement = measurement_from_observation(observed, self.simulation.parameters.rod_length)
+        if np.isnan(measurement.state).any():
+            raise ValueError("swing-up needs an observation with velocities, of 36 numbers")
+        rows = len(observed)
+        phase, step = np.full(rows, Phase.DAMP), np.zeros(rows, np.int64)
+        if state is not None:
+            continues = ~episode_start_mask(episode_start, False, rows)
+            phase, step = np.where(continues, state.phase, phase), np.where(continues, state.step + 1, step)
+        balanced = phase == Phase.BALANCE
+        phase, step = self._next_phase(State(measurement.state), phase, step)
+        balances = phase == Phase.BALANCE
+        memory = None if state is None else state.balancing
+        balancing, memory = self.balancer.predict(observed, memory, ~(balances & balanced))
+        action = self._damp(State(measurement.state), measurement)
+        action[balances] = balancing[balances]
+        swings = phase == Phase.SWING
+        if swings.any():
+            action[swings] = self._swing(measurement, step)[swings]
+        return (action[0] if single else action), SwingUpMemory(phase, step, memory)
+
+    def _next_phase(self, s: State, phase: Integers, step: Integers) -> tuple[Integers, Integers]:
+        """Return the phase and the step of the plan after the latest measurement."""
+        swings = phase == Phase.SWING
+        if swings.any():
+            swings &= step < len(tracked_plan(self.gains, self.simulation).actions)
+        balances = (phase == Phase.BALANCE) & (s.direction[:, 2] >= self.gains.lost_height)
+        phase = np.where(swings | balances, phase, Phase.DAMP)
+        phase = np.where((phase == Phase.DAMP) & self._can_catch(s), Phase.BALANCE, phase)
+        begins = (phase == Phase.DAMP) & self._rests(s)
+        return np.where(begins, Phase.SWING, phase), np.where(begins, 0, step)
+
+    def _can_catch(self, s: State) -> Booleans:
+        """Return whether the balancing controller can catch the pendulum, shape (n,)."""
+        rate = np.sqrt(self.simulation.parameters.chain_stiffness)
+        mode = np.linalg.norm(s.direction[:, :2] + s.direction_rate[:, :2] / rate, axis=1)
+        return np.asarray((mode < self.gains.catch) & (s.direction[:, 2] > self.gains.catch_height))
+
+    def _rests(self, s: State) -> Booleans:
+        """Return whether the pendulum hangs almost at rest near the reference, shape (n,)."""
+        sizes = [
+            np.linalg.norm(part, axis=1) / limit
+            for part, limit in (
+                (s.direction[:, :2], 0.15),
+                (s.direction_rate, 1.0),
+                (s.position, 0.5),
+                (s.velocity, 0.3),
+                (s.euler[:, :2], 0.15),
+                (s.euler_rate, 0.5),
+            )
+        ]
+        return np.asarray((np.max(sizes, axis=0) < 1.0) & (s.direction[:, 2] < 0.0))
+
+    def _swing(self, measurement: Measurement, step: Integers) -> Floats32:
+        """Return the actions of equation (2), shape (n, 4)."""
+        plan = tracked_plan(self.gains, self.simulation)
+        k = np.minimum(step, len(plan.actions) - 1)
+        heading = measurement.yaw_reference[:, 0]
+        x = rotate(measurement.state, -heading, POSITION, VELOCITY, DIRECTION, DIRECTION_RATE)
+        State(x).euler[:, 2] -= heading
+        deviation = (x - plan.states[k])[:, np.newaxis]
+        action = plan.actions[k] - np.sum(plan.gains[k] * deviation, axis=-1)
+        return np.clip(action, -1.0, 1.0).astype(np.float32)
+
+    def _damp(self, s: State, measurement: Measurement) -> Floats32:
+        """Return the actions of equation (1), shape (n, 4)."""
+        p, gains, r, rate = self.simulation.parameters, self.gains, s.direction, s.direction_rate
+        along = p.chain_stiffness * r[:, 2] - np.sum(rate**2, axis=1)  # r̈ without f: `along` times r, horizontally
+        later = rate[:, :2] + gains.lead * along[:, np.newaxis] * r[:, :2]
+        push = gains.damp * later - gains.position * s.position[:, :2] - gains.velocity * s.velocity[:, :2]
+        w = gains.vertical_bandwidth
+        lift = p.gravity - 2.0 * gains.damping * w * s.velocity[:, 2] - w * w * s.position[:, 2]
+        lift = np.maximum(lift, _LEAST_VERTICAL * p.gravity)
+        tangent = limit_norm(push / lift[:, np.newaxis], np.tan(gains.lean))
+        vertical = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _LEAST_VERTICAL)
+        command = np.column_stack([p.total_mass * lift / vertical, self._torques(s, measurement, tangent)])
+        return to_action(command, self.simulation)[0]
+
+    def _torques(self, s: State, measurement: Measurement, tangent: Floats) -> Floats:
+        """Return the torques that turn the thrust axis towards a direction with a tangent, N·m, shape (n, 3)."""
+        p, gains = self.simulation.parameters, self.gains
+        forward, lateral = rotate(tangent, -s.euler[:, 2], 0).T
+        pitch = np.arctan(forward)
+        wanted = np.column_stack([-np.arctan(lateral * np.cos(pitch)), pitch, measurement.yaw_reference[:, 0]])
+        bandwidth = np.array([gains.attitude_bandwidth, gains.attitude_bandwidth, gains.vertical_bandwidth])
+        acceleration = -2.0 * gains.damping * bandwidth * s.euler_rate - bandwidth**2 * (s.euler - wanted)
+        return np.asarray(np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw]) * acceleration)

@@ -1,0 +1,129 @@
+"""Tasks with a hanging pendulum, with a swing-up, and with random directions at the start."""
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quadpend_gym import PAPER, Limits, Reference, RewardWeights, StartSettings, Task
+from quadpend_gym.physics.dynamics import accelerations
+from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.tasks import TASKS
+from tests.helpers.envs import AT_REST, make_unwrapped, make_vec
+
+IDS = ("QuadPendulumSwingUp-v0", "QuadPendulumLoad-v0", "QuadPendulumRecovery-v0")
+EXACT = StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+HANGING = {**AT_REST, "direction": (0.0, 0.0, -1.0)}
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_each_task_has_an_environment_that_passes_the_checks_of_gymnasium(name: str) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    check_env(gym.make(name).unwrapped, skip_render_check=True)
+    env: Any = gym.make_vec(name, num_envs=3)
+    single = gym.make(name)
+    observation, _ = single.reset(seed=2)
+    assert_array_equal(env.reset(seed=2)[0][0], observation)
+
+
+def test_a_hanging_start_without_deviation_stays_on_a_circle_to_first_order() -> None:
+    """At rest below the accelerating pivot, the bob's acceleration is that of the reference."""
+    small = replace(
+        TASKS["load"].references, hover=0.0, helix=0.0, radius=(0.02, 0.03), acceleration=(0.05, 0.1), climb=(0.0, 0.0)
+    )
+    env = make_vec(50, task=Task(references=small, start=EXACT, pendulum="hanging"))
+    _, info = env.reset(seed=0)
+    assert_allclose(info["tracking_error"], 0.0, atol=1e-14)
+    assert_array_equal(env.state.direction[:, 2] < -0.99, True)
+    command = np.array([PAPER.hover_thrust, 0.0, 0.0, 0.0])
+    found = accelerations(env.state.array, command, np.zeros(DISTURBANCE_SIZE), PAPER)
+    derivatives = np.array([Reference.from_array(row).derivatives(0.0) for row in env.world.reference])
+    bob = found.position[:, :2] + PAPER.rod_length * found.direction[:, :2]
+    assert_allclose(bob, derivatives[:, 2, :2], atol=2e-3)
+    assert_allclose(found.direction[:, :2], -derivatives[:, 4, :2] / PAPER.gravity, atol=2e-3)
+
+
+def test_starts_are_turned_by_angles_that_are_uniform_on_the_sphere() -> None:
+    start = StartSettings(direction_rate=1.0, pendulum_angle=(0.5, 2.5))
+    env = make_vec(20_000, task=replace(TASKS["hover"], start=start, limits=Limits(pendulum_angle=np.pi)))
+    env.reset(seed=0)
+    r, rate = env.state.direction, env.state.direction_rate
+    assert_allclose(np.linalg.norm(r, axis=1), 1.0, rtol=1e-14)
+    assert_allclose(np.sum(r * rate, axis=1), 0.0, atol=1e-14)
+    cosine = np.sort(r[:, 2])
+    low, high = np.cos(2.5), np.cos(0.5)
+    assert_allclose([cosine[0], cosine[-1]], [low, high], atol=0.04)  # the deviation of r is up to 0.03
+    assert np.abs(cosine - np.linspace(low, high, cosine.size)).max() < 0.03
+    side = np.arctan2(r[:, 1], r[:, 0])
+    assert np.abs(np.sort(side) - np.linspace(-np.pi, np.pi, side.size)).max() < 0.06
+
+
+def step_from(task: Any, **start: Any) -> tuple[float, bool, dict[str, Any]]:
+    """Return reward, termination and info after a step of hovering from a start."""
+    env = make_unwrapped(task=task)
+    env.reset(seed=0, options={"state": {**HANGING, **start}, "reference": Reference.hover()})
+    _, reward, terminated, _, info = env.step((0.0, 0.0, 0.0, 0.0))
+    return reward, terminated, info
+
+
+def test_a_hanging_pendulum_at_rest_has_the_largest_reward_of_the_load_and_none_of_the_swing_up() -> None:
+    reward, terminated, info = step_from("load")
+    assert_allclose(reward, 1.0, atol=1e-12)
+    assert not terminated
+    assert_allclose(info["tilt"], 0.0, atol=1e-7)
+    reward, terminated, info = step_from("swing_up")
+    assert_allclose(reward, 0.0, atol=1e-12)
+    assert not terminated
+    assert_allclose(info["tilt"], np.pi, atol=1e-7)
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize(("pendulum", "side"), [("upright", 1.0), ("hanging", -1.0)])
+def test_the_reward_follows_the_equation(angle: float, share: float, pendulum: str, side: float) -> None:
+    task = replace(TASKS["swing_up"], reward=RewardWeights(pendulum_first=share), pendulum=pendulum)
+    reward, _, info = step_from(task, direction=(np.sin(angle), 0.0, side * np.cos(angle)))
+    terms, cosine = info["reward_terms"], np.cos(info["tilt"])
+    mean = 0.6 * terms["tracking"] + 0.15 * terms["upright"] + 0.1 * terms["yaw"] + 0.15 * terms["effort"]
+    assert_allclose(terms["upright"], max(cosine, 0.0) ** 2, rtol=1e-6)
+    assert_allclose(reward, (1.0 - share + share * (1.0 + cosine) ** 2 / 4.0) * mean, rtol=1e-6)
+
+
+def test_the_limit_of_the_pendulum_is_relative_to_its_side() -> None:
+    tilted = (np.sin(1.2), 0.0, -np.cos(1.2))  # 69° from hanging, where the limit is 60°
+    assert step_from("load", direction=tilted)[1]
+    assert not step_from("load", direction=(np.sin(0.9), 0.0, -np.cos(0.9)))[1]
+    assert not step_from("swing_up", direction=tilted)[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"pendulum": "sideways"}, "pendulum must be one of upright, hanging, not 'sideways'"),
+        ({"start": {"pendulum_angle": (0.0, 4.0)}}, r"pendulum_angle must be .* 3\.14"),
+        ({"start": {"pendulum_angle": (2.0, 1.0)}}, "order"),
+        ({"reward": {"pendulum_first": 1.5}}, "pendulum_first must be"),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_sentence(change: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        gym.make("QuadPendulum-v0", task=change)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_parking_spinning_and_flying_away_earn_little(name: str) -> None:
+    """The returns of constant actions, relative to that of a perfect flight."""
+    largest = {"QuadPendulumSwingUp-v0": 0.05, "QuadPendulumLoad-v0": 0.75, "QuadPendulumRecovery-v0": 0.3}[name]
+    for action in ((0, 0, 0, 0), (0, 0, 0, 1), (1, 0, 0, 0), (0, 0, 1, 0), (0.3, 0.5, 0.5, 0.5)):
+        env = gym.make_vec(name, num_envs=50, vectorization_mode="vector_entry_point")
+        env.reset(seed=0)
+        active, earned = np.ones(50, np.bool_), np.zeros(50)
+        for _ in range(1000):
+            _, reward, terminated, truncated, _ = env.step(np.tile(np.float32(action), (50, 1)))
+            earned += reward * active
+            active &= ~(terminated | truncated)
+        assert earned.mean() < 1000.0 * largest, action
