@@ -68,6 +68,7 @@ from quadpend_gym.physics.state import (
     ACTION_SIZE,
     COMMAND_TORQUE,
     DIRECTION,
+    DIRECTION_RATE,
     EULER,
     POSITION,
     STATE_SIZE,
@@ -161,7 +162,7 @@ def _measure(
     out[EFFORT_TERM, lane] = terms.effort
     store(out, _TRACKING_ERROR, lane, tracking.error)
     out[TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - limits.side)), 1.0))
-    out[REWARD, lane] = pendulum_factor(cosine, weights.pendulum_first) * (
+    out[REWARD, lane] = pendulum_factor(cosine, load(state, DIRECTION_RATE, lane), weights.pendulum_first) * (
         weights.tracking * terms.tracking
         + weights.upright * terms.upright
         + weights.yaw * terms.yaw

@@ -7,10 +7,10 @@ the side on which it is to be: h = r_z for an upright one, h = −r_z for a hang
     (2)  upright  = max(h, 0)²
     (3)  yaw      = 1 / (1 + (ψ_e / 0.2 rad)²)
     (4)  effort   = 1 / (1 + |a|²)
-    (5)  reward   = (1 − p + p (1 + h)²/4) · weighted mean of (1) to (4)
+    (5)  reward   = (1 − p + p (1 + h)²/4 / (1 + (|ṙ| / 5 s⁻¹)²)) · weighted mean of (1) to (4)
 
 The weight s of the narrow peak is `RewardWeights.tip`, by default ½. p is `RewardWeights.pendulum_first`, by default 0:
-with 1, nothing is rewarded while the pendulum is on the opposite side. No term is negative, so an early termination
+with 1, nothing is rewarded while the pendulum is on the opposite side, and little while it spins. No term is negative, so an early termination
 never increases the return.
 """
 
@@ -20,6 +20,7 @@ from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.vectors import Vec3, dot, norm
 
 _FAR, _NEAR, _YAW = 0.3, 0.02, 0.2  # m, m, rad; half-widths of the peaks in (1) and (3)
+_SWING = 5.0  # 1/s, half-width of the peak in (5)
 
 
 class Reward(NamedTuple):
@@ -56,6 +57,7 @@ def reward_terms(error: Vec3, cosine: float, yaw_error: float, action: Any, lane
 
 
 @inlined
-def pendulum_factor(cosine: float, pendulum_first: float) -> float:
-    """Return the factor in (5) from h and p."""
-    return 1.0 - pendulum_first * (1.0 - 0.25 * (1.0 + cosine) * (1.0 + cosine))
+def pendulum_factor(cosine: float, rate: Vec3, pendulum_first: float) -> float:
+    """Return the factor in (5) from h, ṙ (1/s) and p."""
+    reached = 0.25 * (1.0 + cosine) * (1.0 + cosine) / (1.0 + dot(rate, rate) / _SWING**2)
+    return 1.0 - pendulum_first * (1.0 - reached)

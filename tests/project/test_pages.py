@@ -130,7 +130,7 @@ def test_the_numbers_of_the_task_equal_those_of_the_code() -> None:
     default = RewardWeights()
     assert weights == {name: getattr(default, name) for name in ("tracking", "upright", "yaw", "effort")}
     deviations = [float(row[1].split()[0]) for row in rows(TASKS, 2) if re.match(r"0\.\d+", row[1])]
-    assert deviations == list(vars(StartSettings()).values())
+    assert deviations == [value for value in vars(StartSettings()).values() if isinstance(value, float)]
     scale = Simulation().command_scale
     for number in (f"u = {scale[0]:g} N", f"= {scale[1]:g} N·m · a₁", f"= {scale[3]:g} N·m · a₃"):
         assert number in TASKS

@@ -75,7 +75,7 @@ def test_the_swing_of_the_load_decays_as_the_linear_theory_says() -> None:
         expected.append((A - B @ gain) @ expected[-1])
     found, linear = x[:, STATE_COLUMNS][:, 12], np.array(expected)[:, 12]
     assert np.abs(found - linear).max() < 0.02 * np.abs(linear).max()
-    assert np.abs(found[150:]).max() < 0.1 * np.abs(found).max()  # it is damped
+    assert np.abs(found[150:]).max() < 0.2 * np.abs(found).max()  # it is damped
 
 
 def test_an_uncontrolled_load_swings_with_the_frequency_of_theory() -> None:

@@ -82,15 +82,19 @@ def test_a_hanging_pendulum_at_rest_has_the_largest_reward_of_the_load_and_none_
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.0, 2.0])
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize(("share", "rate"), [(0.0, 3.0), (0.4, 0.0), (1.0, 0.0), (1.0, 3.0)])
 @pytest.mark.parametrize(("pendulum", "side"), [("upright", 1.0), ("hanging", -1.0)])
-def test_the_reward_follows_the_equation(angle: float, share: float, pendulum: str, side: float) -> None:
+def test_the_reward_follows_the_equation(angle: float, share: float, rate: float, pendulum: str, side: float) -> None:
     task = replace(TASKS["swing_up"], reward=RewardWeights(pendulum_first=share), pendulum=pendulum)
-    reward, _, info = step_from(task, direction=(np.sin(angle), 0.0, side * np.cos(angle)))
+    env = make_unwrapped(task=task)
+    start = {"direction": (np.sin(angle), 0.0, side * np.cos(angle)), "direction_rate": (0.0, rate, 0.0)}
+    env.reset(seed=0, options={"state": {**HANGING, **start}, "reference": Reference.hover()})
+    _, reward, _, _, info = env.step((0.0, 0.0, 0.0, 0.0))
     terms, cosine = info["reward_terms"], np.cos(info["tilt"])
+    reached = (1.0 + cosine) ** 2 / 4.0 / (1.0 + np.sum(env.state.direction_rate**2) / 25.0)
     mean = 0.6 * terms["tracking"] + 0.15 * terms["upright"] + 0.1 * terms["yaw"] + 0.15 * terms["effort"]
     assert_allclose(terms["upright"], max(cosine, 0.0) ** 2, rtol=1e-6)
-    assert_allclose(reward, (1.0 - share + share * (1.0 + cosine) ** 2 / 4.0) * mean, rtol=1e-6)
+    assert_allclose(reward, (1.0 - share + share * reached) * mean, rtol=1e-6)
 
 
 def test_the_limit_of_the_pendulum_is_relative_to_its_side() -> None:

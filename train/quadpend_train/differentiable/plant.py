@@ -16,19 +16,17 @@ from torch import Tensor
 
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
-from quadpend_gym.tasks import TASKS
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.wind import WIND_FIELDS
 from quadpend_train.differentiable.dynamics import Forces, Motion, Physics, advance, drag
 from quadpend_train.scenarios import Scenario, short_name
-from quadpend_train.scenarios.scenario import ENVIRONMENTS
 
 
 def check_covered(name: str, scenario: Scenario) -> None:
     """Check that the differentiable dynamics covers a scenario.
 
     Raises:
-        ValueError: If it has a rigid vehicle, other actuators than `ActionDelay` and `MotorLag`, or a trajectory that
+        ValueError: If it has another task than balancing, a rigid vehicle, other actuators than `ActionDelay` and `MotorLag`, or a trajectory that
             is not a `Reference`.
     """
     if scenario.simulation.is_rigid:
@@ -42,7 +40,11 @@ def check_covered(name: str, scenario: Scenario) -> None:
                 f"algo 'apg' cannot have the actuator {model.kind!r}: the differentiable dynamics covers only"
                 f" 'action_delay' and 'motor_lag' (scenario {short_name(name)})"
             )
-    trajectory = (scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]]).trajectory
+    if scenario.resolved_task.pendulum != "upright" or scenario.resolved_task.reward.pendulum_first > 0.0:
+        raise ValueError(
+            f"algo 'apg' balances an upright pendulum only, not the task of the scenario {short_name(name)}"
+        )
+    trajectory = scenario.resolved_task.trajectory
     if not isinstance(trajectory, Reference | None):
         raise ValueError(
             f"algo 'apg' cannot follow a trajectory of the kind {trajectory.kind!r}: the differentiable dynamics covers"

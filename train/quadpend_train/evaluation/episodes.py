@@ -34,16 +34,18 @@ class EpisodeResults(NamedTuple):
     Attributes:
         survived: Whether the episode was survived, shape (s, n).
         steps: Number of steps of the episode, shape (s, n).
-        rmse: Root mean square of the norm of the tracking error over these steps, m, shape (s, n).
+        rmse: Root mean square of the error over these steps, m, shape (s, n). The error is the norm of the tracking
+            error. In tasks with `RewardWeights.pendulum_first`, where the pendulum is first to be brought to its side,
+            the distance of the bob from its place relative to the quadrotor is added as another component.
         penalised_rmse: `rmse`, but at most 1 m, and 1 m for a fall, so that falling is never better than surviving; m,
             shape (s, n).
         settled_rmse: Root mean square of the error over the second half of the episode, in which the start has little
             influence, m; nan for a fall; shape (s, n).
-        largest_tilt: Largest angle of the pendulum from upright, rad, shape (s, n).
+        largest_tilt: Largest angle of the pendulum from its side, rad, shape (s, n).
         effort: Root mean square of the norm of the action, shape (s, n).
         episode_return: Sum of the rewards times the control period divided by 0.01 s, shape (s, n). So it is at most
             100 for each second of an episode at any control period, and the plain sum at the default control period.
-        error: Norm of the tracking error after each step, m; nan after a fall; shape (s, n, T).
+        error: Error after each step, as in `rmse`, m; nan after a fall; shape (s, n, T).
     """
 
     survived: Booleans
@@ -82,17 +84,26 @@ def run_episodes(
     for policy in policies:
         env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
         steps = rollout(adapt_policy(policy, scenario), env, seed, options)
-        results.append(collect_results(steps, lengths, scenario.simulation.period))
+        results.append(collect_results(steps, lengths, scenario.simulation.period, pendulum_arm(scenario)))
     return EpisodeResults(*(np.stack(parts) for parts in zip(*results, strict=True)))
 
 
-def collect_results(rollout_steps: Iterable[RolloutStep], lengths: Integers, period: float) -> EpisodeResults:
+def pendulum_arm(scenario: Scenario) -> float:
+    """Return the length by which the error counts a wrong direction of the pendulum, m: that of the rod, or 0."""
+    counts = scenario.resolved_task.reward.pendulum_first > 0.0
+    return scenario.simulation.parameters.rod_length if counts else 0.0
+
+
+def collect_results(
+    rollout_steps: Iterable[RolloutStep], lengths: Integers, period: float, arm: float = 0.0
+) -> EpisodeResults:
     """Compute the metrics of a rollout; the arrays have no axis for training seeds.
 
     Args:
         rollout_steps: Steps of n sub-environments.
         lengths: Steps after which their episodes are truncated, shape (n,).
         period: Control period, s.
+        arm: See `pendulum_arm`, m.
     """
     episodes = len(lengths)
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)
@@ -100,7 +111,8 @@ def collect_results(rollout_steps: Iterable[RolloutStep], lengths: Integers, per
     tilt, effort, episode_return = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     for number, step in enumerate(rollout_steps):
         running = step.active
-        error[number, running] = np.linalg.norm(step.tracking_error[running], axis=1)
+        size = np.linalg.norm(step.tracking_error[running], axis=1)
+        error[number, running] = np.hypot(size, 2.0 * arm * np.sin(0.5 * step.tilt[running])) if arm else size
         tilt[running] = np.fmax(tilt[running], step.tilt[running])
         effort[running] += np.sum(step.action[running].astype(np.float64) ** 2, axis=1)
         episode_return[running] += step.reward[running]

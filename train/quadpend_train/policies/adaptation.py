@@ -42,7 +42,7 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     adaptable: Any = policy
     sizes = getattr(policy, "observation_sizes", None)
     if hasattr(policy, "with_simulation"):
-        if scenario.pendulum == "hanging" and sizes is None:
+        if scenario.resolved_task.pendulum == "hanging" and sizes is None:
             policy = Hanging(policy, scenario.simulation, known_loop(scenario))
         else:
             policy = design_for(policy, scenario.simulation, known_loop(scenario))

@@ -131,18 +131,13 @@ class Scenario:
         return steps
 
     @property
-    def pendulum(self) -> str:
-        """Side on which the pendulum is to be, see `quadpend_gym.tasks.Task`."""
-        return self._task.pendulum
-
-    @property
-    def _task(self) -> Task:
-        """The task, that of `env_id` if there is no other."""
+    def resolved_task(self) -> Task:
+        """The task, that of `env_id` if `task` is None."""
         return TASKS[ENVIRONMENTS[self.env_id]] if self.task is None else self.task
 
     def with_reward(self, reward: RewardWeights) -> "Scenario":
         """Return the scenario with other reward weights."""
-        return replace(self, task=replace(self._task, reward=reward))
+        return replace(self, task=replace(self.resolved_task, reward=reward))
 
     def with_vehicle(self, vehicle: Any = None, interface: str | None = None) -> "Scenario":
         """Return the scenario with another vehicle, another command interface, or both.

@@ -79,6 +79,8 @@ def left_out(scenario: Scenario) -> str:
     """Return why the episodes of a scenario cannot be planned; empty if they can."""
     if scenario.simulation.is_rigid:
         return "the planner has the paper's attitude model, and the vehicle is a rigid body"
+    if scenario.resolved_task.pendulum != "upright" or scenario.resolved_task.reward.pendulum_first > 0.0:
+        return "the planner balances an upright pendulum, and the task is another one"
     others = [model for model in scenario.actuators if not isinstance(model, ActionDelay | MotorLag)]
     if others:
         return f"the planner has delays and lags of the action, but no {others[0].kind}"

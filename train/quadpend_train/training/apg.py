@@ -52,7 +52,6 @@ from torch import Tensor
 
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
-from quadpend_gym.tasks import TASKS
 from quadpend_gym.tasks.observation import REFERENCE_START
 from quadpend_gym.wind import WIND_SIZE
 from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor
@@ -66,7 +65,6 @@ from quadpend_train.differentiable.observation import (
 from quadpend_train.differentiable.plant import Plant, check_covered
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
-from quadpend_train.scenarios.scenario import ENVIRONMENTS
 from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
@@ -97,7 +95,7 @@ class APG(OnPolicyAlgorithm):
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
         self._plant = Plant(scenarios, self.n_envs)
-        tasks = [scenario.task or TASKS[ENVIRONMENTS[scenario.env_id]] for scenario in scenarios]
+        tasks = [scenario.resolved_task for scenario in scenarios]
         limits = torch.tensor([limit_row(task.limits) for task in tasks])
         self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
         self._memory = self._plant.initial_memory()

@@ -1,0 +1,107 @@
+"""The swing-up: its plan obeys the simulation, and it ends upright at the reference from any direction and in wind."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from numpy.testing import assert_allclose
+
+from quadpend_baselines import controller
+from quadpend_baselines.gains import GAINS
+from quadpend_baselines.policy.protocol import to_command
+from quadpend_baselines.policy.rollout import rollout
+from quadpend_baselines.swing.plan import read_plan, tracked_plan
+from quadpend_baselines.swing.swing_up import Phase
+from quadpend_gym import Simulation, State
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.wrappers import OutputFeedbackWrapper
+from quadpend_train.scenarios import find_scenario
+
+
+def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> None:
+    states, actions = read_plan()
+    simulation = Simulation()
+    assert_allclose(State(states[0]).direction, (0.0, 0.0, -1.0), atol=1e-6)
+    assert_allclose(State(states[-1]).direction, (0.0, 0.0, 1.0), atol=1e-6)
+    for end in (states[0], states[-1]):
+        assert_allclose(end[:12], 0.0, atol=1e-6)
+        assert_allclose(State(end).direction_rate, 0.0, atol=1e-6)
+    assert np.abs(actions).max() <= 0.8 + 1e-6
+    parameters = np.tile(simulation.parameters.as_array(), (len(actions), 1))
+    following, calm = states[:-1].copy(), np.zeros((len(actions), DISTURBANCE_SIZE))
+    advance(following, to_command(actions, simulation), calm, parameters, simulation.period, simulation.substeps)
+    assert_allclose(following, states[1:], atol=2e-6)
+
+
+def test_the_feedback_brings_a_deviation_back_to_the_plan() -> None:
+    simulation = Simulation()
+    plan = tracked_plan(GAINS["swing-up"], simulation)
+    parameters, calm = simulation.parameters.as_array()[np.newaxis], np.zeros((1, DISTURBANCE_SIZE))
+    sizes = []
+    for feedback in (0.0, 1.0):
+        state = plan.states[:1].copy()
+        State(state).direction_rate[0, :2] = 0.3, -0.2
+        for k, action in enumerate(plan.actions):
+            correction = feedback * (plan.gains[k] @ (state[0] - plan.states[k]))
+            command = to_command(np.clip(action - correction, -1.0, 1.0)[np.newaxis], simulation)
+            advance(state, command, calm, parameters, simulation.period, simulation.substeps)
+        sizes.append(np.linalg.norm(state[0] - plan.states[-1]))
+    assert sizes[1] < 0.1
+    assert sizes[0] > 3.0 * sizes[1]
+
+
+def times_to_upright(name: str, episodes: int, seed: int) -> Floats:
+    """Return the time after which pendulum and position stay near the goal, s; infinite for a fall."""
+    scenario, step = find_scenario(name), 0
+    env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
+    times, survived = np.zeros(episodes), np.zeros(episodes, np.bool_)
+    for found in rollout(controller("swing-up"), env, seed):
+        step += 1
+        away = (np.linalg.norm(found.tracking_error, axis=1) > 0.05) | (found.tilt > 0.2)
+        times[found.active & away] = step * scenario.simulation.period
+        survived |= found.survived
+    return np.where(survived, times, np.inf)
+
+
+@pytest.mark.parametrize(("name", "share"), [("swing_up", 0.99), ("swing_up_breeze", 0.95)])
+def test_hanging_pendulums_are_upright_within_five_seconds(name: str, share: float) -> None:
+    assert np.mean(times_to_upright(name, 100, 1_000_000) <= 5.0) >= share
+
+
+def test_the_pendulum_is_swung_up_from_any_direction() -> None:
+    assert np.mean(times_to_upright("swing_up_anywhere", 100, 1_000_000) <= 9.0) >= 0.9
+
+
+def test_the_phases_follow_one_another_and_begin_again_in_a_new_episode() -> None:
+    env = gym.make("QuadPendulumSwingUp-v0")
+    policy, memory, phases = controller("swing-up"), None, []
+    observation, _ = env.reset(seed=0)
+    for _ in range(250):
+        action, memory = policy.predict(observation, memory)
+        phases.append(int(memory.phase[0]))
+        observation, *_ = env.step(action)
+    changes = [phases[0], *(after for before, after in zip(phases, phases[1:], strict=False) if after != before)]
+    assert changes == [Phase.SWING, Phase.BALANCE]
+    observation, _ = env.reset(seed=1)
+    _, memory = policy.predict(observation, memory, np.ones(1, np.bool_))
+    assert memory.phase[0] == Phase.SWING
+    assert memory.step[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("env", "sentence"),
+    [
+        (lambda: OutputFeedbackWrapper(gym.make("QuadPendulumSwingUp-v0")), "needs an observation with velocities"),
+        (lambda: gym.make("QuadPendulumSwingUp-v0", simulation={"period": 0.02}), "has a plan for the paper's vehicle"),
+    ],
+)
+def test_what_the_swing_up_cannot_do_is_refused_in_one_sentence(env: Any, sentence: str) -> None:
+    made = env()
+    simulation = made.unwrapped.world.simulation
+    observation, _ = made.reset(seed=0)
+    with pytest.raises(ValueError, match=sentence):
+        controller("swing-up", simulation).predict(observation)
