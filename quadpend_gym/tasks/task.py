@@ -152,9 +152,7 @@ TASKS = {
     "load": Task(pendulum="hanging"),
     "recovery": Task(
         references=replace(_HOVER, height=(5.0, 5.0)),
-        start=StartSettings(
-            velocity=2.0, angle=np.pi, angle_rate=3.0, direction_rate=3.0, pendulum_angle=(0.0, np.pi)
-        ),
+        start=StartSettings(velocity=2.0, angle=np.pi, angle_rate=3.0, direction_rate=3.0, pendulum_angle=(0.0, np.pi)),
         limits=Limits(pendulum_angle=np.pi, body_angle=np.pi, tracking_error=4.5),
         reward=RewardWeights(pendulum_first=1.0),
     ),

@@ -11,12 +11,12 @@ from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import ControlLaw
-from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
+from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Parameters, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.kernel import advance

@@ -35,6 +35,8 @@ PACKAGES = {
         ["policy", "modelling"],
         ["estimation"],
         ["controllers"],
+        ["swing"],
+        ["registry"],
         ["hybrid", "paper", "optimal"],
         ["__init__"],
     ),

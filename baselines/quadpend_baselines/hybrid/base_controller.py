@@ -5,9 +5,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from quadpend_baselines.registry import controller
 from quadpend_baselines.estimation.loop import Loop, design_for
 from quadpend_baselines.hybrid.protocol import Hybrid
+from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.validation import check_number

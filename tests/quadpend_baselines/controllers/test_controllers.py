@@ -15,8 +15,8 @@ from stable_baselines3.common.monitor import Monitor
 import quadpend_gym
 from quadpend_baselines import ADRC, CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.gains import GAINS
+from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import (
     Actuators,
     Constant,

@@ -20,9 +20,9 @@ import optuna
 from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import Policy
-from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, replace_gains
 from quadpend_baselines.policy.rollout import rollout
+from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
 from quadpend_gym.core.validation import suggest
 from quadpend_train.common.files import read_mapping, write_text
