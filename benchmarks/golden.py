@@ -179,7 +179,8 @@ def episodes(names: Sequence[str] = (), scenarios: Sequence[str] = SCENARIOS, co
         count: Episodes in each scenario; `nmpc`, whose actions take milliseconds, runs a twentieth of them.
     """
     for name in names or [*CONTROLLERS, *(seeds[0] for seeds in shipped_policies().values())]:
-        for scenario in scenarios:
+        vehicle = " · hummingbird · body_rates" if "hummingbird" in name else ""
+        for scenario in (f"{scenario}{vehicle}" for scenario in scenarios):
             number = max(count // 20, 1) if name == "nmpc" else count
             yield f"{name}, {scenario}", digest(run_episodes([load_policy(name)], scenario, number, TEST_SEED))
 

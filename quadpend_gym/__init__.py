@@ -6,13 +6,11 @@
     env = gym.make("QuadPendulum-v0")
 
 The import registers the environments `QuadPendulum-v0`, `QuadPendulumHover-v0`, `QuadPendulumSwingUp-v0`,
-`QuadPendulumLoad-v0` and `QuadPendulumRecovery-v0`. A line
-``gym.register_envs(quadpend_gym)`` after it has no effect, but linters then do not report an unused import. The id
-``"quadpend_gym:QuadPendulum-v0"`` needs no import, for example in worker processes and on command lines.
+`QuadPendulumLoad-v0` and `QuadPendulumRecovery-v0`. A line ``gym.register_envs(quadpend_gym)`` after it has no effect,
+but linters then do not report an unused import. The id ``"quadpend_gym:QuadPendulum-v0"`` needs no import, for example
+in worker processes and on command lines.
 `QuadPendulumEnv` describes action, observation, reward and episode.
 """
-
-from typing import Any
 
 import gymnasium as gym
 
@@ -20,7 +18,15 @@ from quadpend_gym.envs.env import QuadPendulumEnv
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.physics.parameters import PAPER, Actuators, Parameters, Simulation
 from quadpend_gym.physics.state import Disturbance, State
-from quadpend_gym.tasks import EPISODE_STEPS, Limits, ReferenceSettings, RewardWeights, StartSettings, Task
+from quadpend_gym.tasks import (
+    ENVIRONMENTS,
+    EPISODE_STEPS,
+    Limits,
+    ReferenceSettings,
+    RewardWeights,
+    StartSettings,
+    Task,
+)
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
@@ -71,18 +77,11 @@ __all__ = [
 ]
 
 
-def _register(name: str, **kwargs: Any) -> None:
+for _name, _task in ENVIRONMENTS.items():
     gym.register(
-        id=name,
+        id=_name,
         entry_point="quadpend_gym.envs.env:QuadPendulumEnv",
         vector_entry_point="quadpend_gym.envs.vector_env:QuadPendulumVectorEnv",
         max_episode_steps=EPISODE_STEPS,
-        kwargs=kwargs,
+        kwargs={"task": _task},
     )
-
-
-_register("QuadPendulum-v0", task="track")
-_register("QuadPendulumHover-v0", task="hover")
-_register("QuadPendulumSwingUp-v0", task="swing_up")
-_register("QuadPendulumLoad-v0", task="load")
-_register("QuadPendulumRecovery-v0", task="recovery")

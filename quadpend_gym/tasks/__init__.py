@@ -1,6 +1,7 @@
 """Tasks: reference trajectories, random starts, termination limits, rewards and the observation."""
 
 from quadpend_gym.tasks.task import (
+    ENVIRONMENTS,
     EPISODE_STEPS,
     TASKS,
     Limits,
@@ -13,6 +14,7 @@ from quadpend_gym.tasks.task import (
 )
 
 __all__ = [
+    "ENVIRONMENTS",
     "EPISODE_STEPS",
     "TASKS",
     "Limits",

@@ -10,8 +10,8 @@ the side on which it is to be: h = r_z for an upright one, h = −r_z for a hang
     (5)  reward   = (1 − p + p (1 + h)²/4 / (1 + (|ṙ| / 5 s⁻¹)²)) · weighted mean of (1) to (4)
 
 The weight s of the narrow peak is `RewardWeights.tip`, by default ½. p is `RewardWeights.pendulum_first`, by default 0:
-with 1, nothing is rewarded while the pendulum is on the opposite side, and little while it spins. No term is negative, so an early termination
-never increases the return.
+with 1, nothing is rewarded while the pendulum is on the opposite side, and little while it spins. No term is negative,
+so an early termination never increases the return.
 """
 
 from typing import Any, NamedTuple

@@ -158,6 +158,14 @@ TASKS = {
     ),
 }
 
+ENVIRONMENTS = {  # tasks by the ids of their environments
+    "QuadPendulum-v0": "track",
+    "QuadPendulumHover-v0": "hover",
+    "QuadPendulumSwingUp-v0": "swing_up",
+    "QuadPendulumLoad-v0": "load",
+    "QuadPendulumRecovery-v0": "recovery",
+}
+
 
 def as_task(value: Any) -> Task:
     """Convert `value` to a task.

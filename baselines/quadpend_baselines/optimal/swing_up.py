@@ -24,10 +24,7 @@ from quadpend_gym.wind import WIND_SIZE
 MOST_ACTION, MOST_PITCH = 0.8, np.deg2rad(65.0)  # a_max, θ_max
 _EFFORT, _PLACE = 1e-2, 1.0  # ρ² and κ, 1/m²
 _PLANAR = np.array([0, 2, 3, 5, 7, 10, 12, 14, 15, 17])  # x, z, θ, r_x, r_z and their rates
-_OPTIONS = {
-    "print_time": False,
-    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000},
-}
+_OPTIONS: Any = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000}
 
 
 class Plan(NamedTuple):
@@ -75,7 +72,7 @@ def plan_swing_up(simulation: Simulation, steps: int) -> Plan:
     angle = np.pi * (1.0 - np.linspace(0.0, 1.0, steps + 1) ** 2)
     problem.set_initial(X[12, :], np.sin(angle))
     problem.set_initial(X[14, :], np.cos(angle))
-    problem.solver("ipopt", *({"print_time": False}, _OPTIONS["ipopt"]))
+    problem.solver("ipopt", {"print_time": False}, _OPTIONS)
     try:
         found: Any = problem.solve()
     except RuntimeError as error:

@@ -15,7 +15,6 @@ import numpy as np
 from quadpend_baselines.controllers import lqr
 from quadpend_baselines.gains import SwingUpGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS
-from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
@@ -84,7 +83,8 @@ def _linearise(states: Floats, actions: Floats, simulation: Simulation) -> tuple
     steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
     x = (states[:-1, np.newaxis] + steps[:, :STATE_SIZE]).reshape(-1, STATE_SIZE)
     a = (actions[:, np.newaxis] + steps[:, STATE_SIZE:]).reshape(-1, ACTION_SIZE)
-    command = to_command(a, simulation)
+    scale = simulation.command_scale
+    command = scale * [1.0, 0.0, 0.0, 0.0] + scale * a
     parameters = np.tile(simulation.parameters.as_array(), (len(x), 1))
     advance(x, command, np.zeros((len(x), DISTURBANCE_SIZE)), parameters, simulation.period, simulation.substeps)
     plus, minus = np.split(x.reshape(len(actions), 2 * size, STATE_SIZE), 2, axis=1)

@@ -154,7 +154,7 @@ class SwingUp:
         State(x).euler[:, 2] -= heading
         deviation = (x - plan.states[k])[:, np.newaxis]
         action = plan.actions[k] - np.sum(plan.gains[k] * deviation, axis=-1)
-        return np.clip(action, -1.0, 1.0).astype(np.float32)
+        return np.asarray(np.clip(action, -1.0, 1.0), np.float32)
 
     def _damp(self, s: State, measurement: Measurement) -> Floats32:
         """Return the actions of equation (1), shape (n, 4)."""

@@ -1,5 +1,6 @@
 """The swing-up: its plan obeys the simulation, and it ends upright at the reference from any direction and in wind."""
 
+from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
@@ -56,11 +57,10 @@ def test_the_feedback_brings_a_deviation_back_to_the_plan() -> None:
 
 def times_to_upright(name: str, episodes: int, seed: int) -> Floats:
     """Return the time after which pendulum and position stay near the goal, s; infinite for a fall."""
-    scenario, step = find_scenario(name), 0
+    scenario = find_scenario(name)
     env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
     times, survived = np.zeros(episodes), np.zeros(episodes, np.bool_)
-    for found in rollout(controller("swing-up"), env, seed):
-        step += 1
+    for step, found in enumerate(rollout(controller("swing-up"), env, seed), 1):
         away = (np.linalg.norm(found.tracking_error, axis=1) > 0.05) | (found.tilt > 0.2)
         times[found.active & away] = step * scenario.simulation.period
         survived |= found.survived
@@ -84,7 +84,7 @@ def test_the_phases_follow_one_another_and_begin_again_in_a_new_episode() -> Non
         action, memory = policy.predict(observation, memory)
         phases.append(int(memory.phase[0]))
         observation, *_ = env.step(action)
-    changes = [phases[0], *(after for before, after in zip(phases, phases[1:], strict=False) if after != before)]
+    changes = [phases[0], *(after for before, after in pairwise(phases) if after != before)]
     assert changes == [Phase.SWING, Phase.BALANCE]
     observation, _ = env.reset(seed=1)
     _, memory = policy.predict(observation, memory, np.ones(1, np.bool_))

@@ -26,8 +26,8 @@ def check_covered(name: str, scenario: Scenario) -> None:
     """Check that the differentiable dynamics covers a scenario.
 
     Raises:
-        ValueError: If it has another task than balancing, a rigid vehicle, other actuators than `ActionDelay` and `MotorLag`, or a trajectory that
-            is not a `Reference`.
+        ValueError: If it has another task than balancing, a rigid vehicle, other actuators than `ActionDelay` and
+            `MotorLag`, or a trajectory that is not a `Reference`.
     """
     if scenario.simulation.is_rigid:
         raise ValueError(

@@ -1,8 +1,8 @@
 """Scenarios: environments with wind, sensors, actuators and parameters, as data."""
 
 from quadpend_train.scenarios.names import short_name
+from quadpend_train.scenarios.own_models import check_own_models, own_models
 from quadpend_train.scenarios.scenario import (
-    ENVIRONMENTS,
     HELD_OUT,
     HOVER,
     SCENARIO_FILE,
@@ -10,12 +10,10 @@ from quadpend_train.scenarios.scenario import (
     SETS,
     Scenario,
     as_scenario,
-    check_own_models,
     expand_sets,
     find_scenario,
     name_or_json,
     names_without_files,
-    own_models,
     scenario_data,
     scenario_file_hash,
     scenario_hash,
@@ -24,7 +22,6 @@ from quadpend_train.scenarios.scenario import (
 )
 
 __all__ = [
-    "ENVIRONMENTS",
     "HELD_OUT",
     "HOVER",
     "SCENARIOS",

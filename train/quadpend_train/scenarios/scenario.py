@@ -15,23 +15,22 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import as_actuators, check_chain
-from quadpend_gym.core.factories import call_factory, describe_error, find_factory, is_factory
-from quadpend_gym.core.models import is_project_class, to_plain_data
+from quadpend_gym.core.factories import call_factory, find_factory, is_factory
+from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.validation import check_int, check_positive, from_plain, suggest
 from quadpend_gym.physics.parameters import INTERFACES
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors, check_periods
-from quadpend_gym.tasks import TASKS, RewardWeights, Task, as_task
+from quadpend_gym.tasks import ENVIRONMENTS, TASKS, RewardWeights, Task, as_task
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.vehicles import VEHICLES, as_vehicle
 from quadpend_gym.wind import Rescaled, Sum, WindFromFactory, as_wind
@@ -47,13 +46,6 @@ from quadpend_train.common.files import parse_mapping, read_mapping
 SCENARIO_FILE = Path(__file__).with_name("scenarios.toml")
 HOVER = "QuadPendulumHover-v0"
 _MOST_STEPS = 1_000_000  # of an episode
-ENVIRONMENTS = {  # tasks by the ids of their environments
-    "QuadPendulum-v0": "track",
-    HOVER: "hover",
-    "QuadPendulumSwingUp-v0": "swing_up",
-    "QuadPendulumLoad-v0": "load",
-    "QuadPendulumRecovery-v0": "recovery",
-}
 
 
 @dataclass(frozen=True)
@@ -328,40 +320,6 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
 
 def _name(item: Any) -> str:
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(item))
-
-
-def own_models(value: Any) -> list[Any]:
-    """Return all objects in a scenario that are made by the user's own code, which no hash of a scenario covers."""
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, list | tuple):
-        return [model for item in value for model in own_models(item)]
-    if value is None or isinstance(value, str | int | float):
-        return []
-    if isinstance(value, WindFromFactory) or not is_project_class(type(value)) or not is_dataclass(value):
-        return [value]
-    return own_models([getattr(value, item.name) for item in fields(value)])
-
-
-def check_own_models(name: str, scenario: Scenario) -> None:
-    """Run a scenario with own models for two steps, so that their errors are found before a long evaluation.
-
-    Args:
-        name: Name of the scenario for the error message.
-        scenario: The scenario.
-
-    Raises:
-        ValueError: If a model fails or returns values that are not finite.
-    """
-    if not own_models(scenario):
-        return
-    try:
-        env = scenario.make_vec(2, AutoresetMode.SAME_STEP)
-        env.reset(seed=0)
-        for _ in range(2):
-            env.step(np.zeros(env.action_space.shape, np.float32))
-    except Exception as error:  # own code may raise exceptions of any type
-        raise ValueError(f"the scenario {name} does not run: {describe_error(error)}") from error
 
 
 def _stored_fields(scenario: Scenario) -> dict[str, Any]:
