@@ -117,7 +117,7 @@ help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*  ## \(.*\)/  \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
 
 clean:  ## delete the caches of numba and of the tools
-	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
+	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 	rm -rf site .pytest_cache .mypy_cache .ruff_cache .hypothesis build *.egg-info
 
 # Ray, with the packages of .venv, whose versions it must not change; and RLlib, with a Gymnasium of its own.

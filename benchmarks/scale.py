@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ import numpy as np
 
 from quadpend_train.common.executors import Executor, executor
 from quadpend_train.common.files import write_text
+from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.scenarios import find_scenario
@@ -36,6 +38,7 @@ ROWS = (1_000, 10_000, 100_000, 1_000_000)
 WORKERS = (1, 10, 100, 300, 1000, 3000)
 REPEATS = 200  # of the measured cells: five training seeds, four vehicles and ten scenarios instead of one, for example
 BANDWIDTH = 125e6  # bytes/s at which the driver receives results: a network of 1 Gbit/s
+_INSTANT = 500  # calls that return at once, for the time of the driver
 SLOW_SHARE, SLOW_FACTOR = 0.05, 3.0  # share of the simulated workers that are slower by the factor
 
 
@@ -82,21 +85,28 @@ def measure_executor(run: Executor, calls: Mapping[Any, Any]) -> tuple[float, fl
 def measure_cluster(study: Mapping[Any, Job]) -> tuple[Costs, float]:
     """Run a study on a local Ray cluster with a worker on each core.
 
-    The time of the driver is its processor time for each further cell: submission, receipt, and the cache.
+    The time of the driver is its processor time for a call that returns at once as many bytes as a cell, and for a file
+    of the cache. It leaves out waits for the disk.
 
     Returns:
         The costs, and the duration of the study after the start of the workers, s.
     """
-    run, one = executor(cluster="local"), dict(list(study.items())[:1])
-    start, _ = measure_executor(run, one)
-    used = {}
-    for part in (study, one, study):  # the first time, all workers load the compiled code
+    run = executor(cluster="local")
+    start, _ = measure_executor(run, dict(list(study.items())[:1]))
+    for _ in range(2):  # the first time, all workers load the compiled code
         with TemporaryDirectory() as folder:
-            begin, before = time.perf_counter(), time.process_time()
-            results = run_jobs(part, folder, processes=run)
-            total, used[len(part)] = time.perf_counter() - begin, time.process_time() - before
+            begin = time.perf_counter()
+            results = run_jobs(study, folder, processes=run)
+            total = time.perf_counter() - begin
     size = float(np.mean([len(pickle.dumps(result)) for result in results.values()]))
-    return Costs(start, (used[len(study)] - used[1]) / (len(study) - 1), size), total
+    instant = {number: partial(bytes, round(size)) for number in range(_INSTANT)}
+    before = time.process_time()
+    measure_executor(run, instant)
+    receive, before = (time.process_time() - before) / _INSTANT, time.process_time()
+    with TemporaryDirectory() as folder:
+        for number, result in enumerate(results.values()):
+            cache.save(folder, str(number), result)
+    return Costs(start, receive + (time.process_time() - before) / len(results), size), total
 
 
 def simulate(seconds: Sequence[float], workers: int, costs: Costs, slow_share: float = 0.0, seed: int = 0) -> float:
@@ -112,7 +122,7 @@ def simulate(seconds: Sequence[float], workers: int, costs: Costs, slow_share: f
         slow_share: Share of workers on which a cell takes `SLOW_FACTOR` times as long.
         seed: Seed of the choice of these workers.
     """
-    slow = np.random.default_rng(seed).random(workers) < slow_share
+    slow = np.random.default_rng(seed).permutation(workers) < round(slow_share * workers)
     free = [(costs.start, worker) for worker in range(workers)]
     ends = []
     for duration in seconds:
@@ -135,11 +145,11 @@ def scale_table(seconds: Sequence[float], costs: Costs) -> str:
         total = simulate(study, workers, costs)
         others = (
             simulate(sorted(study, reverse=True), workers, costs),
-            simulate(study, workers, costs, SLOW_SHARE),
+            simulate(study, workers, costs, SLOW_SHARE) if SLOW_SHARE * workers >= 1.0 else np.nan,
             simulate(missing, workers, costs),
         )
         row = [f"{workers:,}", f"{total:,.0f} s", f"{work / total:.0f}", f"{100.0 * work / total / workers:.0f} %"]
-        rows.append(row + [f"{value:,.0f} s" for value in others])
+        rows.append(row + ["–" if np.isnan(value) else f"{value:,.0f} s" for value in others])
     head = ["workers", "duration", "speed-up", "efficiency"]
     return markdown_table([*head, "longest cells first", "5 % slow workers", "half of the cells cached"], rows)
 

@@ -139,7 +139,7 @@ class NmpcGains:
 class SwingUpGains:
     """Gains of `swing.swing_up`, and the limits of the region in which the balancing controller takes over."""
 
-    damp: float = 1.5  # c, m/s, of damping the swing
+    damp: float = 1.5  # q, m/s, of damping the swing
     lead: float = 0.08  # τ, s
     position: float = 1.0  # k, 1/s²
     velocity: float = 1.5  # d, 1/s

@@ -48,7 +48,7 @@ DESCRIPTIONS = {
     "nmpc": "nonlinear model-predictive control by real-time iterations; needs CasADi",
     "flatness-unpredicted": "flatness, without the prediction through known delays and lags",
     "lqr-unpredicted": "lqr, without the prediction through known delays and lags",
-    "swing-up": "energy shaping of a pendulum that hangs, until flatness can catch it",
+    "swing-up": "planned swing-up of a hanging pendulum with linear-quadratic feedback; flatness then balances it",
 }
 
 

@@ -139,9 +139,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         """
         options = check_options(options, ("state", "reference"))
         world = self.world
-        checked = check_reset_options(
-            options.get("state"), options.get("reference"), 1, world.simulation, world.task.limits
-        )
+        checked = check_reset_options(options.get("state"), options.get("reference"), 1, world.simulation, world.task)
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             self.world.seed(_ROW, [self.np_random_seed])

@@ -9,7 +9,7 @@ The outcome has one column for each sub-environment. Vectors are in the world fr
 | YAW_TERM       |                 | 2     | 1      | reward term (3)                                                 |
 | EFFORT_TERM    |                 | 3     | 1      | reward term (4)                                                 |
 | TRACKING_ERROR | e               | 4–6   | m      | error of the flat outputs                                       |
-| TILT           | α               | 7     | rad    | angle of the pendulum from upright                              |
+| TILT           | α               | 7     | rad    | angle of the pendulum from its side, by default from upright    |
 | REWARD         |                 | 8     | 1      | weighted mean of the terms                                      |
 | TERMINATED     |                 | 9     | 1      | 1 if the episode terminated, else 0                             |
 | DISTURBANCE    | d_Q, d_B, d_τ   | 10–18 | N, N·m | forces and torque during the step, drag included                |
@@ -43,7 +43,7 @@ class StepInfo:
     Every info has these fields. Sensors do not change them: they are computed from the true state.
 
     - ``tracking_error``: error of the flat outputs in the world frame, m.
-    - ``tilt``: angle α of the pendulum from upright, rad.
+    - ``tilt``: angle α of the pendulum from its side, by default from upright, rad.
     - ``disturbance``: force on the quadrotor, force on the bob (N, world frame) and torque (N·m) during the step.
     - ``reward_terms``: the four terms of the reward by name.
 

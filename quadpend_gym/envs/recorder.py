@@ -116,6 +116,7 @@ class Recorder:
             period * _STREAK_SPEED * self._force_sum[row] * self._force_scale,
             _ROTOR_SPEED * clock * period,
             self._shape,
+            world.task.side,
         )
 
     def snapshots(self) -> list[Snapshot]:

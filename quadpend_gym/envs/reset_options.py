@@ -10,7 +10,7 @@ from quadpend_gym.core.validation import as_float_array
 from quadpend_gym.physics.kernel import DIVERGENCE_LIMIT
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import STATE_FIELDS
-from quadpend_gym.tasks import Limits
+from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.trajectories import Trajectory, as_trajectory
 
@@ -32,7 +32,7 @@ class ResetOptions(NamedTuple):
 NO_OPTIONS = ResetOptions({}, ())
 
 
-def check_reset_options(state: Any, reference: Any, count: int, simulation: Simulation, limits: Limits) -> ResetOptions:
+def check_reset_options(state: Any, reference: Any, count: int, simulation: Simulation, task: Task) -> ResetOptions:
     """Check the options of a reset before the reset changes anything.
 
     Args:
@@ -40,7 +40,7 @@ def check_reset_options(state: Any, reference: Any, count: int, simulation: Simu
         reference: Anything that `as_trajectory` accepts, a sequence of `count` of these, or None.
         count: Number of sub-environments that are reset.
         simulation: Simulation settings, for `check_feasible`.
-        limits: Termination limits, for `check_feasible`.
+        task: Its limits and its side, for `check_feasible`.
 
     Raises:
         TypeError: If `state` or `reference` has the wrong type.
@@ -49,7 +49,7 @@ def check_reset_options(state: Any, reference: Any, count: int, simulation: Simu
     """
     references = _check_references(reference, count)
     for item in dict.fromkeys(references):
-        check_feasible(item, simulation, limits)
+        check_feasible(item, simulation, task.limits, task.side)
     return ResetOptions(_check_state(state, count), references)
 
 

@@ -115,7 +115,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         rows = np.flatnonzero(mask)
         world = self.world
         checked = check_reset_options(
-            options.get("state"), options.get("reference"), rows.size, world.simulation, world.task.limits
+            options.get("state"), options.get("reference"), rows.size, world.simulation, world.task
         )
         self._seed(seed, mask)
         self.world.start_episodes(rows, checked)

@@ -81,7 +81,7 @@ class World:
             ValueError: If the trajectory of the task cannot be flown.
         """
         if task.trajectory is not None:
-            check_feasible(task.trajectory, simulation, task.limits)
+            check_feasible(task.trajectory, simulation, task.limits, task.side)
         self.task = task
         self.simulation = simulation
         self.num_envs = num_envs

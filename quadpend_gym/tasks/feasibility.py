@@ -9,7 +9,7 @@ Exact tracking in calm air, with the bob's horizontal position F and the quadrot
 
 Equation (1) leaves out the vertical acceleration l r̈_z of the bob relative to the quadrotor, which is of second order
 in the tilt and zero on circles; (2) to (4) follow from it exactly. The tilt of the body therefore has an error of third
-order. Drag and the torques are not considered.
+order. Drag and the torques are not considered. A hanging pendulum has −r and −l in place of r and l.
 
 | symbol | code name   | unit | frame | shape  |
 |--------|-------------|------|-------|--------|
@@ -35,7 +35,7 @@ class Demand(NamedTuple):
 
     Attributes:
         thrust: Thrust u, N, shape (k,).
-        pendulum_angle: Angle of the pendulum from upright, rad, shape (k,).
+        pendulum_angle: Angle of the pendulum from its side, rad, shape (k,).
         body_angle: Angle of the thrust axis from vertical, rad, shape (k,).
         height: Height of the lower of quadrotor and bob, m, shape (k,).
     """
@@ -46,15 +46,16 @@ class Demand(NamedTuple):
     height: Floats
 
 
-def demand(trajectory: Trajectory, parameters: Parameters, times: Floats) -> Demand:
+def demand(trajectory: Trajectory, parameters: Parameters, times: Floats, side: float = 1.0) -> Demand:
     """Return what tracking a trajectory exactly in calm air demands, equations (1) to (4).
 
     Args:
         trajectory: Trajectory.
         parameters: Physical parameters.
         times: Times, s, shape (k,).
+        side: See `Task.side`.
     """
-    p = parameters
+    p, rod_length = parameters, side * parameters.rod_length
     derivatives = trajectory.derivatives(times)[:, :, :3]
     lift, lift_rate, lift_acceleration = derivatives[:, 2] + [0.0, 0.0, p.gravity], derivatives[:, 3], derivatives[:, 4]
     size = np.linalg.norm(lift, axis=-1, keepdims=True)
@@ -63,10 +64,10 @@ def demand(trajectory: Trajectory, parameters: Parameters, times: Floats) -> Dem
     rate = (lift_rate - first * direction) / size
     second = _dot(rate, lift_rate) + _dot(direction, lift_acceleration)
     acceleration = (lift_acceleration - 2.0 * first * rate - second * direction) / size
-    weights = p.rod_length * np.array([-p.quadrotor_mass, -p.quadrotor_mass, p.bob_mass])
+    weights = rod_length * np.array([-p.quadrotor_mass, -p.quadrotor_mass, p.bob_mass])
     thrust = p.total_mass * lift + weights * acceleration
     size = np.linalg.norm(thrust, axis=-1)
-    height = derivatives[:, 0, 2] + np.minimum(p.rod_length * direction[:, 2], 0.0)
+    height = derivatives[:, 0, 2] + np.minimum(rod_length * direction[:, 2], 0.0)
     return Demand(size, np.arccos(direction[:, 2]), np.arccos(thrust[:, 2] / size), height)
 
 
@@ -75,7 +76,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limits) -> None:
+def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limits, side: float = 1.0) -> None:
     """Check waypoints or sinusoids against the thrust and the termination limits; a `Reference` is not checked.
 
     A trajectory is checked once: later calls with equal arguments do nothing.
@@ -84,6 +85,7 @@ def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limit
         trajectory: Trajectory.
         simulation: Nominal parameters and thrust limit.
         limits: Limits at which an episode terminates; exceeding one of them gives a warning.
+        side: See `Task.side`.
 
     Raises:
         ValueError: If the thrust would have to exceed its maximum or to point downwards.
@@ -91,7 +93,7 @@ def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limit
     if not isinstance(trajectory, Waypoints | Sinusoids):
         return
     times = trajectory.sample_times()
-    needed = demand(trajectory, simulation.parameters, times)
+    needed = demand(trajectory, simulation.parameters, times, side)
     largest = 2.0 * float(simulation.command_scale[0])
     refuse = "the trajectory cannot be flown: it needs"
     for what, angle in (("a pendulum", needed.pendulum_angle), ("a body", needed.body_angle)):

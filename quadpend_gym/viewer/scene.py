@@ -126,7 +126,7 @@ def _draw_reference(surface: Any, view: View, snapshot: Snapshot, unit: float) -
     """Draw the bob's reference path and its current position, or an arrow towards it if it is out of the picture."""
     time = snapshot.time + np.linspace(-_REFERENCE_TIME, _REFERENCE_TIME, 81)
     path = snapshot.reference.derivatives(np.append(time, snapshot.time))[:, 0, :3]
-    path[:, 2] += snapshot.rod_length  # from the quadrotor's reference to the upright bob's
+    path[:, 2] += snapshot.reference_arm
     path += snapshot.shape.pivot
     for _, a, b in _visible_segments(view, np.stack([path[:-2], path[1:-1]], axis=1)):
         if np.hypot(a[0] - b[0], a[1] - b[1]) > 0.3:

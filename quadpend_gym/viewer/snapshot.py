@@ -19,7 +19,7 @@ class Snapshot(NamedTuple):
         disturbance: Disturbance during the last step, shape (9,), see `quadpend_gym.physics.state.Disturbance`.
         thrust: Thrust of the last step divided by the weight.
         error: Norm of the tracking error, m.
-        tilt: Angle of the pendulum from upright, rad.
+        tilt: Angle of the pendulum from its side, rad.
         tilt_limit: Tilt at which an episode terminates, rad.
         episode_return: Sum of the rewards of the episode so far.
         focus: Point that the camera follows, m, shape (3,).
@@ -27,6 +27,7 @@ class Snapshot(NamedTuple):
         streak_offset: Displacement of the wind streaks since the episode began, m, shape (3,).
         rotor_angle: Angle of the drawn rotor blades, rad.
         shape: Sizes of the vehicle.
+        side: Side of the pendulum: 1 if it is to be upright, −1 if it is to hang.
     """
 
     time: float
@@ -44,3 +45,9 @@ class Snapshot(NamedTuple):
     streak_offset: Floats
     rotor_angle: float
     shape: Shape = PAPER_SHAPE
+    side: float = 1.0
+
+    @property
+    def reference_arm(self) -> float:
+        """Height of the bob's reference above that of the quadrotor, m."""
+        return self.side * self.rod_length

@@ -94,7 +94,7 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
         other: Design parameters of the other vehicle.
     """
     rate = np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness)
-    factors = {path: rate**exponent for path, exponent in EXPONENTS[type(gains)].items()}
+    factors = {path: rate**exponent for path, exponent in EXPONENTS.get(type(gains), {}).items()}
     if hasattr(gains, "estimator"):
         factors["estimator.force_walk"] = rate**0.5 * other.hover_thrust / tuned.hover_thrust
         factors["estimator.bob_force_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass

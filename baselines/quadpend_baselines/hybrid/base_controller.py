@@ -31,11 +31,10 @@ def find_base_controller(value: Any) -> tuple[Any, str | None]:
         TypeError: If `value` is neither a name nor a controller that estimates the disturbance.
         ValueError: If there is no controller with this name.
     """
-    if isinstance(value, str):
-        return controller(value), value
-    if not hasattr(value, "estimated_disturbance"):
+    found, name = (controller(value), value) if isinstance(value, str) else (value, None)
+    if not hasattr(found, "estimated_disturbance"):
         raise TypeError(f"base_controller must be a controller that estimates the disturbance, not {value!r}")
-    return value, None
+    return found, name
 
 
 def check_action_scale(value: Any) -> float:

@@ -28,6 +28,8 @@ from quadpend_gym.wrappers.same_step import last_observations, replace_final_obs
 
 _SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 
+NO_HYBRID = "hybrids balance an upright pendulum: the base controller does not fly a hanging load"
+
 
 def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any], loop: Loop | None = None) -> Hybrid:
     """Return the hybrid, designed for the simulation of `env` and a loop if its base controller was given by name."""
@@ -38,6 +40,8 @@ def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any], loop: 
         )
     instance = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
     world = getattr(env.unwrapped, "world", None)
+    if world is not None and world.task.pendulum != "upright":
+        raise ValueError(NO_HYBRID)
     if instance.base_controller_name is None or world is None:
         return instance
     return instance.with_simulation(world.simulation, loop)

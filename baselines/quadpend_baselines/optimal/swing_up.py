@@ -2,7 +2,7 @@
 
 With the states x_k and the actions a_k of N control steps:
 
-    (1)  minimise    Σ_k |ρ a_k|² + κ Σ_k |X_k|²,        X: deviation of the centre of mass from its place
+    (1)  minimise    Σ_k |ρ a_k|² + κ Σ_k |X_k|²,        X: position of the centre of mass relative to the reference
     (2)  subject to  x_{k+1} = f(x_k, a_k),   x_0 hanging at rest,   x_N upright at rest at the same place
     (3)              |a_k| ≤ a_max,   |θ_k| ≤ θ_max
 
@@ -18,6 +18,7 @@ import numpy as np
 from quadpend_baselines.optimal.plant import KNOWN_SIZE, Plant, step
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.validation import check_int
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
 from quadpend_gym.wind import WIND_SIZE
 
@@ -47,8 +48,11 @@ def plan_swing_up(simulation: Simulation, steps: int) -> Plan:
         steps: N.
 
     Raises:
-        ValueError: If the solver finds no plan.
+        ValueError: If the vehicle is rigid, N is below 1, or the solver finds no plan.
     """
+    check_int(steps, "steps", 1)
+    if simulation.is_rigid:
+        raise ValueError(f"the plan is for the paper's vehicle, not {simulation.rigid_vehicle.name!r}")
     x, a, known, after = step(Plant(simulation))
     motion = ca.Function("motion", [x, a, known], [after])
     numbers = np.concatenate([np.zeros(WIND_SIZE), simulation.parameters.as_array()])

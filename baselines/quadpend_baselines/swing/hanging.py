@@ -12,16 +12,30 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.estimation.loop import Loop, design_for
+from quadpend_baselines.controllers.dual_mode import DualMode
+from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.lqr import Lqr
+from quadpend_baselines.controllers.mppi import Mppi
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SIZE, OUTPUT_FEEDBACK_FIELDS
 
 _MIRRORED = ("direction", "direction_rate")
+_LAWS = (Flatness, Lqr, DualMode, Mppi)  # control laws that were tested with a hanging pendulum
 
 
 def mirror_simulation(simulation: Simulation) -> Simulation:
-    """Return a simulation with the rod length −l, for the design of control laws only."""
+    """Return a simulation with the rod length −l, for the design of control laws only.
+
+    Raises:
+        ValueError: If the vehicle is rigid.
+    """
+    if simulation.is_rigid:
+        raise ValueError(
+            f"controllers of a hanging pendulum are for the paper's vehicle, not {simulation.rigid_vehicle.name!r}"
+        )
     parameters = copy(simulation.parameters)
     object.__setattr__(parameters, "rod_length", -parameters.rod_length)  # outside the range of a rod
     return replace(simulation, parameters=parameters)
@@ -41,14 +55,19 @@ class Hanging:
     """A controller of an upright pendulum, designed for a hanging one.
 
     Args:
-        policy: Controller with the method `with_simulation`.
+        policy: `flatness`, `lqr`, `lqi`, `dual-mode` or `mppi`.
         simulation: Nominal simulation.
         loop: The known delays and lags of the loop; None: there are none.
+
+    Raises:
+        ValueError: If it is another controller, or the vehicle is rigid.
     """
 
     def __init__(self, policy: Any, simulation: Simulation, loop: Loop | None = None) -> None:
         """Design the controller."""
-        self.policy = design_for(policy, mirror_simulation(simulation), loop or Loop())
+        if not isinstance(policy, OutputFeedback) or policy.make_law not in _LAWS:
+            raise ValueError("of the classical controllers, only flatness, lqr, lqi, dual-mode and mppi fly a load")
+        self.policy = policy.with_simulation(mirror_simulation(simulation), loop)
 
     def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "Hanging":
         """Return the same controller, designed for another nominal simulation and loop."""

@@ -2,10 +2,10 @@
 
 A row is in one of three phases:
 
-- *damp*: the pendulum is brought to rest below the quadrotor, from any direction. A horizontal force f changes the
-  energy e of the pendulum relative to the quadrotor by ė = −f·ṙ/(M l), so
+- *damp*: the pendulum is brought to rest below the quadrotor, from any direction. With a lift that equals the weight, a
+  horizontal force f changes the energy e = |ṙ|²/2 + K r_z by ė = −f·ṙ/(M l), so
 
-      (1)  f = (M + m_c)(c v − k ζ − d ζ̇),    limited to the lean λ_max
+      (1)  f = (M + m_c)(q v − k ζ − d ζ̇),    limited to the lean λ_max
 
   damps it; v is the horizontal part of ṙ after the lead time τ, which makes up for the time that the attitude needs.
 - *swing*: the plan x_k, a_k of `swing.plan` is flown with the feedback of a time-varying linear-quadratic regulator:
@@ -15,9 +15,9 @@ A row is in one of three phases:
   x is the state relative to the reference, in the axes of the reference's heading.
 - *balance*: `flatness` balances the pendulum at the reference.
 
-Damping ends when the pendulum hangs almost at rest. Balancing begins where it can catch the pendulum: at
-|r_xy + ṙ_xy/√K| < c, the unstable mode of an upright pendulum, above the height r_z = `catch_height`. It ends below
-`lost_height`.
+Damping ends when the pendulum hangs almost at rest. At the end of the plan, and while damping, balancing begins if it
+can catch the pendulum: at |r_xy + ṙ_xy/√K| < c, the unstable mode of an upright pendulum, above the height
+r_z = `catch_height`. It ends below `lost_height`. The plan is for a reference at rest, and for a loop without delays.
 """
 
 from enum import IntEnum
@@ -38,7 +38,11 @@ from quadpend_baselines.swing.plan import tracked_plan
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, POSITION, VELOCITY, State
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
+# What "almost at rest" means: lengths of r_xy (1), ṙ (1/s), position (m) and velocity (m/s) relative to the reference,
+# roll and pitch (rad), and the rates of the attitude (rad/s).
+_AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
 _LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
 
 
@@ -77,6 +81,7 @@ class SwingUp:
         """Design the balancing controller."""
         self.given_gains, self.simulation = gains, simulation or Simulation()
         self.gains: SwingUpGains = gains(self.simulation) if callable(gains) else gains
+        self.loop = loop or Loop()
         self.balancer = OutputFeedback(Flatness, gains_for("flatness", self.simulation), self.simulation, loop)
 
     def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "SwingUp":
@@ -89,12 +94,12 @@ class SwingUp:
         """Return action and memory; see `Policy.predict`.
 
         Raises:
-            ValueError: If the observation has no velocities, or there is no plan for the simulation.
+            ValueError: If the observation has no velocities, or there is no plan for the simulation or its loop.
         """
         single = np.ndim(observation) == 1
         observed = np.atleast_2d(np.asarray(observation, np.float32))
         measurement = measurement_from_observation(observed, self.simulation.parameters.rod_length)
-        if np.isnan(measurement.state).any():
+        if observed.shape[1] != OBSERVATION_SIZE:
             raise ValueError("swing-up needs an observation with velocities, of 36 numbers")
         rows = len(observed)
         phase, step = np.full(rows, Phase.DAMP), np.zeros(rows, np.int64)
@@ -122,6 +127,8 @@ class SwingUp:
         phase = np.where(swings | balances, phase, Phase.DAMP)
         phase = np.where((phase == Phase.DAMP) & self._can_catch(s), Phase.BALANCE, phase)
         begins = (phase == Phase.DAMP) & self._rests(s)
+        if begins.any() and (self.loop.steps or self.loop.actuators):
+            raise ValueError("swing-up has a plan for a loop without delays, lags and rate limits only")
         return np.where(begins, Phase.SWING, phase), np.where(begins, 0, step)
 
     def _can_catch(self, s: State) -> Booleans:
@@ -132,18 +139,9 @@ class SwingUp:
 
     def _rests(self, s: State) -> Booleans:
         """Return whether the pendulum hangs almost at rest near the reference, shape (n,)."""
-        sizes = [
-            np.linalg.norm(part, axis=1) / limit
-            for part, limit in (
-                (s.direction[:, :2], 0.15),
-                (s.direction_rate, 1.0),
-                (s.position, 0.5),
-                (s.velocity, 0.3),
-                (s.euler[:, :2], 0.15),
-                (s.euler_rate, 0.5),
-            )
-        ]
-        return np.asarray((np.max(sizes, axis=0) < 1.0) & (s.direction[:, 2] < 0.0))
+        parts = s.direction[:, :2], s.direction_rate, s.position, s.velocity, s.euler[:, :2], s.euler_rate
+        small = [np.linalg.norm(part, axis=1) < limit for part, limit in zip(parts, _AT_REST, strict=True)]
+        return np.asarray(np.all(small, axis=0) & (s.direction[:, 2] < 0.0))
 
     def _swing(self, measurement: Measurement, step: Integers) -> Floats32:
         """Return the actions of equation (2), shape (n, 4)."""

@@ -79,6 +79,8 @@ def run(policy: Any, env: Any, seed: int = 5, steps: int = 100, **options: Any) 
 @every_controller
 @pytest.mark.parametrize("outputs", [False, True])
 def test_predict_accepts_one_observation_or_a_batch(name: str, outputs: bool) -> None:
+    if name == "swing-up" and outputs:
+        pytest.skip("swing-up needs velocities: tests/quadpend_baselines/swing has a test of its refusal")
     policy = controller(name)
     observations, _, _ = run(policy, make(3, outputs), steps=3)
     assert observations.shape[-1] == (27 if outputs else 36)
@@ -257,6 +259,8 @@ def test_estimated_disturbance_converges_to_the_true_one_in_steady_wind(name: st
 @every_controller
 def test_outliers_in_the_observation_leave_no_invalid_numbers(name: str, outputs: bool) -> None:
     """After positions that jump by 100 m and back, actions stay finite and in range."""
+    if name == "swing-up" and outputs:
+        pytest.skip("swing-up needs velocities: tests/quadpend_baselines/swing has a test of its refusal")
     env = QuadPendulumVectorEnv(3)
     policy, memory = quick_controller(name), None
     observation, _ = env.reset(seed=0)

@@ -1,5 +1,7 @@
 """Controllers of a hanging load: the mirrored design, the poles of the swing, and tracking."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -8,13 +10,15 @@ from numpy.testing import assert_allclose
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.lqr import riccati
 from quadpend_baselines.gains import GAINS
+from quadpend_baselines.hybrid import HybridWrapper, ResidualAction
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise
 from quadpend_baselines.swing.hanging import Hanging, mirror_observation, mirror_simulation
-from quadpend_gym import Reference, Simulation, State
+from quadpend_gym import OBSERVATION_FIELDS, Reference, Simulation, State, Task, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_train.evaluation.episodes import run_episodes
+from quadpend_train.policies.loading import load_policies
 from quadpend_train.scenarios import Scenario
 from tests.helpers.envs import AT_REST
 
@@ -97,3 +101,45 @@ def test_the_load_tracks_references_in_calm_air(name: str) -> None:
     results = run_episodes([controller(name)], Scenario(env_id=LOAD), 20, 7)
     assert results.survived.all()
     assert results.settled_rmse.max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "simulation", "sentence"),
+    [
+        ("adrc-paper", Simulation(), "only flatness, lqr, lqi, dual-mode and mppi fly a load"),
+        ("swing-up", Simulation(), "only flatness"),
+        ("lqr", Simulation(vehicle="hummingbird"), "for the paper's vehicle, not 'hummingbird'"),
+    ],
+)
+def test_what_no_controller_of_a_load_does_is_refused_in_one_sentence(
+    name: str, simulation: Simulation, sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Hanging(controller(name, simulation), simulation)
+
+
+def test_a_hybrid_and_a_load_are_refused_in_one_sentence() -> None:
+    with pytest.raises(ValueError, match="hybrids balance an upright pendulum"):
+        HybridWrapper(gym.make(LOAD), ResidualAction("lqr"))
+    with pytest.raises(ValueError, match="hybrids balance an upright pendulum"):
+        run_episodes(load_policies("ppo-gain-scheduling-0"), Scenario(env_id=LOAD), 1, 7)
+
+
+def test_own_controllers_of_a_load_receive_the_observation_unchanged() -> None:
+    seen = []
+
+    class Own:
+        def predict(
+            self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+        ) -> Any:
+            seen.append(observation)
+            return np.zeros((len(observation), 4), np.float32), None
+
+    run_episodes([Own()], Scenario(env_id=LOAD, duration=0.05), 2, 7)
+    assert (seen[0][:, OBSERVATION_FIELDS["direction"].stop - 1] < 0.0).all()
+
+
+def test_the_ground_below_a_load_counts_in_the_check_of_a_trajectory() -> None:
+    low = Waypoints((0, 3), ((0, 0, 2.0), (0, 0, 0.2)))
+    with pytest.warns(UserWarning, match="reaches a height of -0.10 m"):
+        gym.make(LOAD, task=Task(trajectory=low, pendulum="hanging"))

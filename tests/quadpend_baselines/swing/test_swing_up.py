@@ -10,7 +10,9 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import GAINS
+from quadpend_baselines.hybrid import EstimateOnly
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.swing.plan import read_plan, tracked_plan
@@ -90,6 +92,19 @@ def test_the_phases_follow_one_another_and_begin_again_in_a_new_episode() -> Non
     _, memory = policy.predict(observation, memory, np.ones(1, np.bool_))
     assert memory.phase[0] == Phase.SWING
     assert memory.step[0] == 0
+
+
+def test_a_loop_with_a_delay_is_refused_in_one_sentence() -> None:
+    env = gym.make("QuadPendulumSwingUp-v0")
+    observation, _ = env.reset(seed=0)
+    policy: Any = controller("swing-up")
+    with pytest.raises(ValueError, match="a loop without delays"):
+        policy.with_simulation(Simulation(), Loop(delay=3)).predict(observation)
+
+
+def test_a_swing_up_is_no_base_controller() -> None:
+    with pytest.raises(TypeError, match="base_controller must be a controller that estimates the disturbance"):
+        EstimateOnly("swing-up")
 
 
 @pytest.mark.parametrize(

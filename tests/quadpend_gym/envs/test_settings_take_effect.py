@@ -41,7 +41,7 @@ REFERENCES = {
     "yaw_amplitude": 0.0,
     "yaw_frequency": 3.0,
 }
-STARTS = {field.name: 0.2 for field in fields(StartSettings)}
+STARTS = {field.name: 0.2 for field in fields(StartSettings)} | {"pendulum_angle": (0.2, 0.3)}
 LIMITS = {"pendulum_angle": 0.1, "body_angle": 0.1, "tracking_error": 0.1, "ground": 2.4}
 WEIGHTS = {field.name: 1.0 for field in fields(RewardWeights)}
 PARAMETERS = {field.name: 1.5 * getattr(Parameters(), field.name) for field in fields(Parameters)}

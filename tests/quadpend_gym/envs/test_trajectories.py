@@ -26,7 +26,7 @@ CHORD = Sinusoids(
 HOVER = Reference.hover(1.0)
 MIXED = (WAYPOINTS, HOVER, CHORD, LAP, WAYPOINTS)
 DATA = {"kind": "waypoints", "times": [0, 2, 4, 6], "points": [[0, 0, 2], [1, 0, 2, 0.3], [1, 1, 2.5], [0, 1, 2]]}
-EXACT = StartSettings(**dict.fromkeys(StartSettings.__dataclass_fields__, 0.0))
+EXACT = StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ACTIONS = 0.2 * draw_actions(1, 30, 5)
 
 

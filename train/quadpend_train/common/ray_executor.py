@@ -3,8 +3,8 @@
 Ray's runtime environment gives the workers the code and the files of `quadpend_train.common.bundle` as their working
 directory. The workers return pickled results, and only this process writes files.
 
-A call whose worker or node dies is executed again, three times at most. A worker whose packages have other versions
-than those of this process is refused, since its results could differ.
+A call whose worker or node dies is executed again, up to three times in all. A worker whose packages have other
+versions than those of this process is refused, since its results could differ.
 """
 
 import os
@@ -39,7 +39,7 @@ _VARIABLES = {
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # the future default, which Ray warns about
 }
 _LOCAL_VARIABLES = {"RAY_worker_niceness": "0"}  # as the processes of this machine
-_session = ""  # hash of the bundle of the open connection
+_session: tuple[str, str] | None = None  # address, and hash of the bundle, of the open connection
 
 
 class VersionError(ValueError):
@@ -85,7 +85,8 @@ class RayExecutor:
         running: dict[Any, Any] = {}
         try:
             while waiting or running:
-                while waiting and len(running) < max(_CALLS_OF_A_CORE * ray.cluster_resources().get("CPU", 1.0), 1.0):
+                most = max(_CALLS_OF_A_CORE * ray.cluster_resources().get("CPU", 1.0), 1.0)
+                while waiting and len(running) < most:
                     call = calls[name := waiting.pop()]
                     portable = getattr(call, "elsewhere", lambda call=call: call)()
                     options = {"num_cpus": getattr(call, "cpus", 1), "max_retries": MOST_ATTEMPTS - 1}
@@ -108,7 +109,9 @@ class RayExecutor:
         with TemporaryDirectory() as temporary:
             folder = Path(temporary)
             digest, modified = write_bundle(folder, sorted(files)), times(folder)
-            if ray.is_initialized() and _session not in ("", digest):
+            if not ray.is_initialized():
+                _session = None
+            elif _session not in (None, (self.address, digest)):
                 ray.shutdown()
             if not ray.is_initialized():
                 local = _LOCAL_OPTIONS if self.address == "local" else {}
@@ -121,7 +124,7 @@ class RayExecutor:
                     raise ValueError(f"there is no Ray cluster at {self.address}: {brief(error)}") from error
                 except RayError as error:
                     raise ValueError(f"the cluster does not take the code: {brief(error)}") from error
-                _session = digest
+                _session = self.address, digest
         return modified
 
 

@@ -8,6 +8,7 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy, RotorAllocation
 from quadpend_baselines.estimation.loop import Loop, design_for
+from quadpend_baselines.hybrid.wrappers import NO_HYBRID
 from quadpend_baselines.swing.hanging import Hanging
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.core.arrays import Floats
@@ -32,7 +33,7 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     - A policy with the method `with_simulation` receives the scenario's nominal simulation: a classical controller,
       also as base controller of a hybrid, and an own policy whose factory takes the simulation. If the method has the
       argument `loop`, it also receives the known delays and lags, unless the scenario has
-      `loop_known = false`.
+      `loop_known = false`. Where the pendulum is to hang, a classical controller becomes a `Hanging` one.
     - Where the action commands rotors, such a policy, if it is not learned, receives a `RotorAllocation`.
     - Where velocities are not observed, a learned policy that needs them receives finite differences.
 
@@ -40,12 +41,13 @@ def adapt_policy(policy: Policy, scenario: Scenario) -> Policy:
     are those of the environment.
     """
     adaptable: Any = policy
-    sizes = getattr(policy, "observation_sizes", None)
-    if hasattr(policy, "with_simulation"):
-        if scenario.resolved_task.pendulum == "hanging" and sizes is None:
-            policy = Hanging(policy, scenario.simulation, known_loop(scenario))
-        else:
-            policy = design_for(policy, scenario.simulation, known_loop(scenario))
+    sizes, hangs = getattr(policy, "observation_sizes", None), scenario.resolved_task.pendulum == "hanging"
+    if hangs and getattr(policy, "hybrid", None) is not None:
+        raise ValueError(NO_HYBRID)
+    if hangs and sizes is None and is_project_class(type(policy)) and not isinstance(policy, FactoryPolicy):
+        policy = Hanging(policy, scenario.simulation, known_loop(scenario))
+    elif hasattr(policy, "with_simulation"):
+        policy = design_for(policy, scenario.simulation, known_loop(scenario))
     if sizes is None:
         rotors = [model for model in scenario.actuators if isinstance(model, Rotors)]
         return RotorAllocation(policy, rotors[0], scenario.simulation) if rotors and policy is not adaptable else policy

@@ -150,7 +150,7 @@ def _episode_data(recordings: list[Recording], scenario: Scenario) -> dict[str, 
     """
     first, period = recordings[0].snapshots[0], scenario.simulation.period
     times = np.asarray(period * (sampled_steps(scenario.steps, period) + 1.0), np.float64)
-    reference = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.rod_length] + first.shape.pivot
+    reference = first.reference.derivatives(times)[:, 0, :3] + [0.0, 0.0, first.reference_arm] + first.shape.pivot
     fell = [recording.fell_at and round(recording.fell_at, 6) for recording in recordings]
     episodes = [
         {"fell": at, **encode(_samples(recording, period))} for at, recording in zip(fell, recordings, strict=True)

@@ -105,7 +105,7 @@ class Scenario:
         if self.task is not None:
             object.__setattr__(self, "task", as_task(self.task))
             if self.task.trajectory is not None:
-                check_feasible(self.task.trajectory, self.simulation, self.task.limits)
+                check_feasible(self.task.trajectory, self.simulation, self.task.limits, self.task.side)
         check_chain(self.actuators, self.simulation)
         check_periods(self.sensors, self.simulation.period)
         object.__setattr__(self, "duration", check_positive(self.duration, "duration"))

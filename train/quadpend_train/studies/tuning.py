@@ -28,7 +28,7 @@ from quadpend_gym.core.validation import suggest
 from quadpend_train.common.files import read_mapping, write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.evaluation.cache import code_stamp
-from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results
+from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
 from quadpend_train.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
 from quadpend_train.studies.shared_trials import (
     TrialSampler,
@@ -172,7 +172,7 @@ def run_training_scenarios(
     episodes = env.num_envs // len(found)
     seeds = [seed + episode for _ in found for episode in range(episodes)]
     lengths = np.repeat([scenario.steps for scenario in found], episodes)
-    return collect_results(rollout(policy, env, seeds), lengths, found[0].simulation.period)
+    return collect_results(rollout(policy, env, seeds), lengths, found[0].simulation.period, pendulum_arm(found[0]))
 
 
 def search(

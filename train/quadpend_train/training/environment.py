@@ -1,6 +1,7 @@
 """Create the training environment from settings: scenarios, hybrid, history, reward and action repeat."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
@@ -101,8 +102,12 @@ def check_curriculum(settings: TrainSettings) -> None:
 
 
 def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
-    """Return the scenario with the reward weights of the settings; the default weights keep those of the scenario."""
-    return scenario if reward == RewardWeights() else scenario.with_reward(reward)
+    """Return the scenario with the reward weights of the settings; the default weights keep those of the scenario.
+
+    `pendulum_first` is not below that of the scenario, because it belongs to the task.
+    """
+    least = max(reward.pendulum_first, scenario.resolved_task.reward.pendulum_first)
+    return scenario if reward == RewardWeights() else scenario.with_reward(replace(reward, pendulum_first=least))
 
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
