@@ -267,8 +267,9 @@ RESIDUAL = {"kind": "residual_action", "base_controller": "flatness"}
         *(
             (lambda name=name: BandwidthScheduling(name), "only the flatness-based .* has bandwidths", TypeError)
             for name in AVAILABLE_CONTROLLERS
-            if not name.startswith("flatness")
+            if not name.startswith(("flatness", "swing-up"))
         ),
+        (lambda: BandwidthScheduling("swing-up"), "a controller that estimates the disturbance", TypeError),
         (lambda: EstimateOnly(controller("lqr")).as_data(), "base controller is given by name, not as", ValueError),
         (lambda: hybrid_from_data("flatness"), "hybrid must be a mapping with a kind, not 'flatness'", TypeError),
         (
