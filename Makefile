@@ -48,9 +48,11 @@ vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, 
 bound: .venv/.installed  ## docs/bound.md: the best flights of episodes whose wind is known in advance, and the gap to them
 	$(BIN)/quadpend bound flatness dual-mode apg ppo-gain-scheduling --scenarios test windy --episodes 8 --seed $(TEST_SEED) --out docs/bound --document docs/bound.md
 
-animation: .venv/.installed  ## animation of the README: the paper's controller and a learned policy in a gust, at half speed
+animation: .venv/.installed  ## animations of the README (a gust, at half speed) and of docs/tasks.md (the swing-up)
 	$(BIN)/quadpend watch ADRC-DESO=adrc-paper PPO=ppo-gain-scheduling-0 --scenarios docs/gust.toml --seconds 1.5 5 --speed 0.5 \
 		--zoom 1.4 --fps 16.7 --size 960 560 --out docs/gust.gif
+	$(BIN)/quadpend watch Planned=swing-up --scenarios swing_up_breeze --seconds 0 3 --speed 0.4 \
+		--zoom 1.3 --fps 12.5 --size 480 360 --out docs/swing_up.gif
 
 pictures: .venv/.installed  ## figures of docs/models.md and docs/trajectories.md
 	$(BIN)/quadpend wind --out docs/models
