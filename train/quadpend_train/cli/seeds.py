@@ -2,15 +2,12 @@
 
 import re
 import shlex
-from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tqdm.auto import tqdm
-
-from quadpend_train.common.executors import Executor, FolderCall, successes
+from quadpend_train.common.executors import Executor, FolderCall, run_folder_calls
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_folder
 from quadpend_train.evaluation.files import policy_files, scenario_files
@@ -80,13 +77,7 @@ def train_seeds(run: TrainSettings, seeds: list[int], out: Path, resume: bool, e
             write = partial(training.train_or_resume, settings, progress=False)
             calls[f"seed {seed}"] = FolderCall(write, folder, inputs, run.num_threads)
     print("\n".join(lines), flush=True)
-    with (
-        tqdm(total=len(seeds), initial=len(seeds) - len(calls), unit="seed", leave=False) as bar,
-        closing(successes(execute(calls), "training", f"are in {out}-…")) as done,
-    ):
-        for name, files in done:
-            calls[name].keep(files)
-            bar.update()
+    run_folder_calls(calls, execute, len(seeds), "seed", f"are in {out}-…")
     return list(folders.values())
 
 

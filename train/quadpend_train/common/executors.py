@@ -19,6 +19,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+from tqdm.auto import tqdm
+
 from quadpend_gym.core.factories import describe_error
 from quadpend_train.common.files import write_bytes
 from quadpend_train.common.limits import check_counts
@@ -176,6 +178,28 @@ class FolderCall(NamedTuple):
             write_bytes(self.folder / name, content)
         for name in set(_contents(self.folder)) - set(files) if files else ():
             (self.folder / name).unlink()
+
+
+def run_folder_calls(calls: Mapping[Name, FolderCall], execute: Executor, total: int, unit: str, kept: str) -> None:
+    """Run trainings that write into folders, with a progress bar.
+
+    Args:
+        calls: The calls by name.
+        execute: Executor that runs them.
+        total: Number of all trainings, those included that need no call.
+        unit: What the progress bar counts.
+        kept: What happened to the files of finished trainings, for the message about failed ones.
+
+    Raises:
+        CallsFailedError: If trainings failed, when all others have ended.
+    """
+    with (
+        tqdm(total=total, initial=total - len(calls), unit=unit, leave=False) as bar,
+        closing(successes(execute(calls), "training", kept)) as done,
+    ):
+        for name, files in done:
+            calls[name].keep(files)
+            bar.update()
 
 
 def _write_elsewhere(write: Callable[[Path], object], files: Mapping[str, bytes]) -> dict[str, bytes]:

@@ -9,19 +9,17 @@ import hashlib
 import json
 import shutil
 from collections.abc import Mapping
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from tqdm.auto import tqdm
 
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import suggest
 from quadpend_train.common import documents
-from quadpend_train.common.executors import Executor, FolderCall, as_executor, successes
+from quadpend_train.common.executors import Executor, FolderCall, as_executor, run_folder_calls
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.provenance import versions
 from quadpend_train.evaluation.cache import code_stamp
@@ -276,13 +274,7 @@ def _train_all(runs: Mapping[Any, TrainSettings], folder: Path, execute: Executo
         if not (path / POLICY).is_file():
             shutil.rmtree(path, ignore_errors=True)  # removes what an interrupted training left
             calls[name] = FolderCall(partial(train, runs[name], progress=False), path, cpus=runs[name].num_threads)
-    with (
-        tqdm(total=len(names), initial=len(names) - len(calls), unit="training", leave=False) as bar,
-        closing(successes(execute(calls), "training", f"are in {folder}")) as done,
-    ):
-        for name, files in done:
-            calls[name].keep(files)
-            bar.update()
+    run_folder_calls(calls, execute, len(names), "training", f"are in {folder}")
 
 
 def _penalised_rmse(policy: MlpPolicy, scenario: str) -> Floats:
