@@ -89,6 +89,26 @@ def riccati(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     return gain, P.astype(np.float64)
 
 
+def varying_gains(A: Floats, B: Floats, Q: Floats, R: Floats, P: Floats) -> Floats:
+    """Return the gains K_k of the regulator along a flight of N control steps, shape (N, m, n).
+
+        K_k = (R + B_kᵀ P_{k+1} B_k)⁻¹ B_kᵀ P_{k+1} A_k,    P_k = Q + A_kᵀ P_{k+1} (A_k − B_k K_k)
+
+    Args:
+        A: A_k, shape (N, n, n).
+        B: B_k, shape (N, n, m).
+        Q: Weights of the state, shape (n, n).
+        R: Weights of the input, shape (m, m).
+        P: P_N, shape (n, n).
+    """
+    gains = np.empty((len(A), B.shape[2], A.shape[1]))
+    for k in range(len(A) - 1, -1, -1):
+        gains[k] = np.linalg.solve(R + B[k].T @ P @ B[k], B[k].T @ P @ A[k])
+        P = Q + A[k].T @ P @ (A[k] - B[k] @ gains[k])
+        P = 0.5 * (P + P.T)
+    return gains
+
+
 def deviation(
     estimate: Estimate, measurement: Measurement, disturbance: Floats, simulation: Simulation
 ) -> tuple[Floats, Floats]:

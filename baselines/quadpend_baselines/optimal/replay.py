@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from quadpend_baselines.controllers.lqr import varying_gains
 from quadpend_baselines.optimal.episode import KnownEpisode
 from quadpend_baselines.optimal.transcription import Solution, Transcription
 from quadpend_gym.core.arrays import Floats, Floats32
@@ -72,13 +73,8 @@ def track(solution: Solution, problem: Transcription, episode: KnownEpisode, wor
 
 def feedback(A: Floats, B: Floats) -> Floats:
     """Return the gains K_k of the time-varying regulator, shape (N, 4, n)."""
-    Q, gains = _STATE_WEIGHT * np.eye(A.shape[1]), np.empty((len(A), ACTION_SIZE, A.shape[1]))
-    P = Q
-    for k in range(len(A) - 1, -1, -1):
-        gains[k] = np.linalg.solve(np.eye(ACTION_SIZE) + B[k].T @ P @ B[k], B[k].T @ P @ A[k])
-        P = Q + A[k].T @ P @ (A[k] - B[k] @ gains[k])
-        P = 0.5 * (P + P.T)
-    return gains
+    Q = _STATE_WEIGHT * np.eye(A.shape[1])
+    return varying_gains(A, B, Q, np.eye(ACTION_SIZE), Q)
 
 
 def _with_delay(A: Floats, B: Floats, delay: int) -> tuple[Floats, Floats]:

@@ -1,9 +1,7 @@
 """The planned swing-up, from a file, with the feedback of a time-varying linear-quadratic regulator.
 
-    (1)  K_k = (R + B_kᵀ P_{k+1} B_k)⁻¹ B_kᵀ P_{k+1} A_k,    P_k = Q + A_kᵀ P_{k+1} (A_k − B_k K_k)
-
-A_k and B_k are central differences of `kernel.advance` along the plan. Q, R and P_N are those of `controllers.lqr`, in
-actions instead of commands. `optimal.swing_up` computes the plan.
+The feedback is `controllers.lqr.varying_gains`: A_k and B_k are central differences of `kernel.advance` along the plan,
+and Q, R and P_N are those of `controllers.lqr`, in actions instead of commands. `optimal.swing_up` computes the plan.
 """
 
 from functools import lru_cache
@@ -62,12 +60,8 @@ def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
     states, actions = read_plan()
     A, B = _linearise(states, actions, simulation)
     Q, R = _expand(lqr.weights(gains.regulator, simulation)[0]), gains.regulator.effort**-2.0 * np.eye(ACTION_SIZE)
-    P, feedback = _expand(lqr.riccati(gains.regulator, simulation)[1]), np.empty((len(A), ACTION_SIZE, STATE_SIZE))
-    for k in range(len(A) - 1, -1, -1):
-        feedback[k] = np.linalg.solve(R + B[k].T @ P @ B[k], B[k].T @ P @ A[k])
-        P = Q + A[k].T @ P @ (A[k] - B[k] @ feedback[k])
-        P = 0.5 * (P + P.T)
-    return TrackedPlan(states, actions, feedback)
+    P = _expand(lqr.riccati(gains.regulator, simulation)[1])
+    return TrackedPlan(states, actions, lqr.varying_gains(A, B, Q, R, P))
 
 
 def _expand(matrix: Floats) -> Floats:
