@@ -8,6 +8,8 @@ With the states x_k and the actions a_k of N control steps:
 
 The flight stays in the plane of the body's x axis: roll, yaw and the y components are zero. f is one control step of
 the environment in calm air (`plant`). a_max < 1 and θ_max leave room for the feedback.
+
+``python -m quadpend_baselines.optimal.swing_up`` computes the plan of the package again and writes its file.
 """
 
 from typing import Any, NamedTuple
@@ -16,15 +18,18 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines.optimal.plant import KNOWN_SIZE, Plant, step
+from quadpend_baselines.swing.plan import PLAN_FILE
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import check_int
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
+from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.wind import WIND_SIZE
 
 MOST_ACTION, MOST_PITCH = 0.8, np.deg2rad(65.0)  # a_max, θ_max
 _EFFORT, _PLACE = 1e-2, 1.0  # ρ² and κ, 1/m²
 _PLANAR = np.array([0, 2, 3, 5, 7, 10, 12, 14, 15, 17])  # x, z, θ, r_x, r_z and their rates
+STEPS = 150  # N of the plan of the package
+_SMALL = 5e-8  # smaller numbers are written as zero
 _OPTIONS: Any = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000}
 
 
@@ -89,3 +94,16 @@ def _rest(side: float) -> Floats:
     state = np.zeros(STATE_SIZE)
     State(state).direction[2] = side
     return state
+
+
+def plan_as_csv(plan: Plan) -> str:
+    """Return a plan in the format of `swing.plan.read_plan`, with seven digits."""
+    names = [f"{name}_{axis}" for name in STATE_FIELDS for axis in "xyz"]
+    names += [f"action_{i}" for i in range(ACTION_SIZE)]
+    rows = np.hstack([plan.states, np.vstack([plan.actions, np.zeros(ACTION_SIZE)])])
+    rows[np.abs(rows) < _SMALL] = 0.0
+    return "".join(f"{line}\n" for line in (",".join(names), *(",".join(f"{x:.7g}" for x in row) for row in rows)))
+
+
+if __name__ == "__main__":
+    PLAN_FILE.write_text(plan_as_csv(plan_swing_up(Simulation(), STEPS)), encoding="utf-8")
