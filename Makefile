@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 TEST_SEED := 1000000  # seed of the first test episode; no policy is tuned or trained on the test episodes
 
-.PHONY: cluster-test rllib-test demo evidence learners ablations results vehicles bound animation pictures test check static kernels kills format bench time-to-beat accuracy soak golden interruptions docs tour screenshots clean help
+.PHONY: cluster-test rllib-test demo evidence learners task-learners ablations results vehicles tasks bound animation pictures test check static kernels kills format bench time-to-beat accuracy soak golden interruptions docs tour screenshots clean help
 
 DEMO := --settings ppo-alone --total-timesteps 1200000  # about a minute on one core
 demo: .venv/.installed  ## train PPO in wind and compare it with ADRC-DESO and the flatness-based controller
@@ -21,12 +21,16 @@ evidence: .venv/.installed  ## table of docs/results.md: PPO after a minute of t
 	$(BIN)/quadpend evaluate adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
-LEARNERS := apg ppo-alone sac-alone ppo-gain-scheduling ppo-hummingbird sac-hummingbird
-learners: .venv/.installed  ## train the learned policies that the package ships: five training seeds each
+LEARNERS := apg ppo-alone sac-alone ppo-gain-scheduling ppo-hummingbird sac-hummingbird ppo-swing-up
+learners: .venv/.installed  ## train the learned policies that the package ships with five training seeds each
 	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
 	mkdir -p train/quadpend_train/policies/shipped
 	$(foreach name,$(LEARNERS),$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings $(name) --seed $(seed) --out runs/$(name)-$(seed) && \
 		cp runs/$(name)-$(seed)/policy.npz train/quadpend_train/policies/shipped/$(name)-$(seed).npz &&)) true
+
+ONE_SEED := sac-swing-up ppo-load sac-load ppo-recovery ppo-agile  # ppo-recovery starts from ppo-swing-up-0
+task-learners: .venv/.installed  ## train the learned policies of the other tasks that the package ships with one training seed
+	$(MAKE) learners SEEDS=0 LEARNERS="$(ONE_SEED)"
 
 ablations: .venv/.installed  ## section of docs/results.md that compares trainings with and without single settings
 	$(BIN)/quadpend ablate --document docs/results.md
@@ -44,6 +48,11 @@ vehicles: .venv/.installed  ## docs/vehicles-results.md: real vehicles in wind, 
 	$(BIN)/quadpend vehicles $(FLYERS) --parts as-flown --episodes 200 --seed $(TEST_SEED) --jobs 2 --out docs/vehicles-results --document docs/vehicles-results.md
 	$(BIN)/quadpend vehicles $(FLYERS) ppo-hummingbird sac-hummingbird --parts presets recovery leaderboard --episodes 100 --seed $(TEST_SEED) --jobs 2 \
 		--out docs/vehicles-results --document docs/vehicles-results.md
+
+PARTS := swing-up load recovery agile
+tasks: .venv/.installed  ## docs/tasks-results.md: swing-up, hanging load, recovery and fast references
+	$(foreach part,$(PARTS),$(BIN)/quadpend tasks $(part) --episodes 200 --seed $(TEST_SEED) --jobs 2 \
+		--out docs/tasks-results --document docs/tasks-results.md &&) true
 
 bound: .venv/.installed  ## docs/bound.md: the best flights of episodes whose wind is known in advance, and the gap to them
 	$(BIN)/quadpend bound flatness dual-mode apg ppo-gain-scheduling --scenarios test windy --episodes 8 --seed $(TEST_SEED) --out docs/bound --document docs/bound.md
@@ -73,7 +82,7 @@ static: .venv/.installed  # the checks of `make check` that run beside the kerne
 
 cluster-test: .venv-ray/.installed kernels  ## run the tests that need Ray, on a local cluster of two nodes
 	OMP_NUM_THREADS=1 .venv-ray/bin/python -m pytest tests/quadpend_train/common/test_ray_executor.py
-	OMP_NUM_THREADS=1 .venv-ray/bin/python -m pytest tests/quadpend_train/studies/test_sweep.py -k ray_tune
+	OMP_NUM_THREADS=1 .venv-ray/bin/python -m pytest tests/quadpend_train/studies/search/test_sweep.py -k ray_tune
 
 rllib-test: .venv-rllib/.installed kernels  ## run the tests that need RLlib, which pins an older Gymnasium
 	OMP_NUM_THREADS=1 .venv-rllib/bin/python -m pytest tests/project/test_rllib.py

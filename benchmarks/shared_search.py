@@ -17,8 +17,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from quadpend_train.evaluation.formatting import markdown_table
-from quadpend_train.studies.shared_trials import finished_trials
-from quadpend_train.studies.tuning import open_search
+from quadpend_train.studies.search.shared_trials import finished_trials
+from quadpend_train.studies.search.tuning import open_search
 
 LIMITS = '{"pendulum_angle": 3.14159, "body_angle": 3.14159, "tracking_error": 1e9, "ground": -1e9}'
 SCENARIOS = ('{"wind": "windy", "task": {"limits": ' + LIMITS + "}}",)

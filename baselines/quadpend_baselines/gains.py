@@ -6,9 +6,9 @@ project's winds, so that the observers rarely leave the boundary layer; the samp
 use the mean of the known inputs over it (`observers`); the torques are limited
 (`quadpend_gym.physics.parameters.Actuators`).
 
-All other gains were found by the command ``quadpend tune`` on the training scenarios, except where a class says that
-they were set by hand. `TUNED` holds the full command and the score of each controller.
-``quadpend_train.studies.tuning.SPACES`` lists the gains that it varies, by the names of the fields below.
+All other gains were found by the command ``quadpend tune``, except where a class says that they were set by hand.
+`TUNED` and `HANGING_TUNED` hold the full command and the score of each controller.
+``quadpend_train.studies.search.tuning.SEARCH_SPACES`` lists the gains that it varies, by the names of the fields below.
 """
 
 from dataclasses import dataclass, field, replace
@@ -139,20 +139,22 @@ class NmpcGains:
 class SwingUpGains:
     """Gains of `swing.swing_up`, and the limits of the region in which the balancing controller takes over."""
 
-    damp: float = 1.5  # q, m/s, of damping the swing
-    lead: float = 0.08  # τ, s
-    position: float = 1.0  # k, 1/s²
-    velocity: float = 1.5  # d, 1/s
-    lean: float = 0.6  # λ_max, rad
-    attitude_bandwidth: float = 14.0  # rad/s, of roll and pitch while damping
-    vertical_bandwidth: float = 3.0  # rad/s, of height and yaw while damping
-    damping: float = 0.8  # of both
+    damp: float = 0.336  # q, m/s, of damping the swing
+    lead: float = 0.0521  # τ, s
+    position: float = 2.65  # k, 1/s²
+    velocity: float = 4.5  # d, 1/s
+    lean: float = 0.596  # λ_max, rad
+    attitude_bandwidth: float = 15.0  # rad/s, of roll and pitch while damping
+    vertical_bandwidth: float = 3.61  # rad/s, of height and yaw while damping
+    damping: float = 0.892  # of both
+    # of the time-varying regulator; set by hand
     regulator: LqrGains = field(
         default_factory=lambda: LqrGains(position=0.2, velocity=1.0, angle=1.4, angle_rate=4.0, effort=1.0)
     )
-    catch: float = 0.35  # c
-    catch_height: float = 0.8  # r_z
-    lost_height: float = 0.4  # r_z
+    catch: float = 0.347  # c
+    catch_height: float = 0.745  # r_z
+    lost_height: float = 0.4  # r_z; set by hand
+    rest_scale: float = 1.02  # factor on the limits of "almost at rest" in `swing.swing_up`
 
 
 class Tuning(NamedTuple):
@@ -160,12 +162,14 @@ class Tuning(NamedTuple):
 
     Attributes:
         command: The command that repeats the search.
-        score: Mean penalised RMSE over the training scenarios, in mm, in episodes that the search did not use. A fall
-            (early termination) counts as 1 m. See `quadpend_train.studies.tuning`.
+        score: Mean penalised RMSE over the scenarios of the search, in mm, in episodes that the search did not use. A
+            fall (early termination) counts as 1 m. See `quadpend_train.studies.search.tuning`.
+        scenarios: Scenarios, and sets of scenarios, of the search.
     """
 
     command: str
     score: float
+    scenarios: tuple[str, ...] = ("training",)
 
 
 _PAPER = AdrcGains()
@@ -247,6 +251,44 @@ GAINS["dual-mode"] = DualModeGains(
 )
 GAINS |= {f"{name}{UNPREDICTED}": without_prediction(GAINS[name]) for name in ("flatness", "lqr")}
 
+# Gains of controllers of a hanging pendulum, see `swing.hanging`. `lqi` and `mppi` have no entry: their gains are those
+# of an upright one. The gains are not scaled to other rod lengths.
+HANGING_GAINS: dict[str, Any] = {
+    "lqr": LqrGains(
+        position=0.0486,
+        velocity=1.15,
+        angle=1.19,
+        angle_rate=5.65,
+        reach=0.109,
+        estimator=EstimatorGains(rate_noise=0.0023, force_walk=1.12, bob_force_walk=0.0132, torque_walk=0.394),
+    ),
+    "flatness": replace(
+        GAINS["flatness"],
+        position_bandwidth=5.59,
+        pendulum_bandwidth=9.14,
+        attitude_bandwidth=17.2,
+        damping=0.604,
+        vertical_bandwidth=3.96,
+        acceleration=4.04,
+        velocity=0.708,
+        lean=1.1,
+        far_pendulum_bandwidth=4.73,
+        far_attitude_bandwidth=8.18,
+        near=0.252,
+        estimator=replace(
+            GAINS["flatness"].estimator,
+            rate_noise=0.00205,
+            force_walk=0.577,
+            bob_force_walk=0.0832,
+            torque_walk=0.203,
+        ),
+    ),
+}
+HANGING_GAINS["dual-mode"] = replace(
+    GAINS["dual-mode"], far=HANGING_GAINS["flatness"], estimator=HANGING_GAINS["flatness"].estimator
+)
+HANGING_GAINS |= {f"{name}{UNPREDICTED}": without_prediction(HANGING_GAINS[name]) for name in ("flatness", "lqr")}
+
 # Gains of rigid vehicles by controller, and the vehicle for which they were found. All others are scaled from it, and
 # those of controllers without an entry from the paper's vehicle, see `controllers.vehicle_gains`. They were set by hand
 # on scenarios of `training-hummingbird` and on a `crazyflie` in wind. The observers of the ADRCs are 2.4 to 5.4 times
@@ -323,6 +365,16 @@ TUNED: dict[str, Tuning] = {
     "lqi": Tuning("quadpend tune lqi --trials 120", 95.05),
     "flatness": Tuning("quadpend tune flatness --trials 250", 25.88),
     "mppi": Tuning("quadpend tune mppi --trials 60 --episodes 16", 33.88),
+    "swing-up": Tuning(
+        "quadpend tune swing-up --trials 160 --episodes 32 --scenarios recovery swing_up_anywhere",
+        405.37,
+        ("recovery", "swing_up_anywhere"),
+    ),
+}
+_LOAD = ("training-load",)
+HANGING_TUNED: dict[str, Tuning] = {
+    "lqr": Tuning("quadpend tune lqr --trials 120 --episodes 32 --scenarios training-load", 30.93, _LOAD),
+    "flatness": Tuning("quadpend tune flatness --trials 120 --episodes 32 --scenarios training-load", 30.2, _LOAD),
 }
 
 # Gains of ADRC by the names that its constructor accepts.

@@ -8,6 +8,7 @@ import griffe
 
 from quadpend_train.common import documents
 from quadpend_train.common.files import read_mapping
+from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module
 from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
@@ -51,12 +52,12 @@ def presets_table() -> str:
 
 
 def _duration(preset: str) -> str:
-    """Return the range of the training times of the five shipped policies of a preset, if there are any."""
-    try:
-        seconds = [float(MlpPolicy.load(f"{preset}-{seed}").card["seconds"]) for seed in range(5)]
-    except ValueError:
+    """Return the range of the training times of the shipped policies of a preset, if there are any."""
+    names = shipped_policies().get(preset)
+    if not names:
         return "–"
-    return f"{min(seconds):.0f}–{max(seconds):.0f} s"
+    seconds = sorted(float(MlpPolicy.load(name).card["seconds"]) for name in names)
+    return "–".join(dict.fromkeys(f"{value:.0f}" for value in (seconds[0], seconds[-1]))) + " s"
 
 
 def tables() -> dict[str, str]:

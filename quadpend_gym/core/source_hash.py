@@ -11,13 +11,13 @@ from pathlib import Path
 
 
 def source_hash(paths: Iterable[Path]) -> str:
-    """Return the hash of the syntax trees of Python files and of their paths within their packages.
+    """Return the hash of the syntax trees of Python files, of the bytes of others, and of the paths in their packages.
 
     The hash does not depend on the order of `paths`, on where the packages are installed, or on the Python version, as
     long as the version does not parse the same source differently.
 
     Args:
-        paths: Python files, and folders, whose Python files are all included.
+        paths: Python files, other files, whose bytes count, and folders, whose Python files are all included.
 
     Returns:
         SHA-256 in hexadecimal digits.
@@ -29,7 +29,8 @@ def source_hash(paths: Iterable[Path]) -> str:
     files = {file.resolve() for path in paths for file in (sorted(path.rglob("*.py")) if path.is_dir() else [path])}
     digest = hashlib.sha256()
     for name, file in sorted((_name(file), file) for file in files):
-        digest.update(f"{name}\0{_dump(ast.parse(file.read_bytes()))}\0".encode())
+        content = file.read_bytes()
+        digest.update(f"{name}\0{_dump(ast.parse(content)) if file.suffix == '.py' else content!r}\0".encode())
     return digest.hexdigest()
 
 

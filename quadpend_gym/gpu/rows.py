@@ -56,7 +56,7 @@ _OWN_STATE, _OWN_REFERENCE, _OWN_LAST, _OWN_ACTION, BUFFER_SIZE = accumulate(
 _WIND = DISTURBANCE.start
 # Parts of a packed `EpisodeSettings`.
 _BOUNDS, _START, _POLE, _HOVER, _FIXED, _IS_FIXED, _LOADS, _STEPS = accumulate(
-    (0, 15, 8, 3, ACTION_SIZE, REFERENCE_SIZE, 1, WIND_SIZE)
+    (0, 18, 8, 3, ACTION_SIZE, REFERENCE_SIZE, 1, WIND_SIZE)
 )
 
 
@@ -64,7 +64,7 @@ class EpisodeSettings(NamedTuple):
     """What a thread needs to know besides the settings of the step kernel.
 
     Attributes:
-        bounds: Bounds of random references, shape (15,), see `quadpend_gym.tasks.flatten`.
+        bounds: Bounds of random references, shape (18,), see `quadpend_gym.tasks.flatten`.
         start: Bounds of random starts, shape (8,).
         pole: See `quadpend_gym.tasks.starts.start_pole`, shape (3,).
         hover: Thrusts of the rotors at hover, N, shape (4,); zero for the paper's vehicle.
@@ -84,7 +84,7 @@ class EpisodeSettings(NamedTuple):
     steps: float
 
     def packed(self) -> Floats:
-        """Return all numbers as a flat array, shape (64,)."""
+        """Return all numbers as a flat array, shape (67,)."""
         return np.concatenate([np.atleast_1d(item) for item in self])
 
 

@@ -6,7 +6,7 @@ four channels is
 
     (1)  offset + rate · t + amplitude · sin(frequency · t + phase)
 
-Hovering, circles, figure eights (Gerono's lemniscate), helices and all Lissajous figures have this form.
+Hovering, circles, figure eights (Gerono's lemniscate), helices, slaloms and all Lissajous figures have this form.
 
 | channel | symbol | unit |
 |---------|--------|------|
@@ -224,6 +224,9 @@ class ReferenceRanges(NamedTuple):
     yaw_offset: float
     yaw_amplitude: float
     yaw_frequency: float
+    slalom: float
+    speed_low: float
+    speed_high: float
 
 
 @inlined
@@ -232,14 +235,17 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
 
     The family is drawn first, then the radius and the peak horizontal acceleration a, which determine the frequency:
     ω² = a / radius for a circle and ω² = 8 a / (17 radius) for a figure eight, since the figure eight has
-    |F̈| = radius ω² √(s + 16 s (1−s)) with s = sin²(ωt + phase).
+    |F̈| = radius ω² √(s + 16 s (1−s)) with s = sin²(ωt + phase). A slalom moves along ±x with a constant velocity and
+    along y as a circle does, so its peak acceleration is that of a circle.
     """
-    choice = uniform(key, 0) * (ranges.hover + ranges.circle + ranges.figure_eight + ranges.helix)
+    other_families = ranges.hover + ranges.circle + ranges.figure_eight + ranges.helix
+    choice = uniform(key, 0) * (other_families + ranges.slalom)
     is_hover = choice < ranges.hover
     is_figure_eight = (choice >= ranges.hover + ranges.circle) & (
         choice < ranges.hover + ranges.circle + ranges.figure_eight
     )
-    is_helix = choice >= ranges.hover + ranges.circle + ranges.figure_eight
+    is_slalom = (choice >= other_families) & (ranges.slalom > 0.0)
+    is_helix = (choice >= ranges.hover + ranges.circle + ranges.figure_eight) & ~is_slalom
     radius = 0.0 if is_hover else uniform_between(key, 1, ranges.radius_low, ranges.radius_high)
     acceleration = uniform_between(key, 2, ranges.acceleration_low, ranges.acceleration_high)
     divisor = 2.0 if is_figure_eight else 1.0
@@ -252,10 +258,11 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
     lanes[_OFFSET + _Z, lane] = uniform_between(key, 5, ranges.height_low, ranges.height_high)
     lanes[_OFFSET + _YAW, lane] = uniform_between(key, 6, -ranges.yaw_offset, ranges.yaw_offset)
     lanes[_RATE + _Z, lane] = uniform_between(key, 7, ranges.climb_low, ranges.climb_high) if is_helix else 0.0
-    lanes[_AMPLITUDE + _X, lane] = radius
+    lanes[_RATE + _X, lane] = sign * uniform_between(key, 11, ranges.speed_low, ranges.speed_high) if is_slalom else 0.0
+    lanes[_AMPLITUDE + _X, lane] = 0.0 if is_slalom else radius
     lanes[_AMPLITUDE + _Y, lane] = sign * radius / divisor
     lanes[_AMPLITUDE + _YAW, lane] = uniform_between(key, 8, 0.0, ranges.yaw_amplitude)
-    lanes[_FREQUENCY + _X, lane] = frequency
+    lanes[_FREQUENCY + _X, lane] = 0.0 if is_slalom else frequency
     lanes[_FREQUENCY + _Y, lane] = divisor * frequency
     lanes[_FREQUENCY + _YAW, lane] = uniform_between(key, 9, 0.0, ranges.yaw_frequency)
     lanes[_PHASE + _X, lane] = phase if is_figure_eight else phase + 0.5 * np.pi
@@ -271,12 +278,13 @@ def draw_references(rows: Integers, seeds: Keys, episodes: Integers, ranges: Flo
         rows: Indices of the sub-environments, shape (m,).
         seeds: Key of the random stream of each sub-environment, shape (n,).
         episodes: Number of the episode of each sub-environment, shape (n,).
-        ranges: Values of `ReferenceSettings`, see `quadpend_gym.tasks.flatten`, shape (15,).
+        ranges: Values of `ReferenceSettings`, see `quadpend_gym.tasks.flatten`, shape (18,).
         reference: References, shape (n, 20), see `Reference.as_array`, changed in place.
     """
     r = ranges
     bounds = ReferenceRanges(
-        r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11], r[12], r[13], r[14]
+        *(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]),
+        *(r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16], r[17]),
     )
     for row in rows:
         key = derive(derive(seeds[row], episodes[row]), REFERENCE_STREAM)

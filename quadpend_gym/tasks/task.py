@@ -22,7 +22,7 @@ SIDES = {"upright": 1.0, "hanging": -1.0}  # sign of r_z by the side on which th
 class ReferenceSettings:
     """Relative frequency of each family of random references, and the bounds of their numbers."""
 
-    hover: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequencies of the four families
+    hover: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequencies of the families; that of slaloms is below
     circle: Annotated[float, Range(0.0, 1e6)] = 1.0
     figure_eight: Annotated[float, Range(0.0, 1e6)] = 1.0
     helix: Annotated[float, Range(0.0, 1e6)] = 1.0
@@ -35,12 +35,15 @@ class ReferenceSettings:
     # largest amplitude of the sinusoidal part of the yaw
     yaw_amplitude: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.3
     yaw_frequency: Annotated[float, Range(0.0, 10_000.0, "rad/s")] = 1.0  # largest angular frequency of the yaw
+    # relative frequency of slaloms; it is one of the last fields, so that the draws of older tasks stay the same
+    slalom: Annotated[float, Range(0.0, 1e6)] = 0.0
+    speed: Annotated[Interval, Range(0.0, 1000.0, "m/s")] = (1.0, 3.0)  # forward velocity of a slalom
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not (self.hover or self.circle or self.figure_eight or self.helix):
-            raise ValueError("one of hover, circle, figure_eight and helix must be above zero")
-        for name in ("height", "radius", "acceleration", "climb"):
+        if not (self.hover or self.circle or self.figure_eight or self.helix or self.slalom):
+            raise ValueError("one of hover, circle, figure_eight, helix and slalom must be above zero")
+        for name in ("height", "radius", "acceleration", "climb", "speed"):
             object.__setattr__(self, name, check_interval(getattr(self, name), name))
 
 

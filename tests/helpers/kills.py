@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.studies import tuning  # noqa: F401 (imported before the fork)
+from quadpend_train.studies.search import tuning  # noqa: F401 (imported before the fork)
 from quadpend_train.training import train as training
 from quadpend_train.training.validation import validate
 from tests.helpers.training import BRIEF

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import optuna
 
-from quadpend_train.studies.shared_trials import TrialSampler, open_storage, open_study, quiet, run_trials
+from quadpend_train.studies.search.shared_trials import TrialSampler, open_storage, open_study, quiet, run_trials
 
 START = {"x": 1.0, "y": 10.0}
 

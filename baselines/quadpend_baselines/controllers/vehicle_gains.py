@@ -17,6 +17,7 @@ import numpy as np
 
 from quadpend_baselines.gains import (
     GAINS,
+    HANGING_GAINS,
     RIGID_GAINS,
     UNPREDICTED,
     AdrcGains,
@@ -111,8 +112,11 @@ def gains_for(name: str, simulation: Simulation | None = None) -> Any:
     Args:
         name: Key of `GAINS`.
         simulation: Nominal simulation; None: the default one. Simulations without a rigid vehicle have the gains
-            `GAINS`. Others have `RIGID_GAINS`, scaled from the vehicle for which these were tuned.
+            `GAINS`, and those with a negative rod length, see `swing.hanging`, have `HANGING_GAINS`. Others have
+            `RIGID_GAINS`, scaled from the vehicle for which these were tuned.
     """
+    if simulation is not None and simulation.parameters.rod_length < 0.0:
+        return HANGING_GAINS.get(name, GAINS[name])
     if simulation is None or not simulation.is_rigid:
         return GAINS[name]
     tuned = name.removesuffix(UNPREDICTED)

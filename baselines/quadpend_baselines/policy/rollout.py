@@ -19,7 +19,7 @@ class RolloutStep(NamedTuple):
         memory: Memory of the policy after it has chosen the action.
         reward: Shape (n,).
         tracking_error: Tracking error after the step, m, shape (n, 3).
-        tilt: Angle of the pendulum from upright after the step, rad, shape (n,).
+        tilt: Angle of the pendulum from its side after the step, rad, shape (n,).
         terminated: Shape (n,).
         truncated: Shape (n,).
     """

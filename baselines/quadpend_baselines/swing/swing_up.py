@@ -8,6 +8,9 @@ A row is in one of three phases:
       (1)  f = (M + m_c)(q v − k ζ − d ζ̇),    limited to the lean λ_max
 
   damps it; v is the horizontal part of ṙ after the lead time τ, which makes up for the time that the attitude needs.
+  The thrust is the lift over max(b_z, 0.3), times min(max(b_z, 0)/0.95, 1)², with the vertical component b_z of the
+  thrust axis. So a vehicle that is thrown in any attitude first turns its thrust axis upwards. Beyond a tilt of 18° the
+  thrust is reduced, and (1) holds only roughly.
 - *swing*: the plan x_k, a_k of `swing.plan` is flown with the feedback of a time-varying linear-quadratic regulator:
 
       (2)  a = a_k − K_k (x − x_k)
@@ -43,6 +46,7 @@ from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 # What "almost at rest" means: lengths of r_xy (1), ṙ (1/s), position (m) and velocity (m/s) relative to the reference,
 # roll and pitch (rad), and the rates of the attitude (rad/s).
 _AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
+_UPRIGHT = 0.95  # vertical component of the thrust axis from which on the thrust has its full size
 _LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
 
 
@@ -140,7 +144,10 @@ class SwingUp:
     def _rests(self, s: State) -> Booleans:
         """Return whether the pendulum hangs almost at rest near the reference, shape (n,)."""
         parts = s.direction[:, :2], s.direction_rate, s.position, s.velocity, s.euler[:, :2], s.euler_rate
-        small = [np.linalg.norm(part, axis=1) < limit for part, limit in zip(parts, _AT_REST, strict=True)]
+        small = [
+            np.linalg.norm(part, axis=1) < self.gains.rest_scale * limit
+            for part, limit in zip(parts, _AT_REST, strict=True)
+        ]
         return np.asarray(np.all(small, axis=0) & (s.direction[:, 2] < 0.0))
 
     def _swing(self, measurement: Measurement, step: Integers) -> Floats32:
@@ -164,8 +171,10 @@ class SwingUp:
         lift = p.gravity - 2.0 * gains.damping * w * s.velocity[:, 2] - w * w * s.position[:, 2]
         lift = np.maximum(lift, _LEAST_VERTICAL * p.gravity)
         tangent = limit_norm(push / lift[:, np.newaxis], np.tan(gains.lean))
-        vertical = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _LEAST_VERTICAL)
-        command = np.column_stack([p.total_mass * lift / vertical, self._torques(s, measurement, tangent)])
+        vertical = np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1])
+        share = np.clip(vertical / _UPRIGHT, 0.0, 1.0) ** 2  # less thrust while it points sideways, none downwards
+        thrust = p.total_mass * lift * share / np.maximum(vertical, _LEAST_VERTICAL)
+        command = np.column_stack([thrust, self._torques(s, measurement, tangent)])
         return to_action(command, self.simulation)[0]
 
     def _torques(self, s: State, measurement: Measurement, tangent: Floats) -> Floats:

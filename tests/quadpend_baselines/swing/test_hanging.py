@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.lqr import riccati
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.gains import HANGING_GAINS
 from quadpend_baselines.hybrid import HybridWrapper, ResidualAction
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise
 from quadpend_baselines.swing.hanging import Hanging, mirror_observation, mirror_simulation
@@ -70,7 +70,7 @@ def test_the_swing_of_the_load_decays_as_the_linear_theory_says() -> None:
     states = flight("lqr", swing, 200)
     mirrored = mirror_simulation(Simulation())
     A, B, _ = linearise(mirrored)
-    gain, _ = riccati(GAINS["lqr"], mirrored)
+    gain, _ = riccati(HANGING_GAINS["lqr"], mirrored)
     x = states - State(np.zeros(STATE_SIZE)).array
     x[:, 2] -= 2.0
     x[:, 12:] *= -1.0

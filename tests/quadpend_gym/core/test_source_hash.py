@@ -83,6 +83,15 @@ def test_a_change_of_a_string_value_changes_the_hash(tmp_path: Path) -> None:
     assert source_hash([one]) != source_hash([other])
 
 
+def test_a_change_of_a_table_changes_the_hash(tmp_path: Path) -> None:
+    folder = package(tmp_path)
+    table = folder / "plan.csv"
+    table.write_text("1.0\n")
+    before = source_hash([folder, table])
+    table.write_text("2.0\n")
+    assert source_hash([folder, table]) != before
+
+
 def test_the_order_of_the_paths_and_a_path_given_twice_do_not_matter(tmp_path: Path) -> None:
     folder = package(tmp_path)
     files = [folder / "model.py", folder / "__init__.py"]

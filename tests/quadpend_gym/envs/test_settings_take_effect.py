@@ -40,6 +40,7 @@ REFERENCES = {
     "yaw_offset": 1.0,
     "yaw_amplitude": 0.0,
     "yaw_frequency": 3.0,
+    "slalom": 5.0,
 }
 STARTS = {field.name: 0.2 for field in fields(StartSettings)} | {"pendulum_angle": (0.2, 0.3)}
 LIMITS = {"pendulum_angle": 0.1, "body_angle": 0.1, "tracking_error": 0.1, "ground": 2.4}
@@ -52,7 +53,8 @@ GUST = Gusts(velocity=(5.0, 0.0, 0.0), pause=(0.0, 0.1), length=(0.1, 0.2))
 GUSTS = {"pause": (0.1, 0.1), "length": (0.2, 0.3), "heading": (0.0, 1.0)}
 DRAWN = {"wind": "windy", "strength": (0.5, 2.0), "heading": (0.0, 1.0)}
 TURBULENCE = {"intensity": "severe", "altitude": 100.0, "mean_wind": 9.0, "heading": 1.0}
-# All settings but the torque of gusts, which is always zero, and the standard, which names the same turbulence twice.
+# All settings but the speed of slaloms, which are not drawn by default, the torque of gusts, which is always zero, and
+# the standard, which names the same turbulence twice.
 WINDS = [
     (Constant(), LOADS),
     (Sinusoid(force=0.1), {**LOADS, "frequency": 5.0}),
@@ -63,7 +65,7 @@ WINDS = [
     (Dryden(), TURBULENCE),
     (VonKarman(), TURBULENCE),
 ]
-WITHOUT_EFFECT = {Gusts: {"torque"}, Dryden: {"standard"}, VonKarman: {"standard"}}
+WITHOUT_EFFECT = {ReferenceSettings: {"speed"}, Gusts: {"torque"}, Dryden: {"standard"}, VonKarman: {"standard"}}
 
 
 def run(**kwargs: Any) -> bytes:

@@ -16,7 +16,13 @@ from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.tasks import TASKS
 from tests.helpers.envs import make_unwrapped, make_vec
 
-FAMILIES = ("hover", "circle", "figure_eight", "helix")  # fields of `ReferenceSettings` with relative frequencies
+FAMILIES = (
+    "hover",
+    "circle",
+    "figure_eight",
+    "helix",
+    "slalom",
+)  # fields of `ReferenceSettings` with relative frequencies
 
 GENERAL = Reference(
     offset=(0.1, -0.2, 2.5, 0.3),
@@ -100,7 +106,7 @@ def test_drawn_references_lie_within_the_ranges_of_their_task(family: str) -> No
     for reference in drawn(single_family(family), 200):
         derivatives = reference.derivatives(times)
         heights.append(derivatives[0, 0, 2])
-        sizes.append(np.abs(derivatives[:, 0, 0]).max())
+        sizes.append(np.abs(derivatives[:, 0, 1 if family == "slalom" else 0]).max())
         peaks.append(np.hypot(derivatives[:, 2, 0], derivatives[:, 2, 1]).max())
         climbs.append(derivatives[0, 1, 2])
     assert ranges.height[0] <= min(heights) < max(heights) <= ranges.height[1]
@@ -129,16 +135,16 @@ def test_drawn_yaw_references_lie_within_the_ranges_of_their_task(family: str) -
 def family_of(reference: Reference) -> str:
     """Return the family of a drawn reference."""
     if reference.amplitude[0] == 0.0:
-        return "hover"
+        return "slalom" if reference.amplitude[1] else "hover"
     if reference.rate[2] != 0.0:
         return "helix"
     return "circle" if reference.frequency[1] == reference.frequency[0] else "figure_eight"
 
 
 def test_families_are_drawn_with_their_relative_frequencies() -> None:
-    task = Task(references=ReferenceSettings(hover=1.0, circle=2.0, figure_eight=3.0, helix=4.0))
+    task = Task(references=ReferenceSettings(hover=1.0, circle=2.0, figure_eight=3.0, helix=4.0, slalom=10.0))
     names = [family_of(reference) for reference in drawn(task, 5000)]
-    assert_allclose([names.count(family) / 5000 for family in FAMILIES], [0.1, 0.2, 0.3, 0.4], atol=0.03)
+    assert_allclose([names.count(family) / 5000 for family in FAMILIES], [0.05, 0.1, 0.15, 0.2, 0.5], atol=0.03)
 
 
 @pytest.mark.parametrize("family", ["circle", "figure_eight", "helix"])
@@ -150,6 +156,22 @@ def test_drawn_references_have_both_directions_of_rotation_and_all_phases(family
     for quadrant in range(4):
         inside = (x > 0.0) == (quadrant % 2), (y > 0.0) == (quadrant // 2)
         assert 0.15 < np.mean(inside[0] & inside[1]) < 0.35
+
+
+def test_a_slalom_moves_forward_with_a_velocity_within_its_range_in_both_directions() -> None:
+    velocities = np.array([reference.derivatives(TIMES)[:, 1, 0] for reference in drawn(single_family("slalom"))])
+    assert_array_equal(velocities, np.broadcast_to(velocities[:, :1], velocities.shape))
+    low, high = ReferenceSettings().speed
+    speeds = np.abs(velocities[:, 0])
+    assert low <= speeds.min() < low + 0.04
+    assert high - 0.04 < speeds.max() <= high
+    assert 0.4 < np.mean(velocities[:, 0] > 0.0) < 0.6
+
+
+def test_without_slaloms_all_numbers_are_those_of_the_other_families() -> None:
+    """A new family at the end changes no draw, also if its speed is another one."""
+    usual, other = (drawn(Task(references=ReferenceSettings(speed=speed)), 50) for speed in ((1.0, 3.0), (5.0, 6.0)))
+    assert usual == other
 
 
 def test_the_hover_task_has_one_height_and_one_yaw() -> None:

@@ -20,8 +20,8 @@ from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.reports import html_page, tables
 from quadpend_train.reports.replay import record_replay
 from quadpend_train.scenarios import Scenario, scenario_hash
-from quadpend_train.studies import tuning
 from quadpend_train.studies.perturbations import PERTURBATION_AXES
+from quadpend_train.studies.search import tuning
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings
 from tests.helpers.training import BRIEF, train_policy

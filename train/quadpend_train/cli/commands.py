@@ -65,8 +65,13 @@ COMMANDS = {
         _RESULTS_ARE_CACHED,
     ),
     "vehicles": Command(
-        "vehicles.vehicles",
+        "result_pages.vehicles",
         "Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.",
+        _RESULTS_ARE_CACHED,
+    ),
+    "tasks": Command(
+        "result_pages.tasks",
+        "Measure how well policies swing the pendulum up, carry a load, recover, or follow fast references.",
         _RESULTS_ARE_CACHED,
     ),
     "bound": Command(

@@ -39,7 +39,7 @@ def tune(
     machines searches with all of them, if it has a --storage that all can open.
 
     Args:
-        controllers: Controllers with tunable gains, see train/quadpend_train/studies/tuning.py.
+        controllers: Controllers with tunable gains, see train/quadpend_train/studies/search/tuning.py.
         trials: Trials of the search for each controller.
         episodes: Episodes in each scenario.
         seed: Seed of the search.
@@ -55,7 +55,7 @@ def tune(
             contains: use only storages that you trust.
     """
     from quadpend_train.reports import figures, search_plots
-    from quadpend_train.studies import tuning
+    from quadpend_train.studies.search import tuning
 
     tuning.check_names(controllers)
     check_counts(trials=trials, episodes=episodes, seed=seed)
@@ -92,7 +92,7 @@ def sweep(
         seconds: Duration of the training of a trial, s.
         out: Folder for best.toml (the settings), trials.csv, sweep.png and the trainings.
         space: Search space, a settings file with a range {low = …, high = …, log = true} or a list of values in place
-            of a value. The default is the file of the algorithm in train/quadpend_train/studies/search_spaces.
+            of a value. The default is the file of the algorithm in train/quadpend_train/studies/search/search_spaces.
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
             processes; the default is a file in OUT.
         jobs: Number of processes.
@@ -101,8 +101,8 @@ def sweep(
         seed: Seed of the search.
     """
     from quadpend_train.reports import figures, search_plots
-    from quadpend_train.studies import search_space
-    from quadpend_train.studies import sweep as study_of_settings
+    from quadpend_train.studies.search import search_space
+    from quadpend_train.studies.search import sweep as study_of_settings
     from quadpend_train.training.settings import read_settings
 
     start = read_settings(settings)
@@ -114,7 +114,7 @@ def sweep(
     else:
         if jobs != 1:
             raise ValueError("the cluster decides how many trials run at once: give no --jobs with --cluster")
-        from quadpend_train.studies import ray_sweep
+        from quadpend_train.studies.search import ray_sweep
 
         study = ray_sweep.search(searched, trials, out, storage, cluster)
     lines = study_of_settings.write_results(study, searched, out)

@@ -56,12 +56,13 @@ _TRAIN_SOURCES = (
 
 
 def sources() -> list[Path]:
-    """Return the source files that determine the results of an episode."""
+    """Return the source files, and the planned flights, that determine the results of an episode."""
     found = [_TRAIN / name for name in _TRAIN_SOURCES]
     for package, names in _EXCLUDED.items():
         folder = Path(str(package.__file__)).parent
         excluded = [folder / name for name in names]
-        found += [file for file in folder.rglob("*.py") if not any(file.is_relative_to(path) for path in excluded)]
+        files = [*folder.rglob("*.py"), *folder.rglob("*.csv")]
+        found += [file for file in files if not any(file.is_relative_to(path) for path in excluded)]
     return sorted(found)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from quadpend_baselines import CONTROLLERS, Policy, controller
-from quadpend_baselines.gains import GAINS, RIGID_GAINS
+from quadpend_baselines.gains import GAINS, HANGING_GAINS, RIGID_GAINS
 from quadpend_gym.core.validation import suggest
 from quadpend_train.common.version_0_1 import current_name
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
@@ -108,7 +108,7 @@ def policy_fingerprint(name: str) -> str:
         ValueError: If there is no such policy.
     """
     if name in CONTROLLERS:
-        return f"{name} {GAINS[name]!r} {RIGID_GAINS.get(name)!r}"
+        return " ".join([name, repr(GAINS[name]), *(repr(gains.get(name)) for gains in (RIGID_GAINS, HANGING_GAINS))])
     if factory := own_policy(name):
         return source(factory)
     path = policy_file(name)

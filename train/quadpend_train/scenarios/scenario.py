@@ -203,6 +203,7 @@ class Scenario:
 _LATER_FIELDS: dict[str, dict[str, Any]] = {
     "": {"duration": 10.0, "loop_known": True},
     "task": {"trajectory": None, "pendulum": "upright"},
+    "task.references": {"slalom": 0.0, "speed": [1.0, 3.0]},
     "task.start": {"pendulum_angle": [0.0, 0.0]},
     "task.reward": {"pendulum_first": 0.0},
     "simulation": {"vehicle": None, "interface": "wrench", "latency": 0.0},

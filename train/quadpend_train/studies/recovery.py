@@ -1,8 +1,8 @@
 """Recovery maps: the starts from which a policy returns to hover in calm air (its region of attraction).
 
-An episode has *recovered* if the tracking error stays below `RECOVERY_ERROR` during its last second. The time to
-recover is then the last time at which the error is not below this limit. The grid is symmetric about hover. The grid
-sets two quantities of the start, all others are those of hover; nothing is random.
+An episode has *recovered* if it has settled, see `quadpend_train.evaluation.settling`. The time to recover is its
+settling time. The grid is symmetric about hover. It sets two quantities of the start; all others are those of hover,
+and nothing is random.
 """
 
 from collections.abc import Callable
@@ -14,9 +14,9 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_train.evaluation.episodes import EpisodeResults
+from quadpend_train.evaluation.settling import settling_times
 from quadpend_train.scenarios import HOVER, Scenario
 
-RECOVERY_ERROR = 0.05  # m
 HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
 CALM, CALM_HOVER = Scenario(), Scenario("hover in calm air", env_id=HOVER)
 
@@ -161,14 +161,8 @@ def classify_recovery(results: EpisodeResults, grid: StartGrid, period: float) -
         grid: Grid of the starts.
         period: Control period, s.
     """
-    outside = ~(results.error < RECOVERY_ERROR)
-    recovered = results.survived & ~outside[..., -round(1.0 / period) :].any(axis=-1)
-    outcome = np.where(
-        recovered,
-        RecoveryOutcome.RECOVERED,
-        np.where(results.survived, RecoveryOutcome.UNSETTLED, RecoveryOutcome.FELL),
-    )
-    # Number of steps up to the last one outside.
-    steps = np.where(outside.any(axis=-1), outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1), 0)
+    time = settling_times(results, period)
+    survived = np.where(results.survived, RecoveryOutcome.UNSETTLED, RecoveryOutcome.FELL)
+    outcome = np.where(np.isnan(time), survived, RecoveryOutcome.RECOVERED)
     shape = (len(outcome), grid.y.values.size, grid.x.values.size)
-    return RecoveryMap(outcome.reshape(shape), np.where(recovered, period * steps, np.nan).reshape(shape))
+    return RecoveryMap(outcome.reshape(shape), time.reshape(shape))

@@ -31,8 +31,8 @@ from quadpend_train.common.text import brief
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.scenarios import expand_sets, find_scenario, scenario_hash
-from quadpend_train.studies import shared_trials
-from quadpend_train.studies.search_space import Space, start_values, suggest_values, with_values
+from quadpend_train.studies.search import shared_trials
+from quadpend_train.studies.search.search_space import Space, start_values, suggest_values, with_values
 from quadpend_train.training.run_folder import POLICY
 from quadpend_train.training.settings import TrainSettings, to_mapping
 from quadpend_train.training.train import CARD_SEED, train

@@ -1,6 +1,6 @@
-"""The command `quadpend vehicles`: the study of controllers on real vehicles, for docs/vehicles-results.md.
+"""The commands that write pages of results: `vehicles` for docs/vehicles-results.md, `tasks` for docs/tasks-results.md.
 
-The parameters of the function are the options of the command. Slow imports are inside it, so that `quadpend --help`
+The parameters of the functions are the options of the commands. Slow imports are inside them, so that `quadpend --help`
 starts quickly.
 """
 
@@ -100,6 +100,62 @@ def _leaderboard(policies: tuple[str, ...], episodes: int, seed: int, cache: str
     comparison = compare(named_policies(policies), chosen, episodes, seed, cache, jobs=run)
     parts = [tables.leaderboard_markdown(leaderboard(comparison)), tables.matrix_markdown(comparison)]
     return Table("\n\n".join(parts), comparison.as_data()["results"])
+
+
+def tasks(
+    part: tyro.conf.Positional[str],
+    policies: tyro.conf.Positional[tuple[str, ...]] = (),
+    episodes: int = 200,
+    seed: int = VALIDATION_SEED,
+    out: Path = Path("results/tasks"),
+    jobs: int = 1,
+    cluster: str | None = None,
+    cache: str = FOLDER,
+    document: Path | None = None,
+) -> None:
+    """Measure how well policies swing the pendulum up, carry a load, recover, or follow fast references.
+
+    Args:
+        part: Part of the study: swing-up, load, recovery or agile.
+        policies: Policies, as in evaluate; the default are those of docs/tasks-results.md.
+        episodes: Episodes in each scenario, and at each acceleration of the part agile.
+        seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
+        out: Folder for a table PART.md and its numbers PART.json, and for agile.png.
+        jobs: Number of processes; the results do not depend on it.
+        cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
+        cache: Folder or URL (s3://…) of cached results; only missing results are computed.
+        document: Markdown file in which to update the generated part tasks-PART; other text does not change.
+    """
+    from quadpend_train.cli.options import named_policies, named_scenarios
+    from quadpend_train.common import documents
+    from quadpend_train.evaluation.comparison import compare
+    from quadpend_train.reports import figures, robustness_plots
+    from quadpend_train.studies import tasks as study
+
+    _check_names((part,), tuple(study.PARTS), "part")
+    check_counts(episodes=episodes, seed=seed)
+    run = executor(jobs, cluster)
+    if document:
+        documents.check(document, [f"tasks-{part}"])
+    check_folder(cache)
+    writable_folder(out)
+    named = named_policies(policies or study.PARTS[part].policies)
+    chosen = named_scenarios((study.PARTS[part].scenarios,))
+    comparison = compare(named, chosen, episodes, seed, cache, jobs=run)
+    text, data, files = study.table(comparison, part), study.as_data(comparison), [f"{part}.md", f"{part}.json"]
+    if part == "agile":
+        found = study.measure_acceleration(named, episodes, seed, cache_folder=cache, jobs=run)
+        feasible = [study.feasible_share(value, episodes, seed) for value in study.ACCELERATION.values]
+        text += "\n\n" + study.acceleration_table(found, feasible)
+        data["acceleration"] = {**found.as_data()["axes"]["acceleration"], "feasible": feasible}
+        figure = robustness_plots.axis_figure(found, "acceleration", ("feasible references", feasible))
+        figures.write_png(figure, out / "agile.png")
+        files.append("agile.png")
+    write_text(out / f"{part}.md", text + "\n")
+    write_text(out / f"{part}.json", json.dumps(data, indent=1, allow_nan=False) + "\n")
+    if document:
+        documents.fill(document, {f"tasks-{part}": text})
+    print(f"{text}\n\nWritten: {out}/{', '.join(files)}")
 
 
 def _check_names(names: tuple[str, ...], known: tuple[str, ...], noun: str) -> None:

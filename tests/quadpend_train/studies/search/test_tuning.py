@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import CONTROLLERS, controller
-from quadpend_baselines.gains import GAINS, TUNED, LqrGains
+from quadpend_baselines.controllers.vehicle_gains import gains_for
+from quadpend_baselines.gains import GAINS, HANGING_GAINS, HANGING_TUNED, TUNED, LqrGains, without_prediction
+from quadpend_baselines.swing.hanging import Hanging, mirror_simulation
+from quadpend_gym import Simulation
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import TUNING_SEED, run_episodes
 from quadpend_train.scenarios import SETS
-from quadpend_train.studies import tuning
+from quadpend_train.studies.search import tuning
 from tests.helpers.scenarios import shorten_scenarios
 
 
 def test_every_controller_has_gains_and_every_tuned_one_a_search_space() -> None:
     assert set(GAINS) == set(CONTROLLERS)
     assert set(TUNED) == set(tuning.SEARCH_SPACES)
+    assert set(HANGING_TUNED) < set(HANGING_GAINS)
 
 
 @pytest.mark.parametrize("name", tuning.SEARCH_SPACES)
@@ -125,8 +129,36 @@ def test_wrong_arguments_of_tune_are_refused(tmp_path: Path, name: str, trials: 
 @pytest.mark.parametrize("name", [name for name in TUNED if name != "mppi"])
 def test_the_score_beside_the_gains_can_be_reproduced(name: str) -> None:
     """The score of MPPI takes minutes and is not computed here; `quadpend tune mppi` computes it."""
-    scores = [rmse for _, rmse in tuning.score(controller(name)).values()]
+    scores = [rmse for _, rmse in tuning.score(controller(name), scenarios=TUNED[name].scenarios).values()]
     assert np.mean(scores) == pytest.approx(TUNED[name].score, abs=0.5)
+
+
+@pytest.mark.parametrize("name", HANGING_TUNED)
+def test_the_score_of_a_hanging_pendulum_can_be_reproduced(name: str) -> None:
+    policy = Hanging(controller(name), Simulation())
+    scores = [rmse for _, rmse in tuning.score(policy, scenarios=HANGING_TUNED[name].scenarios).values()]
+    assert np.mean(scores) == pytest.approx(HANGING_TUNED[name].score, abs=0.5)
+
+
+def test_gains_of_a_hanging_pendulum_are_those_of_their_controller() -> None:
+    hanging = mirror_simulation(Simulation())
+    assert gains_for("lqr", hanging) == HANGING_GAINS["lqr"] != gains_for("lqr")
+    assert gains_for("lqr-unpredicted", hanging) == without_prediction(HANGING_GAINS["lqr"])
+    assert gains_for("dual-mode", hanging).far == gains_for("flatness", hanging)
+    assert gains_for("mppi", hanging) == GAINS["mppi"]
+
+
+@pytest.mark.parametrize("scenarios", [("load_windy", "windy"), ("recovery", "windy")])
+def test_scenarios_of_different_tasks_are_not_tuned_together(tmp_path: Path, scenarios: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match="must agree in the side of the pendulum"):
+        tuning.tune("lqr", 1, 1, 0, tmp_path, scenarios)
+
+
+def test_gains_are_tuned_for_a_hanging_pendulum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shorten_scenarios(monkeypatch, 1.0)
+    monkeypatch.setattr(tuning, "SCORE_EPISODES", 2)
+    found = tuning.tune("lqr", 2, 2, 0, tmp_path, ("load_windy",))
+    assert found["survival and penalised rmse"]["load_windy"][0] == 100.0
 
 
 def test_processes_that_share_a_storage_continue_one_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

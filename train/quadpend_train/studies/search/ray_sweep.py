@@ -1,8 +1,8 @@
 """Ray Tune as the engine of a sweep: its trials run on the machines of a Ray cluster.
 
-Search space, sampler and storage are those of `quadpend_train.studies.sweep`, so a sweep can change its engine. This
-process proposes the trials. Ray Tune stops them by its own rule of the median; a stopped trial counts as complete, with
-its best score so far.
+Search space, sampler and storage are those of `quadpend_train.studies.search.sweep`, so a sweep can change its engine.
+This process proposes the trials. Ray Tune stops them by its own rule of the median; a stopped trial counts as complete,
+with its best score so far.
 """
 
 import tempfile
@@ -15,9 +15,9 @@ import optuna
 import quadpend_baselines
 import quadpend_gym
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.studies.search_space import with_values
-from quadpend_train.studies.shared_trials import finished_trials, open_storage, quiet
-from quadpend_train.studies.sweep import (
+from quadpend_train.studies.search.search_space import with_values
+from quadpend_train.studies.search.shared_trials import finished_trials, open_storage, quiet
+from quadpend_train.studies.search.sweep import (
     MOMENTS,
     STARTUP,
     STORAGE,
@@ -57,7 +57,7 @@ def search(sweep: Sweep, trials: int, out: Path, storage: str | None, cluster: s
     if missing <= 0:
         return study
     files = (quadpend_gym.__file__, quadpend_baselines.__file__)
-    packages = [*(str(Path(str(file)).parent) for file in files), str(Path(__file__).parents[1])]
+    packages = [*(str(Path(str(file)).parent) for file in files), str(Path(__file__).parents[2])]
     ray.init(address=cluster, runtime_env={"py_modules": packages}, ignore_reinit_error=True)
     try:
         with quiet():

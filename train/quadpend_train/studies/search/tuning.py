@@ -23,6 +23,7 @@ from quadpend_baselines import Policy
 from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, replace_gains
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
+from quadpend_baselines.swing.hanging import Hanging, mirror_simulation
 from quadpend_gym import Simulation
 from quadpend_gym.core.validation import suggest
 from quadpend_train.common.files import read_mapping, write_text
@@ -30,7 +31,7 @@ from quadpend_train.common.limits import check_counts
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
 from quadpend_train.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
-from quadpend_train.studies.shared_trials import (
+from quadpend_train.studies.search.shared_trials import (
     TrialSampler,
     describe_storage,
     open_storage,
@@ -111,6 +112,19 @@ SEARCH_SPACES: dict[str, dict[str, SearchRange]] = {
         "estimator.force_walk": (0.1, 100.0, 0.5),
         "estimator.bob_force_walk": (1e-3, 1.0, 0.3),
         "estimator.torque_walk": (1e-3, 10.0, 0.5),
+    },
+    "swing-up": {
+        "damp": (0.3, 6.0, 1.5),
+        "lead": (0.02, 0.3, 0.08),
+        "position": (0.2, 6.0, 1.0),
+        "velocity": (0.4, 6.0, 1.5),
+        "lean": (0.3, 1.2, 0.6),
+        "attitude_bandwidth": (7.0, 30.0, 14.0),
+        "vertical_bandwidth": (1.5, 8.0, 3.0),
+        "damping": (0.5, 1.5, 0.8),
+        "catch": (0.1, 0.8, 0.35),
+        "catch_height": (0.5, 0.95, 0.8),
+        "rest_scale": (0.5, 3.0, 1.0),
     },
 }
 
@@ -259,14 +273,25 @@ def _suggest(trial: optuna.Trial, space: dict[str, SearchRange]) -> dict[str, fl
 
 def _loss_of_gains(name: str, episodes: int, scenarios: Sequence[str]) -> Callable[[dict[str, float]], float]:
     """Return the function that runs episodes with gains and returns their loss."""
-    env, simulation = training_scenarios(episodes, scenarios), _find_all(scenarios)[0].simulation
-    present = gains_for(name, simulation)
+    env, scenario = training_scenarios(episodes, scenarios), _find_all(scenarios)[0]
+    present = _present_gains(name, scenario)
 
     def measure(gains: dict[str, float]) -> float:
-        policy = CONTROLLER_FACTORIES[name](replace_gains(present, gains), simulation)
+        policy = _make(name, replace_gains(present, gains), scenario)
         return loss(run_training_scenarios(policy, env, TUNING_SEED, scenarios))
 
     return measure
+
+
+def _present_gains(name: str, scenario: Scenario) -> Any:
+    hangs = scenario.resolved_task.pendulum == "hanging"
+    return gains_for(name, mirror_simulation(scenario.simulation) if hangs else scenario.simulation)
+
+
+def _make(name: str, gains: Any, scenario: Scenario) -> Policy:
+    """Return a controller with gains, which does not know the delays and lags of the scenario."""
+    policy = CONTROLLER_FACTORIES[name](gains, scenario.simulation)
+    return Hanging(policy, scenario.simulation) if scenario.resolved_task.pendulum == "hanging" else policy
 
 
 class _Losses:
@@ -328,21 +353,25 @@ def tune(
 
     Raises:
         ValueError: If the controller has no search space, a scenario is unknown, the scenarios have different nominal
-            simulations or observations, or a number is out of range.
+            simulations, observations or sides of the pendulum, or a number is out of range.
     """
     check_names([name])
     held_out = [base for base in (split_changes(item)[0] for item in scenarios) if base in HELD_OUT]
     if not scenarios or held_out:
         raise ValueError(f"scenarios must be at least one, and not {(held_out or ['test'])[0]!r}, which is held out")
     check_counts(trials=trials, episodes=episodes)
+    if len({(scenario.resolved_task.pendulum, pendulum_arm(scenario)) for scenario in _find_all(scenarios)}) > 1:
+        raise ValueError(
+            "scenarios must agree in the side of the pendulum, and in whether the error counts its direction"
+            " (pendulum_first): tune for them apart"
+        )
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = search(name, trials, episodes, seed, folder, scenarios, storage)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
-    simulation = _find_all(scenarios)[0].simulation
-    present = gains_for(name, simulation)
+    scenario = _find_all(scenarios)[0]
+    present = _present_gains(name, scenario)
     before, after = (
-        score(CONTROLLER_FACTORIES[name](gains, simulation), scenarios=scenarios)
-        for gains in (present, replace_gains(present, values))
+        score(_make(name, gains, scenario), scenarios=scenarios) for gains in (present, replace_gains(present, values))
     )
     command = f"quadpend tune {name} --trials {trials} --episodes {episodes} --seed {seed}"
     if tuple(scenarios) != SCENARIOS:

@@ -13,8 +13,8 @@ import optuna
 import pytest
 from optuna.trial import TrialState
 
-from quadpend_train.studies import shared_trials
-from quadpend_train.studies.shared_trials import open_storage, open_study, run_trials
+from quadpend_train.studies.search import shared_trials
+from quadpend_train.studies.search.shared_trials import open_storage, open_study, run_trials
 from tests.helpers.search import START, distance, open_test_study, sampler
 
 

@@ -14,7 +14,7 @@ from optuna.trial import TrialState
 
 from quadpend_train.cli.main import main
 from quadpend_train.common.files import toml_text, write_text
-from quadpend_train.studies import search_space, sweep
+from quadpend_train.studies.search import search_space, sweep
 from quadpend_train.training.settings import ALGORITHMS, PRESETS, TrainSettings, read_settings, to_mapping
 from quadpend_train.training.validation import Score, write_curve
 from tests.helpers.training import BRIEF
@@ -194,7 +194,7 @@ def test_importances_are_those_of_the_search() -> None:
 
 def test_ray_tune_continues_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray.tune", reason="needs Ray: pip install 'quadpend-gym[cluster]'")
-    from quadpend_train.studies import ray_sweep
+    from quadpend_train.studies.search import ray_sweep
 
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     one = searched(tmp_path)._replace(seconds=4.0)

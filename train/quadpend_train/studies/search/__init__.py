@@ -1,0 +1,1 @@
+"""Searches for gains of controllers and for settings of learners."""
