@@ -13,7 +13,7 @@ import pytest
 
 from quadpend_train.cli.main import main
 from quadpend_train.common import provenance
-from quadpend_train.common.executors import CallsFailedError, FolderCall, executor
+from quadpend_train.common.executors import CallsFailedError, FolderCall, executor, successes
 from quadpend_train.evaluation import jobs
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.policies.mlp_policy import SHIPPED
@@ -33,14 +33,18 @@ def wind(): return StillAir()
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Two nodes with one core each; the first is that of this process."""
+    """Two nodes with one core each; the first is that of this process.
+
+    Each has a folder of its own for the code. In a folder that nodes share, a node that starts deletes the code and
+    unpacks it again while workers of the other nodes import it.
+    """
     pytest.importorskip("ray", reason=NEEDS_RAY)
     from ray.cluster_utils import Cluster
 
     soon = {"health_check_initial_delay_ms": 0, "health_check_period_ms": 500, "health_check_failure_threshold": 4}
     options = {"num_cpus": 1, "object_store_memory": 100_000_000, "include_dashboard": False}
     made = Cluster(initialize_head=True, head_node_args={**options, "_system_config": soon})
-    made.add_node(**options)
+    made.add_node(**options, runtime_env_dir_name="runtime_resources_1")
     yield made
     import ray
 
@@ -86,8 +90,9 @@ def test_a_cluster_of_two_nodes_gives_the_bytes_of_this_machine_and_keeps_them(
 
 
 def test_a_killed_node_changes_nothing(cluster: Any, cells: dict[Any, Job]) -> None:
-    study, node = brief(cells, 2.0), cluster.add_node(num_cpus=1, object_store_memory=100_000_000)
-    calls = executor(cluster=cluster.address)(study)
+    study = brief(cells, 2.0)
+    node = cluster.add_node(num_cpus=1, object_store_memory=100_000_000, runtime_env_dir_name="runtime_resources_2")
+    calls = successes(executor(cluster=cluster.address)(study))
     results = dict([next(calls), next(calls)])
     for process in node.all_processes["raylet"]:
         os.kill(process.process.pid, signal.SIGKILL)
@@ -166,8 +171,6 @@ def test_the_missing_package_is_named(
 
 def test_a_failure_on_a_cluster_has_a_name(cluster: Any) -> None:
     calls = {("windy", "mine"): partial(refuse, 3)}
-    from quadpend_train.common.executors import successes
-
     with pytest.raises(
         CallsFailedError, match=r"1 of 1 jobs failed:\n  windy, mine: ValueError: number must.*test_proc"
     ):
