@@ -16,7 +16,7 @@ from quadpend_train.evaluation.settling import settling_times
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_train.studies import tasks
-from quadpend_train.studies.tasks import ACCELERATION, PARTS, feasible_share, feedforward_command, settling
+from quadpend_train.studies.tasks import ACCELERATION, PARTS, feasible_shares, feedforward_command, settling
 
 
 def results_with(error: list[list[float]], survived: list[bool]) -> EpisodeResults:
@@ -50,7 +50,7 @@ def test_episodes_that_fall_or_end_away_have_not_settled() -> None:
     found = settling(results_with(error, [True, True, True, False]), Scenario())
     assert found["settled"].value == pytest.approx(50.0)
     assert found["settled_soon"].value == pytest.approx(25.0)
-    assert found["settling_time"].value == pytest.approx(4.0)
+    assert found["penalised_time"].value == pytest.approx((2.0 + 6.0 + 10.0 + 10.0) / 4)
 
 
 def test_every_part_has_scenarios_and_policies_of_the_package() -> None:
@@ -60,8 +60,14 @@ def test_every_part_has_scenarios_and_policies_of_the_package() -> None:
 
 
 def test_references_are_feasible_up_to_the_acceleration_that_the_thrust_allows() -> None:
-    assert feasible_share(1.0, 20, 0) == 1.0
-    assert feasible_share(17.5, 20, 0) == 0.0  # twice the hover thrust allows g √3 = 17 m/s² on a wide circle
+    assert feasible_shares(1.0, 20, 0) == (1.0, 1.0, 1.0)
+    fast = feasible_shares(17.5, 20, 0)
+    assert (fast.thrust, fast.both) == (0.0, 0.0)  # twice the hover thrust allows g √3 = 17 m/s² on a wide circle
+
+
+def test_torques_limit_references_that_the_thrust_allows() -> None:
+    found = feasible_shares(10.0, 50, 0)
+    assert found.both <= found.torques < found.thrust
 
 
 def test_a_feasible_circle_needs_at_most_the_largest_thrust() -> None:

@@ -57,11 +57,11 @@ def _learned(seeds: list[str]) -> str:
     cards = [MlpPolicy.load(seed).card for seed in seeds]
     survival, rmse = (np.mean([card["score"][name] for card in cards]) for name in ("survival", "penalised_rmse"))
     first = cards[0]
-    trained = f"{first['settings']['algo'].upper()}, scenarios {', '.join(first['settings']['scenarios'])}"
+    scenarios = ["(given in JSON)" if name.startswith("{") else name for name in first["settings"]["scenarios"]]
+    trained = f"{first['settings']['algo'].upper()}, scenarios {', '.join(scenarios)}"
     base = f"{_USES[first['hybrid']['kind']]} {first['hybrid']['base_controller']}; " if first["hybrid"] else ""
-    return (
-        f"{base}{trained}; survival {100.0 * survival:.1f} %, penalised RMSE {1e3 * rmse:.1f} mm;"
-        f" {len(seeds)} seeds, {seeds[0]} to {seeds[-1]}"
+    return f"{base}{trained}; survival {100.0 * survival:.1f} %, penalised RMSE {1e3 * rmse:.1f} mm;" + (
+        f" {len(seeds)} seeds, {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f" 1 seed, {seeds[0]}"
     )
 
 

@@ -16,7 +16,7 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.common.executors import Executor, executor
-from quadpend_train.common.files import write_text
+from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_folder
 from quadpend_train.evaluation.cache import FOLDER, check_folder
@@ -142,13 +142,26 @@ def tasks(
     named = named_policies(policies or study.PARTS[part].policies)
     chosen = named_scenarios((study.PARTS[part].scenarios,))
     comparison = compare(named, chosen, episodes, seed, cache, jobs=run)
-    text, data, files = study.table(comparison, part), study.as_data(comparison), [f"{part}.md", f"{part}.json"]
+    measured = study.measure(comparison)
+    results = {
+        scenario: {policy: to_json_data(measured[scenario, policy]) for policy in comparison.policies}
+        for scenario in comparison.scenarios
+    }
+    data: dict[str, Any] = {**comparison.provenance(), "results": results}
+    text, files = study.table(measured, part), [f"{part}.md", f"{part}.json"]
     if part == "agile":
         found = study.measure_acceleration(named, episodes, seed, cache_folder=cache, jobs=run)
-        feasible = [study.feasible_share(value, episodes, seed) for value in study.ACCELERATION.values]
+        feasible = [study.feasible_shares(value, episodes, seed) for value in study.ACCELERATION.values]
         text += "\n\n" + study.acceleration_table(found, feasible)
-        data["acceleration"] = {**found.as_data()["axes"]["acceleration"], "feasible": feasible}
-        figure = robustness_plots.axis_figure(found, "acceleration", ("feasible references", feasible))
+        data["acceleration"] = {
+            **found.as_data()["axes"]["acceleration"],
+            "feasible": [shares._asdict() for shares in feasible],
+        }
+        limits = {
+            "thrust suffices": [shares.thrust for shares in feasible],
+            "torques suffice": [shares.torques for shares in feasible],
+        }
+        figure = robustness_plots.axis_figure(found, "acceleration", limits)
         figures.write_png(figure, out / "agile.png")
         files.append("agile.png")
     write_text(out / f"{part}.md", text + "\n")

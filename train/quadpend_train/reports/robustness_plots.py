@@ -1,6 +1,6 @@
 """Figures of the robustness: curves along each perturbation axis, and recovery maps."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,21 +17,22 @@ LONGEST = 6.0  # s, end of the colour scale
 _COLUMNS = 3
 
 
-def axis_figure(robustness: Robustness, name: str, share: tuple[str, Sequence[float]] | None = None) -> Any:
+def axis_figure(robustness: Robustness, name: str, shares: Mapping[str, Sequence[float]] | None = None) -> Any:
     """Return a figure of survival and penalised RMSE along one perturbation axis.
 
     Args:
         robustness: Robustness.
         name: Name of the axis.
-        share: Label and values of a share that is drawn beside the survival; with one, the figure has a legend.
+        shares: Labels and values of at most two shares that are drawn beside the survival; with one, the figure has a
+            legend.
     """
-    figure = figures.new_figure(7.5, 5.2) if share else figures.new_figure(3.8, 3.9)
+    figure = figures.new_figure(7.5, 5.2) if shares else figures.new_figure(3.8, 3.9)
     (survival,), (rmse,) = figures.add_axes(figure, 2, 1, sharex=True)
     _draw_axis(survival, rmse, robustness, name)
-    if share:
-        label, shares = share
-        values = robustness.axes[name].values
-        survival.plot(values, 100.0 * np.array(shares), color="#000000", linestyle="--", label=label)
+    if shares:
+        for (label, share), line in zip(shares.items(), ("--", ":"), strict=False):
+            values = robustness.axes[name].values
+            survival.plot(values, 100.0 * np.array(share), color="#000000", linestyle=line, label=label)
         survival.legend(frameon=False, fontsize=8, loc="upper right")
         figures.add_legend(figure, robustness.policies)
     return figure

@@ -20,7 +20,6 @@ from quadpend_baselines.modelling.equivalent import body_command, reference_traj
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.tasks.references import Reference
-from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
@@ -31,8 +30,18 @@ from quadpend_train.studies.perturbations import Fields, PerturbationAxis
 from quadpend_train.studies.robustness import CurvePoint, Robustness, measure_robustness
 
 SOON = 5.0  # s
-_TRACKING = ("survival", "penalised_rmse", "settled_rmse", "largest_tilt")
-_HEADINGS = ("survival (%)", "penalised RMSE (mm)", "RMSE of the second half (mm)", "largest tilt (°)")
+_SETTLING = {
+    "settled": "settled (%)",
+    "settled_soon": f"within {SOON:g} s (%)",
+    "penalised_time": "penalised time (s)",
+    "settled_rmse": "RMSE of the second half (mm)",
+}
+_TRACKING = {
+    "survival": "survival (%)",
+    "penalised_rmse": "penalised RMSE (mm)",
+    "settled_rmse": "RMSE of the second half (mm)",
+    "largest_tilt": "largest tilt (°)",
+}
 _LIMIT_POINTS = 500  # per reference
 
 
@@ -42,25 +51,19 @@ class Part(NamedTuple):
     Attributes:
         scenarios: Set of scenarios.
         policies: Policies that are compared if none are named.
-        measures_settling: Whether the table has settling times instead of tracking errors only.
+        columns: Metrics of the table, with their headings.
     """
 
     scenarios: str
     policies: tuple[str, ...]
-    measures_settling: bool
+    columns: dict[str, str]
 
 
 PARTS = {
-    "swing-up": Part("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), measures_settling=True),
-    "load": Part(
-        "test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), measures_settling=False
-    ),
-    "recovery": Part("test-recovery", ("swing-up", "ppo-recovery"), measures_settling=True),
-    "agile": Part(
-        "agile",
-        ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile"),
-        measures_settling=False,
-    ),
+    "swing-up": Part("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), _SETTLING),
+    "load": Part("test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), _TRACKING),
+    "recovery": Part("test-recovery", ("swing-up", "ppo-recovery"), _SETTLING),
+    "agile": Part("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile"), _TRACKING),
 }
 
 
@@ -69,48 +72,32 @@ def settling(results: EpisodeResults, scenario: Scenario) -> dict[str, Interval]
 
     Returns:
         ``settled`` and ``settled_soon``: shares of episodes that have settled at all, and within `SOON`, %.
-        ``settling_time``: mean over the settled episodes, s.
+        ``penalised_time``: mean settling time, s. An episode that has not settled counts with its full duration.
     """
     time = settling_times(results, scenario.simulation.period)
     return {
         "settled": proportion(~np.isnan(time)).scaled(100.0),
         "settled_soon": proportion(time <= SOON).scaled(100.0),
-        "settling_time": mean(time).not_negative(),
+        "penalised_time": mean(np.where(np.isnan(time), scenario.duration, time)).not_negative(),
     }
 
 
-def table(comparison: Comparison, part: str) -> str:
-    """Return the table of a part as Markdown."""
-    timed = PARTS[part].measures_settling
-    headings = ("settled (%)", f"within {SOON:g} s (%)", "time (s)", _HEADINGS[2]) if timed else _HEADINGS
-    rows = [
-        [scenario, policy, *map(format_interval, _cells(comparison, scenario, policy, timed))]
-        for scenario in comparison.scenarios
-        for policy in comparison.policies
-    ]
-    return markdown_table(["scenario", "policy", *headings], rows)
-
-
-def _cells(comparison: Comparison, scenario: str, policy: str, timed: bool) -> list[Interval]:
-    summary = comparison.summaries[scenario, policy]
-    if not timed:
-        return [summary[name] for name in _TRACKING]
-    found = settling(comparison.results[scenario, policy], comparison.scenarios[scenario])
-    return [*found.values(), summary["settled_rmse"]]
-
-
-def as_data(comparison: Comparison) -> dict[str, Any]:
-    """Return provenance, all metrics and the settling of every policy in every scenario as data for JSON."""
-    results = {
-        scenario: {
-            policy: to_json_data(
-                {**comparison.summaries[scenario, policy], **settling(comparison.results[scenario, policy], found)}
-            )
-            for policy in comparison.policies
+def measure(comparison: Comparison) -> dict[tuple[str, str], dict[str, Interval]]:
+    """Return all metrics and the settling by scenario and policy."""
+    return {
+        (scenario, policy): {
+            **comparison.summaries[scenario, policy],
+            **settling(results, comparison.scenarios[scenario]),
         }
-        for scenario, found in comparison.scenarios.items()
+        for (scenario, policy), results in comparison.results.items()
     }
-    return {**comparison.provenance(), "results": results}
+
+
+def table(measured: Mapping[tuple[str, str], Mapping[str, Interval]], part: str) -> str:
+    """Return the table of a part as Markdown, from what `measure` returns."""
+    columns = PARTS[part].columns
+    rows = [[*names, *(format_interval(found[name]) for name in columns)] for names, found in measured.items()]
+    return markdown_table(["scenario", "policy", *columns.values()], rows)
 
 
 def _fast_references(acceleration: float, _: Any) -> Fields:
@@ -142,8 +129,22 @@ def measure_acceleration(
     return measure_robustness(policies, {"acceleration": ACCELERATION}, {}, episodes, seed, **settings)
 
 
-def feasible_share(acceleration: float, episodes: int, seed: int) -> float:
-    """Return the share of the references of `ACCELERATION` whose feedforward is within the limits of the command.
+class Feasible(NamedTuple):
+    """Shares of references whose feedforward is within limits, from 0 to 1.
+
+    Attributes:
+        thrust: The limits of the thrust.
+        torques: The limits of the torques.
+        both: All of these limits.
+    """
+
+    thrust: float
+    torques: float
+    both: float
+
+
+def feasible_shares(acceleration: float, episodes: int, seed: int) -> Feasible:
+    """Return the shares of the references of `ACCELERATION` whose feedforward is within the limits of the command.
 
     See `feedforward_command`, at 500 points over the duration of an episode. The limits of tilt do not count.
 
@@ -159,8 +160,9 @@ def feasible_share(acceleration: float, episodes: int, seed: int) -> float:
     scale = scenario.simulation.command_scale
     hover = scale * [1.0, 0.0, 0.0, 0.0]
     time = np.linspace(0.0, scenario.duration, _LIMIT_POINTS)
-    commands = [feedforward_command(reference, time, scenario) for reference in references]
-    return float(np.mean([np.all(np.abs(command - hover) <= scale) for command in commands]))
+    commands = np.array([feedforward_command(reference, time, scenario) for reference in references])
+    within = np.all(np.abs(commands - hover) <= scale, axis=1)
+    return Feasible(*(float(np.mean(np.all(within[:, part], axis=1))) for part in np.s_[:1, 1:, :]))
 
 
 def feedforward_command(reference: Floats, time: Floats, scenario: Scenario) -> Floats:
@@ -181,19 +183,20 @@ def feedforward_command(reference: Floats, time: Floats, scenario: Scenario) -> 
     return body_command(state, command, none, simulation)
 
 
-def acceleration_table(found: Robustness, feasible: Sequence[float]) -> str:
+def acceleration_table(found: Robustness, feasible: Sequence[Feasible]) -> str:
     """Return the penalised RMSE over the acceleration as Markdown, with the survival where it is below 100 %.
 
     Args:
         found: The result of `measure_acceleration`.
-        feasible: `feasible_share` at the values of `ACCELERATION`.
+        feasible: `feasible_shares` at the values of `ACCELERATION`.
     """
     curves = [found.curves["acceleration", policy] for policy in found.policies]
     rows = [
-        [f"{value:g}", f"{100.0 * share:.0f}", *map(_flight, points)]
-        for value, share, *points in zip(ACCELERATION.values, feasible, *curves, strict=True)
+        [f"{value:g}", *(f"{100.0 * share:.0f}" for share in shares), *map(_flight, points)]
+        for value, shares, *points in zip(ACCELERATION.values, feasible, *curves, strict=True)
     ]
-    return markdown_table([ACCELERATION.label, "feasible references (%)", *found.policies], rows)
+    headings = [ACCELERATION.label, "thrust suffices (%)", "torques suffice (%)", "both suffice (%)"]
+    return markdown_table([*headings, *found.policies], rows)
 
 
 def _flight(point: CurvePoint) -> str:
