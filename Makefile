@@ -21,14 +21,14 @@ evidence: .venv/.installed  ## table of docs/results.md: PPO after a minute of t
 	$(BIN)/quadpend evaluate adrc-paper flatness ppo=$(subst $(space),$(comma),$(SEEDS:%=runs/demo-%)) \
 		--scenarios calm windy steady gusts --episodes 200 --seed $(TEST_SEED) --out docs/demo
 
-LEARNERS := apg ppo-alone sac-alone ppo-gain-scheduling ppo-hummingbird sac-hummingbird ppo-swing-up
+LEARNERS := apg ppo-alone sac-alone ppo-gain-scheduling ppo-hummingbird sac-hummingbird ppo-swing-up sac-swing-up
 learners: .venv/.installed  ## train the learned policies that the package ships with five training seeds each
 	rm -rf $(foreach name,$(LEARNERS),$(SEEDS:%=runs/$(name)-%))
 	mkdir -p train/quadpend_train/policies/shipped
 	$(foreach name,$(LEARNERS),$(foreach seed,$(SEEDS),$(BIN)/quadpend train --settings $(name) --seed $(seed) --out runs/$(name)-$(seed) && \
 		cp runs/$(name)-$(seed)/policy.npz train/quadpend_train/policies/shipped/$(name)-$(seed).npz &&)) true
 
-ONE_SEED := sac-swing-up ppo-load sac-load ppo-recovery ppo-agile  # ppo-recovery starts from ppo-swing-up-0
+ONE_SEED := ppo-load sac-load ppo-recovery sac-recovery ppo-agile sac-agile  # ppo-recovery starts from ppo-swing-up-0
 task-learners: .venv/.installed  ## train the learned policies of the other tasks that the package ships with one training seed
 	$(MAKE) learners SEEDS=0 LEARNERS="$(ONE_SEED)"
 

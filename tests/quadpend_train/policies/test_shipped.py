@@ -14,8 +14,8 @@ from quadpend_train.training.validation import validate
 
 SEEDS = {  # number of training seeds of each learned policy
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling", "ppo-hummingbird", "sac-hummingbird"), 5),
-    "ppo-swing-up": 5,
-    **dict.fromkeys(("sac-swing-up", "ppo-load", "sac-load", "ppo-recovery", "ppo-agile"), 1),
+    **dict.fromkeys(("ppo-swing-up", "sac-swing-up"), 5),
+    **dict.fromkeys(("ppo-load", "sac-load", "ppo-recovery", "sac-recovery", "ppo-agile", "sac-agile"), 1),
 }
 FILES = sorted(SHIPPED.glob("*.npz"))
 

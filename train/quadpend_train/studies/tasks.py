@@ -62,8 +62,8 @@ class Part(NamedTuple):
 PARTS = {
     "swing-up": Part("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), _SETTLING),
     "load": Part("test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), _TRACKING),
-    "recovery": Part("test-recovery", ("swing-up", "ppo-recovery"), _SETTLING),
-    "agile": Part("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile"), _TRACKING),
+    "recovery": Part("test-recovery", ("swing-up", "ppo-recovery", "sac-recovery"), _SETTLING),
+    "agile": Part("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), _TRACKING),
 }
 
 
