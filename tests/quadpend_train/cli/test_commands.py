@@ -95,6 +95,14 @@ def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().out == f"quadpend {__version__}\n"
 
 
+def test_list_names_training_seeds_and_leaves_out_json(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["list", "policies"])
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[1:] if line}
+    assert lines["ppo-load"].endswith("; 1 seed, ppo-load-0")
+    assert lines["ppo-alone"].endswith("; 5 seeds, ppo-alone-0 to ppo-alone-4")
+    assert "scenarios (given in JSON); survival" in lines["ppo-alone"]
+
+
 def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
     main(["list"])
     tables = dict(re.findall(r"(\w+):\n(.*?)\n\n", capsys.readouterr().out, re.DOTALL))

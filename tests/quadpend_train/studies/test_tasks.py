@@ -53,6 +53,12 @@ def test_episodes_that_fall_or_end_away_have_not_settled() -> None:
     assert found["penalised_time"].value == pytest.approx((2.0 + 6.0 + 10.0 + 10.0) / 4)
 
 
+def test_an_interval_of_the_penalised_time_ends_at_the_duration() -> None:
+    error = [[0.01] * 1000] + [[0.1] * 1000] * 99
+    time = settling(results_with(error, [True] * 100), Scenario())["penalised_time"]
+    assert time.value < time.high == 10.0
+
+
 def test_every_part_has_scenarios_and_policies_of_the_package() -> None:
     known = {*CONTROLLERS, *shipped_policies()}
     assert all(SCENARIOS[name] for part in PARTS.values() for name in SETS[part.scenarios])
@@ -66,12 +72,13 @@ def test_references_are_feasible_up_to_the_acceleration_that_the_thrust_allows()
 
 
 def test_torques_limit_references_that_the_thrust_allows() -> None:
-    found = feasible_shares(10.0, 50, 0)
-    assert found.both <= found.torques < found.thrust
+    found = feasible_shares(14.0, 50, 0)
+    assert 0.0 < found.torques < found.thrust < 1.0
+    assert found.both <= found.torques
 
 
-def test_a_feasible_circle_needs_at_most_the_largest_thrust() -> None:
-    """Two independent derivations of the thrust agree on circles, where both are exact."""
+def test_two_derivations_of_the_thrust_agree_on_circles() -> None:
+    """Both are exact there."""
     scenario = ACCELERATION.scenario(8.0)
     circle = Reference.circle(1.5, np.sqrt(8.0 / 1.5))
     times = np.linspace(0.0, 3.0, 50)
@@ -93,6 +100,10 @@ def test_a_part_writes_its_table_and_its_numbers(part: str, tmp_path: Path, monk
     data = json.loads((out / f"{part}.json").read_text())
     assert set(data["results"]) == set(SETS[PARTS[part].scenarios])
     assert (out / "agile.png").exists() == (part == "agile")
+    cells = [cell for policies in data["results"].values() for cell in policies.values()]
+    assert all(("penalised_time" in cell) == (part == "swing-up") for cell in cells)
+    if part == "agile":
+        assert data["acceleration"]["feasible"] == [{"thrust": 1.0, "torques": 1.0, "both": 1.0}] * 2
 
 
 def test_an_unknown_part_is_refused_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:

@@ -142,7 +142,7 @@ def tasks(
     named = named_policies(policies or study.PARTS[part].policies)
     chosen = named_scenarios((study.PARTS[part].scenarios,))
     comparison = compare(named, chosen, episodes, seed, cache, jobs=run)
-    measured = study.measure(comparison)
+    measured = study.measure(comparison, part)
     results = {
         scenario: {policy: to_json_data(measured[scenario, policy]) for policy in comparison.policies}
         for scenario in comparison.scenarios
@@ -158,8 +158,8 @@ def tasks(
             "feasible": [shares._asdict() for shares in feasible],
         }
         limits = {
-            "thrust suffices": [shares.thrust for shares in feasible],
-            "torques suffice": [shares.torques for shares in feasible],
+            "references with thrust within limits": [shares.thrust for shares in feasible],
+            "references with torques within limits": [shares.torques for shares in feasible],
         }
         figure = robustness_plots.axis_figure(found, "acceleration", limits)
         figures.write_png(figure, out / "agile.png")

@@ -78,16 +78,17 @@ def settling(results: EpisodeResults, scenario: Scenario) -> dict[str, Interval]
     return {
         "settled": proportion(~np.isnan(time)).scaled(100.0),
         "settled_soon": proportion(time <= SOON).scaled(100.0),
-        "penalised_time": mean(np.where(np.isnan(time), scenario.duration, time)).not_negative(),
+        "penalised_time": mean(np.where(np.isnan(time), scenario.duration, time)).clipped(0.0, scenario.duration),
     }
 
 
-def measure(comparison: Comparison) -> dict[tuple[str, str], dict[str, Interval]]:
-    """Return all metrics and the settling by scenario and policy."""
+def measure(comparison: Comparison, part: str) -> dict[tuple[str, str], dict[str, Interval]]:
+    """Return all metrics by scenario and policy, with the settling in the parts whose tables show it."""
+    settles = "settled" in PARTS[part].columns
     return {
         (scenario, policy): {
             **comparison.summaries[scenario, policy],
-            **settling(results, comparison.scenarios[scenario]),
+            **(settling(results, comparison.scenarios[scenario]) if settles else {}),
         }
         for (scenario, policy), results in comparison.results.items()
     }
@@ -195,7 +196,7 @@ def acceleration_table(found: Robustness, feasible: Sequence[Feasible]) -> str:
         [f"{value:g}", *(f"{100.0 * share:.0f}" for share in shares), *map(_flight, points)]
         for value, shares, *points in zip(ACCELERATION.values, feasible, *curves, strict=True)
     ]
-    headings = [ACCELERATION.label, "thrust suffices (%)", "torques suffice (%)", "both suffice (%)"]
+    headings = [ACCELERATION.label, "thrust within limits (%)", "torques within limits (%)", "both (%)"]
     return markdown_table([*headings, *found.policies], rows)
 
 
