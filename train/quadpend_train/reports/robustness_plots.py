@@ -32,9 +32,9 @@ def axis_figure(robustness: Robustness, name: str, shares: Mapping[str, Sequence
     if shares:
         for (label, share), line in zip(shares.items(), ("--", "-.")[: len(shares)], strict=True):
             values = robustness.axes[name].values
-            survival.plot(values, 100.0 * np.array(share), color="#000000", linestyle=line, label=label)
+            survival.plot(values, 100.0 * np.array(share), color="#777777", linestyle=line, label=label)
         survival.set_ylabel("survival, share of references (%)", fontsize=8)
-        survival.legend(frameon=False, fontsize=8, loc="upper right")
+        survival.legend(frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         figures.add_legend(figure, robustness.policies)
     return figure
 
