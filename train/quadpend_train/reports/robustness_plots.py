@@ -30,8 +30,8 @@ def axis_figure(robustness: Robustness, name: str, shares: Mapping[str, Sequence
     (survival,), (rmse,) = figures.add_axes(figure, 2, 1, sharex=True)
     _draw_axis(survival, rmse, robustness, name)
     if shares:
+        values = robustness.axes[name].values
         for (label, share), line in zip(shares.items(), ("--", "-.")[: len(shares)], strict=True):
-            values = robustness.axes[name].values
             survival.plot(values, 100.0 * np.array(share), color="#777777", linestyle=line, label=label)
         survival.set_ylabel("survival, share of references (%)", fontsize=8)
         survival.legend(frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
