@@ -13,9 +13,9 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
+from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common.executors import Executor, executor
 from quadpend_train.evaluation.jobs import Job
-from quadpend_train.scenarios import find_scenario
 
 SCENARIOS, POLICIES = ("calm", "windy", "noisy", "gusts"), ("flatness", "lqr", "adrc-paper", "ppo-gain-scheduling-0")
 

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_train.evaluation import cache
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import Scenario, find_scenario
 from quadpend_train.training.settings import read_settings
 from tests.helpers.policies import mlp_policy, synthetic_results
 

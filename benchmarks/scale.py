@@ -23,12 +23,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common.executors import Executor, executor
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
-from quadpend_train.scenarios import find_scenario
 
 POLICIES = ("flatness", "lqr", "adrc-paper", "mppi", "ppo-gain-scheduling-0")
 SCENARIOS = ("calm", "dryden_severe", "uncertain", "noisy")

@@ -35,11 +35,11 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from benchmarks import speed
 from quadpend_baselines import Policy, controller
+from quadpend_gym.scenarios import SETS
 from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.statistics import mean
 from quadpend_train.policies.export import export
-from quadpend_train.scenarios import SETS
 from quadpend_train.training.settings import TrainSettings, read_settings
 from quadpend_train.training.train import train
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import griffe
 
+from quadpend_gym.core.files import read_mapping
 from quadpend_train.common import documents
-from quadpend_train.common.files import read_mapping
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module

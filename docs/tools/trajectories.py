@@ -9,9 +9,9 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import controller
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_gym.tasks.feasibility import demand
 from quadpend_train.reports.figures import COLOURS
-from quadpend_train.scenarios import Scenario, find_scenario
 
 DOCS = Path(__file__).parents[1]
 EXAMPLES = ("square", "lissajous", "ellipse")

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym.core.toml import read_toml
+from quadpend_gym.core.files import read_toml
 from quadpend_gym.core.validation import from_plain, suggest
 from quadpend_gym.vehicles.parts import Pole
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym.core.toml import read_toml
+from quadpend_gym.core.files import read_toml
 from quadpend_gym.core.validation import from_plain, suggest
 from quadpend_gym.vehicles.poles import PRESETS, as_pole
 from quadpend_gym.vehicles.vehicle import Vehicle

@@ -9,11 +9,11 @@ import numpy as np
 from quadpend_baselines import ADRC
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
-from quadpend_train.scenarios import Scenario
 from quadpend_train.studies.perturbations import PERTURBATION_AXES
 from quadpend_train.studies.recovery import START_GRIDS, StartGrid
 from quadpend_train.studies.robustness import Robustness, measure_robustness

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from quadpend_train.scenarios import SCENARIOS, Scenario, find_scenario
+from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenario
 
 
 def short(name: str, duration: float) -> Scenario:

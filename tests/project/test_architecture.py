@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from quadpend_gym.core.files import read_mapping
 from quadpend_gym.physics.state import STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE
-from quadpend_train.common.files import read_mapping
 from tests.helpers.sources import HEAVY, ROOT
 
 # The packages and their subpackages, in the order of imports: each imports only from those before it. Subpackages on

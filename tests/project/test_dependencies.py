@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from quadpend_gym.core.toml import read_toml
+from quadpend_gym.core.files import read_toml
 from quadpend_train.cli.main import _EXTRAS
 from quadpend_train.common.provenance import versions
 from tests.helpers.sources import ROOT

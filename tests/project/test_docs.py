@@ -9,11 +9,11 @@ from gymnasium.vector import AutoresetMode
 from quadpend_baselines.paper.drawing import draw
 from quadpend_gym import wind
 from quadpend_gym.actuators import KINDS as ACTUATORS
+from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_train.cli.main import main
 from quadpend_train.reports import model_plots
 from quadpend_train.reports.model_plots import GALLERY
-from quadpend_train.scenarios import find_scenario
 from tests.helpers.sources import ROOT
 
 PAPER_PAGES = [ROOT / "docs/paper.md", ROOT / "docs/derivation.md"]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.wind import as_wind
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.policies.loading import load_policy
-from quadpend_train.scenarios import SCENARIOS, Scenario
 from tests.helpers.sources import ROOT
 from tests.helpers.wind import sample_wind
 

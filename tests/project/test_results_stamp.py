@@ -7,8 +7,8 @@ change of comments or docstrings does not change the stamp.
 import json
 import re
 
+from quadpend_gym.scenarios import SCENARIOS, SETS, scenario_hash
 from quadpend_train.evaluation.cache import code_stamp
-from quadpend_train.scenarios import SCENARIOS, SETS, scenario_hash
 from tests.helpers.sources import ROOT
 
 

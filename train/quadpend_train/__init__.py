@@ -19,17 +19,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from quadpend_gym.scenarios import Scenario
     from quadpend_train.envs.sb3_vec_env import SB3VecEnv
     from quadpend_train.evaluation.comparison import compare
     from quadpend_train.evaluation.episodes import run_episodes
     from quadpend_train.policies.mlp_policy import MlpPolicy
     from quadpend_train.reports.report import evaluate
-    from quadpend_train.scenarios import Scenario
 
 _MODULES = {
     "MlpPolicy": "quadpend_train.policies.mlp_policy",
     "SB3VecEnv": "quadpend_train.envs.sb3_vec_env",
-    "Scenario": "quadpend_train.scenarios",
+    "Scenario": "quadpend_gym.scenarios",
     "compare": "quadpend_train.evaluation.comparison",
     "evaluate": "quadpend_train.reports.report",
     "run_episodes": "quadpend_train.evaluation.episodes",

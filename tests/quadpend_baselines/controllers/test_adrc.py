@@ -24,9 +24,9 @@ from quadpend_gym import (
 )
 from quadpend_gym.actuators import GyroBias
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import find_scenario
 from quadpend_train import run_episodes
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.scenarios import find_scenario
 
 EPISODES = 30
 

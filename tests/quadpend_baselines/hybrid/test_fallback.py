@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines.hybrid import BandwidthScheduling, Hybrid, HybridMemory, ResidualAction
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import find_scenario
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from quadpend_train.scenarios import find_scenario
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import HybridPolicy, constant, run_policy
 from tests.helpers.envs import make_vec

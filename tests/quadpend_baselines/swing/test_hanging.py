@@ -17,9 +17,9 @@ from quadpend_gym import OBSERVATION_FIELDS, Reference, Simulation, State, Task,
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.policies.loading import load_policies
-from quadpend_train.scenarios import Scenario
 from tests.helpers.envs import AT_REST
 
 LOAD = "QuadPendulumLoad-v0"

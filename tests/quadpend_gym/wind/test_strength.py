@@ -4,10 +4,10 @@ import gymnasium as gym
 import pytest
 
 from quadpend_gym import PAPER, Constant, Drawn, Parameters, Simulation
+from quadpend_gym.scenarios import SCENARIOS
 from quadpend_gym.wind import as_wind
 from quadpend_gym.wind.strength import largest_force
 from quadpend_gym.wrappers import WindWrapper
-from quadpend_train.scenarios import SCENARIOS
 
 LIGHT = {"parameters": {"quadrotor_mass": 0.025, "bob_mass": 0.005}}
 

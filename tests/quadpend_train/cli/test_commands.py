@@ -13,6 +13,7 @@ import pytest
 
 from quadpend_baselines import CONTROLLERS
 from quadpend_gym import __version__, actuators, sensors, wind
+from quadpend_gym.scenarios import SCENARIOS, SETS, find_scenario, scenario_hash, with_changes
 from quadpend_gym.tasks import TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES
 from quadpend_train.cli.commands import COMMANDS
@@ -20,7 +21,6 @@ from quadpend_train.cli.main import main
 from quadpend_train.evaluation import jobs
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import SCENARIOS, SETS, find_scenario, scenario_hash, with_changes
 from quadpend_train.training import run_folder
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import PRESETS

@@ -16,6 +16,7 @@ from PIL import Image
 
 from quadpend_baselines import controller
 from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
+from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_gym.viewer.palette import BLUE, GREEN, VERMILLION, VIOLET
 from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.cli.main import main
@@ -24,7 +25,6 @@ from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports.side_by_side import SideBySideView
-from quadpend_train.scenarios import Scenario, find_scenario
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.scenarios import short
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.common.bundle import times, write_bundle
 from quadpend_train.common.executors import CallsFailedError, FolderCall, executor, successes
@@ -14,7 +15,6 @@ from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.files import policy_files, scenario_files
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.policies.mlp_policy import SHIPPED
-from quadpend_train.scenarios import Scenario
 from tests.helpers.own_code import write_module
 from tests.quadpend_train.common.test_processes import refuse, square
 

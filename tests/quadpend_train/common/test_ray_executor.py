@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
+from quadpend_gym.scenarios import find_scenario
 from quadpend_train.cli.main import main
 from quadpend_train.common import provenance
 from quadpend_train.common.executors import CallsFailedError, FolderCall, executor, successes
 from quadpend_train.evaluation import jobs
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.policies.mlp_policy import SHIPPED
-from quadpend_train.scenarios import find_scenario
 from tests.helpers.own_code import write_module
 from tests.quadpend_train.common.test_processes import kill_itself, kill_itself_once, refuse, square
 

@@ -13,12 +13,12 @@ import quadpend_baselines
 import quadpend_gym
 from quadpend_baselines import ADRC
 from quadpend_gym.core.source_hash import source_hash
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation import cache, jobs
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
 from quadpend_train.policies.loading import policy_fingerprint
-from quadpend_train.scenarios import Scenario
 
 BOTH = {"one": "adrc-paper", "two": "adrc-matched"}
 CALM, STORM = {"calm": Scenario(duration=1.0)}, {"storm": Scenario(wind="storm", duration=1.0)}
@@ -108,7 +108,7 @@ def test_the_code_stamp_covers_the_code_of_an_episode_and_no_pictures() -> None:
         "quadpend_baselines/swing/swing_up.csv",
         "quadpend_train/evaluation/episodes.py",
         "quadpend_train/policies/mlp_policy.py",
-        "quadpend_train/scenarios/scenario.py",
+        "quadpend_gym/scenarios/scenario.py",
     ):
         assert sum(path.endswith(ending) for path in sources) == 1, ending
     assert not [path for path in sources if "/viewer/" in path or "/paper/" in path or "/reports/" in path]

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair, episodes_needed
 from quadpend_train.reports.tables import episodes_note, leaderboard_note, leaderboard_table, verdicts
-from quadpend_train.scenarios import Scenario
 from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_results
 from tests.helpers.scenarios import shorten_scenarios
 

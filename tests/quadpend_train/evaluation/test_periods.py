@@ -13,13 +13,13 @@ from quadpend_baselines.gains import MppiGains
 from quadpend_baselines.hybrid.fallback import update_anomaly_score
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay
+from quadpend_gym.scenarios import Scenario, scenario_hash
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.reports import html_page, tables
 from quadpend_train.reports.replay import record_replay
-from quadpend_train.scenarios import Scenario, scenario_hash
 from quadpend_train.studies.perturbations import PERTURBATION_AXES
 from quadpend_train.studies.search import tuning
 from quadpend_train.training.environment import make_env

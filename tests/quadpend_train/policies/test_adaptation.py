@@ -12,10 +12,10 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import ResidualAction
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, Noise
 from quadpend_train.policies.adaptation import adapt_policy, check_policy
 from quadpend_train.policies.network_policy import NetworkPolicy
-from quadpend_train.scenarios import Scenario
 from tests.helpers.policies import mlp_policy
 
 DELAYED = Scenario(sensors=[Noise(position=0.001), Delay(1)], actuators=[ActionDelay(2), MotorLag(0.02)])

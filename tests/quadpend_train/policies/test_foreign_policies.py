@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.evaluation.comparison import named_policies
@@ -26,7 +27,6 @@ from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.network_policy import NetworkPolicy
 from quadpend_train.policies.torch_policy import policy_from_torch
-from quadpend_train.scenarios import Scenario
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
 from tests.helpers.own_code import write_module

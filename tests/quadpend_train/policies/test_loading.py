@@ -10,13 +10,13 @@ from gymnasium.vector import AutoresetMode
 from quadpend_baselines import ADRC, RotorAllocation, controller
 from quadpend_gym import OBSERVATION_FIELDS, Parameters, Simulation
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.policies import loading
 from quadpend_train.policies import mlp_policy as learned_module
 from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.loading import load_policies, load_policy, policy_fingerprints, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-from quadpend_train.scenarios import Scenario
 from tests.helpers.controllers import AVAILABLE_CONTROLLERS
 from tests.helpers.policies import BANDWIDTH_SCHEDULING, ESTIMATE_ONLY, mlp_policy
 

@@ -10,6 +10,7 @@ import pytest
 
 from quadpend_baselines import RotorAllocation, controller
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
@@ -17,7 +18,6 @@ from quadpend_train.evaluation.jobs import Job
 from quadpend_train.policies import own
 from quadpend_train.policies.adaptation import adapt_policy, estimated_disturbance
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
-from quadpend_train.scenarios import SCENARIOS, Scenario
 from tests.helpers.own_code import write_module
 
 CODE = '''

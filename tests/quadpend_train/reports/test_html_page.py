@@ -12,11 +12,11 @@ import pytest
 from markupsafe import Markup
 
 from quadpend_baselines import ADRC
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.reports import replay
 from quadpend_train.reports.html_page import Section, write
-from quadpend_train.scenarios import Scenario
 from quadpend_train.studies.perturbations import PERTURBATION_AXES
 from quadpend_train.studies.recovery import START_GRIDS
 from quadpend_train.studies.robustness import Robustness, measure_robustness

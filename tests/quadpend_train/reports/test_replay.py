@@ -14,6 +14,7 @@ import pytest
 from quadpend_baselines import ADRC
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import Comparison, compare
@@ -31,7 +32,6 @@ from quadpend_train.reports.replay import (
     sampled_steps,
     section,
 )
-from quadpend_train.scenarios import SCENARIOS, Scenario
 from tests.helpers.browser import Browser, start
 from tests.helpers.policies import synthetic_results
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import controller
+from quadpend_gym.scenarios import find_scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.bound import BoundEpisode, bound_row, by_scenario, read_bound, write_bound
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.scenarios import find_scenario
 from tests.quadpend_train.cli.test_commands import refused
 
 SHORT = json.dumps({"wind": "windy", "duration": 0.3})

@@ -7,7 +7,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from quadpend_gym.physics.state import State
-from quadpend_train.scenarios import Scenario
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.studies.perturbations import PERTURBATION_AXES, PerturbationAxis
 
 

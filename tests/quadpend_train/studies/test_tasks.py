@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import CONTROLLERS
+from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_gym.tasks.feasibility import demand
 from quadpend_gym.tasks.references import Reference
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.settling import settling_times
 from quadpend_train.policies.loading import shipped_policies
-from quadpend_train.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_train.studies import tasks
 from quadpend_train.studies.tasks import ACCELERATION, PARTS, feasible_shares, feedforward_command, settling
 

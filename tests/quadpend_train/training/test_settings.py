@@ -9,7 +9,7 @@ import pytest
 
 from quadpend_baselines.hybrid import hybrid_from_data
 from quadpend_gym import RewardWeights
-from quadpend_train.scenarios import SETS, expand_sets
+from quadpend_gym.scenarios import SETS, expand_sets
 from quadpend_train.training.settings import (
     PRESETS,
     HybridSettings,

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from stable_baselines3 import PPO
 
+from quadpend_gym.scenarios import find_scenario
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import find_scenario
 from quadpend_train.training import time_limit, validation
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import HybridSettings, TrainSettings

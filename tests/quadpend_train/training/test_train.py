@@ -15,10 +15,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from quadpend_gym import RewardWeights, Simulation
+from quadpend_gym.scenarios import find_scenario, scenario_hash
 from quadpend_train.evaluation import episodes
 from quadpend_train.evaluation.episodes import TEST_SEED, VALIDATION_SEED, run_episodes
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weight_difference
-from quadpend_train.scenarios import find_scenario, scenario_hash
 from quadpend_train.training import callbacks, dagger, validation
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model

@@ -52,11 +52,11 @@ def bound(
         recompute: Plan all episodes again, also those in bound.csv.
         document: Markdown file in which to update the part "bound".
     """
+    from quadpend_gym.scenarios import find_scenario
     from quadpend_train.common import documents
     from quadpend_train.common.provenance import provenance
     from quadpend_train.evaluation.comparison import compare
     from quadpend_train.reports import figures
-    from quadpend_train.scenarios import find_scenario
     from quadpend_train.studies import bound as study
 
     check_counts(episodes=episodes, seed=seed)

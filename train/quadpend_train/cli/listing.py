@@ -10,12 +10,12 @@ import tyro
 from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
 from quadpend_gym.core.validation import suggest
+from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario, scenario_hash
 from quadpend_gym.tasks import ENVIRONMENTS, TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.own import plugins
-from quadpend_train.scenarios import SCENARIOS, SETS, Scenario, scenario_hash
 from quadpend_train.training.settings import PRESETS
 
 Rows = dict[str, str]  # descriptions by name

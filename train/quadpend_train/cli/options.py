@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from quadpend_train.scenarios import expand_sets, with_changes
+from quadpend_gym.scenarios import expand_sets, with_changes
 
 
 def named_policies(policies: Sequence[str]) -> dict[str, str]:

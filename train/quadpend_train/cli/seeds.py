@@ -7,12 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from quadpend_gym.scenarios import expand_sets
 from quadpend_train.common.executors import Executor, FolderCall, run_folder_calls
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_folder
 from quadpend_train.evaluation.files import policy_files, scenario_files
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import expand_sets
 from quadpend_train.training import train as training
 from quadpend_train.training.run_folder import POLICY, settings_file
 from quadpend_train.training.settings import TrainSettings, read_settings

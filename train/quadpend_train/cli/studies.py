@@ -11,6 +11,7 @@ from pathlib import Path
 import tyro
 
 from quadpend_gym.core.factories import is_factory
+from quadpend_gym.scenarios import with_changes
 from quadpend_train.cli.options import make_console, named_model, named_scenarios
 from quadpend_train.common.executors import executor
 from quadpend_train.common.files import atomic_files, write_text
@@ -18,7 +19,6 @@ from quadpend_train.common.limits import check_counts
 from quadpend_train.common.paths import writable_file, writable_folder
 from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from quadpend_train.scenarios import with_changes
 
 
 def tune(

@@ -14,11 +14,11 @@ from typing import Annotated, Any
 
 import tyro
 
+from quadpend_gym.scenarios import find_scenario, scenario_hash, with_changes
 from quadpend_train.cli import commands
 from quadpend_train.common import interruption
 from quadpend_train.common.executors import executor
 from quadpend_train.common.paths import writable_file, writable_folder
-from quadpend_train.scenarios import find_scenario, scenario_hash, with_changes
 from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
 
 DEFAULT_SETTINGS = "ppo"

@@ -80,10 +80,10 @@ def watch(
             the torque limits; wind velocities stay.
         interface: What the actions command in the scenario: wrench, rotors or body_rates.
     """
+    from quadpend_gym.scenarios import check_own_models, find_scenario
     from quadpend_gym.viewer import check_pygame
     from quadpend_train.policies.adaptation import check_policy
     from quadpend_train.policies.loading import load_policies
-    from quadpend_train.scenarios import check_own_models, find_scenario
 
     if not 1 <= len(policies) <= 3:
         raise ValueError(f"policies must be one to three, not {len(policies)}")

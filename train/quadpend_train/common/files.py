@@ -1,4 +1,4 @@
-"""Read TOML and JSON files, write files that are complete or unchanged, and convert results to data for JSON."""
+"""Write files that are complete or unchanged, and convert results to data for JSON."""
 
 import hashlib
 import json
@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym.core.toml import read_toml
 from quadpend_train.common import interruption
 from quadpend_train.common.processes import process_is_alive
 
@@ -21,41 +20,6 @@ UNFINISHED = "unfinished_"  # start of the names of temporary files
 _LONGEST_STEM = 40  # characters of the name of a file that are part of the name of its temporary file
 _ABANDONED_SECONDS = 86400.0  # age of a temporary file of another host that is no longer written
 _TEMPORARY = re.compile(rf"{UNFINISHED}(?:([A-Za-z0-9.-]+)_)?([0-9]+)(.*)", re.DOTALL)  # host, process, rest
-
-
-def read_mapping(path: Path) -> dict[str, Any]:
-    """Return the mapping in a file: JSON if its name ends with ``.json``, else TOML.
-
-    Raises:
-        ValueError: If the file is not valid or does not contain a mapping.
-    """
-    if path.suffix != ".json":
-        return read_toml(path)
-    try:
-        return parse_mapping(path.read_text(encoding="utf-8"), str(path))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not valid JSON: {error}") from error
-
-
-def parse_mapping(text: str, name: str) -> dict[str, Any]:
-    """Return the mapping in a JSON text.
-
-    Args:
-        text: JSON text.
-        name: Name of the text for error messages.
-
-    Raises:
-        ValueError: If the text is not valid or does not contain a mapping.
-    """
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{name} is not valid JSON: {error}") from error
-    except RecursionError as error:
-        raise ValueError(f"{name} is nested too deeply") from error
-    if not isinstance(value, dict):
-        raise ValueError(f"{name} must contain a mapping, not {value!r}")
-    return value
 
 
 @contextmanager

@@ -16,10 +16,10 @@ from torch import Tensor
 
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
+from quadpend_gym.scenarios import Scenario, short_name
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.wind import WIND_FIELDS
 from quadpend_train.differentiable.dynamics import Forces, Motion, Physics, advance, drag
-from quadpend_train.scenarios import Scenario, short_name
 
 
 def check_covered(name: str, scenario: Scenario) -> None:

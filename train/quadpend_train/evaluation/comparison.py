@@ -11,6 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_gym.scenarios import (
+    SCENARIOS,
+    Scenario,
+    as_scenario,
+    check_own_models,
+    expand_sets,
+    scenario_data,
+    scenario_file_hash,
+    scenario_hash,
+)
 from quadpend_train.common.executors import Executor, as_executor
 from quadpend_train.common.files import atomic, to_json_data, write_text
 from quadpend_train.common.limits import check_counts
@@ -22,16 +32,6 @@ from quadpend_train.evaluation.statistics import Interval, interquartile_mean, m
 from quadpend_train.policies.adaptation import check_policy
 from quadpend_train.policies.conversion import convert
 from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
-from quadpend_train.scenarios import (
-    SCENARIOS,
-    Scenario,
-    as_scenario,
-    check_own_models,
-    expand_sets,
-    scenario_data,
-    scenario_file_hash,
-    scenario_hash,
-)
 
 Cell = tuple[str, str]  # names of a scenario and of a policy
 Policies = Mapping[str, str | Policy | Sequence[Policy]] | Sequence[str | Policy]

@@ -14,8 +14,8 @@ from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_train.policies.adaptation import adapt_policy
-from quadpend_train.scenarios import Scenario, find_scenario
 
 # First seeds of disjoint sets of episodes. The seeds of training runs are above 2³², see
 # `quadpend_train.training.callbacks.first_seed`.

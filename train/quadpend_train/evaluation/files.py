@@ -6,11 +6,11 @@ from typing import Any
 
 from quadpend_baselines import CONTROLLERS
 from quadpend_gym.core.factories import find_factory
-from quadpend_train.common.files import parse_mapping, read_mapping
+from quadpend_gym.core.files import parse_mapping, read_mapping
+from quadpend_gym.scenarios import find_scenario, split_changes
 from quadpend_train.policies.loading import own_policy, policy_file, policy_names
 from quadpend_train.policies.mlp_policy import SHIPPED
 from quadpend_train.policies.normalization import statistics_file
-from quadpend_train.scenarios import find_scenario, split_changes
 
 
 def policy_files(names: str) -> list[Path]:
@@ -37,7 +37,7 @@ def scenario_files(names: Iterable[str]) -> list[Path]:
     """Return the files of scenarios and of their vehicles, and import models of the user's own code.
 
     Args:
-        names: Names as for `quadpend_train.scenarios.find_scenario`.
+        names: Names as for `quadpend_gym.scenarios.find_scenario`.
 
     Raises:
         ValueError: If there is no such scenario.

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple, TypeVar
 from tqdm.auto import tqdm
 
 from quadpend_baselines import Policy
+from quadpend_gym.scenarios import Scenario, own_models
 from quadpend_gym.wind import WindFromFactory
 from quadpend_train.common.executors import Executor, as_executor, call_here, successes
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
 from quadpend_train.evaluation.files import policy_files
 from quadpend_train.policies.loading import cache_fingerprints, load_policies
-from quadpend_train.scenarios import Scenario, own_models
 
 Name = TypeVar("Name", bound=Hashable)
 

@@ -10,9 +10,9 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.envs.recorder import Recorder
 from quadpend_gym.envs.world import World
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.viewer.snapshot import Snapshot
 from quadpend_train.policies.adaptation import adapt_policy, estimated_disturbance
-from quadpend_train.scenarios import Scenario
 
 
 class Recording(NamedTuple):

@@ -15,11 +15,11 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.factories import describe_error
 from quadpend_gym.core.models import is_project_class
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.scenarios import Scenario, short_name
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
 from quadpend_train.policies.mlp_policy import lacks_interface
 from quadpend_train.policies.own import PROTOCOL, FactoryPolicy, check_predict
-from quadpend_train.scenarios import Scenario, short_name
 
 
 def known_loop(scenario: Scenario) -> Loop:

@@ -17,19 +17,20 @@ from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.actuators import GyroBias, as_actuators
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import is_factory
+from quadpend_gym.core.files import parse_mapping
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.physics.drag import AIR_DENSITY
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_SIZE, State
+from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
-from quadpend_train.common.files import atomic, parse_mapping
+from quadpend_train.common.files import atomic
 from quadpend_train.common.text import figure_text
 from quadpend_train.reports.figures import COLOURS
-from quadpend_train.scenarios import find_scenario
 
 _PERIOD = CONTROL_PERIOD
 # Episodes, seconds and samples per segment from which histogram and spectrum are computed.

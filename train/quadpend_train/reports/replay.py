@@ -16,6 +16,7 @@ from tqdm.auto import tqdm
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.viewer.shape import PAPER_SHAPE, Shape
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
@@ -23,7 +24,6 @@ from quadpend_train.evaluation.recording import Recording, record_episode
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports.html_page import Section, embedded, environment, style
-from quadpend_train.scenarios import Scenario
 
 SAMPLE_PERIOD = 0.04  # s, rounded to whole control periods
 # Channels of a sample and their numbers of components: m, rad, unit vector, N, N, N, m; all vectors in the world frame.

@@ -18,6 +18,7 @@ import numpy as np
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import suggest
+from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.common import documents
 from quadpend_train.common.executors import Executor, FolderCall, as_executor, run_folder_calls
 from quadpend_train.common.files import to_json_data, write_text
@@ -28,7 +29,6 @@ from quadpend_train.evaluation.formatting import format_interval
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, mean
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
 from quadpend_train.training.run_folder import POLICY
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping

@@ -31,6 +31,7 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.source_hash import source_hash
+from quadpend_gym.scenarios import Scenario, scenario_hash
 from quadpend_train.common.executors import Executor, as_executor, successes
 from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.bound import (
@@ -47,7 +48,6 @@ from quadpend_train.evaluation.episodes import collect_results
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
 from quadpend_train.policies.adaptation import adapt_policy
-from quadpend_train.scenarios import Scenario, scenario_hash
 
 FIRST_GUESS = "flatness"  # controller whose flight the planner starts from, and against which gaps are measured
 _SOURCES = [Path(str(quadpend_baselines.__file__)).parent / "optimal", Path(str(nmpc_model.__file__))]

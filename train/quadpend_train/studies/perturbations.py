@@ -15,9 +15,9 @@ import numpy as np
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import HOVER, Scenario
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wind import Constant, Drawn, Dryden, StillAir
-from quadpend_train.scenarios import HOVER, Scenario
 from quadpend_train.studies.recovery import CALM, HOVER_HEIGHT
 
 _GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)  # rad; its multiples are evenly distributed on the circle

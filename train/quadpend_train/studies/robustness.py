@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_gym.scenarios import HOVER, Scenario
 from quadpend_train.common.executors import Executor
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.limits import check_counts
@@ -24,7 +25,6 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
-from quadpend_train.scenarios import HOVER, Scenario
 from quadpend_train.studies.perturbations import PERTURBATION_AXES, PerturbationAxis
 from quadpend_train.studies.recovery import (
     CALM,

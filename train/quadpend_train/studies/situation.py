@@ -20,6 +20,7 @@ from quadpend_baselines.hybrid.protocol import HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.common.executors import Executor
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.evaluation.cache import Folder
@@ -29,7 +30,6 @@ from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import concatenate_scenarios
 
 EPISODES_OF_MEAN = 32  # of each training scenario

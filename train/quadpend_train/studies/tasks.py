@@ -19,13 +19,13 @@ from quadpend_baselines import Policy
 from quadpend_baselines.modelling.equivalent import body_command, reference_trajectory
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.tasks.references import Reference
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.settling import settling_times
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
-from quadpend_train.scenarios import SCENARIOS, Scenario
 from quadpend_train.studies.perturbations import Fields, PerturbationAxis
 from quadpend_train.studies.robustness import CurvePoint, Robustness, measure_robustness
 

@@ -20,6 +20,7 @@ import numpy as np
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import UNPREDICTED
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import HOVER, SCENARIOS, SETS, Scenario
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.common.files import to_json_data
@@ -27,7 +28,6 @@ from quadpend_train.evaluation.comparison import summarise
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.formatting import format_number, markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
-from quadpend_train.scenarios import HOVER, SCENARIOS, SETS, Scenario
 from quadpend_train.studies.recovery import START_LINES, StartGrid, classify_recovery, largest_recovered
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight

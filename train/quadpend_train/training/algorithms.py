@@ -6,9 +6,9 @@ from typing import Any
 
 import torch
 
+from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, output_layer
-from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.apg import APG, check_apg
 from quadpend_train.training.settings import TrainSettings
 

@@ -52,6 +52,7 @@ from torch import Tensor
 
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
+from quadpend_gym.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_gym.tasks.observation import REFERENCE_START
 from quadpend_gym.wind import WIND_SIZE
 from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor
@@ -64,7 +65,6 @@ from quadpend_train.differentiable.observation import (
 )
 from quadpend_train.differentiable.plant import Plant, check_covered
 from quadpend_train.envs.concatenated import worlds
-from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings

@@ -9,10 +9,10 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm.auto import tqdm
 
+from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.common.files import atomic, write_bytes
 from quadpend_train.policies.export import export
 from quadpend_train.policies.sb3_models import start_new_episodes
-from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.environment import make_env, scenarios_at
 from quadpend_train.training.run_folder import CHECKPOINT
 from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings

@@ -12,13 +12,13 @@ from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym import RewardWeights
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.adaptation import adapt_policy, known_loop
-from quadpend_train.scenarios import Scenario, expand_sets, find_scenario
 from quadpend_train.training.settings import TrainSettings
 
 

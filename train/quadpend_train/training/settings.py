@@ -11,12 +11,12 @@ from quadpend_baselines.hybrid import HYBRIDS
 from quadpend_baselines.hybrid.base_controller import check_action_scale
 from quadpend_baselines.hybrid.fallback import check_fallback_gain
 from quadpend_gym import RewardWeights
+from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.validation import check_int, from_plain, suggest
-from quadpend_train.common.files import read_mapping
+from quadpend_gym.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
 from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy, check_input_scales
-from quadpend_train.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
 from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
 
 PRESETS = Path(__file__).with_name("presets")

@@ -6,11 +6,11 @@ from typing import Any
 import torch
 from gymnasium import logger
 
+from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.policies.export import export
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface, lacks_interface
 from quadpend_train.policies.sb3_models import actor_modules
-from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.settings import TrainSettings
 
 START = "start.npz"  # copy of the policy in the run folder, with which the run resumes

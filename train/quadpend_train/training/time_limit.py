@@ -14,9 +14,9 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import rollout
+from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.adaptation import adapt_policy
-from quadpend_train.scenarios import expand_sets, find_scenario
 from quadpend_train.training.settings import TrainSettings
 
 _SAVING = 0.3  # s, of the model and of the policy

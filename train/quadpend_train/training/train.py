@@ -29,12 +29,12 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from quadpend_gym.core.validation import check_int
+from quadpend_gym.scenarios import check_own_models, expand_sets, find_scenario, scenario_hash
 from quadpend_train.common.files import atomic
 from quadpend_train.common.version_0_1 import provenance_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import check_own_models, expand_sets, find_scenario, scenario_hash
 from quadpend_train.training.algorithms import load_model, make_model
 from quadpend_train.training.callbacks import (
     DIVERGED,

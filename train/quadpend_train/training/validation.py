@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
+from quadpend_gym.scenarios import expand_sets
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.policies.description import is_score
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import expand_sets
 from quadpend_train.training.settings import TrainSettings
 
 CURVE, BEST = "curve.csv", "best.npz"

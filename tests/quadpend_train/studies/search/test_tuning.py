@@ -12,9 +12,9 @@ from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.gains import GAINS, HANGING_GAINS, HANGING_TUNED, TUNED, LqrGains, without_prediction
 from quadpend_baselines.swing.hanging import Hanging, mirror_simulation
 from quadpend_gym import Simulation
+from quadpend_gym.scenarios import SETS
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import TUNING_SEED, run_episodes
-from quadpend_train.scenarios import SETS
 from quadpend_train.studies.search import tuning
 from tests.helpers.scenarios import shorten_scenarios
 

@@ -12,8 +12,8 @@ from typing import Any
 from optuna import Trial
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 
+from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.validation import check_int, check_number, suggest
-from quadpend_train.common.files import read_mapping
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping
 
 SPACES = Path(__file__).with_name("search_spaces")

@@ -24,13 +24,13 @@ from optuna.trial import FrozenTrial, TrialState
 from stable_baselines3.common.callbacks import BaseCallback
 
 from quadpend_gym.core.validation import check_int, check_number
+from quadpend_gym.scenarios import expand_sets, find_scenario, scenario_hash
 from quadpend_train.common.files import toml_text, write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.common.processes import call_in_processes
 from quadpend_train.common.text import brief
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.scenarios import expand_sets, find_scenario, scenario_hash
 from quadpend_train.studies.search import shared_trials
 from quadpend_train.studies.search.search_space import Space, start_values, suggest_values, with_values
 from quadpend_train.training.run_folder import POLICY

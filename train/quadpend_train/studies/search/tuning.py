@@ -25,12 +25,13 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_baselines.swing.hanging import Hanging, mirror_simulation
 from quadpend_gym import Simulation
+from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.validation import suggest
-from quadpend_train.common.files import read_mapping, write_text
+from quadpend_gym.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
+from quadpend_train.common.files import write_text
 from quadpend_train.common.limits import check_counts
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
-from quadpend_train.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
 from quadpend_train.studies.search.shared_trials import (
     TrialSampler,
     describe_storage,

@@ -25,6 +25,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import as_actuators, check_chain
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory
+from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.validation import check_int, check_positive, from_plain, suggest
 from quadpend_gym.physics.parameters import INTERFACES
@@ -41,7 +42,6 @@ from quadpend_gym.wrappers import (
     VectorParameterWrapper,
     VectorSensorWrapper,
 )
-from quadpend_train.common.files import parse_mapping, read_mapping
 
 SCENARIO_FILE = Path(__file__).with_name("scenarios.toml")
 HOVER = "QuadPendulumHover-v0"
@@ -197,19 +197,6 @@ class Scenario:
         return env
 
 
-# Fields that were added after the first published results, with their default values, by the field of the scenario that
-# has them ("" for the scenario itself). They are left out of the hash of a scenario that does not set them, so the
-# hashes of older scenarios stay the same.
-_LATER_FIELDS: dict[str, dict[str, Any]] = {
-    "": {"duration": 10.0, "loop_known": True},
-    "task": {"trajectory": None, "pendulum": "upright"},
-    "task.references": {"slalom": 0.0, "speed": [1.0, 3.0]},
-    "task.start": {"pendulum_angle": [0.0, 0.0]},
-    "task.reward": {"pendulum_first": 0.0},
-    "simulation": {"vehicle": None, "interface": "wrench", "latency": 0.0},
-}
-
-
 def _read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
     """Return the scenarios and the sets of a file; the table `defaults` has fields of all scenarios of the file."""
     data = read_mapping(path)
@@ -323,18 +310,6 @@ def _name(item: Any) -> str:
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(item))
 
 
-def _stored_fields(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of a scenario without those of `_LATER_FIELDS` that have their default value."""
-    data = scenario_data(scenario)
-    for path, later in _LATER_FIELDS.items():
-        container: Any = data
-        for part in path.split(".") if path else ():
-            container = container and container[part]
-        for name in [name for name, default in later.items() if container and container[name] == default]:
-            del container[name]
-    return data
-
-
 def name_or_json(name: str) -> str:
     """Return the scenario as JSON, which does not depend on a file.
 
@@ -343,7 +318,7 @@ def name_or_json(name: str) -> str:
     found = find_scenario(name)
     base, vehicle, _ = split_changes(name)
     lasting = (base in SCENARIOS or is_factory(base)) and (vehicle is None or vehicle in VEHICLES)
-    return name if lasting else json.dumps(_stored_fields(found))
+    return name if lasting else json.dumps(scenario_data(found))
 
 
 def names_without_files(name: str) -> list[str]:
@@ -359,7 +334,7 @@ def scenario_hash(scenario: Scenario) -> str:
 
     The hash covers objects of the user's own code only as `scenario_data` shows them.
     """
-    data = {name: value for name, value in _stored_fields(scenario).items() if name != "description"}
+    data = {name: value for name, value in scenario_data(scenario).items() if name != "description"}
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
 
 

@@ -1,8 +1,8 @@
 """Scenarios: environments with wind, sensors, actuators and parameters, as data."""
 
-from quadpend_train.scenarios.names import short_name
-from quadpend_train.scenarios.own_models import check_own_models, own_models
-from quadpend_train.scenarios.scenario import (
+from quadpend_gym.scenarios.names import short_name
+from quadpend_gym.scenarios.own_models import check_own_models, own_models
+from quadpend_gym.scenarios.scenario import (
     HELD_OUT,
     HOVER,
     SCENARIO_FILE,

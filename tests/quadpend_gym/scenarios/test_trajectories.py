@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import controller
 from quadpend_gym import Sinusoids, Task, Waypoints
-from quadpend_train.scenarios import Scenario, find_scenario, name_or_json, scenario_hash
+from quadpend_gym.scenarios import Scenario, find_scenario, name_or_json, scenario_hash
 from tests.helpers.sources import ROOT
 
 EXAMPLES = {"square": Waypoints, "lissajous": Sinusoids, "ellipse": Sinusoids}

@@ -10,12 +10,12 @@ import pytest
 from quadpend_baselines import ADRC, controller
 from quadpend_gym import OrnsteinUhlenbeck, RewardWeights
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.scenarios import SCENARIOS, Scenario, as_scenario, find_scenario, own_models, scenario_hash
 from quadpend_train import evaluate
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.jobs import Job
 from quadpend_train.reports import model_plots
-from quadpend_train.scenarios import SCENARIOS, Scenario, as_scenario, find_scenario, own_models, scenario_hash
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings, from_mapping, read_settings, to_mapping
 from tests.helpers.own_code import write_module

@@ -10,11 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import ADRC
 from quadpend_gym import Parameters, Simulation
-from quadpend_gym.wind import as_wind
-from quadpend_train.cli.main import main
-from quadpend_train.evaluation.comparison import compare
-from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.scenarios import (
+from quadpend_gym.scenarios import (
     HELD_OUT,
     SCENARIOS,
     SETS,
@@ -24,6 +20,10 @@ from quadpend_train.scenarios import (
     name_or_json,
     scenario_hash,
 )
+from quadpend_gym.wind import as_wind
+from quadpend_train.cli.main import main
+from quadpend_train.evaluation.comparison import compare
+from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings, read_settings
 

@@ -9,8 +9,8 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_gym.core.factories import describe_error
 from quadpend_gym.core.models import is_project_class
+from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.wind import WindFromFactory
-from quadpend_train.scenarios.scenario import Scenario
 
 
 def own_models(value: Any) -> list[Any]:

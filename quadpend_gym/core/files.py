@@ -1,0 +1,61 @@
+"""Read TOML and JSON files."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the mapping in a TOML file.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If the file is not valid TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{path} is not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise ValueError(f"{path} is nested too deeply") from error
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """Return the mapping in a file: JSON if its name ends with ``.json``, else TOML.
+
+    Raises:
+        ValueError: If the file is not valid or does not contain a mapping.
+    """
+    if path.suffix != ".json":
+        return read_toml(path)
+    try:
+        return parse_mapping(path.read_text(encoding="utf-8"), str(path))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
+
+
+def parse_mapping(text: str, name: str) -> dict[str, Any]:
+    """Return the mapping in a JSON text.
+
+    Args:
+        text: JSON text.
+        name: Name of the text for error messages.
+
+    Raises:
+        ValueError: If the text is not valid or does not contain a mapping.
+    """
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{name} is not valid JSON: {error}") from error
+    except RecursionError as error:
+        raise ValueError(f"{name} is nested too deeply") from error
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} must contain a mapping, not {value!r}")
+    return value

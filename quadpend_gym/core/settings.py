@@ -1,0 +1,156 @@
+"""Settings: frozen dataclasses whose fields declare their type, range and unit once.
+
+    @settings
+    class Pole:
+        mass: Annotated[float, Range(1e-5, 1e3, "kg")]  # m
+        length: Annotated[float, Range(0.01, 20.0, "m")] = 0.3  # l, pivot to centre of mass
+
+pydantic reads the declaration. It checks the arguments of the constructor and the data of a file, and makes the JSON
+schema. NumPy numbers and arrays count as numbers and tuples, a mapping as an instance of the dataclass of its field.
+Wrong data raise ValueError with one sentence that names the field, its value, and what it may be. What depends on
+several fields is checked in ``__post_init__``.
+"""
+
+import functools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+from pydantic import ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic_core import CoreSchema, ErrorDetails
+from pydantic_core.core_schema import custom_error_schema
+from typing_extensions import dataclass_transform
+
+Settings = TypeVar("Settings")
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Range:
+    """Smallest and largest permitted value of every number in a field, and the unit."""
+
+    low: float
+    high: float
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return f"from {self.low:g} to {self.high:g}{self.unit and f' {self.unit}'}"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        limited: CoreSchema = self._limited(handler(source))
+        return limited
+
+    def _limited(self, schema: Any) -> Any:
+        """Return a schema whose numbers must be in the range."""
+        if schema["type"] in ("float", "int"):
+            noun = "whole number" if schema["type"] == "int" else "finite number"
+            limited = {**schema, "strict": True, "ge": self.low, "le": self.high}
+            return custom_error_schema(
+                limited, custom_error_type="range", custom_error_message=f"Input should be a {noun} {self}"
+            )
+        parts = {"tuple": "items_schema", "union": "choices", "nullable": "schema"}
+        if (name := parts.get(schema["type"])) is None:
+            return schema
+        inner = schema[name]
+        return {**schema, name: [self._limited(part) for part in inner] if name != "schema" else self._limited(inner)}
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        found: dict[str, Any] = dict(handler(schema))
+        return {**found, "unit": self.unit} if self.unit else found
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def settings(kind: type[Settings]) -> type[Settings]:
+    """Make a frozen dataclass whose fields are checked, see the module."""
+    made: Any = pydantic_dataclass(frozen=True, config=_CONFIG)(kind)
+    construct = made.__init__
+
+    @functools.wraps(construct)
+    def checked(self: Any, *args: Any, **kwargs: Any) -> None:
+        try:
+            construct(self, *map(plain, args), **{name: plain(value) for name, value in kwargs.items()})
+        except ValidationError as error:
+            raise ValueError(_sentence(made, error.errors(include_url=False)[0])) from None
+
+    made.__init__ = checked
+    return made  # type: ignore[no-any-return]
+
+
+def parse(kind: type[Settings], value: Any, name: str) -> Settings:
+    """Return an instance of a settings class.
+
+    Args:
+        kind: Settings class.
+        value: An instance, which is returned as it is, or a mapping of the fields.
+        name: What the value is, for the sentence about wrong data.
+
+    Raises:
+        ValueError: If the value is neither, or a field is missing, unknown, of the wrong type or out of its range.
+    """
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} must be a {kind.__name__} or a mapping of its fields, not {value!r}")
+    try:
+        return kind(**value)
+    except ValueError as error:
+        raise ValueError(str(error).replace(f"{kind.__name__}.", f"{name}.", 1)) from None
+
+
+def _sentence(kind: Any, error: ErrorDetails) -> str:
+    """Return the first error of pydantic as a sentence."""
+    names = [item.name for item in fields(kind) if item.init]
+    first, *rest = error["loc"] or ("",)
+    first = names[first] if isinstance(first, int) and first < len(names) else first
+    # pydantic inserts the names of the classes of nested dataclasses and the branches of unions in brackets
+    path = ".".join(str(part) for part in (kind.__name__, first, *rest) if "[" not in str(part))
+    value, what = error["input"], error["msg"].replace("Input should", "must", 1)
+    if error["type"] in ("unexpected_keyword_argument", "unexpected_positional_argument"):
+        owner, _, name = path.rpartition(".")
+        known = names if owner == kind.__name__ else []
+        listed = f"; its fields are {', '.join(known)}" if known else ""
+        return f"{owner} has no field {name!r}{suggest(name, known)}{listed}"
+    if error["type"] in ("missing", "missing_argument"):
+        owner, _, name = path.rpartition(".")
+        return f"{owner} lacks the field {name!r}"
+    if error["type"] in ("value_error", "assertion_error"):
+        inner = str(error["ctx"]["error"])
+        return f"{path}: {inner}" if first else inner
+    return f"{path} {what}, not {value!r}"
+
+
+def plain(value: Any) -> Any:
+    """Return NumPy numbers as numbers, lists and arrays as tuples, and other values as they are."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if type(value) in (list, tuple):
+        return tuple(plain(item) for item in value)
+    return value
+
+
+def suggest(value: Any, known: Iterable[str]) -> str:
+    """Return " (did you mean 'windy'?)" with the known name that is most similar to `value`, or "" if none is similar.
+
+    Args:
+        value: Unknown name, of any type.
+        known: Known names.
+    """
+    similar = get_close_matches(str(value), list(known), 1)
+    return f" (did you mean {similar[0]!r}?)" if similar else ""
+
+
+def declared(kind: Any) -> Iterator[tuple[str, Any, Range]]:
+    """Yield name, type and range of every field of a settings class that declares a range."""
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        if get_origin(hint) is Annotated:
+            yield from ((name, get_args(hint)[0], item) for item in get_args(hint)[1:] if isinstance(item, Range))
+
+
+def json_schema(kind: Any) -> dict[str, Any]:
+    """Return the JSON schema of a settings class, for editors."""
+    return TypeAdapter(kind).json_schema()
