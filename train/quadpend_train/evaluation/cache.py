@@ -38,7 +38,6 @@ _EXCLUDED = {
 }
 # The files of quadpend_train that influence the result of an episode.
 _TRAIN_SOURCES = (
-    "common/version_0_1.py",
     "evaluation/episodes.py",
     "policies/adaptation.py",
     "policies/conversion.py",
@@ -51,7 +50,6 @@ _TRAIN_SOURCES = (
     "policies/own.py",
     "policies/sb3_models.py",
     "policies/torch_policy.py",
-    "scenarios/scenario.py",
 )
 
 
