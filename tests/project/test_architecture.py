@@ -27,7 +27,7 @@ PACKAGES = {
         ["wind", "sensors", "actuators", "randomization"],
         ["viewer"],
         ["envs"],
-        ["wrappers", "gpu"],
+        ["wrappers"],
         ["__init__"],
     ),
     "quadpend_baselines": (
@@ -74,7 +74,6 @@ LATE_SUBPACKAGES = ["quadpend_train.cli"]  # `quadpend --help` starts without to
 HEAVY_LIBRARIES = HEAVY | {
     "PIL",
     "casadi",
-    "cuda",
     "fsspec",
     "imageio",
     "onnxruntime",

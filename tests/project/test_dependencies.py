@@ -21,17 +21,15 @@ OWN = ("quadpend_gym", "quadpend_baselines", "quadpend_train", "benchmarks", "te
 DISTRIBUTIONS = {
     "tomli": "tomli",
     "griffe": "mkdocstrings",  # griffe belongs to mkdocstrings[python]
-    "cuda": "cuda-core",
-    "rsl_rl": "rsl-rl-lib",
 }
 # Extras that the code of a folder may import, beside the dependencies of the package.
 EXTRAS = {
-    "quadpend_gym": ("view", "gpu"),
+    "quadpend_gym": ("view",),
     "baselines": ("train", "mpc"),
     "train": ("train", "view", "onnx", "mpc", "cluster"),
     "benchmarks": ("train", "view", "dev", "cluster"),
     "tests": ("train", "view", "dev", "docs", "cluster"),
-    "docs": ("train", "view", "dev", "docs", "rsl", "cluster"),
+    "docs": ("train", "view", "dev", "docs", "cluster"),
 }
 
 

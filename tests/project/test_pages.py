@@ -69,8 +69,6 @@ def test_python_on_every_page_runs(block: str, tmp_path: Path, monkeypatch: pyte
     for package in imported & set(OPTIONAL):
         if importlib.util.find_spec(package) is None or importlib.util.find_spec(OPTIONAL[package]) is None:
             pytest.skip(f"{package} is not installed")
-    if "quadpend_gym.gpu" in block:
-        pytest.skip("tests/quadpend_gym/gpu runs it on the device")
     for long, brief in BRIEF.items():
         block = re.sub(long, brief, block)
     monkeypatch.chdir(tmp_path)

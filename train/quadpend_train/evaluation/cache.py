@@ -33,7 +33,7 @@ FOLDER = "results/cache"
 _TRAIN = Path(__file__).parents[1]  # the folder of quadpend_train
 # Folders and files that do not influence the result of an episode.
 _EXCLUDED = {
-    quadpend_gym: ("viewer", "gpu", "core/source_hash.py", "envs/recorder.py"),
+    quadpend_gym: ("viewer", "core/source_hash.py", "envs/recorder.py"),
     quadpend_baselines: ("paper", "optimal"),
 }
 # The files of quadpend_train that influence the result of an episode.
