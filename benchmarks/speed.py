@@ -23,8 +23,6 @@ import torch
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from rich.console import Console
-from rich.table import Table
 
 from quadpend_baselines import controller
 from quadpend_gym import Dryden, OrnsteinUhlenbeck
@@ -291,23 +289,14 @@ def run(out: Path | None) -> None:
     ratios["PPO / PPO on a free environment"] = quadpend / free
     ratios |= measure_policies()
     pictures, start = measure_pictures(), measure_start()
-    console = Console()
-    for title, values, form in (
-        ("environment steps per second", rates, "{:,.0f}"),
-        ("ratios", ratios, "{:.2f}"),
-        ("pictures per second", pictures, "{:,.0f}"),
-        ("seconds", start, "{:.2f}"),
-    ):
-        table = Table("", title, title_justify="left")
-        for name, value in values.items():
-            table.add_row(name, form.format(value))
-        console.print(table)
+    table = markdown(rates, ratios, pictures, start)
+    print(table)
     if out is not None:
         machine = f"{platform.machine()}, Python {platform.python_version()}"
         out.parent.mkdir(parents=True, exist_ok=True)
         data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "pictures": pictures, "seconds": start}
         out.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-        out.with_suffix(".md").write_text(markdown(rates, ratios, pictures, start), encoding="utf-8")
+        out.with_suffix(".md").write_text(table, encoding="utf-8")
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 """Training time until a policy reaches a goal: wall-clock time and environment steps, over several training seeds.
 
-`make time-to-beat` runs this file as ``python -m benchmarks.time_to_beat``. During a training, the deterministic
-policy is evaluated at regular intervals, in episodes that no training uses. The time excludes these evaluations. The
-goals are:
+Run it by ``python -m benchmarks.time_to_beat --out docs/time_to_beat.json``. During a training, the
+deterministic policy is evaluated at regular intervals, in episodes that no training uses. The time excludes these
+evaluations. The goals are:
 
 - balanced: the policy survives 95 % of the episodes in wind.
 - paper: its penalised RMSE in wind, which counts a fall as 1 m, is smaller than that of the paper's ADRC in the same
@@ -175,7 +175,7 @@ def markdown(times: dict[str, list[GoalTime]], rate: float) -> str:
         "# Time to beat",
         "",
         f"{max(map(len, times.values()))} training seeds; each result is confirmed in a second block of {EPISODES}"
-        " episodes. `make time-to-beat` measures this on your machine.",
+        " episodes. `python -m benchmarks.time_to_beat` measures this on your machine.",
         "[`time_to_beat.py`](../benchmarks/time_to_beat.py) defines the goals.",
         f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `ppo`.",
         "",

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A tour in ten cells
 # This tour goes from `gym.make` to a comparison of policies. Run it with `python docs/tour.py`, or open the notebook
-# `docs/tour.ipynb`, which `make tour` makes from this file. It needs the extras `train` and `view`, takes half a
-# minute, and writes into the folder `tour`.
+# `docs/tour.ipynb`, which `python -m docs.tools.notebook` makes from this file. It needs the extras `train` and `view`,
+# takes half a minute, and writes into the folder `tour`.
 
 # %% 1. An environment: 36 observed numbers, 4 actions; zero is the hover thrust
 from pathlib import Path

@@ -37,7 +37,7 @@ def test_the_tour_runs_cell_by_cell_from_make_to_a_comparison(
 def test_the_notebook_has_the_cells_of_the_tour_with_outputs_and_less_than_a_megabyte() -> None:
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     written = [(cell.cell_type, cell.source) for cell in cells(TOUR.read_text(encoding="utf-8"))]
-    assert [(cell.cell_type, cell.source) for cell in notebook.cells] == written, "run make tour"
+    assert [(cell.cell_type, cell.source) for cell in notebook.cells] == written, "run python -m docs.tools.notebook"
     assert (
         sum("image/png" in output.get("data", {}) for cell in notebook.cells for output in cell.get("outputs", ())) == 3
     )

@@ -58,6 +58,7 @@ def test_model_moves_like_the_simulation(substeps: int) -> None:
     assert_allclose(moved, simulate_period(state, command, wind, UNEQUAL, 0.04, substeps), rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.extras
 def test_rigid_model_moves_like_the_simulation() -> None:
     """The vehicle has products of inertia, an offset pivot, a pole with inertia and angular drag, but no lag."""
     vehicle = VEHICLES["hummingbird"]
@@ -155,6 +156,7 @@ def test_hover_is_stable_in_wind_at_other_control_periods(period: float) -> None
     assert np.abs(final - x_d).max() < 0.5
 
 
+@pytest.mark.extras
 def test_nmpc_balances_a_rigid_vehicle_by_its_body_rates() -> None:
     simulation = Simulation(vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8)
     policy: Any = controller("nmpc", simulation)

@@ -21,8 +21,8 @@ from quadpend_train.policies.mlp_policy import SHIPPED
 from tests.helpers.own_code import write_module
 from tests.quadpend_train.common.test_processes import kill_itself, kill_itself_once, refuse, square
 
-NEEDS_RAY = "needs Ray: make cluster-test, or pip install 'quadpend-gym[cluster]'"
-pytestmark = pytest.mark.filterwarnings("ignore")  # of Ray
+NEEDS_RAY = "needs Ray: make check-extras, or pip install 'quadpend-gym[cluster]'"
+pytestmark = [pytest.mark.extras, pytest.mark.filterwarnings("ignore")]  # warnings of Ray
 OWN = """
 from quadpend_baselines import controller
 from quadpend_gym import StillAir

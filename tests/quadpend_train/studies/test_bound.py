@@ -23,6 +23,7 @@ EPISODE = BoundEpisode("calm", 7, True, 12.0, 1.0, 12.0, "optimum", "Solve_Succe
 
 
 @NEEDS_CASADI
+@pytest.mark.extras
 def test_the_bound_is_below_the_policies_and_its_episodes_are_planned_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

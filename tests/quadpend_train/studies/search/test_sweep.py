@@ -192,6 +192,7 @@ def test_importances_are_those_of_the_search() -> None:
     assert search_plots.draw(study, "value").axes[1].get_yticklabels()[-1].get_text() == "a"
 
 
+@pytest.mark.extras
 def test_ray_tune_continues_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray.tune", reason="needs Ray: pip install 'quadpend-gym[cluster]'")
     from quadpend_train.studies.search import ray_sweep
