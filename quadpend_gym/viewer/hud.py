@@ -9,10 +9,9 @@ from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import View
 from quadpend_gym.viewer.palette import Colour, blend
-from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon
+from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon, text_width, write
 from quadpend_gym.viewer.shape import PAPER_SHAPE
 from quadpend_gym.viewer.snapshot import Snapshot
-from quadpend_gym.viewer.text import TextRenderer
 
 _MAX_THRUST = 2.0  # thrust divided by the weight, at the upper end of the thrust bar
 _MAX_FORCE = 0.5  # N, at the rim of the wind dial of the paper's vehicle
@@ -21,35 +20,23 @@ _PANEL_OPACITY = 190
 
 
 class _Canvas(NamedTuple):
-    """A surface with its text renderer and its unit of length.
-
-    Attributes:
-        surface: Surface of pygame.
-        text: Renderer of the text.
-        unit: Unit of length, pixels; 1 in a picture of 640 × 480 pixels.
-    """
+    """A surface of pygame and its unit of length, pixels, which is 1 in a picture of 640 × 480 pixels."""
 
     surface: Any
-    text: TextRenderer
     unit: float
-
-    @property
-    def font_size(self) -> int:
-        """Font size of everything but the title, pixels."""
-        return round(20 * self.unit)
 
     def write(self, text: str, at: Point, colour: Colour = palette.INK, anchor: str = "topleft") -> None:
         """Write a line of text."""
-        self.text.write(self.surface, text, at, self.font_size, colour, anchor)
+        write(self.surface, text, at, round(20 * self.unit), colour, anchor)
 
 
-def draw(surface: Any, view: View, text: TextRenderer, snapshot: Snapshot, title: str, colour: Colour) -> None:
+def draw(surface: Any, view: View, snapshot: Snapshot, title: str, colour: Colour) -> None:
     """Draw the display into the corners of a picture; its dials show directions as the camera sees them."""
     width, height = surface.get_size()
     unit = min(height / 480.0, width / 440.0)
     if unit < _MIN_UNIT:
         return
-    canvas, margin, radius = _Canvas(surface, text, unit), 12.0 * unit, 36.0 * unit
+    canvas, margin, radius = _Canvas(surface, unit), 12.0 * unit, 36.0 * unit
     _draw_numbers(canvas, margin, snapshot, title, colour)
     _draw_legend(canvas, (width - 100.0 * unit, margin), snapshot.shape.pole_name, colour)
     row = height - margin - radius - 26.0 * unit
@@ -63,13 +50,13 @@ def draw(surface: Any, view: View, text: TextRenderer, snapshot: Snapshot, title
 
 
 def _draw_numbers(canvas: _Canvas, margin: float, snapshot: Snapshot, title: str, colour: Colour) -> None:
-    surface, text, unit = canvas
+    surface, unit = canvas
     title_size = round(26 * unit)
-    panel_width = max(150.0 * unit, text.width(title, title_size) + 16.0 * unit)
+    panel_width = max(150.0 * unit, text_width(title, title_size) + 16.0 * unit)
     _draw_panel(surface, (margin, margin), (panel_width, (102.0 if title else 74.0) * unit))
     y = margin + 8.0 * unit
     if title:
-        text.write(surface, title, (margin + 8.0 * unit, y), title_size, blend(colour, palette.INK, 0.15))
+        write(surface, title, (margin + 8.0 * unit, y), title_size, blend(colour, palette.INK, 0.15))
         y += 27.0 * unit
     for name, value in (
         ("time", f"{snapshot.time:.2f} s"),
@@ -83,7 +70,7 @@ def _draw_numbers(canvas: _Canvas, margin: float, snapshot: Snapshot, title: str
 
 def _draw_legend(canvas: _Canvas, at: tuple[float, float], pole: str, colour: Colour) -> None:
     """Draw the symbols of bob, target and wind with their names."""
-    (surface, _, unit), (x, y) = canvas, at
+    (surface, unit), (x, y) = canvas, at
     _draw_panel(surface, at, (88.0 * unit, 74.0 * unit))
     circle(surface, (x + 16.0 * unit, y + 15.0 * unit), 5.0 * unit, colour)
     circle(surface, (x + 16.0 * unit, y + 36.0 * unit), 7.0 * unit, palette.REFERENCE, max(round(2.0 * unit), 1))
@@ -125,7 +112,7 @@ def _draw_wind(
 
 def _draw_thrust(canvas: _Canvas, at: Any, width: float, height: float, fraction: float) -> None:
     """Draw a bar that is filled to a fraction of its height, with a mark at one half, which is hover."""
-    (surface, _, unit), (x, y) = canvas, at
+    (surface, unit), (x, y) = canvas, at
     _draw_panel(surface, (x, y), (width, height))
     top = y + height * (1.0 - min(max(fraction, 0.0), 1.0))
     corners = np.array([[x, top], [x + width, top], [x + width, y + height], [x, y + height]])
@@ -144,7 +131,7 @@ def _draw_panel(surface: Any, at: tuple[float, float], size: tuple[float, float]
 
 def _draw_dial(canvas: _Canvas, at: tuple[float, float], radius: float, caption: str) -> None:
     """Draw a translucent disc with a rim and a caption below it."""
-    surface, _, unit = canvas
+    surface, unit = canvas
     angle = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
     unit_circle = np.column_stack([np.cos(angle), np.sin(angle)])
     polygon(surface, np.asarray(at) + (radius + 4.0 * unit) * unit_circle, palette.WHITE, _PANEL_OPACITY)

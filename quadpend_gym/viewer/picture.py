@@ -12,7 +12,6 @@ from quadpend_gym.viewer import hud, palette, scene
 from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.palette import Colour
 from quadpend_gym.viewer.snapshot import Snapshot
-from quadpend_gym.viewer.text import TextRenderer
 
 SIZE = (640, 480)
 _TARGET_BELOW = 0.24  # camera target below the vehicle, divided by the distance, so that the shadow is in the picture
@@ -23,14 +22,12 @@ class Picture:
 
     Attributes:
         camera: The camera, which may be changed between two pictures.
-        text: Renderer of the text.
     """
 
     def __init__(self, camera: Camera | None = None) -> None:
         """Prepare a picture of 640 × 480 pixels."""
         self.camera = camera or Camera()
-        self.text = TextRenderer()
-        self._backdrop, self._surface = scene.Backdrop(), pygame.Surface(SIZE)
+        self._surface = pygame.Surface(SIZE)
 
     def draw(self, surface: Any, snapshot: Snapshot, title: str = "", colour: Colour = palette.BOB) -> None:
         """Draw a snapshot over the whole of a surface.
@@ -45,8 +42,8 @@ class Picture:
         camera = replace(self.camera, distance=self.camera.distance * shape.distance_scale)
         below = np.array([0.0, 0.0, _TARGET_BELOW * camera.distance * np.cos(camera.elevation) - shape.lift])
         view = camera.view(snapshot.focus - below, *surface.get_size())
-        scene.draw(surface, view, self._backdrop, snapshot, colour)
-        hud.draw(surface, view, self.text, snapshot, title, colour)
+        scene.draw(surface, view, snapshot, colour)
+        hud.draw(surface, view, snapshot, title, colour)
 
     def draw_mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
         """Draw snapshots side by side; a single one fills the surface."""

@@ -1,5 +1,6 @@
-"""Anti-aliased lines, polygons, circles and arrows on a pygame surface, in pixels."""
+"""Anti-aliased lines, polygons, circles, arrows and text on a pygame surface, in pixels."""
 
+from functools import cache, lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -53,3 +54,41 @@ def arrow(surface: Any, start: Point, end: Point, colour: Colour, width: float) 
     neck = tip - head * along
     line(surface, start, neck, colour, width)
     polygon(surface, np.array([tip, neck + 0.5 * head * across, neck - 0.5 * head * across]), colour)
+
+
+def write(surface: Any, text: str, at: Point, size: int, colour: Colour, anchor: str = "topleft") -> float:
+    """Write a line of text and return its right end, pixels.
+
+    Args:
+        surface: Surface of pygame to write on.
+        text: The line of text.
+        at: Position of the anchor, pixels.
+        size: Font size, pixels.
+        colour: Colour of the text.
+        anchor: Point of the text's rectangle that is placed at `at`, as an attribute of `pygame.Rect`.
+    """
+    rendered = _render(text, size, colour)
+    box = rendered.get_rect(**{anchor: (round(at[0]), round(at[1]))})
+    surface.blit(rendered, box)
+    return float(box.right)
+
+
+def text_width(text: str, size: int) -> float:
+    """Return the width of a line of text, pixels."""
+    return float(_render(text, size, (0, 0, 0)).get_width())
+
+
+@lru_cache(2000)
+def _render(text: str, size: int, colour: Colour) -> Any:
+    try:
+        return _font(size).render(text, True, colour)
+    except pygame.error:  # other code has called pygame.quit() in the meantime
+        _font.cache_clear()
+        return _font(size).render(text, True, colour)
+
+
+@cache
+def _font(size: int) -> Any:
+    """Return the font that pygame ships, which looks the same on every machine."""
+    pygame.font.init()
+    return pygame.font.Font(None, size)

@@ -5,7 +5,7 @@ mass of an upright vehicle, the pivot's offset above ζ + l r.
 """
 
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,37 +51,24 @@ _STREAKS = np.random.default_rng(5).random((60, 3))  # start points, as fraction
 _STREAK_BOX = np.array([5.0, 5.0, 2.4])  # m, box around the focus that contains the start points of the streaks
 
 
-class Backdrop:
-    """Sky and ground, cached for each size of the picture and height of the horizon."""
-
-    def __init__(self) -> None:
-        """Start with an empty cache."""
-        self._cache: dict[tuple[int, int, int], Any] = {}
-
-    def draw(self, surface: Any, view: View) -> None:
-        """Fill a surface with sky above and ground below the horizon."""
-        width, height = surface.get_size()
-        horizon = int(np.clip(view.horizon(), -1, height))
-        key = width, height, horizon
-        if key not in self._cache:
-            if len(self._cache) > 64:
-                self._cache.clear()
-            column = pygame.Surface((1, height))
-            for y in range(height):
-                if y < horizon:
-                    colour = blend(palette.SKY, palette.HORIZON, (y / horizon) ** 1.5)
-                else:
-                    fraction = min((y - horizon) / (0.6 * height), 1.0)
-                    colour = blend(palette.GROUND_FAR, palette.GROUND_NEAR, fraction)
-                column.set_at((0, y), colour)
-            self._cache[key] = pygame.transform.scale(column, (width, height))
-        surface.blit(self._cache[key], (0, 0))
+@lru_cache(64)
+def _backdrop(width: int, height: int, horizon: int) -> Any:
+    """Return a surface with sky above and ground below the horizon, which is at this row of pixels."""
+    column = pygame.Surface((1, height))
+    for y in range(height):
+        if y < horizon:
+            colour = blend(palette.SKY, palette.HORIZON, (y / horizon) ** 1.5)
+        else:
+            colour = blend(palette.GROUND_FAR, palette.GROUND_NEAR, min((y - horizon) / (0.6 * height), 1.0))
+        column.set_at((0, y), colour)
+    return pygame.transform.scale(column, (width, height))
 
 
-def draw(surface: Any, view: View, backdrop: Backdrop, snapshot: Snapshot, bob_colour: Colour = palette.BOB) -> None:
+def draw(surface: Any, view: View, snapshot: Snapshot, bob_colour: Colour = palette.BOB) -> None:
     """Draw a snapshot over the whole of a surface; `bob_colour` is the colour of the bob and its trail."""
-    unit = surface.get_height() / 480.0  # pixels
-    backdrop.draw(surface, view)
+    width, height = surface.get_size()
+    unit = height / 480.0  # pixels
+    surface.blit(_backdrop(width, height, int(np.clip(view.horizon(), -1, height))), (0, 0))
     _draw_ground(surface, view, snapshot)
     _draw_streaks(surface, view, snapshot, unit)
     _draw_reference(surface, view, snapshot, unit)

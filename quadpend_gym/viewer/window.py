@@ -11,6 +11,7 @@ from gymnasium.error import Error
 from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture
+from quadpend_gym.viewer.primitives import write
 from quadpend_gym.viewer.snapshot import Snapshot
 
 SIZE = (960, 720)
@@ -142,7 +143,7 @@ class Window:
 
     def _draw(self, snapshots: Sequence[Snapshot]) -> None:
         self.picture.draw_mosaic(self._screen, snapshots)
-        draw_status(self._screen, self.picture, self._controls)
+        draw_status(self._screen, self._controls)
         pygame.display.flip()
 
 
@@ -168,7 +169,7 @@ def is_headless() -> bool:
     return driver in ("dummy", "offscreen") and os.environ.get("SDL_VIDEODRIVER") != driver
 
 
-def draw_status(surface: Any, picture: Picture, controls: Controls) -> None:
+def draw_status(surface: Any, controls: Controls) -> None:
     """Write the playback speed and the keys along the lower edge of a window."""
     width, height = surface.get_size()
     parts = ["paused"] if controls.paused else []
@@ -180,4 +181,4 @@ def draw_status(surface: Any, picture: Picture, controls: Controls) -> None:
     background.fill(palette.WHITE)
     background.set_alpha(150 if len(parts) > 1 else 0)
     surface.blit(background, (0, height - size - 8))
-    picture.text.write(surface, text, (width / 2, height - 5), size, palette.INK, "midbottom")
+    write(surface, text, (width / 2, height - 5), size, palette.INK, "midbottom")

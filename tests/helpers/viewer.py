@@ -1,6 +1,6 @@
-"""Helpers of the viewer tests: snapshots, an independent projection, colours, and a clock with key presses."""
+"""Helpers of the viewer tests: snapshots, an independent projection, and a clock with key presses."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from quadpend_gym.viewer import scene
 from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture, surface_to_array
 from quadpend_gym.viewer.snapshot import Snapshot
-from quadpend_gym.viewer.text import TextRenderer
 from tests.helpers.envs import AT_REST
 
 SIZE = (640, 480)
@@ -64,7 +63,7 @@ def draw_picture(snapshot: Snapshot, camera: Camera | None = None, size: tuple[i
 def draw_scene(snapshot: Snapshot, camera: Camera, at: Floats | tuple[float, ...]) -> Bytes:
     """Return the picture of the scene without the head-up display; the camera looks at the point `at`."""
     surface = pygame.Surface(SIZE)
-    scene.draw(surface, camera.view(np.asarray(at, float), *SIZE), scene.Backdrop(), snapshot)
+    scene.draw(surface, camera.view(np.asarray(at, float), *SIZE), snapshot)
     return surface_to_array(surface)
 
 
@@ -102,20 +101,6 @@ def centroid(mask: Booleans) -> Floats:
 def extent(mask: Booleans) -> Floats:
     """Return width and height of the true pixels, shape (2,)."""
     return np.asarray(np.ptp(np.argwhere(mask), axis=0)[::-1])
-
-
-class RecordingText(TextRenderer):
-    """A text renderer that records text, size and rectangle."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.written: dict[str, tuple[int, Any]] = {}
-
-    def write(self, surface: Any, text: str, at: Any, size: int, colour: Any, anchor: str = "topleft") -> float:
-        box = pygame.Rect((0, 0), pygame.font.Font(None, size).size(text))
-        setattr(box, anchor, (round(at[0]), round(at[1])))
-        self.written[text] = size, box
-        return super().write(surface, text, at, size, colour, anchor)
 
 
 class Clock:
@@ -161,39 +146,3 @@ def duration(clock: Clock, call: Callable[[], Any]) -> float:
     start = clock.now
     call()
     return clock.now - start
-
-
-# Machado, Oliveira and Fernandes: A physiologically-based model for simulation of color vision deficiency,
-# IEEE Transactions on Visualization and Computer Graphics 15 (2009), severity 1, for linear RGB.
-COLOUR_VISION: dict[str, Sequence[Sequence[float]]] = {
-    "normal": np.eye(3).tolist(),
-    "protanopia": [
-        [0.152286, 1.052583, -0.204868],
-        [0.114503, 0.786281, 0.099216],
-        [-0.003882, -0.048116, 1.051998],
-    ],
-    "deuteranopia": [
-        [0.367322, 0.860646, -0.227968],
-        [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
-    ],
-    "tritanopia": [
-        [1.255528, -0.076749, -0.178779],
-        [-0.078411, 0.930809, 0.147602],
-        [0.004733, 0.691367, 0.303900],
-    ],
-}
-# Matrix from linear sRGB to XYZ with white point D65, IEC 61966-2-1.
-_XYZ = np.array(
-    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
-)
-
-
-def lab(colour: tuple[int, int, int], vision: str = "normal") -> Floats:
-    """Return the CIELAB coordinates of a colour as seen with this colour vision, shape (3,)."""
-    c = np.asarray(colour) / 255.0
-    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    seen = np.clip(np.asarray(COLOUR_VISION[vision]) @ linear, 0.0, 1.0)
-    xyz = _XYZ @ seen / _XYZ.sum(axis=1)
-    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
-    return np.array([116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2])])

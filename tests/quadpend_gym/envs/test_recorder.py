@@ -1,8 +1,5 @@
 """The recorder: snapshots equal the true values of the running episode, and every state can be rendered."""
 
-import copy
-import pickle
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,16 +7,11 @@ import pygame
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import Reference
 from quadpend_gym.envs.recorder import HISTORY_STEPS
-from quadpend_gym.viewer import scene
-from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.envs import (
-    AT_REST,
     AUTORESET_MODES,
     ENDLESS,
     WINDY,
-    assert_same,
     draw_actions,
     make,
     make_unwrapped,
@@ -122,61 +114,9 @@ def test_the_picture_depends_only_on_the_running_episode() -> None:
     assert_array_equal(pictures[2], pictures[0])
 
 
-@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_copy_of_a_rendered_environment_continues_identically(clone: Callable[[Any], Any]) -> None:
-    env = make_rendered()
-    env.render()
-    duplicate = clone(env)
-    assert_same(run_actions(duplicate, draw_actions(0, 5)), run_actions(env, draw_actions(0, 5)))
-    assert_array_equal(duplicate.render(), env.render())
-
-
 def test_rendering_works_after_other_code_has_quit_pygame() -> None:
     env = make_rendered()
     env.render()
     pygame.quit()
     env.step(np.zeros(4))
     assert_picture(env.render())
-
-
-def test_the_last_picture_remains_until_the_reset_after_wind_is_added() -> None:
-    env = make_rendered()
-    env.step(np.zeros(4))
-    last = env.render()
-    windy = WindWrapper(env, "windy")
-    assert_array_equal(windy.render(), last)
-    windy.reset(seed=0)
-    run_actions(windy, np.zeros((3, 4)))
-    assert_picture(windy.render())
-
-
-EXTREMES: dict[str, dict[str, Any]] = {
-    "far away": {"state": {"position": (1e5, -1e5, 2.0)}},
-    "high up": {"state": {"position": (0.0, 0.0, 1e5)}},
-    "far below the ground": {"state": {"position": (0.0, 0.0, -1e5)}},
-    "on the ground": {"state": {**AT_REST, "position": (0.0, 0.0, 0.0)}},
-    "hanging": {"state": {"direction": (0.0, 0.0, -1.0)}},
-    "level": {"state": {"direction": (1.0, 0.0, 0.0)}},
-    "upside down": {"state": {"euler": (3.1, 0.0, 0.0)}},
-    "pitched up": {"state": {"euler": (0.0, np.pi / 2, 0.0)}},
-    "fast": {"state": {"velocity": (9e5, 9e5, 9e5)}},
-    "fast rotation": {"state": {"direction_rate": (9e5, 0.0, 0.0)}},
-    "a huge reference": {"reference": Reference(amplitude=(1000.0,) * 4, frequency=(1000.0,) * 4)},
-}
-
-
-@pytest.mark.parametrize("options", EXTREMES.values(), ids=EXTREMES.keys())
-def test_every_state_can_be_rendered(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    lines: list[Any] = []
-    draw = scene.line
-    monkeypatch.setattr(scene, "line", lambda *arguments: (lines.append(1), draw(*arguments)))
-    env = make_unwrapped(task=ENDLESS, wind=WINDY, render_mode="rgb_array")
-    env.reset(seed=0, options=options)
-    assert_picture(env.render())
-    env.step(np.ones(4))
-    assert_picture(env.render())
-    assert len(lines) < 2000, "the picture consists of too many lines"
-
-
-def test_extreme_tasks_can_be_rendered() -> None:
-    assert_picture(make_rendered(task={"references": {"height": [2000.0, 2000.0], "yaw_frequency": 5000.0}}).render())

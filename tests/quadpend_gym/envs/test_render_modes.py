@@ -1,25 +1,17 @@
 """Render modes: what `render` returns, also inside other wrappers, and that rendering changes no number."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pygame
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
-from gymnasium.utils.env_checker import check_env as check_with_gymnasium
-from gymnasium.wrappers import AddRenderObservation, HumanRendering, RecordVideo
-from gymnasium.wrappers.vector import RecordVideo as VectorRecordVideo
+from gymnasium.wrappers import AddRenderObservation, RecordVideo
 from numpy.testing import assert_array_equal
-from stable_baselines3.common.env_checker import check_env as check_with_sb3
-from stable_baselines3.common.vec_env import DummyVecEnv
 
-from quadpend_gym import QuadPendulumEnv, QuadPendulumVectorEnv, Reference
-from quadpend_gym.viewer.picture import Picture, surface_to_array
-from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_gym import QuadPendulumEnv, Reference
 from tests.helpers.envs import (
     AUTORESET_MODES,
     WINDY,
@@ -30,7 +22,7 @@ from tests.helpers.envs import (
     make_vec,
     run_actions,
 )
-from tests.helpers.viewer import assert_picture, hovering
+from tests.helpers.viewer import assert_picture
 from tests.helpers.wrappers import SHORT, STACKS, biased_actions, make_wrapped, make_wrapped_vec
 
 stacks = pytest.mark.parametrize("layers", STACKS.values(), ids=STACKS.keys())
@@ -67,13 +59,6 @@ def test_rgb_array_of_a_vector_env_is_one_array_for_each_sub_environment(rows: i
         assert_picture(frame)
 
 
-@pytest.mark.parametrize("rows", [1, 2, 9, 100])
-def test_mosaic_is_one_array(rows: int) -> None:
-    env = make_vec(rows, render_mode="mosaic")
-    env.reset(seed=0)
-    assert_picture(env.render())
-
-
 def test_mosaic_has_a_tile_for_each_sub_environment() -> None:
     env = make_vec(4, render_mode="mosaic")
     env.reset(seed=0, options={"reference": [Reference.hover(), *[Reference.circle(1.0, 1.0)] * 3]})
@@ -83,14 +68,6 @@ def test_mosaic_has_a_tile_for_each_sub_environment() -> None:
     assert changed[240:, 320:].any()
     assert not changed[:240].any()
     assert not changed[:, :319].any()
-
-
-@pytest.mark.parametrize("size", [(40, 30), (8, 6), (3, 3)])
-@pytest.mark.parametrize("rows", [1, 3, 64])
-def test_tiny_surfaces_can_be_drawn_on(rows: int, size: tuple[int, int]) -> None:
-    surface = pygame.Surface(size)
-    Picture().draw_mosaic(surface, [hovering()] * rows)
-    assert surface_to_array(surface).shape == (size[1], size[0], 3)
 
 
 @pytest.mark.parametrize("mode", ["rgb_array", "human"])
@@ -157,12 +134,6 @@ def test_without_a_render_mode_there_is_no_recorder_and_render_warns(env: Any) -
         assert env.render() is None
 
 
-@pytest.mark.parametrize(("maker", "names"), [(QuadPendulumEnv, "human, rgb_array"), (QuadPendulumVectorEnv, "mosaic")])
-def test_an_unknown_render_mode_is_refused_and_the_valid_ones_are_named(maker: Any, names: str) -> None:
-    with pytest.raises(ValueError, match=f"render_mode must be .*{names}.* not 'ansi'"):
-        maker(render_mode="ansi")
-
-
 def test_a_render_mode_survives_json() -> None:
     env, rows = make(render_mode="rgb_array"), make_vec(3, render_mode="mosaic", autoreset_mode="SameStep")
     assert env.spec is not None
@@ -184,11 +155,6 @@ def test_render_fps_is_the_control_rate(period: float) -> None:
     assert QuadPendulumEnv.metadata["render_fps"] == 100
 
 
-@pytest.mark.parametrize("checker", [check_with_gymnasium, check_with_sb3])
-def test_environment_checkers_accept_rendering(checker: Callable[[Any], None]) -> None:
-    checker(make(render_mode="rgb_array", wind=WINDY).unwrapped)
-
-
 def test_record_video_writes_a_video(tmp_path: Path) -> None:
     env = RecordVideo(make(render_mode="rgb_array"), str(tmp_path / "video"))
     env.reset(seed=0)
@@ -196,23 +162,6 @@ def test_record_video_writes_a_video(tmp_path: Path) -> None:
     env.close()
     (video,) = (tmp_path / "video").glob("*.mp4")
     assert video.stat().st_size > 1000
-
-
-def test_vector_record_video_writes_a_video(tmp_path: Path) -> None:
-    env = VectorRecordVideo(make_vec(2, render_mode="rgb_array"), str(tmp_path / "video"), video_length=5)
-    env.reset(seed=0)
-    run_actions(env, np.zeros((6, 2, 4), np.float32))
-    env.close()
-    (video,) = (tmp_path / "video").glob("*.mp4")
-    assert video.stat().st_size > 1000
-
-
-def test_human_rendering_wrapper_shows_the_arrays_in_a_window() -> None:
-    env = HumanRendering(make(render_mode="rgb_array"))
-    env.reset(seed=0)
-    run_actions(env, np.zeros((3, 4), np.float32))
-    assert env.window.get_size() == (640, 480)
-    env.close()
 
 
 def test_pictures_work_as_observations_and_as_frame_lists() -> None:
@@ -224,13 +173,3 @@ def test_pictures_work_as_observations_and_as_frame_lists() -> None:
     frames.reset(seed=0)
     run_actions(frames, np.zeros((2, 4)))
     assert len(frames.render()) == 3
-
-
-def test_stable_baselines3_tiles_the_pictures() -> None:
-    dummy = DummyVecEnv([lambda: make(render_mode="rgb_array")] * 2)
-    native = SB3VecEnv(make_vec(2, render_mode="rgb_array", autoreset_mode="SameStep"))
-    for env in (dummy, native):
-        env.seed(3)
-        env.reset()
-        assert env.render("rgb_array").shape in {(480, 1280, 3), (960, 640, 3)}
-    assert_array_equal(native.get_images()[0], dummy.get_images()[0])

@@ -8,7 +8,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from quadpend_gym import Actuators, Limits, OrnsteinUhlenbeck, Parameters, ReferenceSettings, Simulation, Task
 from quadpend_gym.wrappers import WindWrapper
-from tests.helpers.envs import IDS, WINDY, assert_same, draw_actions, make, make_vec, run_actions
+from tests.helpers.envs import WINDY, assert_same, draw_actions, make, make_vec, run_actions
 
 TASK = Task(references=ReferenceSettings(hover=0.0, height=(3.0, 4.0)), limits=Limits(tracking_error=0.5))
 SIMULATION = Simulation(Parameters(bob_mass=0.3), Actuators(yaw_torque=2.0), period=0.02, substeps=3)
@@ -60,11 +60,6 @@ def test_wrapped_spec_survives_json() -> None:
     assert_same(duplicate.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
     assert_same(run_actions(duplicate, actions), run_actions(env, actions))
-
-
-@pytest.mark.parametrize("name", IDS)
-def test_registered_specs_survive_json(name: str) -> None:
-    assert through_json(gym.spec(name)) == gym.spec(name)
 
 
 def test_mappings_and_objects_make_the_same_environment() -> None:

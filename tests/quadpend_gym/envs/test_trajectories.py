@@ -1,7 +1,5 @@
 """Environments that follow trajectories: resets, sensors, copies, specifications, storage and pictures."""
 
-import copy
-import pickle
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +8,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import QuadPendulumVectorEnv, Reference, Sinusoids, StartSettings, State, Task, Waypoints
+from quadpend_gym import QuadPendulumVectorEnv, Reference, Sinusoids, StartSettings, Task, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.sensors import Delay, Noise
 from quadpend_gym.tasks.observation import read_observation
@@ -85,26 +83,6 @@ def test_a_trajectory_changes_neither_random_starts_nor_the_wind(env: QuadPendul
     assert_array_equal(env.world.wind, wind)
 
 
-def test_rows_without_a_trajectory_keep_their_bits(env: QuadPendulumVectorEnv) -> None:
-    first = env.reset(seed=4)[0]
-    plain = [step[0] for step in run_actions(env, ACTIONS)]
-    env.reset(seed=4)
-    mask = np.array([True, False, False, False, False])
-    mixed = env.reset(options={"reset_mask": mask, "reference": CHORD})[0]
-    assert_array_equal(mixed[1:], first[1:])
-    for before, step in zip(plain, run_actions(env, ACTIONS), strict=True):
-        assert_array_equal(step[0][1:], before[1:])
-        assert (step[0][0] != before[0]).any()
-
-
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copies_continue_alike(env: QuadPendulumVectorEnv, duplicate: Any) -> None:
-    env.reset(seed=1, options={"reference": MIXED})
-    run_actions(env, ACTIONS[:3])
-    other = duplicate(env)
-    assert_same(run_actions(env, ACTIONS), run_actions(other, ACTIONS))
-
-
 @pytest.mark.parametrize("task", [Task(trajectory=CHORD), {"trajectory": DATA}, Task(trajectory=HOVER)])
 def test_a_specification_with_a_trajectory_survives_json(task: Any) -> None:
     env = make(task=task)
@@ -112,15 +90,6 @@ def test_a_specification_with_a_trajectory_survives_json(task: Any) -> None:
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     assert_same(again.reset(seed=3), env.reset(seed=3))
     assert_same(run_actions(again, ACTIONS[:, 0]), run_actions(env, ACTIONS[:, 0]))
-
-
-def test_another_world_with_the_same_task_copies_the_episodes() -> None:
-    one, other = (make_vec(3, task=Task(trajectory=CHORD)) for _ in range(2))
-    one.reset(seed=5)
-    other.reset(seed=9)
-    other.world.copy_episodes(one.world, np.arange(3))
-    assert_array_equal(other.world.state, one.world.state)
-    assert_same(run_actions(one, ACTIONS[:, :3]), run_actions(other, ACTIONS[:, :3]))
 
 
 def test_equal_trajectories_are_stored_once_and_old_ones_are_removed() -> None:
@@ -145,31 +114,3 @@ def stored(table: TrajectoryTable, row: int, trajectory: Any) -> Floats:
     """The numbers that the kernel reads for a row."""
     first = table.first[row]
     return table.numbers[first : first + trajectory.packed.size]
-
-
-def test_an_infeasible_trajectory_is_refused_before_anything_changes() -> None:
-    drop = {"kind": "waypoints", "times": [0, 0.5], "points": [[0, 0, 4], [0, 0, 1]]}
-    with pytest.raises(ValueError, match=r"the trajectory cannot be flown: .* at 0.\d\d s"):
-        make(task={"trajectory": drop})
-    env = make_unwrapped()
-    env.reset(seed=0)
-    state = env.world.state.copy()
-    with pytest.raises(ValueError, match="the trajectory cannot be flown"):
-        env.reset(seed=1, options={"reference": drop})
-    assert_array_equal(env.world.state, state)
-    assert env.world.episode[0] == 0
-
-
-def test_a_picture_shows_the_trajectory() -> None:
-    pytest.importorskip("pygame")
-    pictures = []
-    for reference in (LAP, Waypoints((0, 2, 4), ((0.5, 0, 2), (-0.5, 0.4, 2), (0.5, 0, 2)), closed=True)):
-        env: Any = make(render_mode="rgb_array")
-        state = {name: np.zeros(3) for name in ("velocity", "euler", "euler_rate", "direction_rate")}
-        env.reset(
-            seed=0, options={"reference": reference, "state": {**state, "direction": (0, 0, 1), "position": (0, 0, 2)}}
-        )
-        assert env.unwrapped.recorder.snapshot().reference == reference
-        pictures.append(env.render())
-    assert (pictures[0] != pictures[1]).any()
-    assert isinstance(env.unwrapped.state, State)

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from numpy.testing import assert_array_equal
 
 from quadpend_gym import Limits, Task, Waypoints
@@ -200,17 +200,6 @@ def make_twice_reset(seed: int) -> Floats32:
     return env.reset()[0]
 
 
-def test_an_ended_sub_environment_restarts_after_a_reset_of_others() -> None:
-    env = make_vec(3, max_episode_steps=2)
-    env.reset(seed=0)
-    run_actions(env, np.zeros((2, 3, 4)))
-    env.reset(options={"reset_mask": np.array([True, False, True])})
-    assert env.world.episode.tolist() == [1, 0, 1]
-    assert (env.step(np.zeros((3, 4)))[1] == 0.0).tolist() == [False, True, False]
-    assert env.world.episode.tolist() == [1, 1, 1]
-    assert env.world.clock.tolist() == [1, 0, 1]
-
-
 @pytest.mark.parametrize("seeds", [[5, 2, 5], (5, 2, 5), np.array([5, 2, 5])], ids=["list", "tuple", "array"])
 def test_each_sub_environment_can_have_its_own_seed(seeds: Any) -> None:
     observation, _ = make_vec(3).reset(seed=seeds)
@@ -272,30 +261,3 @@ def test_gymnasiums_record_episode_statistics_agrees(mode: str) -> None:
             assert episode["l"][row] == end + 1 - begin
             begin = int(end) + (2 if mode == "NextStep" else 1)
     assert env.episode_count == over.sum()
-
-
-def test_gymnasiums_dict_info_to_list_agrees() -> None:
-    env = DictInfoToList(RecordEpisodeStatistics(make_vec(3, autoreset_mode="SameStep", **SHORT)))
-    single = make(**SHORT)
-    _, infos = env.reset(seed=SEED)
-    assert_same(infos[1], single.reset(seed=SEED + 1)[1])
-    ended: list[dict[str, Any]] = []
-    for actions in biased_actions(3):
-        infos = env.step(actions)[4]
-        *_, terminated, truncated, info = single.step(actions[1])
-        if terminated or truncated:
-            assert_same(infos[1]["final_info"], info)
-            info = single.reset()[1]
-            ended.append(infos[1])
-        assert_same({key: infos[1][key] for key in info}, info)
-    assert ended
-    assert all("episode" in info for info in ended)
-
-
-def test_next_step_autoreset_ignores_the_action_of_an_ended_sub_environment() -> None:
-    """The ignored action may be NaN."""
-    env, duplicate = (make_vec(2, autoreset_mode="NextStep", max_episode_steps=1) for _ in range(2))
-    env.reset(seed=0), duplicate.reset(seed=0)
-    still = np.zeros((2, 4), np.float32)
-    env.step(still), duplicate.step(still)
-    assert_same(env.step(np.full((2, 4), np.nan, np.float32)), duplicate.step(still))

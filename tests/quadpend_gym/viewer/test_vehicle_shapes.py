@@ -8,13 +8,12 @@ import pygame
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_gym.vehicles import VEHICLES, Vehicle
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.viewer import palette, scene
 from quadpend_gym.viewer.camera import NEAR, Camera
 from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.shape import PAPER_SHAPE, shape_of
+from quadpend_gym.viewer.shape import shape_of
 from quadpend_gym.viewer.snapshot import Snapshot
-from quadpend_train.reports.replay import shape_data
 from tests.helpers.viewer import SIZE, centroid, draw_scene, expected_projection, find_colour, hovering, in_wind
 
 BODY = np.array([0.0, 0.0, 2.0])
@@ -34,10 +33,6 @@ def view_of(snapshot: Snapshot, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(scene, "draw", lambda surface, view, *rest: views.append(view))
     Picture().draw(pygame.Surface(SIZE), snapshot)
     return views[0]
-
-
-def test_the_papers_vehicle_has_the_shape_of_a_simulation_without_a_vehicle() -> None:
-    assert shape_of(None) is shape_of(VEHICLES["paper"]) is PAPER_SHAPE
 
 
 @pytest.mark.parametrize("name", RIGID)
@@ -66,19 +61,6 @@ def test_the_front_rotors_are_at_their_places_and_the_ball_at_the_centre_of_the_
     assert_allclose(centroid(ball), expected_projection(camera, BODY, [centre])[0, :2], atol=3.0)
 
 
-def test_the_pole_ends_at_its_full_length() -> None:
-    camera = Camera(-np.pi / 2, 0.0)  # x to the right, z upwards
-    pixels = draw_scene(hovering_as("hummingbird"), camera, BODY)
-    tip = BODY + np.array([0.0, 0.0, 0.05 + 1.15])
-    top = np.argwhere(find_colour(pixels, palette.INK, 40))[:, 0].min()
-    assert_allclose(top, expected_projection(camera, BODY, [tip])[0, 1], atol=3.0)
-
-
-def test_a_vehicle_without_rotors_has_arms_of_the_size_of_its_inertia() -> None:
-    body = Vehicle("body", 0.5, (0.0032, 0.0032, 0.0055), VEHICLES["paper"].pole, torque=(0.4, 0.1))
-    assert_allclose(np.linalg.norm(shape_of(body).hubs, axis=1), 0.17, atol=0.01)
-
-
 def test_the_arrow_of_the_wind_is_as_long_as_that_of_the_same_fraction_of_another_weight() -> None:
     lengths = []
     for name in ("paper", "crazyflie"):
@@ -96,11 +78,3 @@ def test_an_environment_draws_its_vehicle() -> None:
     recorder = env.unwrapped.recorder  # type: ignore[attr-defined]
     assert_allclose(recorder.snapshot().shape.hubs, VEHICLES["crazyflie"].rotors.positions)  # type: ignore[union-attr]
     assert env.render().std() > 5.0  # type: ignore[union-attr]
-
-
-def test_the_data_of_the_replay_have_the_sizes_of_the_vehicle() -> None:
-    paper, crazyflie = (shape_data(shape_of(VEHICLES[name])) for name in ("paper", "crazyflie"))
-    assert (paper["distance_scale"], paper["rise"], paper["longest"]) == (1.0, None, 1.0)
-    assert crazyflie["hubs"] == [list(place) for place in VEHICLES["crazyflie"].rotors.positions]  # type: ignore[union-attr]
-    assert crazyflie["front"] == (True, False, False, True)
-    assert crazyflie["distance_scale"] < 1.0

@@ -1,13 +1,12 @@
 """Positions, sizes and colours of what a picture shows."""
 
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pygame
 import pytest
 from numpy.testing import assert_allclose
-from scipy.ndimage import binary_erosion
 
 from quadpend_gym import Reference
 from quadpend_gym.viewer import hud, palette, scene
@@ -15,14 +14,9 @@ from quadpend_gym.viewer.camera import NEAR, Camera
 from quadpend_gym.viewer.picture import Picture, surface_to_array
 from quadpend_gym.viewer.shape import ARM, PAPER_SHAPE
 from quadpend_gym.viewer.snapshot import Snapshot
-from quadpend_gym.viewer.text import TextRenderer
-from quadpend_train.reports import side_by_side
 from tests.helpers.viewer import (
-    COLOUR_VISION,
     SIZE,
-    RecordingText,
     centroid,
-    draw_picture,
     draw_scene,
     expected_projection,
     extent,
@@ -30,7 +24,6 @@ from tests.helpers.viewer import (
     find_green,
     hovering,
     in_wind,
-    lab,
     pixels_per_metre,
 )
 
@@ -73,25 +66,6 @@ def test_the_horizon_is_the_limit_of_level_ground(elevation: float) -> None:
     assert_allclose(camera.view(at, *SIZE).horizon(), expected_projection(camera, at, far)[0, 1], atol=1e-4)
 
 
-def test_the_view_from_the_top_has_no_sky_and_x_to_the_right() -> None:
-    view = FROM_TOP.view(np.array(BODY), *SIZE)
-    assert view.horizon() == -np.inf
-    right, away = view.project(np.array([[0.5, 0.0, 2.0], [0.0, 0.5, 2.0]]))[:, :2] - view.centre
-    assert_allclose(right, (-away[1], 0.0), atol=1e-9)
-    assert not find_colour(draw_picture(hovering(), FROM_TOP), palette.SKY).any()
-
-
-def test_orbit_and_zoom_stay_within_their_limits() -> None:
-    camera = Camera()
-    for sign in (1.0, -1.0):
-        for _ in range(100):
-            camera.orbit(0.1, sign * 0.1)
-            camera.zoom(1.1**sign)
-            assert -0.1 <= camera.elevation <= np.pi / 2
-            assert 0.8 <= camera.distance <= 20.0
-    assert_allclose(camera.azimuth, Camera().azimuth + 20.0)
-
-
 def is_in_picture(snapshot: Snapshot, camera: Camera, points: Any, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Return whether the picture of a snapshot contains these points with a margin of 10 pixels."""
     views: list[Any] = []
@@ -100,16 +74,6 @@ def is_in_picture(snapshot: Snapshot, camera: Camera, points: Any, monkeypatch: 
         Picture(camera).draw(pygame.Surface(SIZE), snapshot)
     x, y, depth = views[0].project(np.array(points, float)).T
     return bool(((x > 10) & (x < SIZE[0] - 10) & (y > 10) & (y < SIZE[1] - 10) & (depth > NEAR)).all())
-
-
-@pytest.mark.parametrize("zoom", [1e-9, 1.0, 1e9])
-@pytest.mark.parametrize("elevation", [-0.1, 0.42, np.pi / 2])
-def test_quadrotor_and_bob_are_in_the_picture_for_every_camera(
-    elevation: float, zoom: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    camera = Camera(0.4, elevation)
-    camera.zoom(zoom)
-    assert is_in_picture(hovering(), camera, [BODY, BOB], monkeypatch)
 
 
 @pytest.mark.parametrize("height", [0.2, 1.0, 2.0, 2.5, 3.0])
@@ -130,15 +94,6 @@ def test_the_bob_is_drawn_at_its_position(direction: tuple[float, ...], camera: 
     found = find_colour(draw_scene(snapshot, camera, BODY), palette.BOB)
     assert_allclose(centroid(found), place[:2], atol=4.0)  # the highlight has another colour
     assert_allclose(extent(found), 2 * 0.9 * PAPER_SHAPE.bob * pixels_per_metre(camera, place), atol=4.0)
-
-
-@pytest.mark.parametrize("camera", CAMERAS[:3])
-def test_the_target_is_a_ring_at_the_reference_of_the_bob(camera: Camera) -> None:
-    snapshot = hovering()._replace(reference=Reference.hover(0.4, 0.5, 1.5))
-    ring = find_colour(draw_scene(snapshot, camera, BODY), palette.REFERENCE, 40)
-    place = expected_projection(camera, BODY, [(0.4, 0.5, 1.8)])[0]
-    assert_allclose(centroid(ring), place[:2], atol=1.5)
-    assert_allclose(extent(ring), 2 * 1.35 * PAPER_SHAPE.bob * pixels_per_metre(camera, place), atol=4.0)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:3])
@@ -194,17 +149,11 @@ def test_the_length_of_the_streaks_is_proportional_to_the_force() -> None:
     assert_allclose(pale[2] / pale[1], 2.0, rtol=0.2)
 
 
-def test_streaks_do_not_hide_the_scene() -> None:
-    for drift in 0.37 * np.arange(12):
-        pixels = draw_scene(in_wind(1.0, 1.0, 0.1)._replace(streak_offset=np.full(3, drift)), Camera(), BODY)
-        assert not binary_erosion(find_green(pixels), np.ones((11, 11))).any()
-
-
 def draw_hud(snapshot: Snapshot, camera: Camera = FROM_SIDE) -> Any:
     """Return the lower half of the head-up display on a white background."""
     surface = pygame.Surface(SIZE)
     surface.fill(palette.WHITE)
-    hud.draw(surface, camera.view(np.array(BODY), *SIZE), TextRenderer(), snapshot, "", palette.BOB)
+    hud.draw(surface, camera.view(np.array(BODY), *SIZE), snapshot, "", palette.BOB)
     return surface_to_array(surface)[SIZE[1] // 2 :]
 
 
@@ -232,25 +181,6 @@ def test_the_wind_dial_points_in_the_direction_of_the_force() -> None:
     assert not find_colour(draw_hud(hovering()), palette.WIND).any()
 
 
-@pytest.mark.parametrize("size", [SIZE, (1280, 720), (320, 480), (320, 240), (160, 120), (400, 900)])
-def test_the_text_is_legible(size: tuple[int, int]) -> None:
-    """The lines are inside the picture, do not overlap, and are at least 12 pixels high."""
-    picture, text = Picture(), RecordingText()
-    picture.text = text
-    picture.draw(pygame.Surface(size), hovering()._replace(time=1.23, episode_return=123.4, error=0.056), "flatness")
-    if not text.written:
-        assert size[1] < 320
-        return
-    assert {"1.23 s", "123.4", "56 mm", "time", "return", "flatness"} <= text.written.keys()
-    sizes, boxes = zip(*text.written.values(), strict=True)
-    assert all(pygame.Rect((0, 0), size).contains(box) for box in boxes)
-    assert not [pair for pair in combinations(boxes, 2) if pair[0].colliderect(pair[1])]
-    assert min(sizes) >= 12
-
-
-SYMBOLS = ("REFERENCE", "WIND", "FRONT", "ROTOR", "BODY", "GROUND_NEAR")
-
-
 def test_an_arrow_points_to_a_target_out_of_view() -> None:
     for side in (1.0, -1.0):
         snapshot = hovering()._replace(reference=Reference.hover(20.0 * side, 0.0, 2.0))
@@ -258,20 +188,17 @@ def test_an_arrow_points_to_a_target_out_of_view() -> None:
         assert side * (x - SIZE[0] / 2) > 0.35 * SIZE[0]
 
 
-MEANINGFUL = {
-    **{name: getattr(palette, name) for name in SYMBOLS},
-    **{f"policy {i}": colour for i, colour in enumerate(side_by_side.COLOURS)},
-}
+@pytest.mark.parametrize("size", [SIZE, (320, 480), (160, 120)])
+def test_the_text_is_inside_the_picture_and_does_not_overlap(
+    size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boxes: dict[str, Any] = {}
 
+    def write(surface: Any, text: str, at: Any, font_size: int, colour: Any, anchor: str = "topleft") -> None:
+        boxes[text] = pygame.font.Font(None, font_size).render(text, True, colour).get_rect(**{anchor: at})
 
-@pytest.mark.parametrize("vision", COLOUR_VISION)
-def test_meaningful_colours_are_distinguishable_with_colour_vision_deficiencies(vision: str) -> None:
-    for one, other in combinations(MEANINGFUL, 2):
-        difference = np.linalg.norm(lab(MEANINGFUL[one], vision) - lab(MEANINGFUL[other], vision))
-        assert difference > 15.0, (one, other)
-
-
-@pytest.mark.parametrize("vision", COLOUR_VISION)
-def test_curves_are_distinguishable_from_the_true_wind_and_the_background(vision: str) -> None:
-    for colour, other in product(side_by_side.COLOURS, (side_by_side.TRUE_WIND, palette.WHITE)):
-        assert np.linalg.norm(lab(colour, vision) - lab(other, vision)) > 15.0
+    monkeypatch.setattr(hud, "write", write)
+    Picture().draw(pygame.Surface(size), hovering()._replace(time=1.23, error=0.056), "flatness")
+    assert ({"1.23 s", "56 mm", "flatness"} <= boxes.keys()) == (size[0] >= 320)
+    assert all(pygame.Rect((0, 0), size).contains(box) for box in boxes.values())
+    assert not [pair for pair in combinations(boxes.values(), 2) if pair[0].colliderect(pair[1])]

@@ -149,7 +149,7 @@ def _play(view: Any, screen: Any, period: float, speed: float) -> None:
             position += controls.speed * (now - before) / period
         position, before = min(position, last), now
         view.draw(screen, int(position))
-        draw_status(screen, view.picture, controls)
+        draw_status(screen, controls)
         pygame.display.flip()
         time.sleep(max(1.0 / _WINDOW_RATE - (time.perf_counter() - now), 0.0))
     pygame.display.quit()

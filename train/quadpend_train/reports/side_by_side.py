@@ -11,7 +11,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.palette import Colour, blend
 from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.primitives import line
+from quadpend_gym.viewer.primitives import line, write
 from quadpend_train.evaluation.recording import Recording
 
 COLOURS = (palette.VERMILLION, palette.VIOLET, palette.BROWN)  # of the policies, from the left
@@ -105,14 +105,11 @@ class SideBySideView:
         veil.fill(palette.WHITE)
         veil.set_alpha(90)
         surface.blit(veil, (0, 0))
-        self.picture.text.write(
-            surface, f"fell at {time:.1f} s", (width / 2, 0.62 * height), height // 12, palette.INK, "center"
-        )
+        write(surface, f"fell at {time:.1f} s", (width / 2, 0.62 * height), height // 12, palette.INK, "center")
 
     def _draw_chart(self, surface: Any, chart: Chart, step: int) -> None:
         width, height = surface.get_size()
         size = max(round(height / 9.5), 12)
-        write = self.picture.text.write
         left, right, top, bottom = 2.6 * size, width - 0.8 * size, 1.6 * size, height - 1.6 * size
         begin, end = self.steps.start * self._period, self.steps.stop * self._period
         x_scale, y_scale = (right - left) / (end - begin), (bottom - top) / (chart.high - chart.low)
