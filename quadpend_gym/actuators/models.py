@@ -5,20 +5,33 @@ policy's action, applies the lag of the motors, and mixes the thrusts of the rot
 `QuadPendulumEnv`, that is thrust and torques. The effort term of the reward is computed from this result.
 """
 
-from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.core.models import Model, Registry, Stateless, ZeroInitialized
-from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import to_plain_fields
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE
+
+__all__ = [
+    "KINDS",
+    "ActionDelay",
+    "Actuator",
+    "ActuatorsField",
+    "GyroBias",
+    "MotorLag",
+    "PacketLoss",
+    "RateLimit",
+    "RotorFault",
+    "Rotors",
+    "as_actuators",
+    "check_chain",
+]
 
 
 @runtime_checkable
@@ -37,7 +50,9 @@ class Actuator(Model, Protocol):
         """
 
 
-ACTUATORS = Registry("actuator", "an actuator model", Actuator)  # `registry` adds the kinds
+ACTUATORS = Registry("actuator", Actuator)
+ActuatorsField = ACTUATORS.field()  # annotation of a field that holds a tuple of actuators
+KINDS = ACTUATORS.kinds
 
 
 class _FromHover(ZeroInitialized):
@@ -49,20 +64,13 @@ class _FromHover(ZeroInitialized):
         return ACTION_SIZE
 
 
-@dataclass(frozen=True)
+@ACTUATORS.add
+@settings
 class ActionDelay(ZeroInitialized):
-    """A transport delay of `steps` control steps. During the first `steps` steps of an episode the action is hover.
-
-    Raises:
-        ValueError: If `steps` is not a whole number from 1 to 1000.
-    """
+    """A transport delay of `steps` control steps. During the first `steps` steps of an episode the action is hover."""
 
     steps: Annotated[int, Range(1, 1000)] = 1
-    kind: str = field(default="action_delay", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["action_delay"] = "action_delay"
 
     @property
     def memory_size(self) -> int:
@@ -74,24 +82,17 @@ class ActionDelay(ZeroInitialized):
         delay(action, step, memory, self.steps)
 
 
-@dataclass(frozen=True)
+@ACTUATORS.add
+@settings
 class MotorLag(_FromHover):
     """A first-order lag T ẏ = a − y of each component.
 
     The action of a control period is the mean of y over this period, a + (y_k − a) (T/period) (1 − e^(−period/T)), with
     y_k at the beginning of the period. Its impulse (integral over the period) is therefore exact.
-
-    Raises:
-        TypeError: If `time_constant` is not a number.
-        ValueError: If `time_constant` is outside its range.
     """
 
     time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 0.05  # T
-    kind: str = field(default="motor_lag", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["motor_lag"] = "motor_lag"
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace the action by the mean of the lagged action over the period."""
@@ -101,21 +102,13 @@ class MotorLag(_FromHover):
         action += -np.expm1(-ratio) / ratio * gap
 
 
-@dataclass(frozen=True)
+@ACTUATORS.add
+@settings
 class RateLimit(_FromHover):
-    """A limit on the rate of change of each component.
-
-    Raises:
-        TypeError: If `rate` is not a number.
-        ValueError: If `rate` is outside its range.
-    """
+    """A limit on the rate of change of each component."""
 
     rate: Annotated[float, Range(1e-6, 1e9, "1/s")] = 20.0  # a change from −1 to 1 takes 2/rate
-    kind: str = field(default="rate_limit", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["rate_limit"] = "rate_limit"
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Move from the previous action towards the new one, as far as the rate limit allows."""
@@ -124,45 +117,30 @@ class RateLimit(_FromHover):
         action[:] = memory
 
 
-@dataclass(frozen=True)
+@ACTUATORS.add
+@settings
 class PacketLoss(_FromHover):
-    """Random loss of commands; the last command that arrived replaces a lost one, at first hover.
-
-    Raises:
-        TypeError: If `probability` is not a number.
-        ValueError: If `probability` is outside [0, 1].
-    """
+    """Random loss of commands; the last command that arrived replaces a lost one, at first hover."""
 
     probability: Annotated[float, Range(0.0, 1.0)] = 0.001
-    kind: str = field(default="packet_loss", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["packet_loss"] = "packet_loss"
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace lost commands by the last one that arrived."""
         hold(action, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability)
 
 
-@dataclass(frozen=True)
+@ACTUATORS.add
+@settings
 class GyroBias:
     """A bias of the on-board gyro: the rate loop follows the commanded body rates minus the bias.
 
     The bias of each axis is normal, and drawn for each episode. The biased action stays in [−1, 1]. The simulation must
     have the command interface "body_rates".
-
-    Raises:
-        TypeError: If `deviation` is not a number.
-        ValueError: If `deviation` is outside its range.
     """
 
     deviation: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.02  # standard deviation
-    kind: str = field(default="gyro_bias", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["gyro_bias"] = "gyro_bias"
 
     @property
     def memory_size(self) -> int:
@@ -179,7 +157,8 @@ class GyroBias:
             action[:, 1 + axis] = np.clip(action[:, 1 + axis] - memory[:, axis] / limit, -1.0, 1.0)
 
 
-@dataclass(frozen=True)
+@ACTUATORS.add
+@settings
 class Rotors(Stateless):
     """Four rotors: the action sets their thrusts fᵢ = (M + m_c) g/4 · (1 + aᵢ).
 
@@ -192,19 +171,11 @@ class Rotors(Stateless):
     The inertia of the paper's Table 1 is about thirty times that of a real quadrotor. With it these rotors reach
     angular accelerations of at most 7 rad/s², which is too little to balance: with the paper's controller the pendulum
     falls from every start. Use a simulation with a realistic inertia.
-
-    Raises:
-        TypeError: If a value is not a number.
-        ValueError: If a value is outside its range.
     """
 
     arm: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.2  # d, distance from the centre to each rotor
     drag_ratio: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.02  # κ, drag torque divided by thrust
-    kind: str = field(default="rotors", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["rotors"] = "rotors"
 
     def mixing(self, simulation: Simulation) -> Floats:
         """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4).
@@ -239,26 +210,49 @@ def _mixing(rotors: Rotors, simulation: Simulation) -> tuple[tuple[float, ...], 
     return tuple(tuple(row) for row in rotors.mixing(simulation).tolist())
 
 
-@dataclass(frozen=True)
+@ACTUATORS.add
+@settings
 class RotorFault(Stateless):
-    """A loss of thrust of one rotor from time `onset` on. A `Rotors` model must follow it in the list.
-
-    Raises:
-        TypeError: If a value is not a number.
-        ValueError: If there is no such rotor, or a value is out of range.
-    """
+    """A loss of thrust of one rotor from time `onset` on. A `Rotors` model must follow it in the list."""
 
     rotor: Annotated[int, Range(1, 4)] = 1  # 1 to 4
     effectiveness: Annotated[float, Range(0.0, 1.0)] = 0.7  # remaining fraction of the thrust, 0 to 1
     onset: Annotated[float, Range(0.0, 1e6, "s")] = 0.0
-    kind: str = field(default="rotor_fault", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["rotor_fault"] = "rotor_fault"
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Reduce the thrust of the faulty rotor."""
         reduced = self.effectiveness * (1.0 + action[:, self.rotor - 1]) - 1.0
         is_faulty = step * simulation.period >= self.onset
         action[:, self.rotor - 1] = np.where(is_faulty, reduced, action[:, self.rotor - 1])
+
+
+def as_actuators(value: Any) -> tuple[Any, ...]:
+    """Convert `value` to a tuple of actuator models; see `quadpend_gym.core.models.Registry.parse`."""
+    return ACTUATORS.parse(value)
+
+
+def check_chain(models: tuple[Any, ...], simulation: Simulation) -> None:
+    """Check that the actuators fit together in this order.
+
+    Args:
+        models: Actuator models in the order in which they change the action.
+        simulation: Simulation whose interface the models need, and whose command limits the rotors must not exceed.
+
+    Raises:
+        ValueError: If there is more than one `Rotors`, a `RotorFault` is not followed by `Rotors`, or the rotors exceed
+            the command limits, a `GyroBias` has no interface "body_rates", or `Rotors` have no interface "wrench".
+    """
+    for kind, interface in ((GyroBias, "body_rates"), (Rotors, "wrench")):
+        if simulation.interface != interface and any(isinstance(model, kind) for model in models):
+            raise ValueError(f'{kind.__name__} needs the interface "{interface}", not "{simulation.interface}"')
+    rotors = [i for i, model in enumerate(models) if isinstance(model, Rotors)]
+    if len(rotors) > 1:
+        raise ValueError(f"actuators may contain Rotors only once, not {len(rotors)} times")
+    if rotors:
+        models[rotors[0]].mixing(simulation)
+    for i, model in enumerate(models):
+        if isinstance(model, RotorFault) and not (rotors and i < rotors[0]):
+            raise ValueError(
+                "a RotorFault needs rotors: list it before Rotors, or wrap it around an environment that has Rotors"
+            )

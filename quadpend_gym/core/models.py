@@ -1,22 +1,23 @@
 """Wind, sensor and actuator models as data, and batches of them at run time.
 
-A model is a frozen dataclass of settings with two methods: `initial_memory` draws the model's memory at the start of an
-episode, and `sample` (wind), `sense` (sensors) or `act` (actuators) computes its effect at a control step. The JSON
-specification of an environment contains a model as a mapping of its settings, with its name as ``kind``.
+A model is a settings class with two methods: `initial_memory` draws the model's memory at the start of an episode, and
+`sample` (wind), `sense` (sensors) or `act` (actuators) computes its effect at a control step. Its field ``kind`` names
+its class in files and specifications; the decorator `Registry.add` makes the name known.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Literal, Protocol, TypeVar, Union
 
 import numpy as np
+from pydantic import Field
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import is_factory
+from quadpend_gym.core.settings import Parsed, parse, suggest
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import from_plain, suggest
 
-MOST_NESTED = 16  # models within models
+Kind = TypeVar("Kind", bound=type[Any])
 
 
 class Model(Protocol):
@@ -60,22 +61,22 @@ class Registry:
 
     Attributes:
         name: Name of the registry in error messages, for example "wind".
-        noun: Description of one model in error messages, for example "a wind model".
         protocol: Runtime-checkable protocol of the models.
+        from_factory: Model class that stands for a text ``"module:factory"``; None if such texts are not accepted.
         kinds: Model classes by their ``kind``.
         presets: Values that `parse` accepts, by name.
-        from_factory: Model class that stands for a text ``"module:factory"``; None if such texts are not accepted.
     """
 
     name: str
-    noun: str
     protocol: Any
+    from_factory: type[Any] | None = None
     kinds: dict[str, type[Any]] = field(default_factory=dict)
     presets: dict[str, Any] = field(default_factory=dict)
-    from_factory: type[Any] | None = None
 
-    def __post_init__(self) -> None:
-        _REGISTRIES.append(self)
+    def add(self, kind: Kind) -> Kind:
+        """Register a settings class under the default of its field ``kind``; a decorator."""
+        self.kinds[kind.kind] = kind
+        return kind
 
     def parse(self, value: Any) -> tuple[Any, ...]:
         """Convert `value` to a tuple of models and keep their order.
@@ -85,78 +86,55 @@ class Registry:
                 None for no model.
 
         Raises:
-            TypeError: If `value` is none of these.
-            ValueError: If a name, kind or setting is unknown, or a setting is out of range.
+            ValueError: If `value` is none of these, or a setting is unknown or out of range.
         """
-        _check_depth(value, self.name)
         if value is None:
             return ()
         if isinstance(value, str):
             if value in self.presets:
                 return self.parse(self.presets[value])
-            if self._class(value) is None:
-                known = [*self.presets, *self.kinds]
-                own = "; or give 'module:factory'" if self.from_factory else ""
-                raise ValueError(
-                    f"there is no {self.name} {value!r}{suggest(value, known)}; there are {', '.join(known)}{own}"
-                )
             value = {"kind": value}
         if isinstance(value, Mapping):
-            data = dict(value)
-            if (kind := self._class(data.get("kind"))) is None:
-                given = data.get("kind")
-                raise ValueError(
-                    f"{self.name} has no kind {given!r}{suggest(given, self.kinds)}; the kinds are"
-                    f" {', '.join(self.kinds)}"
-                )
-            if kind is not self.from_factory:
-                del data["kind"]
-            value = from_plain(kind, data, self.name)
+            value = parse(self._class(value.get("kind")), value, self.name)
         if isinstance(value, list | tuple):
             return tuple(model for item in value for model in self.parse(item))
-        if not isinstance(value, type):
-            if isinstance(models := getattr(value, "models", None), tuple):  # a sum
-                return self.parse(models)
-            if isinstance(value, self.protocol):
-                return (value,)
-        raise TypeError(f"{self.name} must be {self.noun} or a mapping with its kind, not {value!r}")
+        if isinstance(models := getattr(value, "models", None), tuple):  # a sum
+            return self.parse(models)
+        if isinstance(value, self.protocol) and not isinstance(value, type):
+            return (value,)
+        raise ValueError(f"{self.name} must be a model, a name, a mapping with its kind or a list, not {value!r}")
 
-    def _class(self, kind: Any) -> type[Any] | None:
-        """Return the model class of a kind or of a text ``"module:factory"``; None if there is none."""
+    def _class(self, kind: Any) -> type[Any]:
+        if self.from_factory and is_factory(kind):
+            return self.from_factory
         if isinstance(kind, str) and kind in self.kinds:
             return self.kinds[kind]
-        return self.from_factory if is_factory(kind) else None
+        known = dict.fromkeys([*self.presets, *self.kinds])
+        own = ", or give 'module:factory'" if self.from_factory else ""
+        raise ValueError(f"there is no {self.name} {kind!r}{suggest(kind, known)}; there are {', '.join(known)}{own}")
 
+    def field(self, function: Callable[[Any], Any] | None = None) -> Parsed:
+        """Return the annotation of a field that takes what `parse` takes.
 
-_REGISTRIES: list[Registry] = []
+        Args:
+            function: Makes the value of the field; None: `parse`.
+        """
+        return Parsed(function or self.parse, self._accepted)
 
-
-def _check_depth(value: Any, name: str) -> None:
-    """Refuse models that contain models that contain models more than `MOST_NESTED` deep."""
-    level, depth = [value], 0
-    while level := [part for item in level for part in _parts(item)]:
-        depth += 1
-        if depth > MOST_NESTED:
-            raise ValueError(f"{name} must be models within models at most {MOST_NESTED} deep, not deeper")
-
-
-def _parts(value: Any) -> list[Any]:
-    """Return what a model, a mapping or a sequence contains that can contain models; a sum counts as its models."""
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    elif not isinstance(value, list | tuple):
-        value = [getattr(value, "wind", None)]
-    parts = [part for item in value for part in (getattr(item, "models", None) or (item,))]
-    return [part for part in parts if isinstance(part, Mapping | list | tuple) or hasattr(part, "wind")]
+    def _accepted(self) -> Any:
+        names: Any = Literal[tuple(dict.fromkeys([*self.presets, *self.kinds]))]
+        one: Any = Union[(names, *self.kinds.values())]
+        if self.from_factory:
+            one = one | Annotated[str, Field(pattern=r"^[\w.]+:[\w.]+$")]
+        return one | list[one] | None
 
 
 def to_plain_data(value: Any, otherwise: Callable[[Any], Any]) -> Any:
     """Return models and settings as data that can be written as JSON and read again.
 
     Args:
-        value: Dataclasses of this project, models of a registered class, mappings, sequences, texts and numbers, nested
-            to any depth.
-        otherwise: Converts each object that is none of these, such as a wind model whose class is in no registry.
+        value: Dataclasses of this project, mappings, sequences, texts and numbers, nested to any depth.
+        otherwise: Converts each object that is none of these, such as a wind model of the user's own class.
     """
     if isinstance(value, Mapping):
         return {key: to_plain_data(item, otherwise) for key, item in value.items()}
@@ -164,8 +142,7 @@ def to_plain_data(value: Any, otherwise: Callable[[Any], Any]) -> Any:
         return [to_plain_data(item, otherwise) for item in value]
     if value is None or isinstance(value, str | int | float):
         return value
-    kinds = [kind for registry in _REGISTRIES for kind in registry.kinds.values()]
-    if is_dataclass(value) and (is_project_class(type(value)) or type(value) in kinds):
+    if is_dataclass(value) and is_project_class(type(value)):
         return {item.name: to_plain_data(getattr(value, item.name), otherwise) for item in fields(value)}
     return otherwise(value)
 

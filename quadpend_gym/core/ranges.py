@@ -19,15 +19,8 @@ from functools import cache
 from types import NoneType
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
+from quadpend_gym.core.settings import Range as Range
 from quadpend_gym.core.validation import check_int, check_interval, check_number
-
-
-class Range(NamedTuple):
-    """Smallest and largest permitted value of a number, and its unit."""
-
-    low: float
-    high: float
-    unit: str = ""
 
 
 class _Check(NamedTuple):
@@ -82,7 +75,7 @@ def check_fields(instance: Any, prefix: str = "") -> None:
 
 
 def _check(value: Any, name: str, bounds: Range, kind: Any) -> None:
-    low, high, unit = bounds
+    low, high, unit = bounds.low, bounds.high, bounds.unit
     if kind is int:
         check_int(value, name, int(low), int(high))
     elif get_args(kind) == (float, float):

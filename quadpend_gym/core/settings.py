@@ -12,20 +12,31 @@ several fields is checked in ``__post_init__``.
 """
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    TypeAdapter,
+    ValidationError,
+)
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from pydantic_core import CoreSchema, ErrorDetails
-from pydantic_core.core_schema import custom_error_schema
+from pydantic_core.core_schema import custom_error_schema, no_info_plain_validator_function
 from typing_extensions import dataclass_transform
 
 Settings = TypeVar("Settings")
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
+_PARTS = {"tuple": "items_schema", "union": "choices", "nullable": "schema"}  # of a schema of pydantic
+_PARTS |= {"function-after": "schema", "function-before": "schema"}
+_LONGEST = 200  # characters of a value in a sentence
 
 
 @dataclass(frozen=True)
@@ -40,19 +51,15 @@ class Range:
         return f"from {self.low:g} to {self.high:g}{self.unit and f' {self.unit}'}"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        limited: CoreSchema = self._limited(handler(source))
-        return limited
+        schema = handler(source)
+        message = f"Input should be {_noun(schema)} {self}"
+        return custom_error_schema(self._limited(schema), custom_error_type="range", custom_error_message=message)
 
     def _limited(self, schema: Any) -> Any:
         """Return a schema whose numbers must be in the range."""
         if schema["type"] in ("float", "int"):
-            noun = "whole number" if schema["type"] == "int" else "finite number"
-            limited = {**schema, "strict": True, "ge": self.low, "le": self.high}
-            return custom_error_schema(
-                limited, custom_error_type="range", custom_error_message=f"Input should be a {noun} {self}"
-            )
-        parts = {"tuple": "items_schema", "union": "choices", "nullable": "schema"}
-        if (name := parts.get(schema["type"])) is None:
+            return {**schema, "strict": True, "ge": self.low, "le": self.high}
+        if (name := _PARTS.get(schema["type"])) is None:
             return schema
         inner = schema[name]
         return {**schema, name: [self._limited(part) for part in inner] if name != "schema" else self._limited(inner)}
@@ -60,6 +67,63 @@ class Range:
     def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         found: dict[str, Any] = dict(handler(schema))
         return {**found, "unit": self.unit} if self.unit else found
+
+
+def _noun(schema: Any) -> str:
+    """Return what a schema accepts, such as "a finite number or 3 finite numbers"."""
+    kind = schema["type"]
+    if kind == "tuple":
+        items = schema["items_schema"]
+        count = "" if "variadic_item_index" in schema else f"{len(items)} "
+        return f"{count}{_noun(items[0]).removeprefix('a ')}s"
+    if kind == "union":
+        return " or ".join(map(_noun, schema["choices"]))
+    if kind == "literal":
+        return ", ".join(map(repr, schema["expected"]))
+    if kind == "nullable":
+        return f"None or {_noun(schema['schema'])}"
+    if kind == "function-after":
+        return f"{_noun(schema['schema'])} (lowest, highest)"
+    if kind == "function-before":
+        return _noun(schema["schema"])
+    return {"int": "a whole number", "float": "a finite number"}.get(kind, f"a {kind}")
+
+
+def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError(f"the numbers must be in the order (lowest, highest), not {pair}")
+    return pair
+
+
+Interval = Annotated[tuple[float, float], AfterValidator(_in_order)]  # (lowest, highest)
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """Annotation of a field whose value a function makes, such as ``Annotated[Any, Parsed(as_wind, …)]``.
+
+    Attributes:
+        function: Converts what a user gives; it raises ValueError for wrong data.
+        accepted: Returns the type of what it accepts, for the JSON schema.
+    """
+
+    function: Callable[[Any], Any]
+    accepted: Callable[[], Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_plain_validator_function(self.function)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        if self.accepted in _DESCRIBED:  # a wind within a wind
+            return {}
+        _DESCRIBED.append(self.accepted)
+        try:
+            return dict(handler(TypeAdapter(self.accepted()).core_schema))
+        finally:
+            _DESCRIBED.remove(self.accepted)
+
+
+_DESCRIBED: list[Callable[[], Any]] = []
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
@@ -73,7 +137,9 @@ def settings(kind: type[Settings]) -> type[Settings]:
         try:
             construct(self, *map(plain, args), **{name: plain(value) for name, value in kwargs.items()})
         except ValidationError as error:
-            raise ValueError(_sentence(made, error.errors(include_url=False)[0])) from None
+            errors = error.errors(include_url=False)
+            unknown = [item for item in errors if item["type"].startswith("unexpected")]
+            raise ValueError(_sentence(made, (unknown or errors)[0])) from None
 
     made.__init__ = checked
     return made  # type: ignore[no-any-return]
@@ -97,7 +163,7 @@ def parse(kind: type[Settings], value: Any, name: str) -> Settings:
     try:
         return kind(**value)
     except ValueError as error:
-        raise ValueError(str(error).replace(f"{kind.__name__}.", f"{name}.", 1)) from None
+        raise ValueError(re.sub(rf"^{kind.__name__}\b", lambda _: name, str(error))) from None
 
 
 def _sentence(kind: Any, error: ErrorDetails) -> str:
@@ -119,7 +185,8 @@ def _sentence(kind: Any, error: ErrorDetails) -> str:
     if error["type"] in ("value_error", "assertion_error"):
         inner = str(error["ctx"]["error"])
         return f"{path}: {inner}" if first else inner
-    return f"{path} {what}, not {value!r}"
+    text = repr(value)
+    return f"{path} {what}, not {text if len(text) <= _LONGEST else text[:_LONGEST] + '…'}"
 
 
 def plain(value: Any) -> Any:

@@ -8,10 +8,9 @@ reference. Reward, termination and ``info`` use the true state.
 Several sensors act in the order in which they are listed: ``[Noise(position=0.002), Delay(2)]`` delays noisy samples.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,10 +18,22 @@ from quadpend_gym.core.arrays import Booleans, Floats, Integers
 from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import Model, Registry, ZeroInitialized
-from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.settings import Parsed, Range, parse, settings
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
-from quadpend_gym.core.validation import check_number, from_plain, to_plain_fields
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
+
+__all__ = [
+    "KINDS",
+    "Channel",
+    "Delay",
+    "Dropout",
+    "Noise",
+    "SampleHold",
+    "Sensor",
+    "SensorsField",
+    "as_sensors",
+    "check_periods",
+]
 
 
 @runtime_checkable
@@ -41,19 +52,16 @@ class Sensor(Model, Protocol):
         """
 
 
-SENSORS = Registry("sensor", "a sensor model", Sensor)  # `registry` adds the kinds
-SMALLEST_QUANTUM = 1e-12  # of a quantisation, in the unit of the field: finer steps are rounding errors of float64
+SENSORS = Registry("sensor", Sensor)
+SensorsField = SENSORS.field()  # annotation of a field that holds a tuple of sensors
+KINDS = SENSORS.kinds
 
 
-@dataclass(frozen=True)
+@settings
 class Channel:
     """Sizes of the measurement errors of one field of the state, in the unit of this field.
 
     The three components of the field have errors of the same size.
-
-    Raises:
-        TypeError: If a value is not a number.
-        ValueError: If a value is not in [0, 1e6], or the quantum is below 1e-12 and not zero.
     """
 
     white: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of white noise, independent at each sample
@@ -62,44 +70,32 @@ class Channel:
     # quantisation: the measurement is rounded to multiples of this step
     quantum: Annotated[float, Range(0.0, 1e6)] = 0.0
 
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
-        if 0.0 < self.quantum < SMALLEST_QUANTUM:
-            raise ValueError(f"quantum must be 0 or at least {SMALLEST_QUANTUM:g}, not {self.quantum!r}")
+
+def _as_channel(value: Any) -> Channel:
+    return Channel(value) if isinstance(value, int | float) else parse(Channel, value, "Channel")
 
 
-def _as_channel(value: Any, name: str) -> Channel:
-    return (
-        from_plain(Channel, value, name)
-        if isinstance(value, Channel | Mapping)
-        else Channel(check_number(value, name, 0.0, 1e6))
-    )
+ErrorsField = Parsed(_as_channel, lambda: Channel | float)
 
 
-@dataclass(frozen=True)
+@SENSORS.add
+@settings
 class Noise:
     """Measurement errors: white noise, bias, random walk, and then quantisation.
 
     Each field takes a `Channel`, a mapping of the fields of a `Channel`, or a number, which is the standard deviation
     of white noise. The noisy direction is normalised before it is rounded, so the size of its noise is an angle in rad.
-
-    Raises:
-        TypeError: If a value is none of these.
-        ValueError: If a value is out of range, or all errors are zero.
     """
 
-    position: Any = 0.0  # m
-    velocity: Any = 0.0  # m/s
-    euler: Any = 0.0  # rad
-    euler_rate: Any = 0.0  # rad/s
-    direction: Any = 0.0  # rad
-    direction_rate: Any = 0.0  # 1/s
-    kind: str = field(default="noise", init=False)
+    position: Annotated[Any, ErrorsField] = Channel()  # m
+    velocity: Annotated[Any, ErrorsField] = Channel()  # m/s
+    euler: Annotated[Any, ErrorsField] = Channel()  # rad
+    euler_rate: Annotated[Any, ErrorsField] = Channel()  # rad/s
+    direction: Annotated[Any, ErrorsField] = Channel()  # rad
+    direction_rate: Annotated[Any, ErrorsField] = Channel()  # 1/s
+    kind: Literal["noise"] = "noise"
 
     def __post_init__(self) -> None:
-        for name in STATE_FIELDS:
-            object.__setattr__(self, name, _as_channel(getattr(self, name), name))
         if not any(self._sizes(item.name).any() for item in fields(Channel)):
             raise ValueError("noise must be on at least one field of the state; all are 0")
 
@@ -176,10 +172,10 @@ class _NoisePlan:
     """
 
     columns: Integers
-    white: Annotated[Floats, Range(0.0, 1e6)]
-    bias: Annotated[Floats, Range(0.0, 1e6)]
-    walk: Annotated[Floats, Range(0.0, 1e6)]
-    quantum: Annotated[Floats, Range(0.0, 1e6)]
+    white: Floats
+    bias: Floats
+    walk: Floats
+    quantum: Floats
     rounded: Integers
     has_offset: bool
     has_walk: bool
@@ -219,20 +215,13 @@ def _normalise(measured: Floats) -> None:
         measured[DIRECTION + 2, row] = size * z
 
 
-@dataclass(frozen=True)
+@SENSORS.add
+@settings
 class Delay(ZeroInitialized):
-    """A delay of `steps` control steps. During the first `steps` steps of an episode its first sample is repeated.
-
-    Raises:
-        ValueError: If `steps` is not a whole number from 1 to 1000.
-    """
+    """A delay of `steps` control steps. During the first `steps` steps of an episode its first sample is repeated."""
 
     steps: Annotated[int, Range(1, 1000)] = 1
-    kind: str = field(default="delay", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["delay"] = "delay"
 
     @property
     def memory_size(self) -> int:
@@ -249,21 +238,13 @@ def _store_first(measured: Floats, memory: Floats, starts: Booleans) -> None:
     memory[starts] = measured[starts]
 
 
-@dataclass(frozen=True)
+@SENSORS.add
+@settings
 class Dropout(ZeroInitialized):
-    """Random loss of samples; the last sample received replaces a lost one. The first of an episode is never lost.
-
-    Raises:
-        TypeError: If `probability` is not a number.
-        ValueError: If `probability` is outside [0, 1].
-    """
+    """Random loss of samples; the last sample received replaces a lost one. The first of an episode is never lost."""
 
     probability: Annotated[float, Range(0.0, 1.0)] = 0.1
-    kind: str = field(default="dropout", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["dropout"] = "dropout"
 
     @property
     def memory_size(self) -> int:
@@ -276,24 +257,17 @@ class Dropout(ZeroInitialized):
         hold(measured, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability)
 
 
-@dataclass(frozen=True)
+@SENSORS.add
+@settings
 class SampleHold(ZeroInitialized):
     """A sensor that is slower than the control loop: it measures every `period` seconds, and its last sample is held.
 
     The first sample is that of the reset. A sensor whose period divides the control period has a new sample at every
     control step, so it changes nothing.
-
-    Raises:
-        TypeError: If `period` is not a number.
-        ValueError: If `period` is outside its range.
     """
 
     period: Annotated[float, Range(1e-6, 1e6, "s")] = 0.02
-    kind: str = field(default="sample_hold", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
+    kind: Literal["sample_hold"] = "sample_hold"
 
     def steps(self, control_period: float) -> int:
         """Return the number of control steps from one sample to the next.
@@ -321,3 +295,23 @@ class SampleHold(ZeroInitialized):
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the measurement by the last sample."""
         hold(measured, memory, step % self.steps(period) != 0)
+
+
+def as_sensors(value: Any) -> tuple[Any, ...]:
+    """Convert `value` to a tuple of sensor models; see `quadpend_gym.core.models.Registry.parse`."""
+    return SENSORS.parse(value)
+
+
+def check_periods(models: tuple[Any, ...], control_period: float) -> None:
+    """Check that the sensors have samples at the times of control steps.
+
+    Args:
+        models: Sensor models.
+        control_period: Duration of a control step, s.
+
+    Raises:
+        ValueError: If the period of a `SampleHold` is neither a whole multiple of the control period nor divides it.
+    """
+    for model in models:
+        if isinstance(model, SampleHold):
+            model.steps(control_period)

@@ -1,7 +1,8 @@
 """Wind and other disturbance models.
 
 Every model acts on a batch of sub-environments, draws its random numbers from the stream of the episode, and can be
-added to other models with ``+``. `base` defines the interface and the units.
+added to other models with ``+``. `base` defines the interface and the units. A model is declared, registered and named
+in ``__all__`` in its module, and nowhere else.
 
 | models                                                | module       |
 |-------------------------------------------------------|--------------|
@@ -11,31 +12,9 @@ added to other models with ``+``. `base` defines the interface and the units.
 | `KINDS` and `PRESETS` (as in ``wind="windy"``)        | `registry`   |
 """
 
-from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE, Sum, Wind, WindFromFactory
-from quadpend_gym.wind.gusts import Gusts, PaperGusts
-from quadpend_gym.wind.registry import KINDS, PRESETS, as_wind
-from quadpend_gym.wind.steady import Constant, Drawn, Rescaled, Sinusoid, StillAir
-from quadpend_gym.wind.time_series import time_series
-from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck, VonKarman
-
-__all__ = [
-    "KINDS",
-    "PRESETS",
-    "WIND_FIELDS",
-    "WIND_SIZE",
-    "Constant",
-    "Drawn",
-    "Dryden",
-    "Gusts",
-    "OrnsteinUhlenbeck",
-    "PaperGusts",
-    "Rescaled",
-    "Sinusoid",
-    "StillAir",
-    "Sum",
-    "VonKarman",
-    "Wind",
-    "WindFromFactory",
-    "as_wind",
-    "time_series",
-]
+from quadpend_gym.wind.base import *
+from quadpend_gym.wind.gusts import *
+from quadpend_gym.wind.registry import *
+from quadpend_gym.wind.steady import *
+from quadpend_gym.wind.time_series import *
+from quadpend_gym.wind.turbulence import *

@@ -14,18 +14,18 @@ The velocities of several models are added before the drag is computed from thei
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.core.models import Model, Registry
-from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import as_vector, to_plain_fields
+
+__all__ = ["WIND_FIELDS", "WIND_SIZE", "Sum", "Wind", "WindField", "WindFromFactory"]
 
 WIND_SIZE = 12
 WIND_FIELDS = {
@@ -36,7 +36,7 @@ WIND_FIELDS = {
 }
 # First columns of the vectors in the world frame; the torque is about the φ, θ and ψ axes.
 WORLD_VECTORS = tuple(WIND_FIELDS[name].start for name in ("force", "bob_force", "velocity"))
-Load = float | tuple[float, ...]  # one number for all three axes, or three numbers
+Load = float | tuple[float, float, float]  # one number for all three axes, or three numbers
 LARGEST_LOAD = 1e12  # N or N·m: far more than any wind, so that tests can end an episode at once
 
 
@@ -108,14 +108,11 @@ class Composite(Addable):
         return streams if len(self.parts) == 1 else streams.derive(i)
 
 
-@dataclass(frozen=True)
+@settings
 class WindFromFactory(Composite):
     """The wind that a function or class of the user's own code returns.
 
     It is the same wind as the returned model. Unlike that model, it can be written as JSON and sent to other processes.
-
-    Raises:
-        ValueError: If there is no such factory, it fails, or it returns no wind.
     """
 
     kind: str  # "module:factory"; the factory takes no arguments
@@ -132,38 +129,42 @@ class WindFromFactory(Composite):
         value = call_factory(self.kind, find_factory(self.kind))
         try:
             return WINDS.parse(value)
-        except (TypeError, ValueError) as error:
+        except ValueError as error:
             raise ValueError(f"{self.kind} must return a wind model: {error}") from error
 
 
-WINDS = Registry(  # `registry` adds the kinds and presets
-    "wind", "a wind model, the name of a wind", Wind, from_factory=WindFromFactory
-)
+WINDS = Registry("wind", Wind, WindFromFactory)
 
 
-@dataclass(frozen=True)
-class Loads(Addable):
-    """Base class of models with a fixed magnitude, the load, in each of the twelve columns.
+@WINDS.add
+@settings
+class Sum(Addable):
+    """Sum of several models.
 
-    Raises:
-        TypeError: If a value is not a number, or a load is neither a number nor three numbers.
-        ValueError: If a value is outside its range.
+    Each model has its own random stream, numbered by its position in the sum, so appending a model does not change the
+    numbers of the others.
     """
+
+    models: Annotated[Any, WINDS.field()] = ()  # models, sums, names of presets or kinds, or mappings with their kind
+    kind: Literal["sum"] = "sum"
+
+
+WindField = WINDS.field(lambda value: Sum(WINDS.parse(value)))  # annotation of a field that holds a wind as a `Sum`
+
+
+@settings
+class Loads(Addable):
+    """Base class of models with a fixed magnitude, the load, in each of the twelve columns."""
 
     force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # on the quadrotor
     bob_force: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N")] = 0.0  # on the bob
     torque: Annotated[Load, Range(-LARGEST_LOAD, LARGEST_LOAD, "N·m")] = 0.0
     velocity: Annotated[Load, Range(-1e4, 1e4, "m/s")] = 0.0  # wind velocity
 
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        _ = self.load
-        check_fields(self)
-
     @cached_property
     def load(self) -> Floats:
         """The twelve loads, shape (12,)."""
-        return np.concatenate([as_vector(getattr(self, name), 3, name) for name in WIND_FIELDS])
+        return np.concatenate([np.broadcast_to(getattr(self, name), 3) for name in WIND_FIELDS])
 
     @cached_property
     def axes(self) -> Sequence[int]:
@@ -191,25 +192,3 @@ def add_rotated(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Flo
     out[:, axis] += factor * (cosine * x - sine * y)
     out[:, axis + 1] += factor * (sine * x + cosine * y)
     out[:, axis + 2] += factor * z
-
-
-@dataclass(frozen=True)
-class Sum(Addable):
-    """Sum of several models.
-
-    Each model has its own random stream, numbered by its position in the sum, so appending a model does not change the
-    numbers of the others.
-
-    Args:
-        models: Models, sums, names of presets or kinds, or mappings with their ``kind``.
-
-    Raises:
-        TypeError: If an item is none of these.
-        ValueError: If a name, kind or setting is unknown, or a setting is out of range.
-    """
-
-    models: tuple[Any, ...] = ()
-    kind: str = field(default="sum", init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "models", WINDS.parse(self.models))

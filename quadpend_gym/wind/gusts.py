@@ -1,20 +1,21 @@
 """Discrete gusts: one-minus-cosine gusts at random times, and the random gusts of the paper."""
 
-from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.models import Stateless
-from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import as_vector, check_number, to_plain_fields
-from quadpend_gym.wind.base import LARGEST_LOAD, WIND_FIELDS, WORLD_VECTORS, Addable, Load, Loads, add_rotated
+from quadpend_gym.wind.base import LARGEST_LOAD, WIND_FIELDS, WINDS, WORLD_VECTORS, Addable, Load, Loads, add_rotated
+
+__all__ = ["Gusts", "PaperGusts"]
 
 
-@dataclass(frozen=True)
+@WINDS.add
+@settings
 class Gusts(Loads):
     """A sequence of one-minus-cosine gusts with pauses between them.
 
@@ -23,15 +24,14 @@ class Gusts(Loads):
     heading are drawn for each gust; an episode begins with a pause.
     """
 
-    pause: Annotated[tuple[float, float], Range(0.0, 1e6, "s")] = (0.5, 3.0)  # before a gust, uniform in this interval
+    pause: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.5, 3.0)  # before a gust, uniform in this interval
     # uniform in this interval, at least 0.01
-    length: Annotated[tuple[float, float], Range(0.01, 1e6, "s")] = (0.5, 2.0)
+    length: Annotated[Interval, Range(0.01, 1e6, "s")] = (0.5, 2.0)
     # from x towards y, uniform in this interval
-    heading: Annotated[tuple[float, float], Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
-    kind: str = field(default="gusts", init=False)
+    heading: Annotated[Interval, Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
+    kind: Literal["gusts"] = "gusts"
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.load[WIND_FIELDS["torque"]].any():
             raise ValueError(
                 "torque must be 0 for gusts: the heading of a gust rotates world-frame vectors, and a torque is not one"
@@ -71,7 +71,8 @@ class Gusts(Loads):
                 add_rotated(out, axis, self.load[axis : axis + 3], shape, cosine, sine)
 
 
-@dataclass(frozen=True)
+@WINDS.add
+@settings
 class PaperGusts(Stateless, Addable):
     """The random gusts of the paper's Section 5, in x, y, z and yaw.
 
@@ -80,27 +81,18 @@ class PaperGusts(Stateless, Addable):
     target is drawn every `hold` seconds, uniformly between minus and plus the amplitude, and the disturbance moves to
     the target along half a period of a cosine. As a function of time it is bounded and differentiable, as the paper's
     Theorem 1 assumes; the simulation samples it once in each control period.
-
-    Raises:
-        TypeError: If a value is not a number, or the force is neither a number nor three numbers.
-        ValueError: If a value is outside its range.
     """
 
     force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # amplitude on the quadrotor
     yaw_torque: Annotated[float, Range(0.0, LARGEST_LOAD, "N·m")] = 0.05  # amplitude
     onset: Annotated[float, Range(0.0, 1e6, "s")] = 10.0  # time of the first gust
     hold: Annotated[float, Range(1e-3, 1e6, "s")] = 1.0  # time between two targets
-    kind: str = field(default="paper_gusts", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        _ = self.amplitude
-        check_fields(self)
+    kind: Literal["paper_gusts"] = "paper_gusts"
 
     @cached_property
     def amplitude(self) -> Floats:
         """Amplitudes of the force in x, y, z (N) and of the yaw torque (N·m), shape (4,)."""
-        return np.array([*as_vector(self.force, 3, "force"), check_number(self.yaw_torque, "yaw_torque")])
+        return np.append(np.broadcast_to(self.force, 3), self.yaw_torque)
 
     @property
     def moves_air(self) -> bool:

@@ -1,28 +1,15 @@
-"""Kinds and presets of wind models by name."""
+"""Presets of wind, and the door for everything that names a wind."""
 
 from typing import Any
 
-from quadpend_gym.wind.base import WINDS, Sum
+from quadpend_gym.wind.base import WINDS
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
-from quadpend_gym.wind.steady import Constant, Drawn, Rescaled, Sinusoid, StillAir
-from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck, VonKarman
+from quadpend_gym.wind.steady import Drawn
+from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck
+
+__all__ = ["KINDS", "PRESETS", "as_wind"]
 
 KINDS, PRESETS = WINDS.kinds, WINDS.presets
-
-KINDS |= {
-    "constant": Constant,
-    "sinusoid": Sinusoid,
-    "still_air": StillAir,
-    "drawn": Drawn,
-    "rescaled": Rescaled,
-    "gusts": Gusts,
-    "paper_gusts": PaperGusts,
-    "ornstein_uhlenbeck": OrnsteinUhlenbeck,
-    "dryden": Dryden,
-    "von_karman": VonKarman,
-    "sum": Sum,
-}
-
 PRESETS |= {
     "calm": None,
     "breeze": OrnsteinUhlenbeck(0.15),

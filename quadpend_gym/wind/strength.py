@@ -55,5 +55,4 @@ def warn_if_too_strong(models: tuple[Any, ...], simulation: Simulation) -> None:
 
 
 def _is_built_in(model: Any) -> bool:
-    parts = model.wind.models if type(model) in (KINDS["drawn"], KINDS["rescaled"]) else ()
-    return type(model) in KINDS.values() and all(map(_is_built_in, parts))
+    return type(model) in KINDS.values() and all(map(_is_built_in, getattr(model, "parts", ())))

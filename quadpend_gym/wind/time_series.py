@@ -10,6 +10,8 @@ from quadpend_gym.core.streams import WIND_STREAM, Streams
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.wind.base import WIND_SIZE
 
+__all__ = ["time_series"]
+
 
 def time_series(
     models: tuple[Any, ...], steps: int, rows: int = 1, seed: int = 0, period: float = CONTROL_PERIOD

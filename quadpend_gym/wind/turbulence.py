@@ -34,17 +34,15 @@ third order, with an error of at most 0.25 dB up to ω = 16/T, and of at most 1 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import to_plain_fields
-from quadpend_gym.wind.base import LARGEST_LOAD, WIND_FIELDS, Addable, Load, Loads
+from quadpend_gym.wind.base import LARGEST_LOAD, WIND_FIELDS, WINDS, Addable, Load, Loads
 from quadpend_gym.wind.filters import (
     DiscreteFilter,
     Filter,
@@ -56,6 +54,8 @@ from quadpend_gym.wind.filters import (
     square_root,
 )
 
+__all__ = ["Dryden", "OrnsteinUhlenbeck", "VonKarman"]
+
 FOOT, KNOT = 0.3048, 0.514444  # m, m/s
 INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # W₂₀, m/s, MIL-F-8785C
 STANDARDS = {"MIL-F-8785C": 1.0, "MIL-HDBK-1797": 0.5}  # factor on the lengths L_v and L_w
@@ -63,7 +63,8 @@ _ROUGHNESS = 0.15  # feet, z₀
 _VELOCITY = np.arange(WIND_FIELDS["velocity"].start, WIND_FIELDS["velocity"].stop)
 
 
-@dataclass(frozen=True)
+@WINDS.add
+@settings
 class OrnsteinUhlenbeck(Loads):
     """Coloured Gaussian noise with exponentially decaying correlation, independent in each axis and stationary.
 
@@ -76,7 +77,7 @@ class OrnsteinUhlenbeck(Loads):
     torque: Annotated[Load, Range(0.0, LARGEST_LOAD, "N·m")] = 0.0
     velocity: Annotated[Load, Range(0.0, 1e4, "m/s")] = 0.0  # wind velocity
     time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 1.0
-    kind: str = field(default="ornstein_uhlenbeck", init=False)
+    kind: Literal["ornstein_uhlenbeck"] = "ornstein_uhlenbeck"
 
     @property
     def memory_size(self) -> int:
@@ -137,31 +138,17 @@ _SPECTRA = {
 }
 
 
-@dataclass(frozen=True)
+@settings
 class _Turbulence(Addable):
-    """Base class of Dryden and von Kármán turbulence: equations (1)–(3).
+    """Base class of Dryden and von Kármán turbulence: equations (1)–(3)."""
 
-    Raises:
-        TypeError: If a value has the wrong type.
-        ValueError: If a value is unknown or out of range.
-    """
-
-    # "light", "moderate", "severe", or W₂₀ in m/s
-    intensity: Annotated[str | float, Range(1e-3, 1000.0, "m/s")] = "light"
+    intensity: Annotated[Literal["light", "moderate", "severe"] | float, Range(1e-3, 1000.0, "m/s")] = "light"  # W₂₀
     altitude: Annotated[float, Range(10.0 * FOOT, 1000.0 * FOOT, "m")] = 20.0 * FOOT  # 10 to 1000 feet
     mean_wind: Annotated[float | None, Range(1e-3, 1000.0, "m/s")] = None  # V; None: computed with equation (1)
     # from x towards y, direction of the mean wind's velocity
     heading: Annotated[float, Range(-1000.0, 1000.0, "rad")] = 0.0
     standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
-    kind: str = field(default="", init=False)
-
-    def __post_init__(self) -> None:
-        to_plain_fields(self)
-        if isinstance(self.intensity, str) and self.intensity not in INTENSITIES:
-            raise ValueError(f"intensity must be {', '.join(INTENSITIES)} or a number, not {self.intensity!r}")
-        check_fields(self)
-        if not isinstance(self.standard, str) or self.standard not in STANDARDS:
-            raise ValueError(f"standard must be one of {', '.join(STANDARDS)}, not {self.standard!r}")
+    kind: str = ""
 
     @property
     def moves_air(self) -> bool:
@@ -252,18 +239,20 @@ def _discrete_turbulence(turbulence: _Turbulence, period: float) -> tuple[Discre
     return discretise(system, period), rotation @ system.c, turbulence.mean_speed * rotation[:2, 0]
 
 
-@dataclass(frozen=True)
+@WINDS.add
+@settings
 class Dryden(_Turbulence):
     """Mean wind with Dryden turbulence at low altitude, equations (1)–(5)."""
 
-    kind: str = field(default="dryden", init=False)
+    kind: Literal["dryden"] = "dryden"
 
 
-@dataclass(frozen=True)
+@WINDS.add
+@settings
 class VonKarman(_Turbulence):
     """Mean wind with von Kármán turbulence at low altitude, equations (1)–(3), (6) and (7).
 
     The filters are the usual rational approximations (Ly & Chan, AIAA Paper 80-1615).
     """
 
-    kind: str = field(default="von_karman", init=False)
+    kind: Literal["von_karman"] = "von_karman"

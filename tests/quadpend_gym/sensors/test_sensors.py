@@ -9,10 +9,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
-from quadpend_gym import Constant, Reference, read_observation
+from quadpend_gym import Reference, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS, State
-from quadpend_gym.sensors import KINDS, Channel, Delay, Dropout, Noise, SampleHold, as_sensors
+from quadpend_gym.sensors import KINDS, Delay, Dropout, Noise, SampleHold, as_sensors
 from quadpend_gym.wrappers import SensorWrapper, VectorParameterWrapper, VectorSensorWrapper
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import (
@@ -314,35 +314,3 @@ def test_every_kind_is_created_from_its_name() -> None:
     assert settings.keys() == KINDS.keys()
     for kind, rest in settings.items():
         assert as_sensors({"kind": kind, **rest}) == (KINDS[kind](**rest),)
-
-
-BAD = {
-    "negative noise": (lambda: Noise(position=-0.1), "position .* not -0.1"),
-    "text as noise": (lambda: Noise(euler="much"), "euler must be a number, not 'much'"),
-    "boolean as noise": (lambda: Noise(euler=True), "euler must be a number, not True"),
-    "infinite noise": (lambda: Noise(direction=np.inf), "direction .* finite .* not inf"),
-    "all errors zero": (Noise, "at least one field"),
-    "negative bias": (lambda: Noise(position={"bias": -1.0}), "bias .* not -1.0"),
-    "text as walk": (lambda: Channel(walk="fast"), "walk must be a number, not 'fast'"),
-    "quantum nan": (lambda: Channel(quantum=np.nan), "quantum .* not nan"),
-    "unknown error": (lambda: Noise(position={"drift": 1.0}), "position has no field 'drift'"),
-    "unknown field": (lambda: as_sensors({"kind": "noise", "colour": 1.0}), "sensor has no field 'colour'"),
-    "delay of zero": (lambda: Delay(0), "steps .* 1 to 1000, not 0"),
-    "long delay": (lambda: Delay(1001), "steps .* not 1001"),
-    "fraction of a step": (lambda: Delay(1.5), "steps .* not 1.5"),
-    "boolean as delay": (lambda: Delay(True), "steps .* not True"),
-    "probability above 1": (lambda: Dropout(1.1), r"probability .* \[0, 1\], not 1.1"),
-    "text as probability": (lambda: Dropout("often"), "probability must be a number, not 'often'"),
-    "period of zero": (lambda: SampleHold(0.0), "period must be .* .1e-06, 1e.06. s, not 0.0"),
-    "unknown kind": (lambda: as_sensors({"kind": "camera"}), "no kind 'camera'; the kinds are noise, delay, dropout"),
-    "a name": (lambda: as_sensors("camera"), "no sensor 'camera'; there are noise, delay, dropout"),
-    "a number": (lambda: as_sensors([Delay(), 0.1]), "sensor must be .* not 0.1"),
-    "a class": (lambda: as_sensors(Delay), "sensor must be a sensor model"),
-    "a wind": (lambda: as_sensors(Constant()), "sensor must be a sensor model"),
-    "a sum of winds": (lambda: as_sensors(Constant() + Constant()), "sensor must be a sensor model"),
-}
-
-
-@pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
-def test_a_bad_setting_is_refused(call: Any, names: str) -> None:
-    assert_refused(call, names, (TypeError, ValueError))

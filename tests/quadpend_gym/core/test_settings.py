@@ -1,0 +1,102 @@
+"""Every field of every settings class takes both ends of its range, and refuses what is beyond with one sentence."""
+
+import re
+import sys
+from dataclasses import dataclass, replace
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import numpy as np
+import pytest
+
+import quadpend_train.training.settings  # noqa: F401, so that all settings are imported
+from quadpend_gym import Constant, SinusoidTerm, Waypoints
+from quadpend_gym.core.settings import Interval, Range, declared, json_schema, parse, settings
+from quadpend_gym.randomization import Around, ParameterRanges
+from quadpend_gym.tasks.trajectories import Sinusoids
+from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.wind import Drawn, Gusts, Rescaled, WindFromFactory
+
+HUMMINGBIRD = VEHICLES["hummingbird"]
+EXAMPLES = (  # of classes with fields that have no default
+    *(Drawn(Constant()), Rescaled(Constant()), Around(0.1), ParameterRanges(bob_mass=(0.1, 0.2))),
+    *(Waypoints((0.0, 1.0), ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))), Sinusoids(terms=(SinusoidTerm(),))),
+    *(HUMMINGBIRD, HUMMINGBIRD.rotors, HUMMINGBIRD.pole, HUMMINGBIRD.drag, HUMMINGBIRD.rate_loop),
+)
+# Fields whose ends a rule that joins several fields refuses
+JOINED: dict[Any, tuple[str, ...]] = {Gusts: ("torque",), Waypoints: ("times", "points")}
+BY_CLASS = {type(item): item for item in EXAMPLES}
+KINDS = {
+    item.__qualname__: item
+    for name, module in sorted(sys.modules.items())
+    if name.startswith("quadpend_")
+    for item in vars(module).values()
+    if isinstance(item, type) and hasattr(item, "__pydantic_fields__") and item is not WindFromFactory
+}
+FIELDS = [
+    pytest.param(kind, name, hint, bounds, id=f"{kind.__name__}.{name}")
+    for kind in KINDS.values()
+    for name, hint, bounds in declared(kind)
+]
+
+
+def shaped(hint: Any, number: float) -> Any:
+    """Return a value of a type that consists of this number."""
+    if get_origin(hint) in (Union, UnionType):
+        return shaped(next(item for item in get_args(hint) if get_origin(item) is not Literal), number)
+    if get_origin(hint) is tuple:
+        return tuple(shaped(item, number) for item in get_args(hint) if item is not Ellipsis)
+    return number
+
+
+@pytest.mark.parametrize(("kind", "name", "hint", "bounds"), FIELDS)
+def test_a_field_takes_the_ends_of_its_range_and_nothing_beyond(kind: Any, name: str, hint: Any, bounds: Range) -> None:
+    example = BY_CLASS.get(kind) or kind()
+    step = 1 if hint is int else 1e-9 * max(abs(bounds.low), abs(bounds.high), 1.0)
+    for number in (bounds.low, bounds.high):
+        if name not in JOINED.get(kind, ()):
+            replace(example, **{name: shaped(hint, int(number) if hint is int else number)})
+    sentence = re.escape(f"{kind.__name__}.{name} must be ") + f".* {re.escape(str(bounds))}, not "
+    for number in (bounds.low - step, bounds.high + step, np.nan, "text", True):
+        with pytest.raises(ValueError, match=sentence) as caught:
+            replace(example, **{name: shaped(hint, number)})
+        assert "\n" not in str(caught.value)
+
+
+@settings
+class Pole:
+    """An example."""
+
+    mass: Annotated[float, Range(0.1, 1.0, "kg")]
+    thrust: Annotated[Interval | None, Range(0.0, 9.0)] = None
+    force: Annotated[float | tuple[float, float, float], Range(0.0, 1.0, "N")] = 0.0
+
+
+@dataclass(frozen=True)
+class Own:
+    """A dataclass of another kind."""
+
+
+def test_a_sentence_says_what_is_wrong() -> None:
+    force = "pole.force must be a finite number or 3 finite numbers from 0 to 1 N, not (1, 2)"
+    for data, sentence in (
+        ({"mas": 1}, "pole has no field 'mas' (did you mean 'mass'?); its fields are mass, thrust, force"),
+        ({}, "pole lacks the field 'mass'"),
+        ({"mass": 2}, "pole.mass must be a finite number from 0.1 to 1 kg, not 2"),
+        ({"mass": 1, "force": [1, 2]}, force),
+        ({"mass": 1, "thrust": (2, 1)}, "must be None or 2 finite numbers (lowest, highest) from 0 to 9, not (2, 1)"),
+        (Own(), "pole must be a Pole or a mapping of its fields, not Own()"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(sentence)):
+            parse(Pole, data, "pole")
+
+
+def test_numpy_values_become_plain_data() -> None:
+    assert repr(Pole(np.float32(0.5), force=np.ones(3))) == "Pole(mass=0.5, thrust=None, force=(1.0, 1.0, 1.0))"
+
+
+def test_the_schema_of_a_wind_names_its_presets_and_kinds() -> None:
+    schema = json_schema(Drawn)
+    names, *kinds = schema["$defs"]["Drawn"]["properties"]["wind"]["anyOf"]
+    assert {"windy", "storm", "dryden"} <= set(names["enum"])
+    assert {"$ref": f"#/$defs/{Gusts.__name__}"} in kinds
