@@ -7,7 +7,7 @@ from typing import Any
 
 from quadpend_gym import Actuators, Limits, Parameters, Reference, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
-from quadpend_gym.core.ranges import Range, declared_ranges
+from quadpend_gym.core.settings import declared
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import KINDS as SENSORS
@@ -47,12 +47,10 @@ def _value(value: Any) -> str:
 
 
 def _rows(kind: type[Any]) -> Iterator[str]:
-    found: dict[str, Range] = dict(declared_ranges(kind))
-    for item in fields(kind):
-        if item.name in found:
-            low, high, unit = found[item.name]
-            limits = f"{_number(low)} to {_number(high)}"
-            yield f"| `{kind.__name__}.{item.name}` | {unit or '1'} | {limits} | {_default(item)} |"
+    items = {item.name: item for item in fields(kind)}
+    for name, _, bounds in declared(kind):
+        limits = f"{_number(bounds.low)} to {_number(bounds.high)}"
+        yield f"| `{kind.__name__}.{name}` | {bounds.unit or '1'} | {limits} | {_default(items[name])} |"
 
 
 def tables() -> dict[str, str]:
