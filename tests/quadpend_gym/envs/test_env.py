@@ -16,7 +16,6 @@ from quadpend_gym import OBSERVATION_FIELDS, Parameters, Reference, read_observa
 from quadpend_gym.physics.state import STATE_FIELDS
 from tests.helpers.envs import (
     AT_REST,
-    AUTORESET_MODES,
     IDS,
     WINDY,
     assert_same,
@@ -46,12 +45,6 @@ def test_environment_checkers_give_no_warning(check: Callable[[Any], None], name
     check(gym.make(name, wind=wind).unwrapped)
 
 
-def test_gym_make_imports_the_package_from_the_id() -> None:
-    env = gym.make("quadpend_gym:QuadPendulum-v0")
-    observation, _ = env.reset(seed=0)
-    assert env.observation_space.contains(observation)
-
-
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
 def test_copy_made_during_an_episode_continues_identically(clone: Callable[[Any], Any]) -> None:
     env = make(wind=WINDY, max_episode_steps=30)
@@ -61,17 +54,6 @@ def test_copy_made_during_an_episode_continues_identically(clone: Callable[[Any]
     actions = draw_actions(1, 20)
     assert_same(run_actions(duplicate, actions), run_actions(env, actions))
     assert_same(duplicate.reset(), env.reset())
-
-
-@pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
-@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_copy_of_a_vector_env_continues_identically_across_autoresets(clone: Callable[[Any], Any], mode: str) -> None:
-    env = make_vec(7, wind=WINDY, max_episode_steps=15, autoreset_mode=mode)
-    env.reset(seed=5)
-    run_actions(env, draw_actions(0, 10, 7))
-    duplicate = clone(env)
-    actions = draw_actions(1, 20, 7)
-    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
 
 
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])
@@ -210,17 +192,6 @@ def test_tilt_is_exact_from_upright_to_hanging() -> None:
         direction = (np.sin(angle), 0.0, np.cos(angle))
         _, info = env.reset(seed=0, options={"state": {"direction": direction}})
         assert_allclose(info["tilt"], angle, rtol=1e-7, atol=1e-15)
-
-
-def test_info_has_the_same_keys_in_a_vector_env() -> None:
-    env, rows = make(), make_vec(2)
-    _, single = env.reset(seed=0)
-    _, vector = rows.reset(seed=0)
-    assert {*single, *(f"_{key}" for key in single)} == vector.keys()
-    terms = single["reward_terms"]
-    assert {*terms, *(f"_{key}" for key in terms)} == vector["reward_terms"].keys()
-    assert env.step(np.zeros(4))[4].keys() == single.keys()
-    assert rows.step(np.zeros((2, 4)))[4].keys() == vector.keys()
 
 
 def test_reset_without_a_seed_starts_the_next_episode_and_a_seed_repeats_the_first() -> None:

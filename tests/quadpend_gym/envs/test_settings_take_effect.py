@@ -17,7 +17,6 @@ from quadpend_gym import (
     OrnsteinUhlenbeck,
     PaperGusts,
     Parameters,
-    Reference,
     ReferenceSettings,
     RewardWeights,
     Simulation,
@@ -26,7 +25,7 @@ from quadpend_gym import (
     Task,
     VonKarman,
 )
-from tests.helpers.envs import AT_REST, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.envs import draw_actions, make_unwrapped, make_vec, run_actions
 
 REFERENCES = {
     "hover": 5.0,
@@ -127,37 +126,6 @@ def test_every_setting_of_a_wind_has_an_effect(model: Any, name: str, value: Any
 )
 def test_tables_of_settings_are_complete(table: dict[str, Any], kind: Any) -> None:
     assert table.keys() == {field.name for field in fields(kind) if field.init} - WITHOUT_EFFECT.get(kind, set())
-
-
-def test_period_is_the_duration_of_a_step() -> None:
-    for period in (0.005, 0.01, 0.02):
-        env = make_unwrapped(simulation={"period": period})
-        env.reset(seed=0, options={"state": AT_REST})
-        env.step((1.0, 0.0, 0.0, 0.0))
-        assert_allclose(env.state.velocity[2], 9.8 * period, rtol=1e-12)
-
-
-def test_references_are_in_seconds_for_every_period() -> None:
-    circle = Reference.circle(1.0, 2.0)
-    for period, steps in ((0.005, 40), (0.02, 10)):
-        env = make_unwrapped(simulation={"period": period})
-        env.reset(seed=0, options={"reference": circle})
-        info = run_actions(env, np.zeros((steps, 4)))[-1][4]
-        bob = env.state.position + 0.3 * env.state.direction
-        assert_allclose(info["tracking_error"][:2], (bob - circle.derivatives(0.2)[0, :3])[:2], atol=1e-12)
-
-
-def test_error_converges_with_the_number_of_substeps() -> None:
-    """Each doubling divides the error by 2⁴ = 16, as RK4 predicts."""
-    ends = {}
-    for substeps in (1, 2, 4, 32):
-        env = make_unwrapped(simulation={"substeps": substeps})
-        env.reset(seed=0, options={"state": {"direction_rate": (5.0, 5.0, 0.0)}})
-        run_actions(env, draw_actions(0, 10))
-        ends[substeps] = env.state.array.copy()
-    errors = [np.abs(ends[substeps] - ends[32]).max() for substeps in (1, 2, 4)]
-    assert 10.0 < errors[0] / errors[1] < 25.0
-    assert 10.0 < errors[1] / errors[2] < 25.0
 
 
 def test_reward_weights_are_relative() -> None:

@@ -7,7 +7,6 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from quadpend_gym import Actuators, Limits, OrnsteinUhlenbeck, Parameters, ReferenceSettings, Simulation, Task
-from quadpend_gym.wrappers import WindWrapper
 from tests.helpers.envs import WINDY, assert_same, draw_actions, make, make_vec, run_actions
 
 TASK = Task(references=ReferenceSettings(hover=0.0, height=(3.0, 4.0)), limits=Limits(tracking_error=0.5))
@@ -53,15 +52,6 @@ def test_vector_spec_survives_json(kwargs: dict[str, Any], mode: str) -> None:
     assert_same(run_actions(duplicate, actions), run_actions(env, actions))
 
 
-def test_wrapped_spec_survives_json() -> None:
-    env = WindWrapper(make(wind={"kind": "constant", "torque": 0.1}), WINDY)
-    duplicate = gym.make(through_json(env.spec))
-    assert isinstance(duplicate, WindWrapper)
-    assert_same(duplicate.reset(seed=3), env.reset(seed=3))
-    actions = draw_actions(3, 10)
-    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
-
-
 def test_mappings_and_objects_make_the_same_environment() -> None:
     objects = make(task=TASK, simulation=SIMULATION, wind=OrnsteinUhlenbeck(force=0.2))
     mappings = make(
@@ -77,7 +67,3 @@ def test_mappings_and_objects_make_the_same_environment() -> None:
     assert_same(mappings.reset(seed=0), objects.reset(seed=0))
     actions = draw_actions(0, 10)
     assert_same(run_actions(mappings, actions), run_actions(objects, actions))
-
-
-def test_hover_id_is_the_hover_task() -> None:
-    assert_same(make(task="hover").reset(seed=0), gym.make("QuadPendulumHover-v0").reset(seed=0))

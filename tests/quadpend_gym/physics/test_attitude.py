@@ -45,11 +45,3 @@ def test_the_yaw_is_continuous_over_several_turns() -> None:
     for step in range(1, 31):
         flight = flight.after(np.zeros(4))
         assert abs(flight.named.euler[0, 2] + 0.7 * step) <= 1e-6
-
-
-def test_rates_stay_finite_at_a_pitch_of_90_degrees() -> None:
-    state = at_rest()
-    state[0, 7] = np.pi / 2
-    flight = start(Simulation(vehicle=random_vehicle(0)), state)
-    flight.memory[:, BODY_RATE:ROTOR_THRUST] = 1.0, 0.0, 1.0
-    assert np.all(np.isfinite(flight.after(np.zeros(4)).state))

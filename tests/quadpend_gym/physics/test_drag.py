@@ -10,7 +10,7 @@ from quadpend_gym import PAPER, Constant, Disturbance, Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import energy
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
-from quadpend_gym.physics.state import BOB_FORCE, DISTURBANCE_FIELDS, DISTURBANCE_SIZE, FORCE
+from quadpend_gym.physics.state import DISTURBANCE_FIELDS, DISTURBANCE_SIZE
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec
 from tests.helpers.wind import EXAMPLES, every_kind
 
@@ -39,11 +39,6 @@ def test_drag_on_bodies_at_rest_has_the_direction_of_the_wind_and_grows_with_its
     assert_array_equal(disturbance["air"], (2.0, -3.0, 6.0))
 
 
-def test_a_wind_of_10_m_s_exerts_0_6_n_on_the_quadrotor() -> None:
-    """½ · 1.225 kg/m³ · 0.01 m² · 100 m²/s² = 0.6125 N."""
-    assert_allclose(disturbance_at_rest(Constant(velocity=(10.0, 0.0, 0.0)))["force"], (0.6125, 0.0, 0.0), rtol=1e-12)
-
-
 def test_bodies_that_move_with_the_wind_have_no_drag() -> None:
     disturbance = disturbance_at_rest(Constant(velocity=(4.0, -1.0, 2.0)), velocity=(4.0, -1.0, 2.0))
     assert_array_equal(disturbance["force"], 0.0)
@@ -66,27 +61,6 @@ def test_the_velocity_of_the_bob_includes_the_rotation_of_the_rod() -> None:
     )
     assert_allclose(disturbance["bob_force"], (0.0, -ON_BOB * 1.0**2, 0.0), rtol=1e-12)
     assert_allclose(disturbance["force"], (0.0, -ON_QUADROTOR * 0.1**2, 0.0), rtol=1e-12)
-
-
-def test_the_drag_is_computed_from_the_sum_of_the_wind_velocities() -> None:
-    disturbance = disturbance_at_rest(
-        Constant(velocity=(3.0, 0.0, 0.0), force=1.0) + Constant(velocity=(0.0, 4.0, 0.0))
-    )
-    assert_allclose(disturbance["air"], (3.0, 4.0, 0.0))
-    assert_allclose(disturbance["force"], 1.0 + ON_QUADROTOR * 5.0 * np.array([3.0, 4.0, 0.0]), rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("name", "body", "factor"), [("quadrotor_drag_area", "force", 0.01), ("bob_drag_area", "bob_force", 0.0005)]
-)
-def test_the_drag_on_a_body_is_proportional_to_its_own_drag_area(name: str, body: str, factor: float) -> None:
-    wind = Constant(velocity=(5.0, 2.0, 0.0))
-    usual = disturbance_at_rest(wind)
-    for area in (0.0, 0.004):
-        changed = disturbance_at_rest(wind, Simulation(Parameters(**{name: area})))
-        assert_allclose(changed.pop(body), area / factor * usual[body], rtol=1e-12)
-        for other, value in changed.items():
-            assert_array_equal(value, usual[other])
 
 
 @pytest.mark.parametrize("wind", [None, Constant(force=0.2), WINDY], ids=["calm", "force", "forces"])
@@ -171,27 +145,3 @@ def test_a_falling_body_reaches_the_speed_at_which_drag_balances_weight() -> Non
     speed = np.sqrt(0.7 * 9.8 / (ON_QUADROTOR + ON_BOB))
     assert_allclose(env.state.velocity, (0.0, 0.0, 5.0 - speed), rtol=1e-4)
     assert_allclose(speed, 32.66, rtol=1e-3)
-
-
-def test_a_drifting_body_approaches_the_velocity_of_the_wind() -> None:
-    """The pendulum hangs, so that it is stable. In a wind v the velocity difference u follows 1/u = 1/v + kt."""
-    wind, area = 4.0, 0.5
-    simulation = Simulation(Parameters(quadrotor_drag_area=area, bob_drag_area=area * 0.2 / 0.5))
-    env = make_unwrapped(wind=Constant(velocity=(wind, 0.0, 0.0)), task=ENDLESS, simulation=simulation)
-    env.reset(seed=0, options={"state": {**AT_REST, "direction": (0.0, 0.0, -1.0)}})
-    for _ in range(300):
-        env.step(np.zeros(4))
-    # Both bodies have the same ratio of drag area to mass, so the rod stays vertical.
-    difference = 1.0 / (1.0 / wind + 0.5 * 1.225 * area / 0.5 * 3.0)
-    assert_allclose(env.state.velocity, (wind - difference, 0.0, 0.0), rtol=2e-3, atol=1e-9)
-    assert_allclose(env.state.direction, (0.0, 0.0, -1.0), atol=1e-9)
-
-
-def test_still_air_exerts_drag_on_moving_bodies_only() -> None:
-    env = make_unwrapped(wind="still_air")
-    for velocity in (0.0, 2.0):
-        env.reset(seed=0, options={"state": {**AT_REST, "velocity": (velocity, 0.0, 0.0)}})
-        info = env.step(np.zeros(4))[4]
-        assert_array_equal(info["air_velocity"], 0.0)
-        assert_allclose(info["disturbance"][FORCE], -0.5 * 1.225 * 0.01 * velocity**2, rtol=1e-12)
-        assert_allclose(info["disturbance"][BOB_FORCE], -0.5 * 1.225 * 0.0005 * velocity**2, rtol=1e-12)

@@ -141,13 +141,6 @@ def test_energy_and_momentum_are_those_of_the_lagrangian(derived: SimpleNamespac
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_alpha_and_beta_are_the_spherical_angles_of_the_direction(seed: int) -> None:
-    given = sample(seed)
-    state = State(state_from_coordinates(given.q, given.q_dot))
-    assert_allclose([state.alpha, state.beta], given.q[6:8], rtol=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(10))
 def test_the_corrected_matrices_are_the_derived_ones(derived: SimpleNamespace, seed: int) -> None:
     given = sample(seed)
     q, q_dot, parameters, arguments = given.q, given.q_dot, given.parameters, given.arguments()
@@ -168,19 +161,6 @@ def test_mass_rate_minus_twice_coriolis_is_skew_symmetric(derived: SimpleNamespa
     given = sample(seed)
     skew = derived.mass_rate(*given.arguments()) - 2.0 * coriolis_matrix(given.q, given.q_dot, given.parameters)
     assert_allclose(skew, -skew.T, rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_mass_matrix_has_the_stated_determinant(seed: int) -> None:
-    p = UNEQUAL
-    q = sample(seed).q
-    inertia = p.inertia_roll * p.inertia_pitch * p.inertia_yaw
-    lengths = p.quadrotor_mass**2 * p.bob_mass**2 * p.rod_length**4 * p.total_mass
-    assert_allclose(np.linalg.det(mass_matrix(q, p)), inertia * lengths * np.sin(q[6]) ** 2, rtol=1e-12)
-
-
-def test_mass_matrix_is_singular_when_the_pendulum_is_upright() -> None:
-    assert np.linalg.det(mass_matrix(np.zeros(8), UNEQUAL)) == 0.0
 
 
 def hover(parameters: Parameters) -> tuple[Floats, Floats]:

@@ -14,7 +14,6 @@ from quadpend_gym.vehicles import (
     POLES,
     VEHICLES,
     Parameters,
-    Pole,
     RateLoop,
     Vehicle,
     as_vehicle,
@@ -31,11 +30,6 @@ PRESETS = Path(poles.__file__).with_name("presets.toml").read_text(encoding="utf
 def test_the_papers_vehicle_has_the_default_parameters() -> None:
     assert VEHICLES["paper"].parameters == Parameters()
     assert VEHICLES["paper"].attitude == "euler"
-
-
-def test_all_other_presets_are_rigid_bodies_with_rotors() -> None:
-    assert set(VEHICLES) - set(WITH_ROTORS) == {"paper"}
-    assert all(VEHICLES[name].attitude == "rigid" for name in WITH_ROTORS)
 
 
 def test_each_number_of_a_preset_has_a_comment_on_its_line() -> None:
@@ -86,10 +80,6 @@ def test_the_torque_limits_are_the_largest_pure_torques_at_hover_thrust(name: st
     assert not all(within(0, 0, sign * outside * yaw) for sign in (-1, 1))
 
 
-def test_a_given_torque_is_the_limit() -> None:
-    assert torque_limits(replace(VEHICLES["racer"], torque=(0.3, 0.05))) == (0.3, 0.05)
-
-
 def test_rotors_around_a_displaced_centre_of_mass_carry_unequal_thrusts() -> None:
     rotors = replace(VEHICLES["hummingbird"].rotors, positions=((0.2, 0), (0.03, 0.17), (-0.14, 0), (0.03, -0.17)))
     vehicle = replace(VEHICLES["hummingbird"], rotors=rotors)
@@ -118,11 +108,6 @@ def test_a_toml_file_is_a_vehicle_with_the_name_of_the_file(tmp_path: Path) -> N
     path.write_text("mass = 1.0\ninertia = [0.01, 0.01, 0.018]\npole = 'tube-1m'\ntorque = [1.0, 0.2]\n")
     expected = Vehicle("mine", 1.0, (0.01, 0.01, 0.018), POLES["tube-1m"], torque=(1.0, 0.2))
     assert as_vehicle(str(path)) == as_vehicle(path) == expected
-
-
-def test_an_equivalent_pole_is_a_longer_rod() -> None:
-    assert Pole(0.2, 0.3).equivalent_length == 0.3
-    assert_allclose(Pole(1.0, 0.5, 1.0 / 12.0).equivalent_length, 2.0 / 3.0)  # a uniform rod of 1 m
 
 
 def test_every_pole_that_a_preset_names_can_be_balanced_within_the_lag_of_its_motors() -> None:

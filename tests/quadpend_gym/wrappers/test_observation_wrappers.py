@@ -1,6 +1,5 @@
 """Wrappers that change the observation: output feedback and histories."""
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -15,13 +14,9 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.wrappers import (
     HistoryWrapper,
     OutputFeedbackWrapper,
-    SensorWrapper,
-    VectorHistoryWrapper,
-    VectorOutputFeedbackWrapper,
 )
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from tests.helpers.bad_input import assert_refused
-from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.envs import AUTORESET_MODES, draw_actions, make_unwrapped, run_actions
 from tests.helpers.wrappers import (
     ACTUATORS,
     HISTORY,
@@ -54,16 +49,6 @@ def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
                 assert_array_equal(read_observation(outputs, name), read_observation(observation, name))
 
 
-@pytest.mark.parametrize("name", HIDDEN)
-def test_reading_a_removed_velocity_is_refused(name: str) -> None:
-    outputs, _ = make_wrapped_vec(3, [OUTPUTS]).reset(seed=0)
-    assert_refused(
-        lambda: read_observation(outputs, name),
-        f"no field '{name}'; its fields are tracking_error, direction,",
-        ValueError,
-    )
-
-
 def test_states_that_differ_only_in_velocities_give_the_same_observation() -> None:
     env: Any = OutputFeedbackWrapper(make_unwrapped())
     still, moving = (
@@ -77,21 +62,6 @@ def test_states_that_differ_only_in_velocities_give_the_same_observation() -> No
         for rate in ((0.0, 0.0, 0.0), (1.0, -2.0, 3.0))
     )
     assert_array_equal(moving, still)
-
-
-def test_reading_an_observation_of_another_size_is_refused() -> None:
-    assert_refused(lambda: read_observation(np.zeros((2, 30)), "direction"), "has 36 or 27 numbers, not 30", ValueError)
-
-
-def test_output_feedback_is_applied_once_and_inside_a_history() -> None:
-    once = (
-        "from the full observation of 36 numbers, not from 27: apply OutputFeedbackWrapper only once, and inside Hist"
-    )
-    assert_refused(lambda: OutputFeedbackWrapper(make_wrapped([OUTPUTS])), once, ValueError)
-    assert_refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_vec(2, [OUTPUTS])), once, ValueError)
-    assert_refused(lambda: OutputFeedbackWrapper(make_wrapped([HISTORY])), "not from 116", ValueError)
-    assert_refused(lambda: VectorOutputFeedbackWrapper(make_wrapped_vec(2, [HISTORY])), "not from 116", ValueError)
-    assert_refused(lambda: OutputFeedbackWrapper(gym.make("CartPole-v1")), "not from 4", ValueError)
 
 
 @pytest.mark.parametrize("gains", ["paper", "matched"])
@@ -157,19 +127,6 @@ def test_histories_of_a_vector_env_equal_those_of_single_environments(
     assert ended >= 8
 
 
-@modes
-def test_histories_work_for_gymnasiums_vector_environments(mode: str) -> None:
-    env = VectorHistoryWrapper(make_sync_vec(3, [], mode, **SHORT), 3, 2)
-    native = make_wrapped_vec(3, [HISTORY], autoreset_mode=mode, **SHORT)
-    assert_array_equal(env.reset(seed=0)[0], native.reset(seed=0)[0])
-    for action in biased_actions(50, 3):
-        observation, _, terminated, truncated, _ = env.step(action)
-        assert_array_equal(observation, native.step(action)[0])
-        if mode == "Disabled" and (over := terminated | truncated).any():
-            again = (one.reset(options={"reset_mask": over})[0] for one in (env, native))
-            assert_array_equal(*again)
-
-
 def test_a_masked_reset_keeps_the_histories_of_the_other_sub_environments() -> None:
     env, untouched = (make_wrapped_vec(3, [HISTORY]) for _ in range(2))
     env.reset(seed=0), untouched.reset(seed=0)
@@ -183,71 +140,12 @@ def test_a_masked_reset_keeps_the_histories_of_the_other_sub_environments() -> N
     assert_array_equal(env.step(actions[0])[0][~mask], untouched.step(actions[0])[0][~mask])
 
 
-def test_a_masked_reset_after_episode_ends_restarts_each_history_once() -> None:
-    """With next-step autoreset, the next step restarts only the histories that the reset left out."""
-    env = make_wrapped_vec(3, [("HistoryWrapper", 2)], max_episode_steps=2)
-    env.reset(seed=0)
-    run_actions(env, np.zeros((2, 3, 4)))
-    mask, halves = np.array([True, False, True]), (3, 2, 36)
-    first = env.reset(options={"reset_mask": mask})[0].reshape(halves)[:, 1]
-    before, present = env.step(np.zeros((3, 4)))[0].reshape(halves).swapaxes(0, 1)
-    assert_array_equal(before[mask], first[mask])
-    assert_array_equal(before[1], present[1])
-
-
-@pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
-def test_returned_histories_do_not_change_later(rows: tuple[int, ...]) -> None:
-    env: Any = make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY])
-    given = [env.reset(seed=0)[0], *(step[0] for step in run_actions(env, draw_actions(0, 3, *rows)))]
-    kept = [history.copy() for history in given]
-    run_actions(env, draw_actions(1, 5, *rows))
-    env.reset()
-    assert_same(given, kept)
-
-
-@pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
-def test_a_refused_action_does_not_change_the_history(rows: tuple[int, ...]) -> None:
-    env, duplicate = (make_wrapped_vec(3, [HISTORY]) if rows else make_wrapped([HISTORY]) for _ in range(2))
-    env.reset(seed=0), duplicate.reset(seed=0)
-    assert_refused(lambda: env.step(np.full((*rows, 4), 1.5)), "must be four numbers", ValueError)
-    actions = draw_actions(0, 3, *rows)
-    assert_same(run_actions(env, actions), run_actions(duplicate, actions))
-
-
 def test_histories_work_for_other_environments() -> None:
     env = HistoryWrapper(gym.make("Pendulum-v1"), 2, 1)
     first, _ = env.reset(seed=0)
     second = env.step(np.array([0.5]))[0]
     assert_array_equal(first, [*first[:3], *first[:3], 0.0])
     assert_array_equal(second[[0, 1, 2, 6]], [*first[:3], 0.5])
-
-
-BAD: dict[str, tuple[Callable[..., Any], str]] = {
-    "no observation": (lambda wrap, env: wrap(env, 0), "observations must be a whole number of at least 1, not 0"),
-    "fractional observations": (lambda wrap, env: wrap(env, 1.5), "observations must .* not 1.5"),
-    "boolean observations": (lambda wrap, env: wrap(env, True, 1), "observations must .* not True"),
-    "negative actions": (lambda wrap, env: wrap(env, 2, -1), "actions must be .* at least 0, not -1"),
-    "text": (lambda wrap, env: wrap(env, 2, "two"), "actions must .* not 'two'"),
-    "only the current observation": (
-        lambda wrap, env: wrap(env, 1, 0),
-        "observations must be at least 2 or actions at least 1",
-    ),
-}
-
-
-@pytest.mark.parametrize(("call", "names"), BAD.values(), ids=BAD.keys())
-def test_an_impossible_history_is_refused(call: Callable[..., Any], names: str) -> None:
-    assert_refused(lambda: call(HistoryWrapper, make_unwrapped()), names, ValueError)
-    assert_refused(lambda: call(VectorHistoryWrapper, make_vec(2)), names, ValueError)
-
-
-def test_a_history_of_discrete_spaces_is_refused() -> None:
-    assert_refused(
-        lambda: HistoryWrapper(gym.make("CartPole-v1")), "action must be a vector .* not Discrete", TypeError
-    )
-    assert_refused(
-        lambda: HistoryWrapper(gym.make("FrozenLake-v1")), "observation must be a vector .* not Discrete", TypeError
-    )
 
 
 def test_ppo_trains_on_histories_of_measured_outputs() -> None:
@@ -257,11 +155,3 @@ def test_ppo_trains_on_histories_of_measured_outputs() -> None:
     single = make_wrapped(layers)
     action, _ = model.predict(single.reset(seed=0)[0])
     assert single.step(action)[0].shape == (27 * 4 + 4 * 2,)
-
-
-def test_sensor_and_history_wrappers_commute() -> None:
-    one = HistoryWrapper(SensorWrapper(make_unwrapped(), NOISE), 2)
-    other = SensorWrapper(HistoryWrapper(make_unwrapped(), 2), NOISE)
-    assert_same(one.reset(seed=0), other.reset(seed=0))
-    actions = draw_actions(0, 5)
-    assert_same(run_actions(one, actions), run_actions(other, actions))

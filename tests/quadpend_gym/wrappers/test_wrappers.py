@@ -10,32 +10,22 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.error import ResetNeeded
-from gymnasium.utils.env_checker import check_env as check_with_gymnasium
 from numpy.testing import assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_with_sb3
 from stable_baselines3.common.env_util import make_vec_env
 
-from quadpend_gym import wrappers
-from quadpend_gym.core import streams
 from quadpend_gym.core.arrays import Booleans
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wrappers import SensorWrapper
-from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import (
     AUTORESET_MODES,
     assert_same,
     draw_actions,
-    make,
-    make_unwrapped,
-    make_vec,
     run_actions,
     select_info,
 )
 from tests.helpers.wrappers import (
     ACTUATORS,
-    HISTORY,
-    OUTPUTS,
     PARAMETERS,
     SENSORS,
     SHORT,
@@ -46,7 +36,6 @@ from tests.helpers.wrappers import (
     make_sync_vec,
     make_wrapped,
     make_wrapped_vec,
-    wrapped,
 )
 from tests.quadpend_gym.envs.test_vector_env import assert_same_info
 
@@ -55,7 +44,6 @@ ALL = np.ones(ROWS, np.bool_)
 stacks = pytest.mark.parametrize("layers", STACKS.values(), ids=STACKS.keys())
 modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
 WORLD = {"wind": WIND, "sensors": SENSORS, "actuators": ACTUATORS, "parameters": PARAMETERS}
-world_wrappers = pytest.mark.parametrize("layer", WORLD.values(), ids=WORLD.keys())
 
 
 @modes
@@ -119,14 +107,6 @@ def test_stable_baselines3_checker_gives_no_warning(layers: Layers) -> None:
 
 
 @stacks
-def test_gymnasium_checker_warns_only_about_the_wrapper(layers: Layers) -> None:
-    with warnings.catch_warnings(record=True, action="always") as caught:
-        check_with_gymnasium(make_wrapped(layers), skip_render_check=True)
-    (remark,) = caught
-    assert "is different from the unwrapped version" in str(remark.message)
-
-
-@stacks
 def test_wrapped_spec_survives_json(layers: Layers) -> None:
     env = make_wrapped(layers, max_episode_steps=7)
     assert env.spec is not None
@@ -148,18 +128,6 @@ def test_copy_made_during_an_episode_continues_identically(layers: Layers, clone
         actions = draw_actions(1, 20, *rows)
         assert_same(run_actions(duplicate, actions), run_actions(env, actions))
         assert_same(duplicate.reset(), env.reset())
-
-
-@world_wrappers
-def test_models_can_be_shared_between_environments(layer: tuple[Any, ...]) -> None:
-    one, other, alone = make_wrapped([layer]), make_wrapped([layer]), make_wrapped(copy.deepcopy([layer]))
-    expected = [alone.reset(seed=1), *run_actions(alone, draw_actions(1, 15))]
-    observed = [one.reset(seed=1)]
-    other.reset(seed=2)
-    for action in draw_actions(1, 15):
-        observed.append(one.step(action))  # type: ignore[arg-type]
-        other.step(-action)
-    assert_same(observed, expected)
 
 
 @pytest.mark.parametrize(("name", "models"), [SENSORS, ACTUATORS])
@@ -192,63 +160,6 @@ def test_sensors_and_actuators_do_not_change_starts_references_parameters_and_wi
             run_actions(real, np.ones((5, 5, 4))), run_actions(plain, np.ones((5, 5, 4))), strict=True
         ):
             assert_array_equal(info["air_velocity"], expected["air_velocity"])
-
-
-def test_every_purpose_has_its_own_random_stream() -> None:
-    numbers = [number for name, number in vars(streams).items() if name.endswith("_STREAM")]
-    assert len(numbers) == 6
-    assert len(set(numbers)) == 6
-
-
-@world_wrappers
-def test_a_step_after_wrapping_during_an_episode_needs_a_reset(layer: tuple[Any, ...]) -> None:
-    env: Any
-    for env, rows in ((make_unwrapped(), ()), (make_vec(3), (3,))):
-        env.reset(seed=0)
-        run_actions(env, draw_actions(0, 3, *rows))
-        assert_refused(
-            lambda env=env, rows=rows: wrapped(env, [layer]).step(np.zeros((*rows, 4))), "call reset", ResetNeeded
-        )
-        env.reset()
-        run_actions(env, draw_actions(0, 3, *rows))
-
-
-@world_wrappers
-def test_wrappers_accept_quadpendulum_environments_only(layer: tuple[Any, ...]) -> None:
-    only = "env must be a QuadPendulum environment, wrapped or not, not .*CartPole"
-    assert_refused(lambda: wrapped(gym.make("CartPole-v1"), [layer]), only, TypeError)
-    assert_refused(lambda: wrapped(gym.make_vec("CartPole-v1", 2), [layer]), only, TypeError)
-
-
-@pytest.mark.parametrize("layer", [*WORLD.values(), OUTPUTS, HISTORY], ids=[*WORLD, "outputs", "history"])
-def test_single_and_vector_wrappers_are_not_interchangeable(layer: tuple[Any, ...]) -> None:
-    name, *arguments = layer
-    assert_refused(
-        lambda: getattr(wrappers, f"Vector{name}")(make_unwrapped(), *arguments), "Expected env to be", TypeError
-    )
-    assert_refused(lambda: getattr(wrappers, name)(make_vec(2), *arguments), "Expected env to be", TypeError)
-
-
-def test_gymnasiums_wrappers_can_stand_in_between() -> None:
-    env = wrapped(gym.wrappers.TimeLimit(wrapped(make(), [SENSORS]), 4), [ACTUATORS, HISTORY])
-    env.reset(seed=0)
-    assert [truncated for *_, truncated, _ in run_actions(env, np.zeros((4, 4)))] == [False, False, False, True]
-
-
-def test_refused_models_change_nothing() -> None:
-    for name in ("SensorWrapper", "ActuatorWrapper", "ParameterWrapper", "WindWrapper"):
-        env, duplicate = make(), make()
-        env.reset(seed=0), duplicate.reset(seed=0)
-        assert_refused(lambda name=name, env=env: getattr(wrappers, name)(env, 3.0), "not 3.0", TypeError)
-        actions = draw_actions(0, 5)
-        assert_same(run_actions(env, actions), run_actions(duplicate, actions))
-
-
-def test_empty_models_change_nothing() -> None:
-    env, plain = make_wrapped([("SensorWrapper", []), ("ActuatorWrapper", None), ("WindWrapper", "calm")]), make()
-    assert_same(env.reset(seed=0), plain.reset(seed=0))
-    actions = draw_actions(0, 10)
-    assert_same(run_actions(env, actions), run_actions(plain, actions))
 
 
 @pytest.mark.parametrize("wrapper", [None, SensorWrapper])
