@@ -16,7 +16,7 @@ import gymnasium as gym
 
 from quadpend_gym.envs.env import QuadPendulumEnv
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
-from quadpend_gym.physics.parameters import PAPER, Actuators, Parameters, Simulation
+from quadpend_gym.vehicles import PAPER, Parameters, Simulation
 from quadpend_gym.physics.state import Disturbance, State
 from quadpend_gym.tasks import (
     ENVIRONMENTS,
@@ -47,7 +47,6 @@ __version__ = "0.2.0"
 __all__ = [
     "OBSERVATION_FIELDS",
     "PAPER",
-    "Actuators",
     "Constant",
     "Disturbance",
     "Drawn",

@@ -12,7 +12,7 @@ from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without
 from quadpend_gym.envs.reset_options import check_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
 from quadpend_gym.envs.world import World
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, as_simulation
+from quadpend_gym.vehicles import CONTROL_PERIOD, as_simulation
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.tasks import as_task
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.parameters import PARAMETERS_SIZE, Simulation
+from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE

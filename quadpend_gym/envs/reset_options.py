@@ -8,7 +8,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import as_float_array
 from quadpend_gym.physics.kernel import DIVERGENCE_LIMIT
-from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.feasibility import check_feasible

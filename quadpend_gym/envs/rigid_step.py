@@ -7,7 +7,7 @@ from quadpend_gym.core.delays import delay
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.envs.kernel_layout import MEMORY_ACTION, MEMORY_RIGID, MEMORY_STATE, unpack_rigid_step
 from quadpend_gym.envs.step_kernel import control_step
-from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.trajectories import PackedTrajectories
@@ -69,7 +69,7 @@ class RigidRows:
     def thrust(self, row: int) -> float:
         """Return the thrust of all rotors of a vehicle, N."""
         rotors = self._memory[row, MEMORY_RIGID][ROTOR_THRUST:]
-        return float(rotors.sum() if self._simulation.rigid_vehicle.rotors else rotors[0])
+        return float(rotors.sum() if self._simulation.vehicle.rotors else rotors[0])
 
     def start_episodes(self, rows: Integers) -> None:
         """Start new episodes in the sub-environments `rows`, shape (m,), whose states are in the memory."""

@@ -62,7 +62,7 @@ from quadpend_gym.physics.kernel import (
     integrate,
     scatter,
 )
-from quadpend_gym.physics.parameters import ROD_LENGTH
+from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
 from quadpend_gym.physics.state import (
     ACTION_SIZE,

@@ -37,7 +37,7 @@ from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.rigid_step import RigidRows, step_rigid, step_rigid_trajectories
 from quadpend_gym.envs.step_errors import NO_ERROR, check_inputs, clip_rounding, raise_step_error
-from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.sensors import check_periods

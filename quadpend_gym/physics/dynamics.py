@@ -26,7 +26,7 @@ attitude model: a constant inertia multiplies the Euler-angle rates, and gyrosco
 | w        | `unconstrained_acceleration`            | 1/s² | world        | 3      |
 | μ        | `centre_offset`                         | m    |              | scalar |
 
-`quadpend_gym.physics.state` lists the symbols of the state, `quadpend_gym.physics.parameters` those of the parameters.
+`quadpend_gym.physics.state` lists the symbols of the state, `quadpend_gym.vehicles.parameters` those of the parameters.
 """
 
 from dataclasses import dataclass
@@ -37,17 +37,8 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.parameters import (
-    BOB_MASS,
-    GRAVITY,
-    INERTIA_PITCH,
-    INERTIA_ROLL,
-    INERTIA_YAW,
-    PARAMETERS_SIZE,
-    QUADROTOR_MASS,
-    ROD_LENGTH,
-    Parameters,
-)
+from quadpend_gym.vehicles import Parameters
+from quadpend_gym.vehicles.parameters import BOB_MASS, GRAVITY, INERTIA_PITCH, INERTIA_ROLL, INERTIA_YAW, PARAMETERS_SIZE, QUADROTOR_MASS, ROD_LENGTH
 from quadpend_gym.physics.state import (
     BOB_FORCE,
     COMMAND_TORQUE,

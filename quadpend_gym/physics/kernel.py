@@ -31,7 +31,7 @@ from quadpend_gym.physics.dynamics import (
     thrust_axis,
     unconstrained_acceleration,
 )
-from quadpend_gym.physics.parameters import PARAMETERS_SIZE
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import (
     BOB_FORCE,
     COMMAND_SIZE,

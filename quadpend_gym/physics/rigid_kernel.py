@@ -44,7 +44,8 @@ from quadpend_gym.physics.attitude import (
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import Physics, load_physics
 from quadpend_gym.physics.kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
-from quadpend_gym.physics.parameters import PARAMETERS_SIZE, Simulation
+from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.rigid_body import (
     LANE_BODY_SIZE,
     Loads,

@@ -11,7 +11,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.parameters import Simulation
+from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
@@ -70,7 +70,7 @@ def hover_thrusts_of(simulation: Simulation) -> Floats:
 @lru_cache(maxsize=128)
 def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     """Return the settings of a simulation whose vehicle is rigid."""
-    vehicle, step = simulation.rigid_vehicle, simulation.period / max(simulation.substeps, 1)
+    vehicle, step = simulation.vehicle, simulation.period / max(simulation.substeps, 1)
     inertia = vehicle.inertia_matrix
     size = np.sqrt(np.diag(inertia))
     correlation = inertia / np.outer(size, size)
@@ -86,7 +86,7 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     else:
         forward = mixing(vehicle)
         low, high = np.full(4, rotors.thrust[0]), np.full(4, rotors.thrust[1])
-        lags = rotors.lag_up, rotors.lag_up if rotors.lag_down is None else rotors.lag_down
+        lags = rotors.lags
         spins = np.array(rotors.spins, float)
         coefficient = rotors.thrust_coefficient
         momentum = 0.0 if coefficient is None else rotors.inertia / np.sqrt(coefficient)
@@ -120,8 +120,8 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
 
 
 def _torques(simulation: Simulation) -> Floats:
-    limits = simulation.actuators
-    return np.array([limits.roll_pitch_torque, limits.roll_pitch_torque, limits.yaw_torque])
+    roll_pitch, yaw = simulation.torque_limits
+    return np.array([roll_pitch, roll_pitch, yaw])
 
 
 def _decays(lag: float, step: float) -> Vec3:

@@ -28,7 +28,7 @@ from quadpend_gym.core.factories import call_factory, find_factory, is_factory
 from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.validation import check_int, check_positive, from_plain, suggest
-from quadpend_gym.physics.parameters import INTERFACES
+from quadpend_gym.vehicles import INTERFACES
 from quadpend_gym.randomization import as_ranges
 from quadpend_gym.sensors import as_sensors, check_periods
 from quadpend_gym.tasks import ENVIRONMENTS, TASKS, RewardWeights, Task, as_task
@@ -158,8 +158,8 @@ class Scenario:
             latency=old.latency,
         )
         scale = new.parameters.hover_thrust / old.parameters.hover_thrust
-        roll_pitch = new.actuators.roll_pitch_torque / old.actuators.roll_pitch_torque
-        torque_scale = (roll_pitch, roll_pitch, new.actuators.yaw_torque / old.actuators.yaw_torque)
+        roll_pitch, yaw = (new.torque_limits[i] / old.torque_limits[i] for i in range(2))
+        torque_scale = (roll_pitch, roll_pitch, yaw)
         same = {scale, *torque_scale} == {1.0}
         wind = self.wind if same else [Rescaled(model, scale, torque_scale) for model in self.wind.models]
         note = f"; vehicle {found.name}, forces of the wind × {scale:.3g}"

@@ -1,21 +1,29 @@
 """Vehicles as data: body, pole, rotors, drag and rate loop, with presets whose numbers name their sources."""
 
-from quadpend_gym.vehicles.parameters import Parameters
-from quadpend_gym.vehicles.parts import Drag, Pole, RateLoop, Rotors
-from quadpend_gym.vehicles.poles import POLES, as_pole
+from quadpend_gym.vehicles.parameters import PARAMETER_NAMES, Parameters
+from quadpend_gym.vehicles.parts import POLES, Drag, Pole, RateLoop, Rotors
 from quadpend_gym.vehicles.registry import VEHICLES, as_vehicle
+from quadpend_gym.vehicles.simulation import CONTROL_PERIOD, INTERFACES, NamedVehicle, Simulation, as_simulation
 from quadpend_gym.vehicles.vehicle import Vehicle, hover_thrusts, hover_wrench, mixing, torque_limits
 
+PAPER = VEHICLES["paper"].parameters
+
 __all__ = [
+    "CONTROL_PERIOD",
+    "INTERFACES",
+    "PAPER",
+    "PARAMETER_NAMES",
     "POLES",
     "VEHICLES",
     "Drag",
+    "NamedVehicle",
     "Parameters",
     "Pole",
     "RateLoop",
     "Rotors",
+    "Simulation",
     "Vehicle",
-    "as_pole",
+    "as_simulation",
     "as_vehicle",
     "hover_thrusts",
     "hover_wrench",

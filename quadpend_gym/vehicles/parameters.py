@@ -1,38 +1,27 @@
-"""The nine physical parameters that every vehicle has.
+"""The nine physical parameters that every vehicle has, and their layout in arrays that compiled functions read."""
 
-The default values come from Table 1 of the paper; `quadpend_gym.physics.drag` gives the source of the drag areas.
-"""
-
-from dataclasses import astuple, dataclass
-from typing import Annotated
+from typing import NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.ranges import Range, check_fields
 
 
-@dataclass(frozen=True)
-class Parameters:
-    """Physical parameters of a quadrotor with constant diagonal inertia, a massless rod and a point mass as bob.
+class Parameters(NamedTuple):
+    """Physical parameters of a quadrotor with a massless rod and a point mass as bob, SI units.
 
-    Raises:
-        TypeError: If a value is not a number.
-        ValueError: If a value is outside its range.
+    `Vehicle.parameters` derives them from a vehicle. A pole with inertia has more, see `quadpend_gym.vehicles.Pole`.
     """
 
-    quadrotor_mass: Annotated[float, Range(1e-4, 1e4, "kg")] = 0.5  # M, Table 1
-    bob_mass: Annotated[float, Range(1e-6, 1e4, "kg")] = 0.2  # m_c, Table 1
-    rod_length: Annotated[float, Range(1e-3, 100.0, "m")] = 0.3  # l, Table 1
-    gravity: Annotated[float, Range(0.01, 1000.0, "m/s²")] = 9.8  # g, Table 1
-    inertia_roll: Annotated[float, Range(1e-10, 1e6, "kg·m²")] = 0.1  # I_φ, Table 1
-    inertia_pitch: Annotated[float, Range(1e-10, 1e6, "kg·m²")] = 0.1  # I_θ, Table 1
-    inertia_yaw: Annotated[float, Range(1e-10, 1e6, "kg·m²")] = 0.1  # I_ψ, Table 1
-    quadrotor_drag_area: Annotated[float, Range(0.0, 100.0, "m²")] = 0.01  # A_Q, see `quadpend_gym.physics.drag`
-    bob_drag_area: Annotated[float, Range(0.0, 100.0, "m²")] = 0.0005  # A_B, see `quadpend_gym.physics.drag`
-
-    def __post_init__(self) -> None:
-        check_fields(self)
+    quadrotor_mass: float  # M, kg
+    bob_mass: float  # m_c, kg
+    rod_length: float  # l, m
+    gravity: float  # g, m/s²
+    inertia_roll: float  # I_φ, kg·m²
+    inertia_pitch: float  # I_θ, kg·m²
+    inertia_yaw: float  # I_ψ, kg·m²
+    quadrotor_drag_area: float  # A_Q, m², see `quadpend_gym.physics.drag`
+    bob_drag_area: float  # A_B, m², see `quadpend_gym.physics.drag`
 
     @property
     def total_mass(self) -> float:
@@ -50,8 +39,21 @@ class Parameters:
         return self.hover_thrust / (self.quadrotor_mass * self.rod_length)
 
     def as_array(self) -> Floats:
-        """Return the fields in order as an array of shape (9,), SI units."""
-        return np.array(astuple(self))
+        """Return the parameters in order, shape (9,)."""
+        return np.array(self)
 
 
-PAPER = Parameters()
+PARAMETER_NAMES = Parameters._fields
+PARAMETERS_SIZE = len(PARAMETER_NAMES)
+# Position of each parameter in an array, as constants that compiled functions can read.
+(
+    QUADROTOR_MASS,
+    BOB_MASS,
+    ROD_LENGTH,
+    GRAVITY,
+    INERTIA_ROLL,
+    INERTIA_PITCH,
+    INERTIA_YAW,
+    QUADROTOR_DRAG_AREA,
+    BOB_DRAG_AREA,
+) = range(PARAMETERS_SIZE)

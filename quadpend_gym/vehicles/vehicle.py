@@ -4,25 +4,22 @@ Frames: world z up; body x forward, y left, z up, with its origin in the body's 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal
+from dataclasses import field
+from typing import Annotated, Literal
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.ranges import Range, check_fields
-from quadpend_gym.core.validation import as_vector, check_number, from_plain, suggest, to_plain_fields
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.vehicles.parameters import Parameters
-from quadpend_gym.vehicles.parts import Drag, Pole, RateLoop, Rotors
-from quadpend_gym.vehicles.poles import as_pole
+from quadpend_gym.vehicles.parts import Axes, Drag, NamedPole, RateLoop, Rotors
 
-ATTITUDES = ("rigid", "euler")
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
 _LARGEST_GYRATION = 3.0  # radius of gyration per distance of the outermost rotor; 1 if all mass is at that distance
 _FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
 
 
-@dataclass(frozen=True)
+@settings
 class Vehicle:
     """A quadrotor that carries a pole on a ball joint.
 
@@ -30,65 +27,40 @@ class Vehicle:
     one in `POLES`.
 
     Attributes:
-        name: Name in tables and pictures.
-        mass: M, kg, without the pole.
-        inertia: (Ixx, Iyy, Izz) or 3 × 3, kg·m², body frame, about the body's centre of mass, without the pole. With
-            rotors, its radii of gyration are at most 3 times the distance of the outermost rotor from the centre of
-            mass. A body whose mass is nowhere further out than the rotors has at most 1 times this distance.
+        mass: M, without the pole.
+        inertia: (Ixx, Iyy, Izz) or 3 × 3, body frame, about the body's centre of mass, without the pole.
         pole: The pole.
+        name: Name in tables and pictures; a vehicle from a file without a name has the name of the file.
         attitude: "rigid" for a rigid body; "euler" for the paper's model, in which a constant diagonal inertia
             multiplies the Euler-angle accelerations. "euler" has neither rotors nor a pivot offset nor a pole inertia.
-        pivot: p, m, body frame, from the body's centre of mass to the joint.
+        pivot: p, body frame, from the body's centre of mass to the joint.
         rotors: The rotors; None: thrust and torques act as they are commanded, and `torque` is needed.
         drag: Drag of the body.
-        rate_loop: The loop on board for the interface "body_rates"; None means its default values.
-        torque: (roll and pitch, yaw), N·m: torques at an action of ±1 of the interface "wrench"; None: as
-            computed by `torque_limits`.
-        gravity: g, m/s².
-
-    Raises:
-        TypeError: If a value has the wrong type.
-        ValueError: If a value is out of its range, the inertia belongs to no rigid body, or the rotors cannot hover or
-            cannot make roll, pitch and yaw torques.
+        rate_loop: The loop on board for the interface "body_rates".
+        torque: (roll and pitch, yaw) at an action of ±1 of the interface "wrench"; None: see `torque_limits`.
+        gravity: g.
     """
 
-    name: str
     mass: Annotated[float, Range(1e-3, 1e3, "kg")]
-    inertia: Any
-    pole: Pole
+    inertia: Annotated[Axes | tuple[Axes, Axes, Axes], Range(-1e6, 1e6, "kg·m²")]
+    pole: NamedPole
+    name: str = "own"
     attitude: Literal["rigid", "euler"] = "rigid"
-    pivot: Annotated[tuple[float, float, float], Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)
+    pivot: Annotated[Axes, Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)
     rotors: Rotors | None = None
     drag: Drag = field(default_factory=Drag)
     rate_loop: RateLoop = field(default_factory=RateLoop)
-    torque: Annotated[tuple[float, ...] | None, Range(1e-6, 1e4, "N·m")] = None
+    torque: Annotated[tuple[float, float] | None, Range(1e-6, 1e4, "N·m")] = None
     gravity: Annotated[float, Range(0.1, 100.0, "m/s²")] = 9.81
 
     def __post_init__(self) -> None:
-        set_field = object.__setattr__
-        set_field(self, "pole", as_pole(self.pole))
-        set_field(self, "drag", from_plain(Drag, self.drag, "vehicle.drag"))
-        set_field(self, "rate_loop", from_plain(RateLoop, self.rate_loop or RateLoop(), "vehicle.rate_loop"))
-        if self.rotors is not None:
-            set_field(self, "rotors", from_plain(Rotors, self.rotors, "vehicle.rotors"))
-        to_plain_fields(self)
-        if not isinstance(self.name, str) or not self.name:
-            raise TypeError(f"vehicle.name must be a text, not {self.name!r}")
-        if self.attitude not in ATTITUDES:
-            raise ValueError(
-                f"vehicle.attitude must be 'rigid' or 'euler', not {self.attitude!r}{suggest(self.attitude, ATTITUDES)}"
-            )
-        set_field(self, "pivot", as_vector(self.pivot, 3, "vehicle.pivot"))
-        if self.torque is not None and (not isinstance(self.torque, tuple) or len(self.torque) != 2):
-            raise TypeError(f"vehicle.torque must be a pair (roll and pitch, yaw) in N·m, not {self.torque!r}")
-        check_fields(self, "vehicle.")
-        set_field(self, "inertia", _check_inertia(self.inertia, self.mass))
+        _check_inertia(self)
         if self.torque is None and self.rotors is None:
-            raise ValueError("vehicle.torque must be given for a vehicle without rotors, not None")
+            raise ValueError("vehicle.torque must be given for a vehicle without rotors")
         if self.attitude == "euler":
             _check_euler(self)
         if self.rotors is not None:
-            _check_rotors(self)
+            _check_rotors(self, self.rotors)
 
     @property
     def inertia_matrix(self) -> Floats:
@@ -127,10 +99,6 @@ class Vehicle:
             bob_drag_area=self.pole.drag_area,
         )
 
-    def with_pole(self, pole: Any) -> "Vehicle":
-        """Return this vehicle with another pole: a `Pole`, a mapping of its fields, or the name of one in `POLES`."""
-        return replace(self, pole=as_pole(pole))
-
 
 def mixing(vehicle: Vehicle) -> Floats:
     """Return the matrix from the rotor thrusts to thrust and torques about x, y, z, N and N·m, shape (4, 4).
@@ -165,6 +133,14 @@ def hover_thrusts(vehicle: Vehicle) -> Floats:
     return np.asarray(np.linalg.solve(mixing(vehicle), hover_wrench(vehicle.parameters, vehicle.pivot)))
 
 
+def scaled_inertia(vehicle: Vehicle, parameters: Parameters) -> Floats:
+    """Return the inertia of a vehicle with the moments of inertia in `parameters`, kg·m², shape (3, 3)."""
+    inertia = vehicle.inertia_matrix
+    moments = [parameters.inertia_roll, parameters.inertia_pitch, parameters.inertia_yaw]
+    factors = np.sqrt(np.array(moments) / np.diag(inertia))
+    return np.asarray(inertia * np.outer(factors, factors))
+
+
 def torque_limits(vehicle: Vehicle) -> tuple[float, float]:
     """Return the torques at an action of ±1 of the interface "wrench": (roll and pitch, yaw), N·m.
 
@@ -189,33 +165,27 @@ def _rotors(vehicle: Vehicle) -> Rotors:
     return vehicle.rotors
 
 
-def _check_inertia(value: Any, mass: float) -> tuple[Any, ...]:
-    """Return an inertia as three numbers or three rows of three, after checking that a rigid body can have it."""
-    wrong = f"vehicle.inertia must be three numbers or three rows of three numbers, kg·m², not {value!r}"
-    if not isinstance(value, tuple) or len(value) != 3:
-        raise TypeError(wrong)
-    rows = value if all(isinstance(row, tuple) and len(row) == 3 for row in value) else (value,)
-    if any(isinstance(number, tuple) for row in rows for number in row):
-        raise TypeError(wrong)
-    plain = tuple(tuple(check_number(number, "vehicle.inertia") for number in row) for row in rows)
-    matrix = np.diag(plain[0]) if len(plain) == 1 else np.array(plain)
+def _check_inertia(vehicle: Vehicle) -> None:
+    """Refuse an inertia that no rigid body has, or that was given in another unit."""
+    matrix = vehicle.inertia_matrix
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
-        raise ValueError(f"vehicle.inertia must be symmetric, not {value!r}")
+        raise ValueError(f"vehicle.inertia must be symmetric, not {vehicle.inertia!r}")
     least, middle, largest = np.linalg.eigvalsh(matrix).tolist()
     if least <= 0.0:
-        raise ValueError(f"vehicle.inertia must be positive definite, not {value!r}")
+        raise ValueError(f"vehicle.inertia must be positive definite, not {vehicle.inertia!r}")
     if largest > (least + middle) * (1.0 + 1e-9):
         raise ValueError(
             "vehicle.inertia must have principal moments of which none exceeds the sum of the others, not"
             f" {least:g}, {middle:g} and {largest:g} kg·m²"
         )
-    low, high = 1e-3, 10.0
-    if not (mass * low**2 <= least and largest <= mass * high**2):
+    # radius of gyration: at most that of a body whose mass is nowhere further out than the rotors, times a margin
+    reach = 10.0 if vehicle.rotors is None else float(np.linalg.norm(vehicle.rotors.positions, axis=1).max())
+    most = vehicle.mass * (_LARGEST_GYRATION * reach) ** 2
+    if largest > most:
         raise ValueError(
-            f"vehicle.inertia must be between {mass * low**2:g} and {mass * high**2:g} kg·m² for a mass of {mass:g} kg"
-            f" (radii of gyration from {low:g} to {high:g} m), not {value!r}"
+            f"vehicle.inertia must be at most {most:.3g} kg·m² (a radius of gyration of {_LARGEST_GYRATION:g} times the"
+            f" {reach:.3g} m to the outermost rotor), not {vehicle.inertia!r}, which may be in g·m² or g·cm²"
         )
-    return plain[0] if len(plain) == 1 else plain
 
 
 def _check_euler(vehicle: Vehicle) -> None:
@@ -233,15 +203,9 @@ def _check_euler(vehicle: Vehicle) -> None:
         raise ValueError(f"vehicle.attitude 'euler', the paper's model, has no {given[0]}; take 'rigid'")
 
 
-def _check_rotors(vehicle: Vehicle) -> None:
+def _check_rotors(vehicle: Vehicle, rotors: Rotors) -> None:
     """Refuse rotors that cannot hover or cannot make roll, pitch and yaw torques."""
-    rotors = _rotors(vehicle)
     low, high = rotors.thrust
-    weight = f"the weight of {vehicle.weight:g} N of body and pole"
-    if 4.0 * high <= vehicle.weight:
-        raise ValueError(f"rotors.thrust must carry {weight}, not at most {high:g} N by each of four rotors")
-    if 4.0 * low >= vehicle.weight:
-        raise ValueError(f"rotors.thrust must allow less than {weight}, not at least {low:g} N by each of four rotors")
     scaled = mixing(vehicle)
     scaled[1:3] /= max(np.abs(rotors.positions).max(), 1e-12)
     scaled[3] /= rotors.torque_per_thrust
@@ -253,24 +217,12 @@ def _check_rotors(vehicle: Vehicle) -> None:
     hover = hover_thrusts(vehicle)
     if not (low < (1.0 - _MARGIN) * hover.min() and (1.0 + _MARGIN) * hover.max() < high):
         raise ValueError(
-            f"rotors.positions, rotors.spins and pivot must allow hover within rotors.thrust of {low:g} to {high:g} N"
-            f" and a margin of {_MARGIN:.0%}, not with the thrusts {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
+            f"rotors.thrust of {low:g} to {high:g} N must allow hover of body and pole, {vehicle.weight:g} N, with a"
+            f" margin of {_MARGIN:.0%}, which needs {', '.join(f'{thrust:.3g}' for thrust in hover)} N"
         )
-    _check_gyration(vehicle, rotors)
-    lag = 0.5 * (rotors.lag_up + (rotors.lag_up if rotors.lag_down is None else rotors.lag_down))
-    if vehicle.rate_loop is not None and vehicle.rate_loop.time_constant < _FASTEST_LOOP * lag:
+    lag = 0.5 * sum(rotors.lags)
+    if vehicle.rate_loop.time_constant < _FASTEST_LOOP * lag:
         raise ValueError(
             f"rate_loop.time_constant must be at least half the rotors' lag of {lag:g} s, not"
             f" {vehicle.rate_loop.time_constant:g} s"
-        )
-
-
-def _check_gyration(vehicle: Vehicle, rotors: Rotors) -> None:
-    """Refuse an inertia that is much too large for the size of the vehicle."""
-    reach = float(np.linalg.norm(rotors.positions, axis=1).max())
-    most = vehicle.mass * (_LARGEST_GYRATION * reach) ** 2
-    if np.linalg.eigvalsh(vehicle.inertia_matrix)[-1] > most:
-        raise ValueError(
-            f"vehicle.inertia must be at most {most:.3g} kg·m² (a radius of gyration of {_LARGEST_GYRATION:g} times the"
-            f" {reach:.3g} m to the outermost rotor), not {vehicle.inertia!r}, which may be in g·m² or g·cm²"
         )

@@ -114,7 +114,7 @@ class Nmpc:
     def limits(self) -> Floats:
         """Lowest and highest command, N and N·m, shape (4, 2)."""
         out = self.horizon_simulation.command_scale[:, np.newaxis] * [[0.0, 2.0], *[[-1.0, 1.0]] * 3]
-        rotors = self.simulation.rigid_vehicle.rotors if self.simulation.is_rigid else None
+        rotors = self.simulation.vehicle.rotors
         if rotors is not None:
             out[0] = np.clip(out[0], 4.0 * rotors.thrust[0], 4.0 * rotors.thrust[1])
         return np.asarray(out)

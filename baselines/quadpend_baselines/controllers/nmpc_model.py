@@ -129,7 +129,7 @@ def euler_rates(euler: Any, rate: Any) -> Any:
 
 def rigid_accelerations(state: Any, command: Any, disturbance: Any, simulation: Simulation) -> Acceleration:
     """Return the second derivatives of a rigid vehicle, equations (1) to (8) of `rigid_body`."""
-    p, vehicle = simulation.parameters, simulation.rigid_vehicle
+    p, vehicle = simulation.parameters, simulation.vehicle
     inertia = scaled_inertia(vehicle, p)
     per_inertia, pivot = ca.DM(np.linalg.inv(inertia)), ca.DM(list(vehicle.pivot))
     M, m, shape = p.quadrotor_mass, p.bob_mass, vehicle.pole.inertia / (vehicle.pole.mass * vehicle.pole.length**2)

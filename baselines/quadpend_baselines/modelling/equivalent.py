@@ -29,7 +29,7 @@ from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import Actuators
+from quadpend_gym.vehicles import Drag, Pole, Vehicle
 from quadpend_gym.physics.state import Disturbance, State
 
 
@@ -55,7 +55,7 @@ def equivalent_model(simulation: Simulation) -> EquivalentModel:
     p = simulation.parameters
     if not simulation.is_rigid:
         return EquivalentModel(p)
-    vehicle = simulation.rigid_vehicle
+    vehicle = simulation.vehicle
     length = p.rod_length + vehicle.pole.inertia / (p.bob_mass * p.rod_length)
     mass = p.bob_mass * p.rod_length / length
     height, share = vehicle.pivot[2], p.bob_mass / p.total_mass
@@ -63,7 +63,7 @@ def equivalent_model(simulation: Simulation) -> EquivalentModel:
     ratio = free / (length - share * p.rod_length)
     arm = free / (1.0 + ratio)
     return EquivalentModel(
-        replace(p, quadrotor_mass=p.total_mass - mass, bob_mass=mass, rod_length=length),
+        p._replace(quadrotor_mass=p.total_mass - mass, bob_mass=mass, rod_length=length),
         ratio / (1.0 + ratio),
         length - p.rod_length - arm,
         share * height + arm,
@@ -84,12 +84,21 @@ def design_simulation(simulation: Simulation) -> Simulation:
     """
     if not simulation.is_rigid:
         return simulation
-    p, given, paper = design_parameters(simulation), simulation.actuators, Simulation()
+    p, (roll_pitch_limit, yaw_limit), paper = design_parameters(simulation), simulation.torque_limits, Simulation()
+    paper_roll_pitch, paper_yaw = paper.torque_limits
     per_inertia = p.chain_stiffness / (paper.parameters.chain_stiffness * paper.parameters.inertia_roll)
-    roll_pitch = per_inertia * paper.actuators.roll_pitch_torque * 0.5 * (p.inertia_roll + p.inertia_pitch)
-    yaw = per_inertia * paper.actuators.yaw_torque * p.inertia_yaw
-    actuators = Actuators(min(roll_pitch, given.roll_pitch_torque), min(yaw, given.yaw_torque))
-    return replace(simulation, vehicle=None, interface="wrench", latency=0.0, parameters=p, actuators=actuators)
+    roll_pitch = per_inertia * paper_roll_pitch * 0.5 * (p.inertia_roll + p.inertia_pitch)
+    yaw = per_inertia * paper_yaw * p.inertia_yaw
+    vehicle = Vehicle(
+        mass=p.quadrotor_mass,
+        inertia=(p.inertia_roll, p.inertia_pitch, p.inertia_yaw),
+        pole=Pole(p.bob_mass, p.rod_length, drag_area=p.bob_drag_area),
+        attitude="euler",
+        drag=Drag(p.quadrotor_drag_area),
+        torque=(min(roll_pitch, roll_pitch_limit), min(yaw, yaw_limit)),
+        gravity=p.gravity,
+    )
+    return replace(simulation, vehicle=vehicle, interface="wrench", latency=0.0)
 
 
 def design_disturbance(disturbance: Floats, simulation: Simulation) -> Floats:

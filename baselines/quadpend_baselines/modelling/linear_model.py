@@ -88,8 +88,7 @@ def _advance_without_lag(
     state: Floats, command: Floats, disturbance: Floats, parameters: Floats, simulation: Simulation
 ) -> None:
     """Advance states in place by one period in which thrust and torques, as deviations from hover, act at once."""
-    a = simulation.actuators
-    vehicle = replace(simulation.rigid_vehicle, rotors=None, torque=(a.roll_pitch_torque, a.yaw_torque))
+    vehicle = replace(simulation.vehicle, rotors=None, torque=simulation.torque_limits)
     direct = replace(simulation, vehicle=vehicle, interface="wrench", latency=0.0)
     hover = np.eye(COMMAND_SIZE)[THRUST] * simulation.parameters.hover_thrust
     action = (command - hover) / direct.command_scale

@@ -57,7 +57,7 @@ def plan_swing_up(simulation: Simulation, steps: int) -> Plan:
     """
     check_int(steps, "steps", 1)
     if simulation.is_rigid:
-        raise ValueError(f"the plan is for the paper's vehicle, not {simulation.rigid_vehicle.name!r}")
+        raise ValueError(f"the plan is for the paper's vehicle, not {simulation.vehicle.name!r}")
     x, a, known, after = step(Plant(simulation))
     motion = ca.Function("motion", [x, a, known], [after])
     numbers = np.concatenate([np.zeros(WIND_SIZE), simulation.parameters.as_array()])

@@ -18,11 +18,12 @@ from quadpend_baselines.estimation.chains import AdrcMeasurement
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from quadpend_baselines.policy.rollout import rollout
-from quadpend_gym import Actuators, Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Simulation, Sinusoid
+from quadpend_gym import Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Simulation, Sinusoid
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_TORQUE
 from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks import EPISODE_STEPS
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wrappers import VectorSensorWrapper
 
 EPISODES, SEED = 50, 0
@@ -176,7 +177,7 @@ def predicted_offset(gains: AdrcGains, simulation: Simulation) -> float:
 
 def simulate(case: AblationCase) -> AblationResult:
     """Run the episodes of a case."""
-    simulation = Simulation(actuators=Actuators(roll_pitch_torque=case.torque_limit))
+    simulation = Simulation(vehicle=replace(VEHICLES["paper"], torque=(case.torque_limit, 1.0)))
     policy = case.controller(case.gains, simulation)
     env: VectorEnv[Any, Any, Any] = QuadPendulumVectorEnv(
         EPISODES,

@@ -32,7 +32,7 @@ _LAGS = 1.0  # H in units of L
 @lru_cache(maxsize=64)
 def _response(simulation: Simulation) -> tuple[float, float, float]:
     """Return the factor of w_d − w in equation (1), and 1/a (1/s) and b of equation (2)."""
-    rotors = simulation.rigid_vehicle.rotors
+    rotors = simulation.vehicle.rotors
     down = 0.0 if rotors is None else rotors.lag_up if rotors.lag_down is None else rotors.lag_down
     lag = 0.0 if rotors is None else 0.5 * (rotors.lag_up + down)
     horizon = max(simulation.period, _LAGS * lag)
@@ -104,7 +104,7 @@ def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tup
     out, reached = np.empty_like(command), np.empty_like(command)
     response = np.array(_response(simulation))
     wanted, start = np.ascontiguousarray(command), np.ascontiguousarray(rigid)
-    hover = hover_wrench(simulation.parameters, simulation.rigid_vehicle.pivot)
+    hover = hover_wrench(simulation.parameters, simulation.vehicle.pivot)
     _rigid_actions(wanted, start, pack_rigid(simulation), hover, response, out, reached)
     return out, reached
 

@@ -6,7 +6,6 @@ observes −r and −ṙ therefore controls a hanging pendulum. Its K = (M + m_c
 back instead of falling over, with the frequency √|K| instead of the rate √K.
 """
 
-from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -34,11 +33,9 @@ def mirror_simulation(simulation: Simulation) -> Simulation:
     """
     if simulation.is_rigid:
         raise ValueError(
-            f"controllers of a hanging pendulum are for the paper's vehicle, not {simulation.rigid_vehicle.name!r}"
+            f"controllers of a hanging pendulum are for the paper's vehicle, not {simulation.vehicle.name!r}"
         )
-    parameters = copy(simulation.parameters)
-    object.__setattr__(parameters, "rod_length", -parameters.rod_length)  # outside the range of a rod
-    return replace(simulation, parameters=parameters)
+    return replace(simulation, pendulum="hanging")
 
 
 def mirror_observation(observation: Floats32) -> Floats32:

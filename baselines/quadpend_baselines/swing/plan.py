@@ -51,7 +51,7 @@ def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
     """
     default = Simulation()
     if simulation.is_rigid or any(
-        getattr(simulation, name) != getattr(default, name) for name in ("parameters", "actuators", "period")
+        getattr(simulation, name) != getattr(default, name) for name in ("parameters", "torque_limits", "period")
     ):
         raise ValueError(
             "swing-up has a plan for the paper's vehicle with its default parameters and the control period"

@@ -1,0 +1,133 @@
+"""The simulation of a vehicle: its command interface, control period, step size and latency."""
+
+from dataclasses import field
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.settings import Range, settings
+from quadpend_gym.vehicles.parameters import Parameters
+from quadpend_gym.vehicles.registry import VEHICLES, as_vehicle
+from quadpend_gym.vehicles.vehicle import Vehicle, torque_limits
+
+CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
+INTERFACES = ("wrench", "rotors", "body_rates")
+Interface = Literal["wrench", "rotors", "body_rates"]
+NamedVehicle = Annotated[Vehicle, BeforeValidator(as_vehicle)]  # anything that `as_vehicle` takes
+_MOST_SUBSTEPS = 10_000
+_MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
+# Largest rate at which linear drag slows a motion, times the length of a substep. The drag of the rotors is constant
+# during a substep, so it would reverse the motion above 1. Angular drag is part of the Runge-Kutta step, which is
+# unstable above 2.8. The rest is for parameters that are drawn for each episode.
+_MOST_DAMPED = {"rotor": 0.5, "angular": 1.0}
+
+
+@settings
+class Simulation:
+    """A vehicle, what an action commands, and when and how exactly the simulation computes its motion.
+
+    Attributes:
+        vehicle: The vehicle, its name, a TOML file, or a mapping of its fields.
+        interface: What an action commands: ``"wrench"``, ``"rotors"`` or ``"body_rates"``.
+        period: Control period, s.
+        substeps: Runge–Kutta steps in a control period.
+        latency: Time from an action to the moment when it acts, s; a whole number of substeps.
+        pendulum: ``"hanging"`` makes the rod length in `parameters` negative, as control laws for a hanging pendulum
+            need it. Environments have ``"upright"``.
+    """
+
+    vehicle: NamedVehicle = field(default_factory=lambda: VEHICLES["paper"])
+    interface: Interface = "wrench"
+    period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
+    substeps: Annotated[int, Range(1, _MOST_SUBSTEPS)] = 2
+    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
+    pendulum: Literal["upright", "hanging"] = "upright"
+
+    def __post_init__(self) -> None:
+        _check_interface(self)
+        if self.is_rigid:
+            _check_damping(self)
+        if self.latency > _MOST_DELAYED * self.period * (1.0 + 1e-9):
+            raise ValueError(
+                f"latency must be at most {_MOST_DELAYED} control periods of {self.period:g} s, not {self.latency:g} s"
+            )
+        delayed = self.latency / self.period * self.substeps
+        if abs(delayed - round(delayed)) > 1e-6:
+            raise ValueError(
+                f"latency must be a whole number of substeps of {self.period / self.substeps:g} s"
+                f" (period / substeps), not {self.latency:g} s"
+            )
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the vehicle is a rigid body; else it has the paper's attitude model."""
+        return self.vehicle.attitude == "rigid"
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The physical parameters of the vehicle; with a hanging pendulum, the rod length is negative."""
+        found = self.vehicle.parameters
+        return found if self.pendulum == "upright" else found._replace(rod_length=-found.rod_length)
+
+    @cached_property
+    def torque_limits(self) -> tuple[float, float]:
+        """Torques at an action of ±1 of the interface "wrench": (roll and pitch, yaw), N·m."""
+        return torque_limits(self.vehicle)
+
+    @property
+    def delayed_substeps(self) -> int:
+        """The latency in substeps."""
+        return round(self.latency / self.period * self.substeps)
+
+    @property
+    def command_scale(self) -> Floats:
+        """Scales that convert an action a to a command, shape (4,).
+
+        With the interfaces "wrench" and "body_rates" the thrust is scale₀ (1 + a₀) in N, and the torques in N·m or the
+        body rates in rad/s are scaleᵢ aᵢ. scale₀ is the weight, so a zero action commands the hover thrust and no
+        torques or rates. With "rotors" the scale is that of "wrench", which controllers use; see
+        `quadpend_gym.physics.rotors` for the thrusts of the rotors.
+        """
+        loop, (roll_pitch, yaw) = self.vehicle.rate_loop, self.torque_limits
+        if self.interface == "body_rates":
+            roll_pitch, yaw = loop.roll_pitch, loop.yaw
+        return np.array([self.parameters.hover_thrust, roll_pitch, roll_pitch, yaw])
+
+
+def _check_interface(simulation: Simulation) -> None:
+    if not simulation.is_rigid:
+        if simulation.interface != "wrench":
+            raise ValueError(
+                f"interface must be 'wrench', not {simulation.interface!r}: the paper's attitude model has no rotors"
+                " and no body rates; choose a rigid vehicle, for example vehicle='hummingbird'"
+            )
+        if simulation.latency > 0.0:
+            raise ValueError(
+                f"latency must be 0 for the paper's attitude model, not {simulation.latency:g} s: use the actuator"
+                " action_delay, or a rigid vehicle"
+            )
+    elif simulation.interface == "rotors" and simulation.vehicle.rotors is None:
+        raise ValueError(f"interface must not be 'rotors': the vehicle {simulation.vehicle.name!r} has no rotors")
+
+
+def _check_damping(simulation: Simulation) -> None:
+    """Refuse a linear drag that is too strong for the length of a substep."""
+    vehicle, period = simulation.vehicle, simulation.period
+    drag, turning = vehicle.drag, np.linalg.solve(vehicle.inertia_matrix, np.diag(vehicle.drag.angular))
+    rates = {"rotor": max(drag.rotor) / vehicle.mass, "angular": float(np.linalg.eigvals(turning).real.max())}
+    name = max(rates, key=lambda name: rates[name] / _MOST_DAMPED[name])
+    least = int(np.ceil(period * rates[name] / _MOST_DAMPED[name] * (1.0 - 1e-9)))
+    if simulation.substeps < least:
+        raise ValueError(
+            f"substeps must be at least {least}, not {simulation.substeps}: drag.{name} = {getattr(drag, name)!r} slows"
+            f" the vehicle within {1.0 / rates[name]:.2g} s, and a substep may last at most {_MOST_DAMPED[name]:g} times"
+            " as long"
+        )
+
+
+def as_simulation(value: Any) -> Simulation:
+    """Return a simulation: `value` itself, one with the fields of a mapping, or for None the default one."""
+    return value if isinstance(value, Simulation) else Simulation(**(value or {}))
