@@ -34,9 +34,9 @@ TIMESTEP = 1e-4  # s, of MuJoCo
 BODIES = {
     "unequal": UNEQUAL,
     "paper": PAPER,
-    "rod of 0.1 m, bob of 0.5 kg": replace(PAPER, rod_length=0.1, bob_mass=0.5),
-    "rod of 1 m": replace(PAPER, rod_length=1.0),
-    "bob of 0.02 kg": replace(PAPER, bob_mass=0.02),
+    "rod of 0.1 m, bob of 0.5 kg": PAPER._replace(rod_length=0.1, bob_mass=0.5),
+    "rod of 1 m": PAPER._replace(rod_length=1.0),
+    "bob of 0.02 kg": PAPER._replace(bob_mass=0.02),
 }
 RIGID_VEHICLES = ("hummingbird", "crazyflie", "skydio-x2")
 DRAG_PERIODS, DRAG_SECONDS = (0.02, 0.01, 0.005, 0.0025), 0.5  # s
@@ -180,7 +180,7 @@ def drag_error(vehicle: Vehicle, period: float) -> float:
     """Return the error of the position after half a second with constant rotors, from 5 m/s, mm."""
     ends = []
     for length in (period, period / _FINE):
-        env = QuadPendulumEnv(vehicle=vehicle, wind="still_air", simulation={"period": length}, task=ENDLESS)
+        env = QuadPendulumEnv(vehicle=vehicle, wind="still_air", period=length, task=ENDLESS)
         env.reset(seed=0, options={"state": {**AT_REST, "velocity": (4.0, 3.0, 0.0), "direction": (0.1, 0.0, 1.0)}})
         for _ in range(round(DRAG_SECONDS / length)):
             env.step(np.zeros(4, np.float32))

@@ -16,11 +16,9 @@ import gymnasium as gym
 
 from quadpend_gym.envs.env import QuadPendulumEnv
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
-from quadpend_gym.vehicles import PAPER, Parameters, Simulation
 from quadpend_gym.physics.state import Disturbance, State
 from quadpend_gym.tasks import (
     ENVIRONMENTS,
-    EPISODE_STEPS,
     Limits,
     ReferenceSettings,
     RewardWeights,
@@ -30,6 +28,7 @@ from quadpend_gym.tasks import (
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
+from quadpend_gym.vehicles import PAPER, Parameters, Simulation
 from quadpend_gym.wind import (
     Constant,
     Drawn,
@@ -81,6 +80,5 @@ for _name, _task in ENVIRONMENTS.items():
         id=_name,
         entry_point="quadpend_gym.envs.env:QuadPendulumEnv",
         vector_entry_point="quadpend_gym.envs.vector_env:QuadPendulumVectorEnv",
-        max_episode_steps=EPISODE_STEPS,
-        kwargs={"task": _task},
+        kwargs={} if _task == "track" else {"task": _task},
     )

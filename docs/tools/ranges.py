@@ -5,7 +5,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym import Actuators, Limits, Parameters, Reference, ReferenceSettings, RewardWeights, StartSettings
+from quadpend_gym import Limits, Reference, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.settings import declared
 from quadpend_gym.physics.parameters import Simulation
@@ -21,7 +21,7 @@ from quadpend_train.training.settings import HybridSettings, TrainSettings
 
 PAGE = Path(__file__).parents[1] / "ranges.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
-    "simulation": (Parameters, Actuators, Simulation, Around),
+    "simulation": (Simulation, Around),
     "task": (ReferenceSettings, StartSettings, Limits, RewardWeights, Reference, Waypoints, Sinusoids, SinusoidTerm),
     "vehicles": (Vehicle, Pole, Rotors, Drag, RateLoop),
     "wind": tuple(WINDS.values()),

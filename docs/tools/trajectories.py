@@ -20,7 +20,7 @@ SETTLED = 5.0  # s, from where on the path of the bob and its error are shown
 
 def fly(scenario: Scenario) -> Floats:
     """Return the tracking errors of flatness in one episode, m, shape (steps, 3)."""
-    env: Any = scenario.make_vec(1, AutoresetMode.DISABLED, scenario.steps + 1)
+    env: Any = scenario.make_vec(1, AutoresetMode.DISABLED, max_episode_steps=scenario.steps + 1)
     observation, _ = env.reset(seed=0)
     policy, memory, started, errors = controller("flatness"), None, np.ones(1, np.bool_), []
     for _ in range(scenario.steps):
@@ -35,7 +35,7 @@ def draw(path: Path) -> None:
     """Draw each example from above, the flight of a controller, and the tilt that the trajectory needs."""
     figure, axes = plt.subplots(2, 3, figsize=(10.0, 5.6), height_ratios=(2.2, 1.0), layout="constrained")
     for name, (above, below) in zip(EXAMPLES, axes.T, strict=True):
-        scenario = find_scenario(str(DOCS / f"scenarios/{name}.toml"))
+        scenario: Any = find_scenario(str(DOCS / f"scenarios/{name}.toml"))
         trajectory, errors = scenario.task.trajectory, fly(scenario)
         times = scenario.simulation.period * np.arange(1, scenario.steps + 1)
         x, y = trajectory.derivatives(times)[:, 0, :2].T

@@ -61,10 +61,10 @@ def from_above(vehicle: Vehicle, middle: tuple[float, float], reach: float, titl
     """
     assert vehicle.rotors
     positions, spins = vehicle.rotors.positions, vehicle.rotors.spins
-    scale = reach / max(math.hypot(x, y) for x, y, _ in positions)
+    scale = reach / max(math.hypot(*position[:2]) for position in positions)
     x0, y0 = middle
     parts = [text((x0, 24), title, size=15)]
-    for i, ((x, y, _), spin) in enumerate(zip(positions, spins, strict=True), 1):
+    for i, ((x, y, *_), spin) in enumerate(zip(positions, spins, strict=True), 1):
         at = (x0 - scale * y, y0 - scale * x)
         colour = FRONT if x >= 0.9 * max(place[0] for place in positions) else GREY
         share = 1.0 - RADIUS / math.dist(middle, at)  # the arm ends at the edge of the disc
@@ -143,7 +143,7 @@ def vehicles_table() -> str:
     )
     lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
     for name, vehicle in VEHICLES.items():
-        inertia = ", ".join(f"{1e3 * moment:.3g}" for moment in vehicle.inertia)
+        inertia = ", ".join(f"{1e3 * moment:.3g}" for moment in vehicle.inertia_matrix.diagonal())
         pole = next(pole for pole, known in POLES.items() if known == vehicle.pole)
         rotors = ["–"] * 5
         if vehicle.rotors:

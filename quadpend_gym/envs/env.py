@@ -10,13 +10,20 @@ from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
-from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
+from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space, observed_columns
 from quadpend_gym.envs.world import World
-from quadpend_gym.vehicles import CONTROL_PERIOD, as_simulation
 from quadpend_gym.physics.state import ACTION_SIZE, State
-from quadpend_gym.tasks import as_task
+from quadpend_gym.scenarios.scenario import Scenario, as_scenario
+from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _METADATA = {"render_modes": ["human", "rgb_array"], "render_fps": round(1.0 / CONTROL_PERIOD)}
+
+
+def frames_per_second(scenario: Scenario) -> int:
+    """Return the number of control steps in a second, at least 1."""
+    return max(round(1.0 / scenario.period), 1)
+
+
 _ROW = np.zeros(1, np.int64)  # index of the only sub-environment
 
 
@@ -43,8 +50,9 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     ## Observation Space
     `Box` of 36 finite numbers, float32, scaled by fixed constants to order one: tracking error and its rate, direction
     of the pendulum and its rate, attitude and its rates, the derivatives of order 2 to 6 of the reference, and the yaw
-    reference. `quadpend_gym.tasks.observation` has the table; `read_observation(observation, name)` returns one field
-    in physical units. The observation does not contain the wind.
+    reference. The box has the bounds of float32: no others are certain for every wind and start, so `sample()` returns
+    numbers that no state has. `quadpend_gym.tasks.observation` has the table; `read_observation(observation, name)`
+    returns one field in physical units. The observation does not contain the wind.
 
     ## Rewards
     The reward of a step is 0.6 tracking + 0.15 upright + 0.1 yaw + 0.15 effort, with four terms in [0, 1], see
@@ -63,26 +71,18 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     ## Episode End
     The episode terminates if the pendulum is more than 60° from upright, the body tilts by more than 80°, the tracking
     error exceeds 3 m, the quadrotor or the bob touches the ground, or the state diverges. An early termination is also
-    called a fall. The episode is truncated after 1000 steps (10 s).
+    called a fall. The episode is truncated after `duration`, 10 s by default, at any control period.
 
     ## Arguments
-    - `task`: ``"track"``, ``"hover"``, a `Task`, or a mapping of its fields.
-    - `simulation`: a `Simulation` or a mapping of its fields: physical parameters, command limits, control period,
-      substeps.
-    - `wind`: a model of `quadpend_gym.wind` or of your own, a sum of models, the name of a preset (``"windy"``), a
-      mapping with a ``kind``, or a text ``"module:factory"`` that names a function of your own which returns a model.
-      None means no wind and no drag. Sensors, actuators and uncertain parameters are added by wrappers, see
-      `quadpend_gym.wrappers`.
+    - `scenario`: a `quadpend_gym.Scenario`, its name (``"windy"``), a TOML file, or a mapping of its fields. The other
+      arguments are its fields and replace those that are given, for example ``gym.make("QuadPendulum-v0",
+      scenario="gusts", vehicle="hummingbird", interface="body_rates")``.
+    - `task`, `wind`, `vehicle`, `interface`, `latency`, `sensors`, `actuators`, `parameters`, `period`, `substeps`,
+      `duration`, `output_feedback`: see `Scenario`. ``wind="calm"`` is no wind.
     - `render_mode`: ``"human"`` opens a window that runs in real time (the key H lists its keys); with ``"rgb_array"``
       the method `render` returns an array of shape (480, 640, 3), uint8; None renders nothing. Rendering needs
       pygame-ce, the extra ``view``. Closing the window, or pressing R in it, truncates the running episode; after
       the window is closed, later episodes run without one.
-    - `vehicle`: the name of a vehicle (``"hummingbird"``), the path of a TOML file, a mapping, or a `Vehicle`; short
-      for the field of `simulation`. None means the paper's vehicle. The others are rigid bodies with rotors, see
-      `quadpend_gym.vehicles` and `quadpend_gym.physics.rigid_body`.
-    - `interface`: what an action commands: ``"wrench"`` (the table above, with the vehicle's limits), ``"body_rates"``
-      (thrust and three body rates, which a loop on board follows) or ``"rotors"`` (four thrusts, from the lowest at −1
-      over hover at 0 to the highest at 1); short for the field of `simulation`.
 
     ## Version History
     - v0: first version.
@@ -93,27 +93,46 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     def __init__(
         self,
-        task: Any = "track",
-        simulation: Any = None,
-        wind: Any = None,
+        scenario: Any = None,
         render_mode: str | None = None,
+        *,
+        task: Any = None,
+        wind: Any = None,
         vehicle: Any = None,
         interface: str | None = None,
+        latency: float | None = None,
+        sensors: Any = None,
+        actuators: Any = None,
+        parameters: Any = None,
+        period: float | None = None,
+        substeps: int | None = None,
+        duration: float | None = None,
+        output_feedback: bool | None = None,
     ) -> None:
-        """Build the environment; the class documents the arguments.
-
-        Raises:
-            TypeError: If an argument has the wrong type.
-            ValueError: If an argument has an unknown name or field, or a value out of range.
-        """
+        """Build the environment; the class documents the arguments."""
         check_render_mode(render_mode, self.metadata["render_modes"])
-        simulation = as_simulation(simulation, vehicle, interface)
-        self.metadata = {**type(self).metadata, "render_fps": max(round(1.0 / simulation.period), 1)}
+        self.scenario = as_scenario(
+            scenario,
+            task=task,
+            wind=wind,
+            vehicle=vehicle,
+            interface=interface,
+            latency=latency,
+            sensors=sensors,
+            actuators=actuators,
+            parameters=parameters,
+            period=period,
+            substeps=substeps,
+            duration=duration,
+            output_feedback=output_feedback,
+        )
+        self.metadata = {**type(self).metadata, "render_fps": frames_per_second(self.scenario)}
         self.render_mode = render_mode
-        self.world = World(1, as_task(task), simulation, wind)
+        self.world = World(1, self.scenario)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
-        self.observation_space = observation_space()
+        self.observation_space = observation_space(self.scenario.observation_size)
         self.action_space = action_space()
+        self._columns = observed_columns(self.scenario)
         self._seeded = False
 
     @property
@@ -149,7 +168,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         if self.recorder is not None:
             self.recorder.start_episodes(_ROW, outcome)
             self.recorder.show()
-        return observation[0], self.world.step_info.read(outcome[:, 0], outcome[SCALARS, 0].tolist())
+        return observation[0][self._columns], self.world.step_info.read(outcome[:, 0], outcome[SCALARS, 0].tolist())
 
     def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
         """Apply `action` for one control period.
@@ -169,12 +188,18 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         observation, outcome = self.world.step(action)
         column = outcome[:, 0]
         scalars = column[SCALARS].tolist()
-        terminated, truncated = scalars[TERMINATED] != 0.0, False
+        terminated, truncated = scalars[TERMINATED] != 0.0, bool(self.world.clock[0] >= self.scenario.steps)
         if self.recorder is not None:
             self.recorder.record_step(action, outcome)
             self.recorder.show()
-            truncated = self.recorder.pop_end_request()
-        return observation[0], scalars[REWARD], terminated, truncated, self.world.step_info.read(column, scalars)
+            truncated = self.recorder.pop_end_request() or truncated
+        return (
+            observation[0][self._columns],
+            scalars[REWARD],
+            terminated,
+            truncated,
+            self.world.step_info.read(column, scalars),
+        )
 
     def render(self) -> Any:
         """Return a picture as the render mode specifies.

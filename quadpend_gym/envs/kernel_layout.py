@@ -11,14 +11,14 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.vehicles import Simulation
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.observation import TARGET_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE
+from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 # Memory of each sub-environment, an array row of MEMORY_SIZE numbers.
 MEMORY_STATE = slice(0, STATE_SIZE)

@@ -23,8 +23,8 @@ An outcome array may have fewer rows; `step_kernel` writes the rows that exist.
 from typing import Any
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 TRACKING_TERM, UPRIGHT_TERM, YAW_TERM, EFFORT_TERM = range(4)
 TRACKING_ERROR = slice(EFFORT_TERM + 1, EFFORT_TERM + 4)

@@ -13,8 +13,8 @@ from gymnasium.error import ResetNeeded
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.envs.outcome import COMMAND, DISTURBANCE, OUTCOME_SIZE, REWARD, TILT, TRACKING_ERROR
 from quadpend_gym.envs.world import World
-from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, THRUST, Disturbance, State
+from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.viewer import check_pygame
 from quadpend_gym.viewer.shape import PAPER_SHAPE, shape_of
 from quadpend_gym.viewer.snapshot import Snapshot

@@ -8,11 +8,11 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import as_float_array
 from quadpend_gym.physics.kernel import DIVERGENCE_LIMIT
-from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.trajectories import Trajectory, as_trajectory
+from quadpend_gym.vehicles import Simulation
 
 SHORTEST_DIRECTION = 1e-9  # of a direction before its normalisation
 

@@ -7,10 +7,10 @@ from quadpend_gym.core.delays import delay
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.envs.kernel_layout import MEMORY_ACTION, MEMORY_RIGID, MEMORY_STATE, unpack_rigid_step
 from quadpend_gym.envs.step_kernel import control_step
-from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.trajectories import PackedTrajectories
+from quadpend_gym.vehicles import Simulation
 
 
 @compiled

@@ -8,9 +8,15 @@ from gymnasium import spaces
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.validation import as_float_array, suggest
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.scenarios.scenario import Scenario
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS
 
 _FLOAT32 = np.dtype(np.float32)
+
+
+def observed_columns(scenario: Scenario) -> Any:
+    """Return the columns of the full observation that a scenario has: all, or those without velocities."""
+    return OUTPUT_FEEDBACK_COLUMNS if scenario.output_feedback else slice(None)
 
 
 def observation_space(size: int = OBSERVATION_SIZE) -> spaces.Box:

@@ -62,7 +62,6 @@ from quadpend_gym.physics.kernel import (
     integrate,
     scatter,
 )
-from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
@@ -89,6 +88,7 @@ from quadpend_gym.tasks.observation import (
 from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.rewards import pendulum_factor, reward_terms
 from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
+from quadpend_gym.vehicles.parameters import ROD_LENGTH
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and the further
 # state of rigid vehicles, the action, the reference and the time.

@@ -10,14 +10,15 @@ from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.core.specification import Specification
+from quadpend_gym.envs.env import frames_per_second
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
-from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space
+from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space, observed_columns
 from quadpend_gym.envs.world import World
-from quadpend_gym.vehicles import CONTROL_PERIOD, as_simulation
 from quadpend_gym.physics.state import ACTION_SIZE, State
-from quadpend_gym.tasks import EPISODE_STEPS, as_task
+from quadpend_gym.scenarios.scenario import as_scenario
+from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _METADATA = {"render_modes": ["human", "rgb_array", "mosaic"], "render_fps": round(1.0 / CONTROL_PERIOD)}
 
@@ -30,22 +31,15 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
     Args:
         num_envs: Number of sub-environments.
-        task: As in `QuadPendulumEnv`.
-        simulation: As in `QuadPendulumEnv`.
-        wind: As in `QuadPendulumEnv`.
-        max_episode_steps: Control steps after which an episode is truncated, or None for no truncation.
+        scenario: As in `QuadPendulumEnv`.
+        max_episode_steps: Control steps after which an episode is truncated; None: the duration of the scenario.
         autoreset_mode: An `AutoresetMode` or its value: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``. Only with
             the value, which is a string, can the specification be converted to JSON.
         render_mode: As in `QuadPendulumEnv`. With ``"rgb_array"`` the method `render` returns a tuple of one array for
             each sub-environment, with ``"mosaic"`` one array that shows the first 64 as tiles; ``"human"`` shows these
             tiles in a window. Gymnasium's vector `RecordVideo` needs one array for each sub-environment: use it with
             ``"rgb_array"``.
-        vehicle: As in `QuadPendulumEnv`.
-        interface: As in `QuadPendulumEnv`.
-
-    Raises:
-        TypeError: If an argument has the wrong type.
-        ValueError: If an argument has an unknown name or field, or a value out of range.
+        parts: Fields of the scenario, as in `QuadPendulumEnv`.
     """
 
     metadata: dict[str, Any] = _METADATA
@@ -54,14 +48,11 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
     def __init__(
         self,
         num_envs: int = 1,
-        task: Any = "track",
-        simulation: Any = None,
-        wind: Any = None,
-        max_episode_steps: int | None = EPISODE_STEPS,
+        scenario: Any = None,
+        max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        vehicle: Any = None,
-        interface: str | None = None,
+        **parts: Any,
     ) -> None:
         """Build the environment; the class documents the arguments."""
         if not isinstance(num_envs, int) or num_envs < 1:
@@ -69,19 +60,20 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         if max_episode_steps is not None and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
             raise ValueError(f"max_episode_steps must be a whole number of at least 1, not {max_episode_steps!r}")
         check_render_mode(render_mode, self.metadata["render_modes"])
-        simulation = as_simulation(simulation, vehicle, interface)
+        self.scenario = as_scenario(scenario, **parts)
         self.num_envs = num_envs
-        self.max_episode_steps = max_episode_steps
+        self.max_episode_steps = self.scenario.steps if max_episode_steps is None else max_episode_steps
         self.render_mode = render_mode
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
-        fps = max(round(1.0 / simulation.period), 1)
+        fps = frames_per_second(self.scenario)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
-        self.world = World(num_envs, as_task(task), simulation, wind)
+        self.world = World(num_envs, self.scenario)
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
-        self.single_observation_space = observation_space()
+        self.single_observation_space = observation_space(self.scenario.observation_size)
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._columns = observed_columns(self.scenario)
         self._ended = np.zeros(num_envs, np.bool_)
         self._seeded = np.zeros(num_envs, np.bool_)
 
@@ -124,7 +116,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         if self.recorder is not None:
             self.recorder.start_episodes(rows, outcome)
             self.recorder.show()
-        return observation, self._info(outcome, mask)
+        return observation[:, self._columns], self._info(outcome, mask)
 
     def step(self, actions: Any) -> tuple[Floats32, Floats, Booleans, Booleans, dict[str, Any]]:
         """Apply one action in each sub-environment for one control period.
@@ -168,14 +160,14 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             rows = np.flatnonzero(ended)
             final_obs = np.empty(self.num_envs, object)  # filled with None
             for row, last in zip(rows, observation[rows], strict=True):
-                final_obs[row] = last
+                final_obs[row] = last[self._columns]
             final_info = self._info(_copy_columns(outcome, rows), ended)
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
             self._restart(rows, observation, outcome)
         if self.recorder is not None:
             self.recorder.show()
         info = self._info(outcome, np.ones(self.num_envs, np.bool_))
-        return observation, reward, terminated, truncated, {**info, **final}
+        return observation[:, self._columns], reward, terminated, truncated, {**info, **final}
 
     def render(self) -> Any:
         """Return the picture or pictures that the render mode specifies.
@@ -202,8 +194,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         """Return whether each running episode is truncated, shape (num_envs,)."""
         if self.recorder is not None and self.recorder.pop_end_request():
             return np.ones(self.num_envs, np.bool_)
-        if self.max_episode_steps is None:
-            return np.zeros(self.num_envs, np.bool_)
         return np.asarray(self.world.clock >= self.max_episode_steps)
 
     def _restart(self, rows: Integers, observation: Floats32, outcome: Floats) -> None:

@@ -37,18 +37,17 @@ from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.rigid_step import RigidRows, step_rigid, step_rigid_trajectories
 from quadpend_gym.envs.step_errors import NO_ERROR, check_inputs, clip_rounding, raise_step_error
-from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
+from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.sensors import check_periods
 from quadpend_gym.tasks import Task, flatten
-from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
 from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories, start_pole
 from quadpend_gym.tasks.trajectories import Trajectory
 from quadpend_gym.tasks.trajectory_table import TrajectoryTable
-from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE, as_wind
+from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 from quadpend_gym.wind.strength import warn_if_too_strong
 
 
@@ -60,13 +59,12 @@ class World:
 
     Args:
         num_envs: Number n of sub-environments.
-        task: The task, the same for all.
-        simulation: Nominal parameters, command limits, control period and substeps.
-        wind: Anything that `as_wind` accepts.
+        scenario: Task, vehicle, wind, sensors, actuators and parameters, the same for all.
 
     Attributes:
-        task: The task.
-        simulation: The simulation settings.
+        scenario: The scenario; wrappers may have added to it.
+        task: Its task.
+        simulation: Its vehicle with interface, control period and substeps.
         num_envs: Number n of sub-environments.
         clock: Control steps since each episode began, shape (n,).
         episode: Number of the current episode of each sub-environment since it was seeded, shape (n,); −1 before the
@@ -74,15 +72,11 @@ class World:
         step_info: Reads `info` from an outcome.
     """
 
-    def __init__(self, num_envs: int, task: Task, simulation: Simulation, wind: Any = None) -> None:
-        """Allocate the arrays; every sub-environment needs `seed` and `start_episodes` before `step`.
-
-        Raises:
-            ValueError: If the trajectory of the task cannot be flown.
-        """
-        if task.trajectory is not None:
-            check_feasible(task.trajectory, simulation, task.limits, task.side)
-        self.task = task
+    def __init__(self, num_envs: int, scenario: Scenario) -> None:
+        """Allocate the arrays; every sub-environment needs `seed` and `start_episodes` before `step`."""
+        task, simulation = scenario.task, scenario.simulation
+        self.scenario = scenario
+        self.task: Task = task
         self.simulation = simulation
         self.num_envs = num_envs
         self._memory = np.zeros((num_envs, RIGID_MEMORY_SIZE if simulation.is_rigid else MEMORY_SIZE))
@@ -99,7 +93,11 @@ class World:
         self._observe_settings = self._pack_settings(moves_air=False, substeps=0)
         self._parameter_ranges: ParameterRanges | None = None
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
-        self.add_wind(as_wind(wind))
+        self.add_wind(scenario.wind_models)
+        self.add_sensors(scenario.sensors)
+        self.add_actuators(scenario.actuators)
+        if scenario.parameters is not None:
+            self.draw_parameters(scenario.parameters)
 
     @property
     def state(self) -> Floats:

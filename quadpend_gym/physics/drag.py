@@ -19,9 +19,9 @@ model sets a wind velocity, as in the paper's calm simulations. The model `Still
 from typing import Any
 
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.vehicles.parameters import BOB_DRAG_AREA, QUADROTOR_DRAG_AREA, ROD_LENGTH
 from quadpend_gym.physics.state import BOB_FORCE, DIRECTION_RATE, FORCE, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, load, norm, scale, store
+from quadpend_gym.vehicles.parameters import BOB_DRAG_AREA, QUADROTOR_DRAG_AREA, ROD_LENGTH
 
 AIR_DENSITY = 1.225  # kg/m³
 

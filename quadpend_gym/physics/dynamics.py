@@ -37,8 +37,6 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.vehicles import Parameters
-from quadpend_gym.vehicles.parameters import BOB_MASS, GRAVITY, INERTIA_PITCH, INERTIA_ROLL, INERTIA_YAW, PARAMETERS_SIZE, QUADROTOR_MASS, ROD_LENGTH
 from quadpend_gym.physics.state import (
     BOB_FORCE,
     COMMAND_TORQUE,
@@ -51,6 +49,17 @@ from quadpend_gym.physics.state import (
     State,
 )
 from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, scale, store
+from quadpend_gym.vehicles import Parameters
+from quadpend_gym.vehicles.parameters import (
+    BOB_MASS,
+    GRAVITY,
+    INERTIA_PITCH,
+    INERTIA_ROLL,
+    INERTIA_YAW,
+    PARAMETERS_SIZE,
+    QUADROTOR_MASS,
+    ROD_LENGTH,
+)
 
 
 class Physics(NamedTuple):

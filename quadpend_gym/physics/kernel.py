@@ -31,7 +31,6 @@ from quadpend_gym.physics.dynamics import (
     thrust_axis,
     unconstrained_acceleration,
 )
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import (
     BOB_FORCE,
     COMMAND_SIZE,
@@ -49,6 +48,7 @@ from quadpend_gym.physics.state import (
     VELOCITY,
 )
 from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, load, norm, scale, store
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 BLOCK = 64  # sub-environments in a block
 # In the (field, lane) buffers, the thrust axis follows the state.

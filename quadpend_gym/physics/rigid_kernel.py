@@ -44,8 +44,6 @@ from quadpend_gym.physics.attitude import (
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import Physics, load_physics
 from quadpend_gym.physics.kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
-from quadpend_gym.vehicles import Simulation
-from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.rigid_body import (
     LANE_BODY_SIZE,
     Loads,
@@ -96,6 +94,8 @@ from quadpend_gym.physics.vectors import (
     store,
     store_four,
 )
+from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 QUATERNION, BODY_RATE, ROTOR_THRUST, RIGID_SIZE = 0, 4, 7, 11
 # In the (field, lane) buffers, the rigid part of the state follows the thrust axis. What a substep commands follows it

@@ -11,7 +11,6 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.vehicles import Simulation
 from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
@@ -21,7 +20,7 @@ from quadpend_gym.physics.rotors import (
     rate_loop_gains,
 )
 from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3
-from quadpend_gym.vehicles import hover_wrench, mixing
+from quadpend_gym.vehicles import Simulation, hover_wrench, mixing
 
 _CODES = {"wrench": WRENCH, "body_rates": BODY_RATES, "rotors": ROTOR_THRUSTS}
 

@@ -1,43 +1,42 @@
-"""Scenarios: environments with wind, sensors, actuators and parameters, as data."""
+"""Scenarios: environments with their task, vehicle, wind, sensors, actuators and parameters, as data.
 
-from quadpend_gym.scenarios.names import short_name
+The TOML files of this folder define the scenarios of this package, so that a name always means the same episodes:
+`scenarios.toml` those of the paper's vehicle, `hummingbird.toml` those of a real one, `tasks.toml` those of other
+tasks. They also name sets of scenarios: ``training`` and others that begin so, for training and tuning, and sets that
+are held out, such as ``test``.
+"""
+
+from quadpend_gym.scenarios.library import find_scenarios, held_out, shipped
 from quadpend_gym.scenarios.own_models import check_own_models, own_models
-from quadpend_gym.scenarios.scenario import (
+from quadpend_gym.scenarios.scenario import Scenario, as_scenario, scenario_data, scenario_hash
+from quadpend_gym.scenarios.transitional import (
     HELD_OUT,
-    HOVER,
-    SCENARIO_FILE,
     SCENARIOS,
     SETS,
-    Scenario,
-    as_scenario,
     expand_sets,
     find_scenario,
-    name_or_json,
     names_without_files,
-    scenario_data,
-    scenario_file_hash,
-    scenario_hash,
+    short_name,
     split_changes,
     with_changes,
 )
 
 __all__ = [
     "HELD_OUT",
-    "HOVER",
     "SCENARIOS",
-    "SCENARIO_FILE",
     "SETS",
     "Scenario",
     "as_scenario",
     "check_own_models",
     "expand_sets",
     "find_scenario",
-    "name_or_json",
+    "find_scenarios",
+    "held_out",
     "names_without_files",
     "own_models",
     "scenario_data",
-    "scenario_file_hash",
     "scenario_hash",
+    "shipped",
     "short_name",
     "split_changes",
     "with_changes",

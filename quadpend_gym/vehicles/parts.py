@@ -10,7 +10,7 @@ from quadpend_gym.core.settings import Range, parse, settings, suggest
 
 PRESETS = read_toml(Path(__file__).with_name("presets.toml"))
 Axes = tuple[float, float, float]  # x, y, z
-Position = tuple[float, float] | Axes  # (x, y) means z = 0
+Position = Axes | tuple[float, float]  # (x, y) means z = 0
 
 
 @settings

@@ -123,8 +123,7 @@ def _check_damping(simulation: Simulation) -> None:
     if simulation.substeps < least:
         raise ValueError(
             f"substeps must be at least {least}, not {simulation.substeps}: drag.{name} = {getattr(drag, name)!r} slows"
-            f" the vehicle within {1.0 / rates[name]:.2g} s, and a substep may last at most {_MOST_DAMPED[name]:g} times"
-            " as long"
+            f" the vehicle in {1.0 / rates[name]:.2g} s, and a substep may last {_MOST_DAMPED[name]:g} times as long"
         )
 
 

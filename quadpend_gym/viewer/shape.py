@@ -60,6 +60,7 @@ def shape_of(vehicle: Vehicle | None) -> Shape:
     """
     if vehicle is None or vehicle == VEHICLES["paper"]:
         return PAPER_SHAPE
+    spins: tuple[int, ...]
     if vehicle.rotors is not None:
         hubs, spins = np.array(vehicle.rotors.positions), vehicle.rotors.spins
     else:

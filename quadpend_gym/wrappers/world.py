@@ -14,8 +14,8 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from quadpend_gym.actuators import as_actuators
 from quadpend_gym.envs.world import World
 from quadpend_gym.randomization import as_ranges
+from quadpend_gym.scenarios.scenario import wind_models
 from quadpend_gym.sensors import as_sensors
-from quadpend_gym.wind import as_wind
 
 AnyEnv = gym.Env[Any, Any] | VectorEnv[Any, Any, Any]
 
@@ -29,7 +29,8 @@ def _world(env: AnyEnv) -> World:
 
 
 def _add_wind(env: AnyEnv, wind: Any) -> None:
-    _world(env).add_wind(as_wind(wind))
+    world = _world(env)
+    world.add_wind(wind_models(wind, world.simulation))
 
 
 def _add_sensors(env: AnyEnv, sensors: Any) -> None:

@@ -121,5 +121,5 @@ def gains_for(name: str, simulation: Simulation | None = None) -> Any:
         return GAINS[name]
     tuned = name.removesuffix(UNPREDICTED)
     gains, vehicle = RIGID_GAINS.get(tuned, (GAINS[tuned], None))
-    scaled = scale_gains(gains, design_parameters(Simulation(vehicle=vehicle)), design_parameters(simulation))
+    scaled = scale_gains(gains, design_parameters(Simulation(as_vehicle(vehicle))), design_parameters(simulation))
     return scaled if tuned == name else without_prediction(scaled)

@@ -29,8 +29,8 @@ from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.vehicles import Drag, Pole, Vehicle
 from quadpend_gym.physics.state import Disturbance, State
+from quadpend_gym.vehicles import Drag, Pole, Vehicle
 
 
 class EquivalentModel(NamedTuple):

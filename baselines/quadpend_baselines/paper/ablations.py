@@ -180,12 +180,7 @@ def simulate(case: AblationCase) -> AblationResult:
     simulation = Simulation(vehicle=replace(VEHICLES["paper"], torque=(case.torque_limit, 1.0)))
     policy = case.controller(case.gains, simulation)
     env: VectorEnv[Any, Any, Any] = QuadPendulumVectorEnv(
-        EPISODES,
-        "hover",
-        simulation,
-        case.wind,
-        autoreset_mode=AutoresetMode.SAME_STEP,
-        max_episode_steps=EPISODE_STEPS,
+        EPISODES, task="hover", vehicle=simulation.vehicle, wind=case.wind, autoreset_mode=AutoresetMode.SAME_STEP
     )
     if case.noise:
         env = VectorSensorWrapper(env, Noise(position=case.noise, euler=case.noise, direction=case.noise))

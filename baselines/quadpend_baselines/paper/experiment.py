@@ -105,7 +105,7 @@ def simulate_sampled(gains: str, period: float, duration: float = DURATION) -> T
     """
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
     policy = ADRC(gains, simulation)
-    env = QuadPendulumEnv(simulation=simulation, wind=GUSTS)
+    env = QuadPendulumEnv(period=period, substeps=simulation.substeps, duration=2.0 * duration, wind=GUSTS)
     observation, _ = env.reset(seed=SEED, options={"state": START, "reference": REFERENCE})
     every = round(RECORDING_PERIOD / period)
     memory, records = None, []

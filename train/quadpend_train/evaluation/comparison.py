@@ -18,7 +18,6 @@ from quadpend_gym.scenarios import (
     check_own_models,
     expand_sets,
     scenario_data,
-    scenario_file_hash,
     scenario_hash,
 )
 from quadpend_train.common.executors import Executor, as_executor
@@ -166,7 +165,6 @@ class Comparison:
             "provenance": provenance(),
             "code": cache.code_stamp()[:12],
             "policies": self.fingerprints,
-            "scenario_file": scenario_file_hash(),
             "scenario_hashes": {name: scenario_hash(scenario) for name, scenario in self.scenarios.items()},
             "episodes": self.episodes,
             "seed": self.seed,

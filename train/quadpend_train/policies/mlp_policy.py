@@ -303,9 +303,9 @@ def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
             f"the policy was trained to command {_COMMANDS[trained]} (interface {trained!r}), but an action of the"
             f" simulation commands {_COMMANDS[simulation.interface]} (interface {simulation.interface!r})"
         )
-    vehicle = simulation.vehicle and simulation.vehicle.name
-    if (own := card.get("vehicle")) != vehicle:
-        logger.warn("a policy trained on the vehicle %s flies the vehicle %s", own or "paper", vehicle or "paper")
+    vehicle = simulation.vehicle.name
+    if (own := card.get("vehicle") or "paper") != vehicle:
+        logger.warn("a policy trained on the vehicle %s flies the vehicle %s", own, vehicle)
 
 
 def _check_card(card: Any) -> None:

@@ -27,6 +27,7 @@ from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_S
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import figure_text
@@ -235,7 +236,7 @@ def _draw_actuators(figure: Any, models: tuple[Any, ...], seconds: float, seed: 
         action[10 + 22 * i : 22 + 22 * i, i] = 0.5
 
     needs_rates = any(isinstance(model, GyroBias) for model in models)
-    simulation = Simulation(vehicle="hummingbird", interface="body_rates") if needs_rates else Simulation()
+    simulation = Simulation(VEHICLES["hummingbird"], "body_rates") if needs_rates else Simulation()
 
     def act(sample: Floats, step: Integers, model: Any, memory: Floats, streams: Streams) -> None:
         model.act(sample, memory, step, simulation, streams)

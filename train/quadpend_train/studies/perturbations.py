@@ -15,7 +15,7 @@ import numpy as np
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.scenarios import HOVER, Scenario
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wind import Constant, Drawn, Dryden, StillAir
 from quadpend_train.studies.recovery import CALM, HOVER_HEIGHT
@@ -80,7 +80,7 @@ def _displaced(distance: float, heading: Floats) -> dict[str, Floats]:
 
 
 def _hover(_: float, simulation: Simulation) -> Fields:
-    return {"env_id": HOVER}
+    return {"task": "hover"}
 
 
 def _steady_force(force: float, simulation: Simulation) -> Fields:

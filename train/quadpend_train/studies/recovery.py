@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.scenarios import HOVER, Scenario
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.settling import settling_times
 
 HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
-CALM, CALM_HOVER = Scenario(), Scenario("hover in calm air", env_id=HOVER)
+CALM, CALM_HOVER = Scenario(), Scenario("hover")
 
 
 class RecoveryOutcome(IntEnum):

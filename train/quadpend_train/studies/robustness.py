@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_gym.scenarios import HOVER, Scenario
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.common.executors import Executor
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.limits import check_counts
@@ -227,7 +227,14 @@ def measure_robustness(
     if not policies:
         raise ValueError("policies must have at least one entry")
     check_counts(episodes=episodes, seed=seed)
-    base = Scenario(simulation=base.simulation, duration=base.duration)
+    base = replace(
+        Scenario(),
+        vehicle=base.vehicle,
+        interface=base.interface,
+        period=base.period,
+        substeps=base.substeps,
+        duration=base.duration,
+    )
     on_axes = {
         (name, policy, value): Job(
             members, axis.scenario(value, base), episodes, seed, axis.options(value, episodes, seed)
@@ -236,7 +243,7 @@ def measure_robustness(
         for policy, members in policies.items()
         for value in axis.values
     }
-    hover = replace(base, env_id=HOVER)
+    hover = replace(base, task="hover")
     on_grids = {
         (name, policy): Job(members, hover, grid.x.values.size * grid.y.values.size, seed, grid.options())
         for name, grid in start_grids.items()

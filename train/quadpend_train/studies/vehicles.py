@@ -20,7 +20,7 @@ import numpy as np
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import UNPREDICTED
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.scenarios import HOVER, SCENARIOS, SETS, Scenario
+from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.common.files import to_json_data
@@ -48,8 +48,8 @@ class Table(NamedTuple):
 
 def vehicle_scenario(vehicle: str) -> Scenario:
     """Return random references in calm air with a vehicle of `VEHICLES`, commanded by body rates if it is rigid."""
-    interface = "body_rates" if VEHICLES[vehicle].attitude == "rigid" else "wrench"
-    return Scenario(simulation={"vehicle": vehicle, "interface": interface})
+    rigid = VEHICLES[vehicle].attitude == "rigid"
+    return Scenario(vehicle=VEHICLES[vehicle], interface="body_rates" if rigid else "wrench")
 
 
 def windy_scenario(vehicle: str) -> Scenario:
@@ -97,7 +97,7 @@ def measure_recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int
     """
     jobs = {
         (line, vehicle, policy): Job(
-            policy, replace(vehicle_scenario(vehicle), env_id=HOVER), grid.size, seed, grid.options()
+            policy, replace(vehicle_scenario(vehicle), task="hover"), grid.size, seed, grid.options()
         )
         for line, grid in START_LINES.items()
         for vehicle in vehicles

@@ -45,7 +45,9 @@ def concatenate_scenarios(
             not accept an observation.
     """
     share = num_envs // len(scenarios)
-    envs = [scenario.make_vec(share, AutoresetMode.SAME_STEP, max_episode_steps) for scenario in scenarios]
+    envs = [
+        scenario.make_vec(share, AutoresetMode.SAME_STEP, max_episode_steps=max_episode_steps) for scenario in scenarios
+    ]
     if not hybrid:
         return _concatenated(envs)
     made, pairs = hybrid_from_data(hybrid), zip(scenarios, envs, strict=True)

@@ -376,7 +376,7 @@ def _final_policy(
     card = {
         **policy.card,
         "interface": simulation.interface,
-        "vehicle": simulation.vehicle and simulation.vehicle.name,
+        "vehicle": simulation.vehicle.name,
         "settings": to_mapping(settings),
         "seed": settings.seed,
         "steps": model.num_timesteps,

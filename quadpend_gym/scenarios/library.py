@@ -1,0 +1,113 @@
+"""The scenarios of this package and their sets, and scenarios from names, files, JSON and the user's own code."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from quadpend_gym.core.factories import call_factory, find_factory, is_factory
+from quadpend_gym.core.files import parse_mapping, read_mapping
+from quadpend_gym.core.settings import parse, suggest
+from quadpend_gym.scenarios.scenario import Scenario
+
+Sets = Mapping[str, tuple[str, ...]]
+
+
+def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
+    """Return the scenarios and the sets of a TOML or JSON file.
+
+    The file has the fields of one `Scenario`, or the tables ``scenarios`` (scenarios by name), ``sets`` (names of
+    scenarios by the name of the set) and ``defaults`` (fields of all scenarios).
+
+    Raises:
+        ValueError: If the file cannot be read or has a wrong field.
+    """
+    try:
+        data = read_mapping(path)
+        if "scenarios" not in data:
+            return {path.stem: parse(Scenario, {"name": path.stem, **data}, "scenario")}, {}
+        if unknown := set(data) - {"scenarios", "sets", "defaults"}:
+            raise ValueError(f"there is no table {min(unknown)!r}; the tables are scenarios, sets and defaults")
+        common = data.get("defaults", {})
+        scenarios = {
+            name: parse(Scenario, {"name": name, **common, **own}, name) for name, own in data["scenarios"].items()
+        }
+        return scenarios, {name: tuple(members) for name, members in data.get("sets", {}).items()}
+    except OSError as error:
+        raise ValueError(f"the scenario file {str(path)!r} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+@cache
+def shipped() -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
+    """Return the scenarios and the sets of this package by name."""
+    scenarios: dict[str, Scenario] = {}
+    sets: dict[str, tuple[str, ...]] = {}
+    for path in sorted(Path(__file__).parent.glob("*.toml"), key=lambda path: (path.stem != "scenarios", path.stem)):
+        found, named = read_scenarios(path)
+        scenarios |= found
+        sets |= named
+    return scenarios, sets
+
+
+def find_scenarios(names: str | Iterable[str | Scenario]) -> dict[str, Scenario]:
+    """Return scenarios by name; equal names count once.
+
+    Args:
+        names: Each is a `Scenario`, or a text: the name of a scenario or of a set of this package; the path of a TOML
+            or JSON file, whose scenarios all count; JSON that begins with a brace; or ``"module:factory"``, a function
+            that returns a `Scenario` or a wind. NAME=TEXT gives one scenario another name.
+
+    Raises:
+        ValueError: If there is no such scenario, a field is wrong, or two different scenarios have the same name.
+    """
+    found: dict[str, Scenario] = {}
+    for item in [names] if isinstance(names, str) else names:
+        for scenario in [item] if isinstance(item, Scenario) else _scenarios(item):
+            key = scenario.name or f"scenario {len(found) + 1}"
+            if found.setdefault(key, scenario) != scenario:
+                raise ValueError(f"two scenarios have the name {key!r}: give each its own, as NAME=SCENARIO")
+    return found
+
+
+def find_scenario(name: str | Scenario) -> Scenario:
+    """Return one scenario, see `find_scenarios`."""
+    if isinstance(name, Scenario):
+        return name
+    found = _scenarios(name)
+    if len(found) > 1:
+        names = ", ".join(scenario.name for scenario in found)
+        raise ValueError(f"{name!r} is a set of scenarios: choose one of {names}")
+    return found[0]
+
+
+def _scenarios(text: str) -> list[Scenario]:
+    """Return the scenarios of a text."""
+    scenarios, sets = shipped()
+    if text in scenarios:
+        return [scenarios[text]]
+    if text in sets:
+        return [scenarios[member] for member in sets[text]]
+    if text.lstrip().startswith("{"):
+        return [parse(Scenario, parse_mapping(text, "the scenario"), "scenario")]
+    name, sign, rest = text.partition("=")
+    if sign and "/" not in name:
+        return [replace(find_scenario(rest), name=name)]
+    if is_factory(text):
+        made = call_factory(text, find_factory(text))
+        return [made if isinstance(made, Scenario) else Scenario(wind=text, name=text)]
+    path = Path(text)
+    if path.suffix in (".toml", ".json"):
+        if not path.is_file():
+            raise ValueError(f"there is no file {text!r}")
+        return list(read_scenarios(path)[0].values())
+    raise ValueError(
+        f"there is no scenario {text!r}{suggest(text, [*scenarios, *sets])}; the scenarios are {', '.join(scenarios)};"
+        f" the sets are {', '.join(sets)}; or give the path of a TOML or JSON file, JSON, or 'module:factory'"
+    )
+
+
+def held_out() -> tuple[str, ...]:
+    """Return the names of the sets for results only."""
+    return tuple(name for name in shipped()[1] if not name.startswith("training"))
