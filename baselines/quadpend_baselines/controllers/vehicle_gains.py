@@ -30,6 +30,7 @@ from quadpend_baselines.gains import (
 )
 from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.vehicles import as_vehicle
 
 _FLATNESS: dict[str, float] = {
     "position_bandwidth": 1,
