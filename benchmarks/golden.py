@@ -1,98 +1,104 @@
 """Golden hashes of results, to check that a refactoring changes no number.
 
-`make golden` runs this file as ``python -m benchmarks.golden``. It hashes environments, episodes of every controller
-and of one seed of each shipped policy, and brief trainings. Run it before and after a refactoring: the first run writes
-the hashes to a file, the second compares with them and exits with status 1 if one differs. The hashes cover every bit
-of every floating-point number, so compare them only on the machine and with the package versions that wrote the file.
+`make golden` runs this file as ``python -m benchmarks.golden``. It hashes what environments return, episodes of every
+controller and of one seed of each shipped policy, and brief trainings. Run it before and after a refactoring: the first
+run writes the hashes to a file, the second compares with them and exits with status 1 if one differs. The hashes cover
+every bit of every floating-point number, so compare them only on the machine and with the package versions that wrote
+the file.
+
+`golden_cases` has the tables of what is hashed. Only the functions from `make_env` to `train_briefly` call the
+packages: after a change of the packages' interface, edit these.
 """
 
 import argparse
+import copy
 import hashlib
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from quadpend_baselines import CONTROLLERS
+from benchmarks import golden_cases as cases
+from benchmarks.golden_cases import Parts
 from quadpend_gym import wrappers
-from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit
-from quadpend_gym.randomization import Around
-from quadpend_gym.sensors import Delay, Dropout, Noise
+from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenario
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
-from quadpend_train.policies.loading import load_policy, shipped_policies
+from quadpend_train.policies.loading import load_policy
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import from_mapping
 from quadpend_train.training.train import train
 
-Hashes = Iterator[tuple[str, str]]  # names and hashes
+Entry = tuple[str, Callable[[], Any]]  # a name of our own, and what computes the numbers
 
-ENV_IDS = ("quadpend_gym:QuadPendulum-v0", "quadpend_gym:QuadPendulumHover-v0")
-WINDS = ("calm", "breeze", "windy", "storm", "paper")
-NOISE = Noise(
-    position={"white": 0.001, "bias": 0.002, "walk": 0.001}, velocity=0.01, direction=0.001, euler={"quantum": 0.001}
-)
-# Wrappers by the name of their stack, the innermost first; "Vector" is put before each name for a vector environment.
-STACKS: dict[str, tuple[tuple[Any, ...], ...]] = {
-    "plain": (),
-    "sensors": (("SensorWrapper", [NOISE, Delay(2), Dropout(0.2)]),),
-    "actuators": (("ActuatorWrapper", [ActionDelay(1), MotorLag(0.02), RateLimit(30.0)]),),
-    "parameters": (("ParameterWrapper", Around(0.2)),),
-    "output feedback": (("OutputFeedbackWrapper",), ("HistoryWrapper", 3, 2)),
-}
-STACKS["everything"] = tuple(layer for stack in list(STACKS.values()) for layer in stack)
+WRAPPERS = {"added_wind": "WindWrapper", "history": "HistoryWrapper"}
 
-SCENARIOS = ("windy", "lagged", "output_feedback", "storm")
 
-BRIEF: dict[str, Any] = {
-    "scenarios": ["windy"],
-    "total_timesteps": 1024,
-    "num_envs": 16,
-    "batch_size": 128,
-    "net_arch": [16],
-    "n_eval_episodes": 2,
-}
-# Tables of settings of the algorithms
-ALGORITHMS: dict[str, dict[str, Any]] = {
-    "ppo": {"ppo": {"n_steps": 16, "n_epochs": 2}},
-    "sac": {"sac": {"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64}},
-}
-# Settings in which each training differs from `BRIEF`.
-TRAININGS: dict[str, dict[str, Any]] = {
-    "ppo": {},
-    "ppo with evaluations": {"eval_freq": 256, "patience": 3, "scenarios": ["breeze", "storm"]},
-    "ppo with gSDE": {"activation_fn": "tanh", "sde_sample_freq": 4, "reward": {"tip": 0.2}},
-    "ppo with a curriculum": {"curriculum": ["calm", "breeze"], "curriculum_steps": 512, "save_freq": 256},
-    "ppo on estimates": {"hybrid": {"base_controller": "adrc-matched"}, "history": 2, "history_actions": 1},
-    "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
-    "ppo with residual actions": {
-        "hybrid": {
-            "base_controller": "flatness",
-            "mode": "residual_action",
-            "action_scale": 0.3,
-            "fallback_gain": 1.0,
-            "baseline_relative_reward": True,
-            "failure_penalty": 3.0,
-        }
-    },
-    "ppo with bandwidth scheduling": {
-        "hybrid": {
-            "base_controller": "flatness",
-            "mode": "bandwidth_scheduling",
-            "fallback_gain": 3.0,
-            "action_repeat": 5,
-            "baseline_relative_reward": True,
-        },
-        "max_episode_steps": 20,
-        "ppo": {"n_steps": 16, "n_epochs": 2, "critic_warmup_steps": 256},
-    },
-    "sac": {"algo": "sac", "total_timesteps": 512, "batch_size": 32},
-    "tqc": {"algo": "tqc", "total_timesteps": 512, "batch_size": 32},
-}
+def make_env(env_id: str, **parts: Any) -> Any:
+    """Return a single environment."""
+    return _wrap(gym.make(f"quadpend_gym:{env_id}", **_keywords(parts)), parts, "")
+
+
+def make_vec(env_id: str, num_envs: int, autoreset_mode: str, **parts: Any) -> Any:
+    """Return a vector environment."""
+    options = {"num_envs": num_envs, "autoreset_mode": autoreset_mode, **_keywords(parts)}
+    return _wrap(gym.make_vec(f"quadpend_gym:{env_id}", **options), parts, "Vector")
+
+
+def _keywords(parts: Parts) -> Parts:
+    return {name: value for name, value in parts.items() if name not in WRAPPERS}
+
+
+def _wrap(env: Any, parts: Parts, prefix: str) -> Any:
+    for name, wrapper in WRAPPERS.items():
+        if name in parts:
+            value = parts[name]
+            env = getattr(wrappers, prefix + wrapper)(env, *(value if name == "history" else (value,)))
+    return env
+
+
+def named_scenarios() -> list[str]:
+    """Return the names of the scenarios of the package."""
+    return list(SCENARIOS)
+
+
+def fly_named(policy: str, scenario: str, episodes: int, duration: float) -> dict[str, Any]:
+    """Return the results of episodes of a scenario of the package, with another duration in s."""
+    return _fly(policy, replace(find_scenario(scenario), duration=duration), episodes)
+
+
+def fly(policy: str, parts: Parts, episodes: int) -> dict[str, Any]:
+    """Return the results of episodes."""
+    return _fly(policy, Scenario(**parts), episodes)
+
+
+def _fly(policy: str, scenario: Scenario, episodes: int) -> dict[str, Any]:
+    results = run_episodes([load_policy(policy)], scenario, episodes, TEST_SEED)
+    return {
+        "survived": np.asarray(results.survived, np.bool_),
+        "steps": np.asarray(results.steps, np.int64),
+        "rmse": results.rmse,
+        "penalised rmse": results.penalised_rmse,
+        "settled rmse": results.settled_rmse,
+        "largest tilt": results.largest_tilt,
+        "effort": results.effort,
+        "return": results.episode_return,
+        "error": results.error,
+    }
+
+
+def train_briefly(settings: Parts) -> list[Any]:
+    """Return the weights of a policy after a training with these settings."""
+    with tempfile.TemporaryDirectory() as folder:
+        policy = MlpPolicy.load(train(from_mapping(settings, "golden"), Path(folder) / "run", progress=False))
+    return [list(layer) for layer in policy.layers]
 
 
 def digest(value: Any) -> str:
@@ -108,6 +114,7 @@ def _update(sha: Any, value: Any) -> None:
             sha.update(key.encode())
             _update(sha, value[key])
     elif isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.dtype == object):
+        sha.update(f"{len(value)}".encode())
         for item in value:
             _update(sha, item)
     elif value is None:
@@ -118,93 +125,83 @@ def _update(sha: Any, value: Any) -> None:
         sha.update(array.tobytes())
 
 
-def environments(
-    env_ids: Sequence[str] = ENV_IDS, winds: Sequence[str] = WINDS, steps: int = 400, num_envs: int = 70
-) -> Hashes:
-    """Hash what single and vector environments return, in every wind and behind every stack of wrappers.
-
-    Args:
-        env_ids: Environments.
-        winds: Presets of wind.
-        steps: Steps of each environment.
-        num_envs: Sub-environments of a vector environment.
-    """
-    for env_id in env_ids:
-        for wind in winds:
-            for name, stack in STACKS.items():
-                for mode in ("SameStep", "NextStep"):
-                    vector = gym.make_vec(env_id, num_envs=num_envs, wind=wind, autoreset_mode=mode)
-                    yield (
-                        f"{env_id}, {wind}, {name}, {mode}",
-                        digest(_vector_steps(_wrap(vector, stack, "Vector"), steps)),
-                    )
-                yield (
-                    f"{env_id}, {wind}, {name}, single",
-                    digest(_steps(_wrap(gym.make(env_id, wind=wind), stack), steps)),
-                )
+def environments() -> Iterator[Entry]:
+    """Hash what single and vector environments return, with every part that an environment can have."""
+    for name, parts in cases.ENVIRONMENTS.items():
+        for mode in (
+            ("SameStep", "NextStep") if parts.keys() & {"many", "num_envs"} else ("single", "SameStep", "NextStep")
+        ):
+            yield f"{name}, {mode}", partial(_steps, parts, mode)
+    yield "masked resets", partial(_steps, cases.EVERYTHING, "Disabled")
 
 
-def _wrap(env: Any, stack: tuple[tuple[Any, ...], ...], prefix: str = "") -> Any:
-    for name, *arguments in stack:
-        env = getattr(wrappers, prefix + name)(env, *arguments)
-    return env
-
-
-def _vector_steps(env: Any, steps: int) -> list[Any]:
+def _steps(parts: Parts, mode: str) -> list[Any]:
+    """Return what an environment returns for random actions."""
+    parts = {**cases.DEFAULTS, **parts}
+    options, many, rows, steps, deviation = (
+        parts.pop(name, None) for name in ("options", "many", "num_envs", "steps", "actions")
+    )
+    if mode == "single":
+        env = make_env(**parts)
+    else:
+        env, options = make_vec(num_envs=rows, autoreset_mode=mode, **parts), many or options
     generator = np.random.default_rng(5)
-    returned = [env.reset(seed=11)]
+    returned = [copy.deepcopy(env.reset(seed=11, options=options))]
     for _ in range(steps):
-        action = 0.15 * generator.standard_normal(env.action_space.shape)
-        returned.append(env.step(action.clip(-1.0, 1.0).astype(np.float32)))
+        action = deviation * generator.standard_normal(env.action_space.shape)
+        returned.append(copy.deepcopy(env.step(action.clip(-1.0, 1.0).astype(np.float32))))
+        ended = np.logical_or(*returned[-1][2:4])
+        if mode == "single" and ended:
+            returned.append(copy.deepcopy(env.reset(options=options)))
+        elif mode == "Disabled" and ended.any():
+            returned.append(copy.deepcopy(env.reset(options={"reset_mask": ended})))
     return returned
 
 
-def _steps(env: Any, steps: int) -> list[Any]:
-    generator = np.random.default_rng(6)
-    returned = [env.reset(seed=12)]
-    for _ in range(steps):
-        action = 0.1 * generator.standard_normal(env.action_space.shape)
-        returned.append(env.step(action.clip(-1.0, 1.0).astype(np.float32)))
-        if returned[-1][2] or returned[-1][3]:
-            returned.append(env.reset())
-    return returned
+def scenarios() -> Iterator[Entry]:
+    """Hash the results of short flights in each scenario of the package."""
+    for name in named_scenarios():
+        yield name, partial(fly_named, "flatness", name, 3, cases.LONG)
 
 
-def episodes(names: Sequence[str] = (), scenarios: Sequence[str] = SCENARIOS, count: int = 200) -> Hashes:
-    """Hash the results of episodes.
-
-    Args:
-        names: Policies; if empty, all controllers and one seed of each shipped policy.
-        scenarios: Scenarios.
-        count: Episodes in each scenario; `nmpc`, whose actions take milliseconds, runs a twentieth of them.
-    """
-    for name in names or [*CONTROLLERS, *(seeds[0] for seeds in shipped_policies().values())]:
-        vehicle = " · hummingbird · body_rates" if "hummingbird" in name else ""
-        for scenario in (f"{scenario}{vehicle}" for scenario in scenarios):
-            number = max(count // 20, 1) if name == "nmpc" else count
-            yield f"{name}, {scenario}", digest(run_episodes([load_policy(name)], scenario, number, TEST_SEED))
+def episodes() -> Iterator[Entry]:
+    """Hash the results of the flights of every controller and of one seed of each shipped policy."""
+    for name, flights in cases.FLIGHTS.items():
+        policy = f"{name}-0" if name.startswith(cases.LEARNED) else name
+        for flight, parts in flights.items():
+            number = cases.EPISODES.get(name, 20)
+            yield f"{name}, {flight}", partial(fly, policy, {"duration": cases.SECONDS, **parts}, number)
 
 
-def trainings(names: Sequence[str] = tuple(TRAININGS)) -> Hashes:
-    """Hash the weights of policies after brief trainings.
-
-    Args:
-        names: Keys of `TRAININGS`.
-    """
-    for name in names:
-        changes = TRAININGS[name]
-        table = ALGORITHMS["ppo" if changes.get("algo", "ppo") == "ppo" else "sac"]
-        settings = from_mapping({**BRIEF, **table, **changes}, f"the training {name!r}")
-        with tempfile.TemporaryDirectory() as folder:
-            policy = MlpPolicy.load(train(settings, Path(folder) / "run", progress=False))
-        yield name, digest([list(layer) for layer in policy.layers])
+def trainings() -> Iterator[Entry]:
+    """Hash the weights of policies after brief trainings."""
+    for name, changes in cases.TRAININGS.items():
+        table = cases.ALGORITHMS[changes.get("algo", "ppo")]
+        yield name, partial(train_briefly, {**cases.BRIEF, **table, **changes})
 
 
-PARTS: dict[str, Callable[[], Hashes]] = {
+PARTS: dict[str, Callable[[], Iterator[Entry]]] = {
     "environments": environments,
+    "scenarios": scenarios,
     "episodes": episodes,
     "trainings": trainings,
 }
+
+
+def compute(parts: Iterable[str], only: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the names and hashes of the entries of some parts, and print the time of each part.
+
+    Args:
+        parts: Keys of `PARTS`.
+        only: Text that the names must contain.
+    """
+    for part in parts:
+        start, count = time.perf_counter(), 0
+        for name, numbers in PARTS[part]():
+            if only in (full := f"{part}: {name}"):
+                yield full, digest(numbers())
+                count += 1
+        print(f"{part}: {count} hashes in {time.perf_counter() - start:.1f} s", flush=True)
 
 
 def check(path: Path, hashes: dict[str, str]) -> list[str]:
@@ -227,12 +224,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.golden", description="Hash results and compare them.")
     parser.add_argument("--file", type=Path, default=Path("results/golden.json"), help="JSON file of the hashes")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="what to hash (default: all)")
+    parser.add_argument("--only", default="", metavar="SUBSTRING", help="hash only what has this text in its name")
     arguments = parser.parse_args()
     existed = arguments.file.exists()
-    hashes: dict[str, str] = {}
-    for part in arguments.parts:
-        print(f"Hashing {part} …", flush=True)
-        hashes |= {f"{part}: {name}": value for name, value in PARTS[part]()}
+    hashes = dict(compute(arguments.parts, arguments.only))
     different = check(arguments.file, hashes)
     for name in different:
         print(f"Different: {name}")

@@ -41,8 +41,7 @@ class ParameterRanges:
         to_plain_fields(self)
         for item in fields(self):
             if (value := getattr(self, item.name)) is not None:
-                for end in check_interval(value, item.name):
-                    Parameters(**{item.name: end})
+                check_interval(value, item.name, 0.0 if item.name.endswith("drag_area") else 1e-10)
         if all(value is None for value in asdict(self).values()):
             raise ValueError(
                 f"at least one parameter must have a range; the parameters are {', '.join(PARAMETER_NAMES)}"

@@ -1,0 +1,275 @@
+"""What the golden hashes cover: environments, flights and trainings by name, as tables of plain data.
+
+A table has the parts of an environment or a scenario by the names of `gymnasium.make`, of `quadpend_train.scenarios`
+and of `golden.LAYERS`. Only the functions of `golden` call the packages.
+"""
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+Parts = dict[str, Any]
+
+IDS = {name: f"QuadPendulum{name}-v0" for name in ("", "Hover", "SwingUp", "Load", "Recovery")}
+TRACK = IDS[""]
+WINDS: dict[str, Any] = {
+    **{name: name for name in ("calm", "breeze", "windy", "storm", "paper")},
+    "constant": {"kind": "constant", "force": (0.1, -0.2, 0.05), "bob_force": 0.01, "torque": (0.0, 0.1, 0.02)},
+    "sinusoid": {"kind": "sinusoid", "force": 0.3, "velocity": (2.0, 0.0, 0.5), "frequency": 7.0},
+    "still air": {"kind": "still_air"},
+    "gusts": {
+        "kind": "gusts",
+        "velocity": (8.0, 1.0, 0.0),
+        "bob_force": 0.02,
+        "pause": (0.0, 0.1),
+        "length": (0.2, 0.4),
+    },
+    "paper gusts": {"kind": "paper_gusts", "force": (0.5, 0.2, 0.1), "yaw_torque": 0.1, "onset": 0.05, "hold": 0.2},
+    "noise": {"kind": "ornstein_uhlenbeck", "force": (0.2, 0.0, 0.1), "torque": 0.05, "time_constant": 0.2},
+    "dryden": {"kind": "dryden", "intensity": "severe", "altitude": 30.0, "heading": 0.7, "standard": "MIL-HDBK-1797"},
+    "von karman": {"kind": "von_karman", "intensity": 9.0, "mean_wind": 4.0, "heading": -2.0},
+}
+WINDS["drawn"] = {"kind": "drawn", "wind": WINDS["dryden"], "strength": (0.5, 2.0), "heading": (0.0, 1.0)}
+WINDS["rescaled"] = {"kind": "rescaled", "wind": WINDS["constant"], "scale": 0.4, "torque_scale": (2.0, 1.0, 0.5)}
+WINDS["sum"] = {"kind": "sum", "models": ["storm", WINDS["sinusoid"], WINDS["rescaled"], WINDS["noise"]]}
+VEHICLES = ("hummingbird", "crazyflie", "crazyflie-brushless", "skydio-x2", "racer", "x500")
+INTERFACES = ("wrench", "body_rates", "rotors")
+LIGHT_WIND = [{"kind": "drawn", "wind": {"kind": "dryden", "intensity": 2.0}}, {"kind": "constant", "force": 0.01}]
+NOISE = {
+    "kind": "noise",
+    "position": {"white": 0.001, "bias": 0.002, "walk": 0.001},
+    "velocity": 0.01,
+    "direction": 0.001,
+    "euler": {"quantum": 0.001},
+}
+SENSORS: dict[str, Any] = {
+    "noise": NOISE,
+    "delay": {"kind": "delay", "steps": 3},
+    "dropout": {"kind": "dropout", "probability": 0.3},
+    "sample and hold": {"kind": "sample_hold", "period": 0.03},
+}
+SENSORS["all sensors"] = list(SENSORS.values())
+ROTORS = {"kind": "rotors", "arm": 0.25, "drag_ratio": 0.03}
+ACTUATORS: dict[str, Any] = {
+    "action delay": {"kind": "action_delay", "steps": 2},
+    "motor lag": {"kind": "motor_lag", "time_constant": 0.02},
+    "rate limit": {"kind": "rate_limit", "rate": 8.0},
+    "packet loss": {"kind": "packet_loss", "probability": 0.2},
+    "rotors": ROTORS,
+    "rotor fault": [{"kind": "rotor_fault", "rotor": 3, "effectiveness": 0.6, "onset": 0.1}, ROTORS],
+}
+ACTUATORS["all actuators"] = [*list(ACTUATORS.values())[:4], *ACTUATORS["rotor fault"]]
+RANGES: dict[str, Any] = {
+    "around": {"share": 0.2},
+    "around some": {"share": 0.4, "names": ["bob_mass", "gravity"]},
+    "ranges": {"quadrotor_mass": (0.4, 0.6), "rod_length": (0.2, 0.5), "bob_drag_area": (0.0, 0.002)},
+}
+OBSERVATIONS: dict[str, Parts] = {
+    "output feedback": {"output_feedback": True},
+    "history": {"history": (3, 2)},
+    "history of output feedback": {"output_feedback": True, "history": (2, 0)},
+}
+EVERYTHING = {
+    "wind": "storm",
+    "sensors": SENSORS["all sensors"],
+    "actuators": list(ACTUATORS.values())[:4],
+    "parameters": RANGES["around"],
+    **OBSERVATIONS["history of output feedback"],
+}
+POINTS = ((0.0, 0.0, 2.0, 0.0), (0.5, 0.2, 2.5, 0.3), (0.0, 0.6, 2.2, -0.2), (0.0, 0.0, 2.0, 0.0))
+TRAJECTORIES: dict[str, Any] = {
+    "waypoints": {"kind": "waypoints", "times": (0.0, 1.5, 3.5, 5.0), "points": POINTS},
+    "closed waypoints": {"kind": "waypoints", "times": (0.0, 2.0, 3.5, 5.0), "points": POINTS, "closed": True},
+    "sinusoids": {
+        "kind": "sinusoids",
+        "rate": (0.2, 0.0, 0.0, 0.0),
+        "terms": [
+            {"amplitude": 0.1, "frequency": (1.0, 2.0, 1.0, 0.5)},
+            {"amplitude": 0.05, "frequency": 3.0, "phase": 1.0},
+        ],
+    },
+    "reference": {"amplitude": (0.5, 0.5, 0.1, 0.0), "frequency": (1.2, 1.2, 1.0, 0.0), "phase": (1.5, 0.0, 0.0, 0.0)},
+}
+FAMILIES = {"hover": 0.0, "slalom": 2.0, "acceleration": (1.0, 3.0), "speed": (0.5, 1.0), "yaw_amplitude": 0.5}
+TASK = {
+    "references": FAMILIES,
+    "start": {"position": 0.3, "angle": 0.1, "pendulum_angle": (0.1, 0.4)},
+    "limits": {"pendulum_angle": 0.8, "tracking_error": 1.0},
+    "reward": {"tracking": 1.0, "tip": 0.2, "effort": 0.0, "pendulum_first": 0.5},
+}
+STATE = {"position": (0.1, -0.1, 2.2), "euler": (0.1, 0.0, -0.1), "direction": (0.1, 0.2, 1.0)}
+STATES = {"velocity": np.linspace(-0.5, 0.5, 111).reshape(37, 3), "direction_rate": (0.5, 0.0, 0.0)}
+PAPER_VEHICLE = {
+    "attitude": "euler",
+    "mass": 0.5,
+    "inertia": (0.1, 0.1, 0.1),
+    "gravity": 9.8,
+    "pole": {"mass": 0.2, "length": 0.3, "drag_area": 0.0005},
+    "torque": (5.0, 1.0),
+    "drag": {"area": 0.01},
+}
+HEAVY = {**PAPER_VEHICLE, "mass": 0.7, "pole": {"mass": 0.2, "length": 0.5, "drag_area": 0.0005}}
+SLOW = {"period": 0.02, "substeps": 4, "vehicle": HEAVY}
+RATES = {"vehicle": "hummingbird", "interface": "body_rates"}
+LATE_RATES = {**RATES, "latency": 0.015}
+RIGID_EVERYTHING = {**EVERYTHING, **LATE_RATES, "wind": LIGHT_WIND}
+LONG_LOAD = {
+    "env_id": IDS["Load"],
+    "actions": 0.01,
+    "max_episode_steps": 240,
+    "steps": 260,
+}  # long: some winds come late
+
+# Parts of environments by name; what an environment does not give is in `DEFAULTS`. "options" are those of each reset,
+# "many" those of the reset of vector environments, "actions" the standard deviation of random actions.
+ENVIRONMENTS: dict[str, Parts] = {
+    **{f"{env_id}, in calm air": {"env_id": env_id} for env_id in IDS.values()},
+    **{f"{env_id}, everything": {"env_id": env_id, **EVERYTHING} for env_id in IDS.values()},
+    **{f"{env_id}, hummingbird, everything": {"env_id": env_id, **RIGID_EVERYTHING} for env_id in IDS.values()},
+    **{f"load in the wind {name}": {**LONG_LOAD, "wind": wind} for name, wind in WINDS.items()},
+    **{f"added wind: {name}": {"wind": "breeze", "added_wind": WINDS[name]} for name in ("storm", "drawn")},
+    **{
+        f"{vehicle}, {interface}, latency {latency} s": {
+            "vehicle": vehicle,
+            "interface": interface,
+            "latency": latency,
+            "wind": LIGHT_WIND,
+        }
+        for vehicle, interface, latency in product(VEHICLES, INTERFACES, (0.0, 0.015))
+    },
+    **{f"sensor: {name}": {"sensors": sensors} for name, sensors in SENSORS.items()},
+    **{f"actuator: {name}": {"actuators": actuators} for name, actuators in ACTUATORS.items()},
+    "actuator: gyro bias": {**RATES, "actuators": {"kind": "gyro_bias", "deviation": 0.3}},
+    **{f"parameters: {name}": {"parameters": ranges, "wind": "storm"} for name, ranges in RANGES.items()},
+    "parameters: hummingbird": {**RATES, "parameters": RANGES["around"], "wind": LIGHT_WIND},
+    **{f"observation: {name}": parts for name, parts in OBSERVATIONS.items()},
+    **{f"task with {name}": {"task": {"trajectory": item}} for name, item in TRAJECTORIES.items()},
+    "hummingbird, task with waypoints": {**LATE_RATES, "task": {"trajectory": TRAJECTORIES["waypoints"]}},
+    **{f"reset with {name}": {"options": {"reference": item}} for name, item in TRAJECTORIES.items()},
+    "reset with a state": {"options": {"state": STATE}},
+    "hummingbird, reset with a state and sinusoids": {
+        **RATES,
+        "options": {"state": STATE, "reference": TRAJECTORIES["sinusoids"]},
+    },
+    "reset with many states": {"many": {"state": STATES, "reference": [*TRAJECTORIES.values(), {}] * 7 + [{}, {}]}},
+    "own task": {"task": TASK},
+    "own task, hanging": {"task": {**TASK, "pendulum": "hanging"}, **RATES},
+    "own simulation": {**SLOW, "wind": "dryden"},
+    "600 rows": {"num_envs": 600, "wind": "storm"},
+    "600 rows, everything": {"num_envs": 600, **EVERYTHING},
+}
+DEFAULTS: Parts = {"env_id": TRACK, "num_envs": 37, "max_episode_steps": 50, "steps": 120, "actions": 0.15}
+
+LAGGED = [{"kind": "action_delay", "steps": 1}, {"kind": "motor_lag", "time_constant": 0.02}]
+AT_25_HZ = {"period": 0.04, "substeps": 8}
+# Parts of scenarios by name, grouped by the policies that can fly them.
+PAPER: dict[str, Parts] = {
+    "hover, paper": {"task": "hover", "wind": "paper", "duration": 4.0},
+    "windy": {"wind": "windy"},
+    "storm, lagged": {"wind": "storm", "actuators": LAGGED},
+    "breeze, output feedback": {"wind": "breeze", "output_feedback": True},
+    "noisy, unknown lag": {
+        "sensors": NOISE,
+        "actuators": {"kind": "motor_lag", "time_constant": 0.005},
+        "loop_known": False,
+    },
+    "uncertain": {"parameters": {"share": 0.2}, "wind": WINDS["sum"]},
+    "fast": {"task": {"references": FAMILIES}},
+    "waypoints": {"task": {"trajectory": TRAJECTORIES["waypoints"]}, "wind": "breeze"},
+    "25 Hz": {"wind": "breeze", **AT_25_HZ},
+}
+WITH_ROTORS: dict[str, Parts] = {
+    "rotors": {
+        "actuators": ROTORS,
+        "vehicle": {**PAPER_VEHICLE, "inertia": (0.004, 0.004, 0.008)},
+    },
+}
+HUMMINGBIRD: dict[str, Parts] = {
+    "hummingbird, windy": {"wind": "windy", **RATES},
+    "hummingbird, as flown": {
+        **RATES,
+        "task": "hover",
+        "period": 0.02,
+        "substeps": 8,
+        "latency": 0.03,
+        "actuators": [{"kind": "packet_loss", "probability": 0.01}, {"kind": "gyro_bias", "deviation": 0.02}],
+        "sensors": NOISE,
+        "output_feedback": True,
+    },
+}
+RIGID: dict[str, Parts] = {
+    "crazyflie, rotors": {"wind": "breeze", "vehicle": "crazyflie", "interface": "rotors"},
+    "x500, wrench": {"wind": "windy", "vehicle": "x500", "interface": "wrench"},
+}
+LOAD: dict[str, Parts] = {
+    "load, windy": {"task": "load", "wind": "windy"},
+    "load, upset": {"task": {"pendulum": "hanging", "start": {"pendulum_angle": (0.3, 0.8)}}, **AT_25_HZ},
+}
+SWING_UP: dict[str, Parts] = {
+    "swing-up, breeze": {"task": "swing_up", "wind": "breeze", "duration": 4.0},
+    "recovery": {"task": "recovery", "duration": 4.0},
+}
+LEARNED_SWING_UP = {**SWING_UP, "recovery, 25 Hz": {**SWING_UP["recovery"], "wind": "windy", **AT_25_HZ}}
+CLASSICAL = PAPER | WITH_ROTORS | HUMMINGBIRD | RIGID
+DELAYED = {name: CLASSICAL[name] for name in ("storm, lagged", "hummingbird, as flown")}
+# Scenarios of each policy; a learned policy has its name without the seed.
+FLIGHTS: dict[str, dict[str, Parts]] = {
+    **dict.fromkeys(("adrc-paper", "adrc-matched", "adrc-tuned", "adrc-linear", "nmpc"), CLASSICAL),
+    **dict.fromkeys(("flatness", "lqr", "lqi", "dual-mode", "mppi"), CLASSICAL | LOAD),
+    **dict.fromkeys(("flatness-unpredicted", "lqr-unpredicted"), DELAYED),
+    "swing-up": {**SWING_UP, **RIGID},
+    **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "sac-agile"), PAPER),
+    **dict.fromkeys(("ppo-gain-scheduling", "ppo-agile"), PAPER | HUMMINGBIRD | RIGID),
+    **{f"{algo}-hummingbird": HUMMINGBIRD for algo in ("ppo", "sac")},
+    **{f"{algo}-load": LOAD for algo in ("ppo", "sac")},
+    **{f"{algo}-{task}": LEARNED_SWING_UP for algo, task in product(("ppo", "sac"), ("swing-up", "recovery"))},
+}
+LEARNED = ("apg", "ppo-", "sac-")  # beginnings of their names
+EPISODES = {"nmpc": 2}  # of each flight; the actions of `nmpc` take milliseconds
+SECONDS, LONG = 2.0, 3.0  # of an episode whose parts have no duration, and of one in a scenario of the package
+
+BRIEF: Parts = {
+    "scenarios": ["windy"],
+    "total_timesteps": 1024,
+    "num_envs": 16,
+    "batch_size": 128,
+    "net_arch": [16],
+    "n_eval_episodes": 2,
+}
+# Tables of settings of the algorithms
+ALGORITHMS: dict[str, Parts] = {
+    "ppo": {"ppo": {"n_steps": 16, "n_epochs": 2}},
+    "sac": {"sac": {"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64}},
+    "apg": {"apg": {"window": 8}},
+}
+ALGORITHMS["tqc"] = ALGORITHMS["sac"]
+ON_FLATNESS = {"base_controller": "flatness", "baseline_relative_reward": True}
+# Settings in which each training differs from `BRIEF`.
+TRAININGS: dict[str, Parts] = {
+    "ppo": {},
+    "ppo with evaluations": {"eval_freq": 256, "patience": 3, "scenarios": ["breeze", "storm"]},
+    "ppo with gSDE": {"activation_fn": "tanh", "sde_sample_freq": 4, "reward": {"tip": 0.2}},
+    "ppo with a curriculum": {"curriculum": ["calm", "breeze"], "curriculum_steps": 512, "save_freq": 256},
+    "ppo on estimates": {"hybrid": {"base_controller": "adrc-matched"}, "history": 2, "history_actions": 1},
+    "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
+    "ppo with residual actions": {
+        "hybrid": {
+            **ON_FLATNESS,
+            "mode": "residual_action",
+            "action_scale": 0.3,
+            "fallback_gain": 1.0,
+            "failure_penalty": 3.0,
+        }
+    },
+    "ppo with bandwidth scheduling": {
+        "hybrid": {**ON_FLATNESS, "mode": "bandwidth_scheduling", "fallback_gain": 3.0, "action_repeat": 5},
+        "max_episode_steps": 20,
+        "ppo": {"n_steps": 16, "n_epochs": 2, "critic_warmup_steps": 256},
+    },
+    "ppo on the hummingbird": {"scenarios": ["hummingbird_windy"]},
+    "sac": {"algo": "sac", "total_timesteps": 512, "batch_size": 32},
+    "sac with a load": {"algo": "sac", "total_timesteps": 512, "batch_size": 32, "scenarios": ["load_learning"]},
+    "tqc": {"algo": "tqc", "total_timesteps": 512, "batch_size": 32},
+    "apg": {"algo": "apg", "batch_size": 1024, "scenarios": ["training_uncertain", "training_lagged"]},
+}
