@@ -34,6 +34,7 @@ from quadpend_gym.envs.kernel_layout import (
     CommandScale,
     KernelLimits,
     KernelWeights,
+    unpack_rigid_step,
     unpack_settings,
 )
 from quadpend_gym.envs.outcome import (
@@ -185,7 +186,7 @@ def control_step(
     trajectories: Any,
     rigid: Any,
 ) -> int:
-    """Advance n sub-environments, as `step` describes.
+    """Advance n sub-environments, as `step_euler` describes.
 
     `trajectories` is a `PackedTrajectories` or None; `rigid` is a `RigidStep`, or None for the paper's attitude model.
     """
@@ -277,7 +278,7 @@ def control_step(
 
 
 @compiled
-def step(
+def step_euler(
     memory: Floats,
     clock: Integers,
     wind: Floats,
@@ -285,6 +286,9 @@ def step(
     settings: Floats,
     observation: Floats32,
     outcome: Floats,
+    sensed: Floats,
+    numbers: Floats,
+    first: Integers,
 ) -> int:
     """Advance n sub-environments by one control period, and compute outcome and observation.
 
@@ -301,33 +305,23 @@ def step(
         settings: Packed `KernelSettings`, see `kernel_layout.pack_settings`.
         observation: Output, shape (n, 36).
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
+        sensed: Shape (26, 0) without sensors. With sensors an output of shape (26, n): the step then writes only the
+            reference's part of the observation, and `observe_sensed` the other part once the sensors have changed the
+            state in `sensed`.
+        numbers: Packed trajectories, a field of `PackedTrajectories`; empty if no sub-environment follows one.
+        first: The other field of `PackedTrajectories`, shape (n,).
 
     Returns:
         `NO_ERROR`, or the error code that `check_inputs` returns; with an error, no array is changed.
     """
-    return control_step(memory, clock, wind, action, settings, observation, outcome, outcome[:, :0], None, None)
+    if numbers.size == 0:
+        return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, None, None)
+    trajectories = PackedTrajectories(numbers, first)
+    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories, None)
 
 
 @compiled
-def step_sensed(
-    memory: Floats,
-    clock: Integers,
-    wind: Floats,
-    action: Floats32,
-    settings: Floats,
-    observation: Floats32,
-    outcome: Floats,
-    sensed: Floats,
-) -> int:
-    """As `step`, but write only the reference's part of the observation, and fill `sensed`, shape (26, n), for sensors.
-
-    `observe_sensed` writes the other part once the sensors have changed the state in `sensed`.
-    """
-    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, None, None)
-
-
-@compiled
-def step_trajectories(
+def step_rigid(
     memory: Floats,
     clock: Integers,
     wind: Floats,
@@ -339,12 +333,15 @@ def step_trajectories(
     numbers: Floats,
     first: Integers,
 ) -> int:
-    """As `step`, or as `step_sensed` if `sensed` has n columns, where some sub-environments follow a trajectory.
+    """As `step_euler`, for rigid vehicles.
 
-    `numbers` and `first` are the fields of `PackedTrajectories`.
+    `memory` has shape (n, 62), and `settings` are those of `kernel_layout.pack_rigid_settings`.
     """
+    rigid = unpack_rigid_step(settings)
+    if numbers.size == 0:
+        return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, None, rigid)
     trajectories = PackedTrajectories(numbers, first)
-    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories, None)
+    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories, rigid)
 
 
 @compiled
@@ -352,7 +349,7 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
     """Write the part of the observation that depends on the state, from the sensed state instead of the true one.
 
     Args:
-        sensed: The array that `step_sensed` has written and the sensors have changed, shape (26, n).
+        sensed: The array that a step has written and the sensors have changed, shape (26, n).
         observation: Output, shape (n, 36); the reference's part is left unchanged.
     """
     state, lanes = sensed[SENSED_STATE], np.empty((REFERENCE_START, BLOCK), np.float32)

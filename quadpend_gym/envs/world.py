@@ -20,23 +20,18 @@ from quadpend_gym.actuators import check_chain
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
-from quadpend_gym.envs import step_kernel
 from quadpend_gym.envs.kernel_layout import (
     MEMORY_PARAMETERS,
     MEMORY_REFERENCE,
-    MEMORY_SIZE,
     MEMORY_STATE,
-    RIGID_MEMORY_SIZE,
     SENSED_SIZE,
     SENSED_STATE,
-    make_settings,
-    pack_rigid_settings,
-    pack_settings,
 )
 from quadpend_gym.envs.outcome import StepInfo
+from quadpend_gym.envs.plant_rows import plant_rows
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.rigid_step import RigidRows, step_rigid, step_rigid_trajectories
 from quadpend_gym.envs.step_errors import NO_ERROR, check_inputs, clip_rounding, raise_step_error
+from quadpend_gym.envs.step_kernel import observe_sensed
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.scenarios.scenario import Scenario
@@ -79,7 +74,8 @@ class World:
         self.task: Task = task
         self.simulation = simulation
         self.num_envs = num_envs
-        self._memory = np.zeros((num_envs, RIGID_MEMORY_SIZE if simulation.is_rigid else MEMORY_SIZE))
+        self._plant = plant_rows(num_envs, simulation)
+        self._memory = self._plant.memory
         self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
         self._sensed = np.zeros((SENSED_SIZE, 0))
@@ -89,8 +85,7 @@ class World:
         self._reference_ranges = flatten(task.references)
         self._start_settings = flatten(task.start), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
-        self._rigid = RigidRows(self._memory, simulation) if simulation.is_rigid else None
-        self._observe_settings = self._pack_settings(moves_air=False, substeps=0)
+        self._observe_settings = self._plant.settings(task, moves_air=False, substeps=0)
         self._parameter_ranges: ParameterRanges | None = None
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(scenario.wind_models)
@@ -119,8 +114,8 @@ class World:
         return self._trajectories.find(row) or Reference.from_array(self.reference[row])
 
     def thrust(self, row: int) -> float | None:
-        """Return the thrust of all rotors of a sub-environment, N; None for the paper's attitude model."""
-        return None if self._rigid is None else self._rigid.thrust(row)
+        """Return the thrust of all rotors of a sub-environment, N; None: it is the commanded one."""
+        return self._plant.thrust(row)
 
     @property
     def wind(self) -> Floats:
@@ -137,14 +132,10 @@ class World:
         self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
         all_models: tuple[Any, ...] = self._wind_models.models
         self._moves_air = any(model.moves_air for model in all_models)
-        self._settings = self._pack_settings(self._moves_air, self.simulation.substeps)
+        self._settings = self._plant.settings(self.task, self._moves_air, self.simulation.substeps)
         self._wind_columns = np.zeros((WIND_SIZE, self.num_envs))
         warn_if_too_strong(all_models, self.simulation)
         self._require_reset()
-
-    def _pack_settings(self, moves_air: bool, substeps: int) -> Floats:
-        settings = make_settings(self.task, self.simulation, moves_air, substeps)
-        return pack_rigid_settings(settings, self.simulation) if self._rigid is not None else pack_settings(settings)
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
         """Add sensors after the existing ones. Every sub-environment must then start a new episode.
@@ -187,16 +178,11 @@ class World:
         """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
-        self._choose_kernel()
         self._checks_first = bool(self._actuators.models or self.simulation.latency)
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
         self._padded = self.num_envs >= 512
         self._outcome_shape = self.step_info.outcome_size, self.num_envs + (8 if self._padded else 0)
-
-    def _choose_kernel(self) -> None:
-        """Decide whether the shortest kernel is enough: no sensors and no trajectories."""
-        self._plain = not (self._sensors.models or self._trajectories.in_use)
 
     def seed(self, rows: Integers, seeds: Sequence[int]) -> None:
         """Seed the sub-environments `rows`, shape (m,), with non-negative integers; their next episode is number 0."""
@@ -254,8 +240,7 @@ class World:
             along = np.sum(view.direction * view.direction_rate, axis=-1, keepdims=True)
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
-        if self._rigid is not None:
-            self._rigid.start_episodes(rows)
+        self._plant.start_episodes(rows)
 
     def _set_reference(self, rows: Integers, fixed: tuple[Trajectory, ...]) -> None:
         """Set the references of new episodes: one for all, one for each, or, if `fixed` is empty, those of the task."""
@@ -267,7 +252,6 @@ class World:
         else:
             draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
         self._trajectories.assign(rows, [None if isinstance(item, Reference) else item for item in fixed or (None,)])
-        self._choose_kernel()
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
         """Draw the wind over the first control period of new episodes."""
@@ -304,7 +288,7 @@ class World:
             out, simulation = np.asfortranarray(action, np.float64), self.simulation
             self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
             action = out.astype(np.float32, order="C")
-        return action if self._rigid is None else self._rigid.delay(action, self.clock)
+        return self._plant.delay(action, self.clock)
 
     def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
         """Return observation and outcome of some sub-environments without advancing them.
@@ -322,16 +306,12 @@ class World:
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
-        arguments = memory, clock, calm, action, self._observe_settings, observation, outcome
-        sensed = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0))
-        if self._plain:
-            step = step_kernel.step if self._rigid is None else step_rigid
-            step(*arguments)
-        else:
-            self._step_general(*arguments, sensed, self._trajectories.first[rows])
+        sensed, table = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0)), self._trajectories
+        arguments = memory, clock, calm, action, self._observe_settings, observation, outcome, sensed
+        self._plant.step(*arguments, table.active, table.first[rows])
         if self._sensors.models:
             sensed[SENSED_STATE] = self._sensed[SENSED_STATE, rows]
-            step_kernel.observe_sensed(sensed, observation)
+            observe_sensed(sensed, observation)
         return observation, outcome
 
     def step(self, action: Floats32) -> tuple[Floats32, Floats]:
@@ -358,32 +338,20 @@ class World:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
-        if self._plain:
-            step = step_kernel.step if self._rigid is None else step_rigid
-            error = step(memory, clock, wind, action, settings, observation, outcome)
-        else:
-            arguments = memory, clock, wind, action, settings, observation, outcome, self._sensed
-            error = self._step_general(*arguments, self._trajectories.first)
+        sensed, table = self._sensed, self._trajectories
+        error = self._plant.step(
+            memory, clock, wind, action, settings, observation, outcome, sensed, table.active, table.first
+        )
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")
             return self._step_clipped(error, action)
-        if not self._plain and self._sensors.models:
+        if self._sensors.models:
             self._sense()
-            step_kernel.observe_sensed(self._sensed, observation)
+            observe_sensed(self._sensed, observation)
         if self._wind_models.models:
             self._sample_wind()
         return observation, outcome[:, : self.num_envs] if self._padded else outcome
-
-    def _step_general(self, *arguments: Any) -> int:
-        """Call the kernel that writes sensed values; `arguments` are those of `step_sensed`, and the trajectories."""
-        *given, first = arguments
-        with_trajectories: tuple[Any, ...] = (*given, self._trajectories.numbers, first)
-        if self._rigid is not None:
-            return step_rigid_trajectories(*with_trajectories)
-        if self._trajectories.in_use:
-            return step_kernel.step_trajectories(*with_trajectories)
-        return step_kernel.step_sensed(*given)
 
     def _step_clipped(self, error: int, action: Floats32) -> tuple[Floats32, Floats]:
         """Repeat a refused step with the action clipped if the action exceeds ±1 by rounding only; else raise."""

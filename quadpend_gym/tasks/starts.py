@@ -32,7 +32,6 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import START_STREAM, Keys, derive, uniform_between
 from quadpend_gym.physics.dynamics import Physics, load_physics
 from quadpend_gym.physics.parameters import Simulation
-from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, norm, scale, store
 from quadpend_gym.tasks.references import ReferencePoint
@@ -62,10 +61,8 @@ class StartPole(NamedTuple):
 
 def start_pole(simulation: Simulation, side: float) -> Floats:
     """Return the values of `StartPole`, shape (3,); the first two are zero for the paper's vehicle."""
-    if not simulation.is_rigid:
-        return np.array([0.0, 0.0, side])
-    settings = make_rigid_settings(simulation)
-    return np.array([settings.shape, settings.pivot.z, side])
+    vehicle, p = simulation.vehicle, simulation.parameters
+    return np.array([vehicle.pole.inertia / (p.bob_mass * p.rod_length**2), vehicle.pivot[2], side])
 
 
 @inlined

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Integers
+from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.tasks.trajectories import Sinusoids, Waypoints
 
 Packed = Waypoints | Sinusoids
@@ -24,10 +24,15 @@ class TrajectoryTable:
 
     def __init__(self, rows: int) -> None:
         """Begin without trajectories."""
-        self.numbers = np.zeros(0)
+        self.numbers = self._none = np.zeros(0)
         self.first = np.full(rows, -1, np.int64)
         self.in_use = False
         self._positions: dict[Packed, int] = {}
+
+    @property
+    def active(self) -> Floats:
+        """The numbers, empty if no sub-environment follows a trajectory."""
+        return self.numbers if self.in_use else self._none
 
     def assign(self, rows: Integers, trajectories: Sequence[Packed | None]) -> None:
         """Set the trajectories of some sub-environments.

@@ -48,8 +48,7 @@ class Simulation:
 
     def __post_init__(self) -> None:
         _check_interface(self)
-        if self.is_rigid:
-            _check_damping(self)
+        _check_damping(self)
         if self.latency > _MOST_DELAYED * self.period * (1.0 + 1e-9):
             raise ValueError(
                 f"latency must be at most {_MOST_DELAYED} control periods of {self.period:g} s, not {self.latency:g} s"

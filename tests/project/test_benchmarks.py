@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import golden, speed
+from benchmarks import golden, golden_cases, speed
+from quadpend_baselines import CONTROLLERS
+from quadpend_train.policies.loading import shipped_policies
 
 
 @pytest.fixture
@@ -38,17 +40,24 @@ def test_ppo_is_measured_on_quadpendulum_and_on_a_free_environment() -> None:
 
 
 def test_golden_hashes_are_repeatable_and_a_different_hash_is_reported(tmp_path: Path) -> None:
+    names = {
+        "environments": "QuadPendulumHover-v0, everything, single",
+        "episodes": "lqr, windy",
+        "trainings": "ppo with gSDE",
+    }
+
     def hashes() -> dict[str, str]:
         return {
-            **dict(golden.environments(golden.ENV_IDS[:1], ["storm"], steps=20, num_envs=3)),
-            **dict(golden.episodes(["lqr"], ["windy"], count=2)),
-            **dict(golden.trainings(["ppo"])),
+            name: value for part, only in names.items() for name, value in golden.compute([part], f"{part}: {only}")
         }
 
     first = hashes()
-    single = [value for name, value in first.items() if name.endswith("single")]
-    assert len(set(single)) == len(single) == len(golden.STACKS)
-    assert len(first) == 3 * len(golden.STACKS) + 2
+    assert [*first] == [f"{part}: {name}" for part, name in names.items()]
     assert golden.check(tmp_path / "golden.json", first) == []
     assert golden.check(tmp_path / "golden.json", hashes()) == []
-    assert golden.check(tmp_path / "golden.json", {**first, "ppo": "another"}) == ["ppo"]
+    changed = {**first, "episodes: lqr, windy": "another"}
+    assert golden.check(tmp_path / "golden.json", changed) == ["episodes: lqr, windy"]
+
+
+def test_golden_hashes_cover_every_controller_and_shipped_policy() -> None:
+    assert golden_cases.FLIGHTS.keys() == {*CONTROLLERS, *shipped_policies()}
