@@ -114,12 +114,8 @@ SLOW = {"period": 0.02, "substeps": 4, "vehicle": HEAVY}
 RATES = {"vehicle": "hummingbird", "interface": "body_rates"}
 LATE_RATES = {**RATES, "latency": 0.015}
 RIGID_EVERYTHING = {**EVERYTHING, **LATE_RATES, "wind": LIGHT_WIND}
-LONG_LOAD = {
-    "env_id": IDS["Load"],
-    "actions": 0.01,
-    "max_episode_steps": 240,
-    "steps": 260,
-}  # long: some winds come late
+# Long episodes, since some winds come late
+LONG_LOAD = {"env_id": IDS["Load"], "actions": 0.01, "max_episode_steps": 240, "steps": 260}
 
 # Parts of environments by name; what an environment does not give is in `DEFAULTS`. "options" are those of each reset,
 # "many" those of the reset of vector environments, "actions" the standard deviation of random actions.
