@@ -18,6 +18,7 @@ from quadpend_gym.envs.kernel_layout import (
     pack_settings,
 )
 from quadpend_gym.envs.step_kernel import step_euler, step_rigid
+from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks import Task
@@ -108,4 +109,5 @@ class RigidRows:
 
 def plant_rows(num_envs: int, simulation: Simulation) -> EulerRows | RigidRows:
     """Return the rows of n sub-environments with a vehicle."""
-    return RigidRows(num_envs, simulation) if simulation.is_rigid else EulerRows(num_envs, simulation)
+    rigid = isinstance(plant_of(simulation), RigidPlant)
+    return RigidRows(num_envs, simulation) if rigid else EulerRows(num_envs, simulation)

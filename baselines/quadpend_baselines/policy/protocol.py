@@ -4,10 +4,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from quadpend_baselines.policy.rigid_actions import hovering, rigid_actions, rotor_response
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
-from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
+from quadpend_gym.physics.plants import plant_of
 
 
 class Policy(Protocol):
@@ -82,39 +81,10 @@ def replace_rows(rows: Integers, part: Any, whole: Any) -> Any:
 
 
 def to_action(command: Floats, simulation: Simulation, rigid: Floats | None = None) -> tuple[Floats32, Floats]:
-    """Convert commands to actions, clipped to their range; return the actions and the commands within the limits.
-
-    Args:
-        command: Thrust (N) and torques τφ, τθ, τψ (N·m), for rigid vehicles about the axes of the body, shape (n, 4).
-        simulation: Defines the scale of the actions, see `Simulation.command_scale`, the vehicle and its interface.
-        rigid: Quaternion, body rate and rotor thrusts of rigid vehicles at the time when the action begins to act,
-            shape (n, 11), see `quadpend_gym.physics.rigid_kernel`; None: hover. See `policy.rigid_actions`.
-
-    Returns:
-        The actions, shape (n, 4), float32, in [-1, 1], and the commands that they produce, shape (n, 4), N and N·m.
-        Those of rigid vehicles leave out the lag of the rotors.
-    """
-    if simulation.is_rigid:
-        start = hovering(len(command), simulation) if rigid is None else rigid
-        unlimited, reached = rigid_actions(command, start, simulation)
-        return np.clip(unlimited, -1.0, 1.0).astype(np.float32), reached
-    scale = simulation.command_scale
-    hover = scale * [1.0, 0.0, 0.0, 0.0]
-    action = np.clip((command - hover) / scale, -1.0, 1.0).astype(np.float32)
-    return action, to_command(action, simulation)
+    """Return the actions for demanded thrust and torques, see `actions_for` of `quadpend_gym.physics.plants`."""
+    return plant_of(simulation).actions_for(command, rigid)
 
 
 def to_command(action: Floats32, simulation: Simulation, rigid: Floats | None = None) -> Floats:
-    """Return the thrust (N) and torques (N·m) of actions, shape (n, 4); for rigid vehicles their mean over a period.
-
-    Args:
-        action: Shape (n, 4).
-        simulation: As in `to_action`.
-        rigid: As in `to_action`.
-    """
-    if simulation.is_rigid:
-        start = hovering(len(action), simulation) if rigid is None else rigid
-        rate, thrusts = start[:, BODY_RATE : BODY_RATE + 3], start[:, ROTOR_THRUST : ROTOR_THRUST + 4]
-        return rotor_response(action, rate, thrusts, simulation)[0]
-    scale = simulation.command_scale
-    return np.asarray(scale * [1.0, 0.0, 0.0, 0.0] + scale * action)
+    """Return the thrust and torques of actions, see `command` of `quadpend_gym.physics.plants`."""
+    return plant_of(simulation).command(action, rigid)

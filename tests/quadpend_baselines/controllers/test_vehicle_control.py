@@ -13,8 +13,8 @@ from quadpend_baselines.controllers.vehicle_gains import gains_for, scale_gains
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_baselines.policy.protocol import to_action, to_command
-from quadpend_baselines.policy.rigid_actions import hovering
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Simulation
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.vehicles import VEHICLES, hover_wrench
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 
@@ -76,7 +76,7 @@ def test_actions_make_the_demanded_mean_thrust_and_torques(interface: str) -> No
     command = np.tile(
         hover_wrench(simulation.parameters, simulation.rigid_vehicle.pivot) + np.array([0.3, *torque]), (3, 1)
     )
-    rigid = hovering(3, simulation)
+    rigid = plant_of(simulation).initial_memory(np.zeros((3, 18)))
     rigid[1, 4:7] = [0.5, -0.4, 0.2]
     rigid[2, 7:] *= [1.01, 1.02, 0.99, 1.0]
     action, reached = to_action(command, simulation, rigid)

@@ -16,15 +16,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled
-from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors, rigid_from_state
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors
 from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, after, allocate, clip4
-from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, add, apply, axpy, cross, inverse, load, load_four, multiply
-from quadpend_gym.vehicles import hover_wrench
+from quadpend_gym.vehicles import Simulation, hover_wrench
 
 _LAGS = 1.0  # H in units of L
 
@@ -33,8 +31,7 @@ _LAGS = 1.0  # H in units of L
 def _response(simulation: Simulation) -> tuple[float, float, float]:
     """Return the factor of w_d − w in equation (1), and 1/a (1/s) and b of equation (2)."""
     rotors = simulation.vehicle.rotors
-    down = 0.0 if rotors is None else rotors.lag_up if rotors.lag_down is None else rotors.lag_down
-    lag = 0.0 if rotors is None else 0.5 * (rotors.lag_up + down)
+    lag = 0.0 if rotors is None else 0.5 * sum(rotors.lags)
     horizon = max(simulation.period, _LAGS * lag)
     share = 1.0 if lag == 0.0 else 1.0 + lag / horizon * np.expm1(-horizon / lag)
     step = simulation.period / simulation.substeps
@@ -158,8 +155,3 @@ def rotor_response(
     given = np.asarray(action, np.float64)
     _rotor_response(given, np.ascontiguousarray(rate), end, pack_rigid(simulation), step, simulation.substeps, mean)
     return mean, end
-
-
-def hovering(rows: int, simulation: Simulation) -> Floats:
-    """Return quaternion, body rate and rotor thrusts of rigid vehicles that hover, shape (rows, 11)."""
-    return rigid_from_state(np.zeros((rows, STATE_SIZE)), simulation)
