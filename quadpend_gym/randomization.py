@@ -1,48 +1,36 @@
 """Domain randomization: physical parameters drawn for each episode."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings, suggest
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import check_interval, from_plain, suggest, to_plain_fields
 from quadpend_gym.physics.parameters import PARAMETER_NAMES, Parameters
 
-Interval = tuple[float, float] | None  # (lowest, highest) of a uniform distribution, or None for the nominal value
 
-
-@dataclass(frozen=True)
+@settings
 class ParameterRanges:
-    """Intervals of the parameters of an episode, with the names and units of `Parameters`.
+    """Intervals of the parameters of an episode, with the names of `Parameters`; None: the nominal value.
 
     Actions are scaled with the nominal parameters: a heavier quadrotor sinks at zero action.
-
-    Raises:
-        TypeError: If a value is not a pair of numbers.
-        ValueError: If an interval is out of order, contains impossible values, or all values are None.
     """
 
-    quadrotor_mass: Interval = None  # kg
-    bob_mass: Interval = None  # kg
-    rod_length: Interval = None  # m
-    gravity: Interval = None  # m/s²
-    inertia_roll: Interval = None  # kg·m²
-    inertia_pitch: Interval = None  # kg·m²
-    inertia_yaw: Interval = None  # kg·m²
-    quadrotor_drag_area: Interval = None  # m²
-    bob_drag_area: Interval = None  # m²
+    quadrotor_mass: Annotated[Interval | None, Range(1e-4, 1e4, "kg")] = None
+    bob_mass: Annotated[Interval | None, Range(1e-6, 1e4, "kg")] = None
+    rod_length: Annotated[Interval | None, Range(1e-3, 100.0, "m")] = None
+    gravity: Annotated[Interval | None, Range(0.01, 1000.0, "m/s²")] = None
+    inertia_roll: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None
+    inertia_pitch: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None
+    inertia_yaw: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None
+    quadrotor_drag_area: Annotated[Interval | None, Range(0.0, 100.0, "m²")] = None
+    bob_drag_area: Annotated[Interval | None, Range(0.0, 100.0, "m²")] = None
 
     def __post_init__(self) -> None:
-        to_plain_fields(self)
-        for item in fields(self):
-            if (value := getattr(self, item.name)) is not None:
-                check_interval(value, item.name, 0.0 if item.name.endswith("drag_area") else 1e-10)
-        if all(value is None for value in asdict(self).values()):
+        if all(getattr(self, name) is None for name in PARAMETER_NAMES):
             raise ValueError(
                 f"at least one parameter must have a range; the parameters are {', '.join(PARAMETER_NAMES)}"
             )
@@ -67,23 +55,14 @@ def _bounds(ranges: ParameterRanges, nominal: Parameters) -> tuple[Floats, Float
     return lowest, highest
 
 
-@dataclass(frozen=True)
+@settings
 class Around:
-    """Intervals of ± `share` around the nominal parameters of an environment.
-
-    Raises:
-        TypeError: If `share` is not a number, or `names` not a sequence.
-        ValueError: If `share` is outside [0, 0.999], or a name is not that of a parameter.
-    """
+    """Intervals of ± `share` around the nominal parameters of an environment."""
 
     share: Annotated[float, Range(0.0, 0.999)]  # half width of the interval, as a fraction of the nominal value
     names: tuple[str, ...] = ()  # parameters to randomize; if empty, all but gravity
 
     def __post_init__(self) -> None:
-        to_plain_fields(self)
-        check_fields(self)
-        if not isinstance(self.names, tuple):
-            raise TypeError(f"names must be a sequence of names of parameters, not {self.names!r}")
         for name in self.names:
             if name not in PARAMETER_NAMES:
                 raise ValueError(
@@ -106,9 +85,11 @@ def as_ranges(value: Any) -> ParameterRanges | Around:
         value: Parameter ranges, a mapping with a ``share``, or a mapping from names of parameters to pairs.
 
     Raises:
-        TypeError: If `value` is none of these.
-        ValueError: If a key is unknown or a value is out of range.
+        ValueError: If `value` is none of these, a key is unknown or a value is out of range.
     """
     if isinstance(value, Around) or (isinstance(value, Mapping) and "share" in value):
-        return from_plain(Around, value, "ranges")
-    return from_plain(ParameterRanges, value, "ranges")
+        return parse(Around, value, "ranges")
+    return parse(ParameterRanges, value, "ranges")
+
+
+RangesField = Parsed(as_ranges, lambda: ParameterRanges | Around)  # annotation of a field that holds ranges

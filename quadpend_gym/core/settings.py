@@ -74,8 +74,10 @@ def _noun(schema: Any) -> str:
     kind = schema["type"]
     if kind == "tuple":
         items = schema["items_schema"]
+        if (inner := _noun(items[0])).endswith("s"):
+            return f"a tuple of {inner} each"
         count = "" if "variadic_item_index" in schema else f"{len(items)} "
-        return f"{count}{_noun(items[0]).removeprefix('a ')}s"
+        return f"{count}{inner.removeprefix('a ')}s"
     if kind == "union":
         return " or ".join(map(_noun, schema["choices"]))
     if kind == "literal":

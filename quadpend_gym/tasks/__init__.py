@@ -9,6 +9,7 @@ from quadpend_gym.tasks.task import (
     RewardWeights,
     StartSettings,
     Task,
+    TaskField,
     as_task,
     flatten,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "RewardWeights",
     "StartSettings",
     "Task",
+    "TaskField",
     "as_task",
     "flatten",
 ]

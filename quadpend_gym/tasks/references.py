@@ -16,17 +16,17 @@ Hovering, circles, figure eights (Gerono's lemniscate), helices, slaloms and all
 | 3       | ψ      | rad  |
 """
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, fields
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from pydantic import BeforeValidator
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.core.ranges import Range, check_fields
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import REFERENCE_STREAM, Keys, derive, uniform, uniform_between
-from quadpend_gym.core.validation import as_vector
 from quadpend_gym.physics.vectors import Vec3
 
 CHANNELS = 4
@@ -36,6 +36,13 @@ ORDERS = 7  # derivatives of order 0 to 6
 # Layout of a reference array: for each coefficient of (1) one number for each channel.
 _OFFSET, _RATE, _AMPLITUDE, _FREQUENCY, _PHASE = 0, CHANNELS, 2 * CHANNELS, 3 * CHANNELS, 4 * CHANNELS
 _X, _Y, _Z, _YAW = 0, 1, 2, 3
+
+
+def _for_each(value: Any) -> Any:
+    return (value,) * CHANNELS if isinstance(value, int | float) else value
+
+
+Channels = Annotated[tuple[float, float, float, float], BeforeValidator(_for_each)]  # one number is one for each
 
 
 class Derivatives(NamedTuple):
@@ -126,27 +133,18 @@ def _evaluate(lanes: Floats, time: Floats, out: Floats) -> None:
                 out[i, order, channel] = derivatives[order]
 
 
-@dataclass(frozen=True)
+@settings
 class Reference:
     """One reference trajectory, equation (1).
 
     Every field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
-
-    Raises:
-        TypeError: If a field is neither a number nor four numbers.
-        ValueError: If a number is not finite, or its absolute value is larger than 1000.
     """
 
-    offset: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
-    rate: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    amplitude: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
-    frequency: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    phase: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            object.__setattr__(self, field.name, as_vector(getattr(self, field.name), CHANNELS, field.name))
-        check_fields(self)
+    offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
+    rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
+    frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
 
     @classmethod
     def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":

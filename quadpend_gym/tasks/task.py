@@ -3,22 +3,20 @@
 `gym.make` accepts a task as a name, a `Task`, or a mapping of its fields. Environment specifications store it as JSON.
 """
 
-from dataclasses import astuple, dataclass, field, replace
-from typing import Annotated, Any
+from dataclasses import astuple, replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.ranges import Range, check_fields
-from quadpend_gym.core.validation import check_interval, from_plain, suggest
-from quadpend_gym.tasks.trajectories import as_trajectory
+from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings, suggest
+from quadpend_gym.tasks.trajectories import TrajectoryField
 
 EPISODE_STEPS = 1000  # control steps after which an episode is truncated: 10 s at the default control period
-Interval = tuple[float, float]
 SIDES = {"upright": 1.0, "hanging": -1.0}  # sign of r_z by the side on which the pendulum is to be
 
 
-@dataclass(frozen=True)
+@settings
 class ReferenceSettings:
     """Relative frequency of each family of random references, and the bounds of their numbers."""
 
@@ -40,14 +38,11 @@ class ReferenceSettings:
     speed: Annotated[Interval, Range(0.0, 1000.0, "m/s")] = (1.0, 3.0)  # forward velocity of a slalom
 
     def __post_init__(self) -> None:
-        check_fields(self)
         if not (self.hover or self.circle or self.figure_eight or self.helix or self.slalom):
             raise ValueError("one of hover, circle, figure_eight, helix and slalom must be above zero")
-        for name in ("height", "radius", "acceleration", "climb", "speed"):
-            object.__setattr__(self, name, check_interval(getattr(self, name), name))
 
 
-@dataclass(frozen=True)
+@settings
 class StartSettings:
     """Largest deviation of a random start, in each component, from the state that tracks the reference exactly."""
 
@@ -61,12 +56,8 @@ class StartSettings:
     # angle by which r is then turned to a random side, drawn uniformly by the area on the sphere
     pendulum_angle: Annotated[Interval, Range(0.0, np.pi, "rad")] = (0.0, 0.0)
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-        object.__setattr__(self, "pendulum_angle", check_interval(self.pendulum_angle, "pendulum_angle"))
 
-
-@dataclass(frozen=True)
+@settings
 class Limits:
     """Limits of the state; an episode that exceeds one of them terminates (a fall)."""
 
@@ -77,11 +68,8 @@ class Limits:
     # height of the ground, which neither the quadrotor nor the bob may touch
     ground: Annotated[float, Range(-1e9, 1e9, "m")] = 0.0
 
-    def __post_init__(self) -> None:
-        check_fields(self)
 
-
-@dataclass(frozen=True)
+@settings
 class RewardWeights:
     """Weights of the terms of the reward, see `quadpend_gym.tasks.rewards`; they are divided by their sum."""
 
@@ -93,12 +81,11 @@ class RewardWeights:
     pendulum_first: Annotated[float, Range(0.0, 1.0)] = 0.0  # p, how much all terms need the pendulum on its side
 
     def __post_init__(self) -> None:
-        check_fields(self)
         if not (self.tracking or self.upright or self.yaw or self.effort):
             raise ValueError("one of the reward weights must be above zero")
 
 
-@dataclass(frozen=True)
+@settings
 class Task:
     """Task: references, random starts, termination limits, reward weights, and the side of the pendulum.
 
@@ -113,20 +100,12 @@ class Task:
             Starts, limit and reward are relative to it.
     """
 
-    references: ReferenceSettings = field(default_factory=ReferenceSettings)
-    start: StartSettings = field(default_factory=StartSettings)
-    limits: Limits = field(default_factory=Limits)
-    reward: RewardWeights = field(default_factory=RewardWeights)
-    trajectory: Any = None
-    pendulum: str = "upright"
-
-    def __post_init__(self) -> None:
-        if self.pendulum not in SIDES:
-            raise ValueError(f"pendulum must be one of {', '.join(SIDES)}, not {self.pendulum!r}")
-        if self.trajectory is not None:
-            object.__setattr__(self, "trajectory", as_trajectory(self.trajectory, "trajectory"))
-        for name, kind in _PARTS.items():
-            object.__setattr__(self, name, from_plain(kind, getattr(self, name), name))
+    references: ReferenceSettings = ReferenceSettings()
+    start: StartSettings = StartSettings()
+    limits: Limits = Limits()
+    reward: RewardWeights = RewardWeights()
+    trajectory: Annotated[Any, TrajectoryField] = None
+    pendulum: Literal["upright", "hanging"] = "upright"
 
     @property
     def side(self) -> float:
@@ -134,12 +113,6 @@ class Task:
         return SIDES[self.pendulum]
 
 
-_PARTS: dict[str, Any] = {
-    "references": ReferenceSettings,
-    "start": StartSettings,
-    "limits": Limits,
-    "reward": RewardWeights,
-}
 _HOVER = ReferenceSettings(
     circle=0.0, figure_eight=0.0, helix=0.0, height=(2.0, 2.0), yaw_offset=0.0, yaw_amplitude=0.0
 )
@@ -177,14 +150,16 @@ def as_task(value: Any) -> Task:
         value: Name of a task, `Task`, or mapping of its fields.
 
     Raises:
-        TypeError: If `value` is none of these.
         ValueError: If no task has that name, or a setting is unknown or out of range.
     """
     if isinstance(value, str):
         if value not in TASKS:
             raise ValueError(f"there is no task {value!r}{suggest(value, TASKS)}; the tasks are {', '.join(TASKS)}")
         return TASKS[value]
-    return from_plain(Task, value, "task")
+    return parse(Task, value, "task")
+
+
+TaskField = Parsed(as_task, lambda: Literal[tuple(TASKS)] | Task)  # annotation of a field that holds a task
 
 
 def flatten(settings: Any) -> Floats:

@@ -18,23 +18,23 @@ A packed trajectory is a flat array. Many of them stand one after the other in t
 | terms       | k · 20     | each term as a reference array, offset and rate in the first                 |
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import BeforeValidator
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.core.ranges import Range, check_fields
-from quadpend_gym.core.validation import as_vector, check_number, from_plain, suggest, to_plain_fields
+from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
 from quadpend_gym.tasks.minimum_snap import COEFFICIENTS, minimum_snap
 from quadpend_gym.tasks.references import (
     CHANNELS,
     LARGEST,
     ORDERS,
     REFERENCE_SIZE,
+    Channels,
     Derivatives,
     Reference,
     ReferencePoint,
@@ -43,7 +43,6 @@ from quadpend_gym.tasks.references import (
     reference_point,
 )
 
-MOST_POINTS, MOST_TERMS = 200, 100
 SHORTEST_INTERVAL = 0.01  # s, between two waypoints
 LARGEST_RATIO = 1000.0  # of the longest interval to the shortest
 _HEADER = 3
@@ -143,6 +142,13 @@ def _evaluate(numbers: Floats, time: Floats, out: Floats) -> None:
                 out[i, order, channel] = derivatives[order]
 
 
+def _with_yaw(point: Any) -> Any:
+    return (*point, 0.0) if isinstance(point, tuple) and len(point) == CHANNELS - 1 else point
+
+
+Point = Annotated[tuple[float, float, float, float], BeforeValidator(_with_yaw)]
+
+
 class _Packed:
     """Mixin for trajectories with the property `packed`."""
 
@@ -156,7 +162,7 @@ class _Packed:
         return out.reshape(*times.shape, ORDERS, CHANNELS)
 
 
-@dataclass(frozen=True)
+@settings
 class Waypoints(_Packed):
     """A smooth trajectory through given points at given times, equation (1), from rest to rest.
 
@@ -167,28 +173,35 @@ class Waypoints(_Packed):
         points: Points F_x, F_y, z (m) and optionally ψ (rad, default 0), see `references`.
         closed: Whether the trajectory repeats without stopping after the last time; the last point must then equal the
             first.
-
-    Raises:
-        TypeError: If a field has the wrong type.
-        ValueError: If the times do not increase from 0, the points do not fit the times, or a number is not finite or
-            its absolute value is larger than 1000.
     """
 
     times: Annotated[tuple[float, ...], Range(0.0, LARGEST, "s")]
-    points: Annotated[tuple[tuple[float, ...], ...], Range(-LARGEST, LARGEST, "m and rad")]
+    points: Annotated[tuple[Point, ...], Range(-LARGEST, LARGEST, "m and rad")]
     closed: bool = False
-    kind: str = field(default="waypoints", init=False)
+    kind: Literal["waypoints"] = "waypoints"
 
     def __post_init__(self) -> None:
-        to_plain_fields(self)
-        times = _check_times(self.times)
-        points = _check_points(self.points, len(times))
-        if not isinstance(self.closed, bool):
-            raise TypeError(f"closed must be true or false, not {self.closed!r}")
-        if self.closed and points[0] != points[-1]:
-            raise ValueError(f"the last point of closed waypoints must equal the first, {points[0]}, not {points[-1]}")
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "points", points)
+        if len(self.times) < 2 or self.times[0] != 0.0:
+            raise ValueError(f"times must be at least two numbers that begin with 0, not {self.times}")
+        intervals = np.diff(self.times)
+        if (shortest := intervals.min()) < SHORTEST_INTERVAL * (1.0 - 1e-9):
+            late = self.times[int(intervals.argmin()) + 1]
+            raise ValueError(
+                f"times must increase by at least {SHORTEST_INTERVAL:g} s, not by {shortest:g} s at {late:g}"
+            )
+        if intervals.max() > LARGEST_RATIO * shortest:
+            raise ValueError(
+                f"the longest interval between times must be at most {LARGEST_RATIO:g} times the shortest, not"
+                f" {intervals.max():g} s and {shortest:g} s"
+            )
+        if len(self.points) != len(self.times):
+            raise ValueError(
+                f"points must be {len(self.times)} points, as many as the times, not {len(self.points)} points"
+            )
+        if self.closed and self.points[0] != self.points[-1]:
+            raise ValueError(
+                f"the last point of closed waypoints must equal the first, {self.points[0]}, not {self.points[-1]}"
+            )
 
     @cached_property
     def packed(self) -> Floats:
@@ -209,24 +222,16 @@ class Waypoints(_Packed):
         return np.concatenate([np.linspace(a, b, max(41, int((b - a) / 0.02))) for a, b in pairs])
 
 
-@dataclass(frozen=True)
+@settings
 class SinusoidTerm:
-    """One term of `Sinusoids`, with one number for each channel or one for all.
+    """One term of `Sinusoids`, with one number for each channel or one for all."""
 
-    Raises:
-        TypeError: If a field is neither a number nor four numbers.
-        ValueError: If a number is not finite, or its absolute value is larger than 1000.
-    """
-
-    amplitude: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
-    frequency: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    phase: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        _check_channels(self, [item.name for item in fields(self)])
+    amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
+    frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@settings
 class Sinusoids(_Packed):
     """A constant velocity plus any sum of sinusoids, equation (2).
 
@@ -234,34 +239,24 @@ class Sinusoids(_Packed):
         offset: F_x, F_y, z (m) and ψ (rad) at time zero, without the terms.
         rate: Constant velocity of each channel, m/s and rad/s.
         terms: Terms, or mappings of their fields.
-
-    Raises:
-        TypeError: If a field has the wrong type.
-        ValueError: If a number is not finite, or its absolute value is larger than 1000.
     """
 
-    offset: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
-    rate: Annotated[tuple[float, ...], Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
+    rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
     terms: tuple[SinusoidTerm, ...] = ()
-    kind: str = field(default="sinusoids", init=False)
+    kind: Literal["sinusoids"] = "sinusoids"
 
     def __post_init__(self) -> None:
-        _check_channels(self, ["offset", "rate"])
-        if not isinstance(self.terms, list | tuple) or not 1 <= len(self.terms) <= MOST_TERMS:
-            raise ValueError(f"terms must be 1 to {MOST_TERMS} sinusoids, not {self.terms!r}")
-        terms = tuple(from_plain(SinusoidTerm, item, f"terms[{i}]") for i, item in enumerate(self.terms))
-        object.__setattr__(self, "terms", terms)
+        if not self.terms:
+            raise ValueError("terms must be at least one sinusoid")
 
     @cached_property
     def packed(self) -> Floats:
         """The packed trajectory, shape (k,)."""
-        zero = (0.0,) * CHANNELS
-        places = [(self.offset, self.rate), *[(zero, zero)] * (len(self.terms) - 1)]
-        columns = [
-            Reference(*place, item.amplitude, item.frequency, item.phase).as_array()
-            for place, item in zip(places, self.terms, strict=True)
-        ]
-        return np.concatenate([[0.0, 0.0, len(columns)], *columns])
+        columns = np.zeros((len(self.terms), 5, CHANNELS))
+        columns[0, :2] = self.offset, self.rate
+        columns[:, 2:] = [(item.amplitude, item.frequency, item.phase) for item in self.terms]
+        return np.concatenate([[0.0, 0.0, len(columns)], columns.ravel()])
 
     def sample_times(self) -> Floats:
         """Return times that resolve the slowest and the fastest term, over 10 s to 100 s, s, shape (k,)."""
@@ -273,7 +268,7 @@ class Sinusoids(_Packed):
 
 
 Trajectory = Reference | Waypoints | Sinusoids
-KINDS: dict[str, type[Any]] = {"waypoints": Waypoints, "sinusoids": Sinusoids}
+KINDS: dict[str, type[Waypoints] | type[Sinusoids]] = {"waypoints": Waypoints, "sinusoids": Sinusoids}
 
 
 def as_trajectory(value: Any, name: str) -> Trajectory:
@@ -285,53 +280,20 @@ def as_trajectory(value: Any, name: str) -> Trajectory:
         name: Name of the value in error messages.
 
     Raises:
-        TypeError: If `value` is none of these, or a field has the wrong type.
-        ValueError: If a kind or field is unknown, or a value is out of range.
+        ValueError: If `value` is none of these, or a field is unknown or out of range.
     """
     if isinstance(value, Waypoints | Sinusoids):
         return value
-    if isinstance(value, Mapping) and "kind" in value:
-        data = dict(value)
-        kind = data.pop("kind")
-        if not isinstance(kind, str) or kind not in KINDS:
-            raise ValueError(f"{name} has no kind {kind!r}{suggest(kind, KINDS)}; the kinds are {', '.join(KINDS)}")
-        return cast(Trajectory, from_plain(KINDS[kind], data, name))
-    return from_plain(Reference, value, name)
-
-
-def _check_channels(instance: Any, names: Sequence[str]) -> None:
-    """Replace fields with one number for each channel by tuples of floats after checking them."""
-    for name in names:
-        object.__setattr__(instance, name, as_vector(getattr(instance, name), CHANNELS, name))
-    check_fields(instance)
-
-
-def _check_times(times: Any) -> tuple[float, ...]:
-    if not isinstance(times, tuple) or not 2 <= len(times) <= MOST_POINTS:
-        raise ValueError(f"times must be 2 to {MOST_POINTS} numbers, not {times!r}")
-    checked = tuple(check_number(time, f"times[{i}]", 0.0, LARGEST) for i, time in enumerate(times))
-    if checked[0] != 0.0:
-        raise ValueError(f"times must begin with 0, not {checked[0]:g}")
-    intervals = np.diff(checked)
-    if (shortest := intervals.min()) < SHORTEST_INTERVAL * (1.0 - 1e-9):
-        late = checked[int(intervals.argmin()) + 1]
-        raise ValueError(f"times must increase by at least {SHORTEST_INTERVAL:g} s, not by {shortest:g} s at {late:g}")
-    if intervals.max() > LARGEST_RATIO * shortest:
+    if not (isinstance(value, Mapping) and "kind" in value):
+        return parse(Reference, value, name)
+    if (kind := KINDS.get(value["kind"])) is None:
         raise ValueError(
-            f"the longest interval between times must be at most {LARGEST_RATIO:g} times the shortest, not"
-            f" {intervals.max():g} s and {shortest:g} s"
+            f"{name} has no kind {value['kind']!r}{suggest(value['kind'], KINDS)}; the kinds are {', '.join(KINDS)}"
         )
-    return checked
+    return parse(kind, value, name)
 
 
-def _check_points(points: Any, count: int) -> tuple[tuple[float, ...], ...]:
-    if not isinstance(points, tuple) or len(points) != count:
-        found = f"{len(points)} points" if isinstance(points, tuple) else repr(points)
-        raise ValueError(f"points must be {count} points, as many as the times, not {found}")
-    checked = []
-    for i, point in enumerate(points):
-        if not isinstance(point, tuple) or len(point) not in (CHANNELS - 1, CHANNELS):
-            raise TypeError(f"points[{i}] must be three or four numbers (x, y, z and yaw), not {point!r}")
-        numbers = [check_number(x, f"points[{i}]", -LARGEST, LARGEST) for x in point]
-        checked.append((*numbers, 0.0) if len(numbers) < CHANNELS else tuple(numbers))
-    return tuple(checked)
+# Annotation of a field that holds a trajectory or None
+TrajectoryField = Parsed(
+    lambda value: None if value is None else as_trajectory(value, "trajectory"), lambda: Trajectory | None
+)
