@@ -19,9 +19,9 @@ class ParameterRanges:
     Actions are scaled with the nominal parameters: a heavier quadrotor sinks at zero action.
     """
 
-    quadrotor_mass: Annotated[Interval | None, Range(1e-4, 1e4, "kg")] = None
-    bob_mass: Annotated[Interval | None, Range(1e-6, 1e4, "kg")] = None
-    rod_length: Annotated[Interval | None, Range(1e-3, 100.0, "m")] = None
+    quadrotor_mass: Annotated[Interval | None, Range(1e-10, 1e4, "kg")] = None
+    bob_mass: Annotated[Interval | None, Range(1e-10, 1e4, "kg")] = None
+    rod_length: Annotated[Interval | None, Range(1e-10, 100.0, "m")] = None
     gravity: Annotated[Interval | None, Range(0.01, 1000.0, "m/s²")] = None
     inertia_roll: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None
     inertia_pitch: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None

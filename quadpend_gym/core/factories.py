@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from quadpend_gym.core.validation import suggest
+from quadpend_gym.core.settings import suggest
 
 _NAME = r"[^\W\d]\w*(?:\.[^\W\d]\w*)*"
 _FACTORY = re.compile(f"{_NAME}:{_NAME}")

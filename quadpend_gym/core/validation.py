@@ -6,13 +6,14 @@ sentence that names the argument, its value and the permitted values.
 """
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from difflib import get_close_matches
 from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+
+from quadpend_gym.core.settings import suggest as suggest
 
 Dataclass = TypeVar("Dataclass")
 _LARGEST = sys.float_info.max
@@ -66,17 +67,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     return tuple(_plain(item) for item in value) if isinstance(value, list | tuple) else value
-
-
-def suggest(value: Any, known: Iterable[str]) -> str:
-    """Return " (did you mean 'windy'?)" with the known name that is most similar to `value`, or "" if none is similar.
-
-    Args:
-        value: Unknown name, of any type.
-        known: Known names.
-    """
-    similar = get_close_matches(str(value), list(known), 1)
-    return f" (did you mean {similar[0]!r}?)" if similar else ""
 
 
 def check_number(value: Any, name: str, low: float = -np.inf, high: float = np.inf, unit: str = "") -> float:

@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import check_reset_options
@@ -89,7 +88,6 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
     """
 
     metadata: dict[str, Any] = _METADATA
-    spec: Any = Specification()
 
     def __init__(
         self,

@@ -9,7 +9,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
-from quadpend_gym.core.specification import Specification
 from quadpend_gym.envs.env import frames_per_second
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
@@ -43,7 +42,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
     """
 
     metadata: dict[str, Any] = _METADATA
-    spec: Any = Specification()
 
     def __init__(
         self,

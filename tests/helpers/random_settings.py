@@ -23,7 +23,7 @@ from quadpend_gym import (
     Waypoints,
 )
 from quadpend_gym.actuators import KINDS as ACTUATORS
-from quadpend_gym.core.ranges import Range, declared_ranges
+from quadpend_gym.core.settings import Range, declared
 from quadpend_gym.physics.parameters import CONTROL_PERIOD, INTERFACES, MOST_DELAYED
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.randomization import Around
@@ -47,9 +47,14 @@ _MOST_SUBSTEPS = 10  # of a vector environment, so that a step of thousands of r
 Draw = Callable[[Range], float]
 
 
+def ranges_of(kind: Any) -> dict[str, Range]:
+    """Return the declared ranges of the fields of a settings class by name."""
+    return {name: bounds for name, _, bounds in declared(kind)}
+
+
 def value_of(kind: Any, name: str, draw: Draw) -> Any:
     """Return a value of a field, made of numbers that `draw` returns: a number, or a pair in order."""
-    bounds, hint = declared_ranges(kind)[name], get_type_hints(kind)[name]
+    bounds, hint = ranges_of(kind)[name], get_type_hints(kind)[name]
     if get_args(hint) == (float, float):
         return tuple(sorted((draw(bounds), draw(bounds))))
     return int(draw(bounds)) if hint is int else draw(bounds)
@@ -73,7 +78,7 @@ def random_draw(random: np.random.Generator) -> Draw:
 def random_values(kind: Any, random: np.random.Generator, share: float = 0.5) -> dict[str, Any]:
     """Return values of about this share of the fields."""
     draw = random_draw(random)
-    return {name: value_of(kind, name, draw) for name in declared_ranges(kind) if random.random() < share}
+    return {name: value_of(kind, name, draw) for name in ranges_of(kind) if random.random() < share}
 
 
 def random_task(random: np.random.Generator) -> Task:
@@ -115,7 +120,7 @@ def _changed_fields(vehicle: Vehicle, random: np.random.Generator) -> dict[str, 
     draw = random_draw(random)
 
     def change(instance: Any) -> Any:
-        names = [name for name in declared_ranges(type(instance)) if name not in ("positions", "torque")]
+        names = [name for name in ranges_of(type(instance)) if name not in ("positions", "torque")]
         name = names[random.integers(len(names))]
         return {name: value_of(type(instance), name, draw)}
 
@@ -123,7 +128,7 @@ def _changed_fields(vehicle: Vehicle, random: np.random.Generator) -> dict[str, 
     changed = {name: replace(part, **change(part)) for name, part in parts.items() if random.random() < 0.4}
     changed |= change(vehicle) if random.random() < 0.4 else {}
     if random.random() < 0.3:
-        bounds = declared_ranges(Vehicle)["torque"]
+        bounds = ranges_of(Vehicle)["torque"]
         changed["torque"] = draw(bounds), draw(bounds)
     return changed
 

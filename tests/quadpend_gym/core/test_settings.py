@@ -2,6 +2,7 @@
 
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -23,8 +24,6 @@ EXAMPLES = (  # of classes with fields that have no default
     *(Waypoints((0.0, 1.0), ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0))), Sinusoids(terms=(SinusoidTerm(),))),
     *(HUMMINGBIRD, HUMMINGBIRD.rotors, HUMMINGBIRD.pole, HUMMINGBIRD.drag, HUMMINGBIRD.rate_loop),
 )
-# Fields whose ends a rule that joins several fields refuses
-JOINED: dict[Any, tuple[str, ...]] = {Gusts: ("torque",), Waypoints: ("times", "points")}
 BY_CLASS = {type(item): item for item in EXAMPLES}
 KINDS = {
     item.__qualname__: item
@@ -44,23 +43,38 @@ def shaped(hint: Any, number: float) -> Any:
     """Return a value of a type that consists of this number."""
     if get_origin(hint) in (Union, UnionType):
         return shaped(next(item for item in get_args(hint) if get_origin(item) is not Literal), number)
+    if get_origin(hint) is Annotated:
+        return shaped(get_args(hint)[0], number)
     if get_origin(hint) is tuple:
         return tuple(shaped(item, number) for item in get_args(hint) if item is not Ellipsis)
     return number
+
+
+def refusal(change: Callable[[], Any]) -> str:
+    """Return the sentence with which a change is refused, or "" if it is not."""
+    try:
+        change()
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 @pytest.mark.parametrize(("kind", "name", "hint", "bounds"), FIELDS)
 def test_a_field_takes_the_ends_of_its_range_and_nothing_beyond(kind: Any, name: str, hint: Any, bounds: Range) -> None:
     example = BY_CLASS.get(kind) or kind()
     step = 1 if hint is int else 1e-9 * max(abs(bounds.low), abs(bounds.high), 1.0)
-    for number in (bounds.low, bounds.high):
-        if name not in JOINED.get(kind, ()):
-            replace(example, **{name: shaped(hint, int(number) if hint is int else number)})
-    sentence = re.escape(f"{kind.__name__}.{name} must be ") + f".* {re.escape(str(bounds))}, not "
-    for number in (bounds.low - step, bounds.high + step, np.nan, "text", True):
-        with pytest.raises(ValueError, match=sentence) as caught:
-            replace(example, **{name: shaped(hint, number)})
-        assert "\n" not in str(caught.value)
+
+    def sentence(value: Any) -> str:
+        return refusal(lambda: replace(example, **{name: shaped(hint, value)}))
+
+    start = f"{kind.__name__}.{name} must be "
+    for number in (bounds.low, bounds.high):  # a rule that joins several fields may refuse them
+        assert not sentence(int(number) if hint is int else number).startswith(start)
+    for value in (bounds.low - step, bounds.high + step, np.nan, "text", True):
+        said = sentence(value)
+        assert said.startswith(start), said
+        assert f"{bounds}, not " in said
+        assert "\n" not in said
 
 
 @settings

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import BPoly
 
-from quadpend_gym import Limits, Parameters, Reference, Simulation, Sinusoids, Waypoints
+from quadpend_gym import PAPER, Limits, Reference, Simulation, Sinusoids, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.feasibility import check_feasible, demand
 from quadpend_gym.tasks.trajectories import as_trajectory
@@ -126,8 +126,8 @@ def test_a_wrong_trajectory_is_refused_with_one_sentence(data: dict[str, Any], s
 
 def test_hovering_demands_the_weight_and_no_tilt() -> None:
     still = Sinusoids(terms=[{"amplitude": 0.0}])  # type: ignore[arg-type]
-    needed = demand(still, Parameters(), np.array([0.0, 1.0]))
-    assert_allclose(needed.thrust, Parameters().hover_thrust, rtol=1e-14)
+    needed = demand(still, PAPER, np.array([0.0, 1.0]))
+    assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)
     assert_array_equal(needed.pendulum_angle, 0.0)
     assert_array_equal(needed.body_angle, 0.0)
     assert_array_equal(needed.height, 2.0)

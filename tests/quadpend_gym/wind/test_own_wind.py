@@ -1,9 +1,7 @@
 """A wind model of the user's own code is given as an object or as a text "module:factory"."""
 
 import pickle
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -58,19 +56,6 @@ def test_the_specification_keeps_the_factory_of_a_wind(module: str) -> None:
     assert_same(duplicate.reset(seed=3), env.reset(seed=3))
     actions = draw_actions(3, 10)
     assert_same(run_actions(duplicate, actions), run_actions(env, actions))
-
-
-@dataclass(frozen=True)
-class Own(OrnsteinUhlenbeck):
-    """A class that is in no registry; its fields alone would be those of its base class."""
-
-
-@pytest.mark.parametrize("wrapped", [False, True])
-def test_the_specification_is_never_written_without_the_class_of_a_wind(wrapped: bool) -> None:
-    env: Any = WindWrapper(make(), Own(0.3)) if wrapped else make(wind=Own(0.3))
-    with pytest.raises(TypeError, match=r"wind cannot be written as JSON with Own\(force=0\.3"):
-        env.spec.to_json()
-    assert_same(gym.make(env.spec).reset(seed=1), env.reset(seed=1))
 
 
 @pytest.mark.parametrize(
