@@ -31,7 +31,6 @@ if __name__ == "__main__":
     parser.add_argument("--iterations", type=int, default=300)
     parser.add_argument("--num-envs", type=int, default=64, help="sub-environments of each process")
     parser.add_argument("--num-env-runners", type=int, default=0, help="processes that collect steps; 0: this one")
-    parser.add_argument("--mode", default="vector_entry_point", help="'sync' steps single environments instead")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/rllib"))
     args = parser.parse_args()
@@ -41,7 +40,7 @@ if __name__ == "__main__":
         .env_runners(
             num_env_runners=args.num_env_runners,
             num_envs_per_env_runner=args.num_envs,
-            gym_env_vectorize_mode=args.mode,
+            gym_env_vectorize_mode="vector_entry_point",
         )
         .rl_module(
             model_config=DefaultModelConfig(fcnet_hiddens=[64, 64], fcnet_activation="tanh", vf_share_layers=False)

@@ -1,29 +1,23 @@
-"""The documents agree with the code: equations, links, names of tests and functions, examples and figures."""
+"""The pages agree with the code: links, names of tests and functions, generated tables and published numbers."""
 
 import re
 from pathlib import Path
 
 import pytest
-from gymnasium.vector import AutoresetMode
 
+import quadpend_gym
+from docs.tools import ranges, settings, vehicles
 from quadpend_baselines.paper.drawing import draw
-from quadpend_gym import wind
-from quadpend_gym.actuators import KINDS as ACTUATORS
-from quadpend_gym.scenarios import find_scenario
-from quadpend_gym.sensors import KINDS as SENSORS
-from quadpend_train.cli.main import main
-from quadpend_train.reports import model_plots
-from quadpend_train.reports.model_plots import GALLERY
+from quadpend_gym import OBSERVATION_FIELDS, Limits, RewardWeights, Simulation
+from quadpend_gym.physics.state import STATE_FIELDS
+from quadpend_gym.tasks.observation import OBSERVATION_SCALE
 from tests.helpers.sources import ROOT
 
-PAPER_PAGES = [ROOT / "docs/paper.md", ROOT / "docs/derivation.md"]
-MODELS = (ROOT / "docs/models.md").read_text(encoding="utf-8")
-PAGES = sorted([ROOT / "README.md", *ROOT.glob("*/README.md"), *(ROOT / "docs").glob("*.md")])
-MAP = (ROOT / "docs/paper.md").read_text(encoding="utf-8")
-
-
-def test_every_equation_of_the_paper_has_one_row_in_order() -> None:
-    assert [int(n) for n in re.findall(r"^\| \((\d+)\) \|", MAP, re.MULTILINE)] == list(range(1, 73))
+DOCS = ROOT / "docs"
+PAGES = sorted([ROOT / "README.md", *ROOT.glob("*/README.md"), *DOCS.glob("*.md")])
+MAP = (DOCS / "paper.md").read_text(encoding="utf-8")
+TASKS = (DOCS / "tasks.md").read_text(encoding="utf-8")
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
@@ -32,14 +26,16 @@ def test_every_link_has_a_target(page: Path) -> None:
     links = re.findall(r"\]\((?!https?:)([^)#\s]+)(?:#[^)]*)?\)", text)
     links += re.findall(r"^\[[^\]]+\]: (\S+)$", text, re.MULTILINE)
     assert [link for link in links if not (page.parent / link).exists()] == []
-    defined = re.findall(r"^\[(`[^\]]+`)\]:", text, re.MULTILINE)
-    assert set(re.findall(r"\[(`[^\]]+`)\](?![:(])", text)) <= set(defined)
 
 
-@pytest.mark.parametrize("page", PAPER_PAGES, ids=lambda page: page.name)
-def test_every_test_named_exists(page: Path) -> None:
+def test_every_equation_of_the_paper_has_one_row_in_order() -> None:
+    assert [int(n) for n in re.findall(r"^\| \((\d+)\) \|", MAP, re.MULTILINE)] == list(range(1, 73))
+
+
+@pytest.mark.parametrize("name", ["paper.md", "derivation.md"])
+def test_every_test_named_exists(name: str) -> None:
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
-    named = set(re.findall(r"`(test_\w+)`", page.read_text(encoding="utf-8")))
+    named = set(re.findall(r"`(test_\w+)`", (DOCS / name).read_text(encoding="utf-8")))
     assert named
     assert {name for name in named if f"def {name}(" not in tests} == set()
 
@@ -49,7 +45,7 @@ def test_every_function_in_the_map_is_defined_in_its_file() -> None:
     entries = re.findall(r"\[(`\w+\.py`)\]((?: `[\w.]+`,?)+)", MAP)
     assert len(entries) > 50
     for label, names in entries:
-        source = (ROOT / "docs" / targets[label]).read_text(encoding="utf-8")
+        source = (DOCS / targets[label]).read_text(encoding="utf-8")
         for name in re.findall(r"`(?:\w+\.)?(\w+)`", names):
             assert re.search(rf"\b(def|class) {name}\b|^{name}\b|, {name} = ", source, re.MULTILINE), (label, name)
 
@@ -59,47 +55,48 @@ def test_the_frames_figure_is_drawn_by_code(tmp_path: Path) -> None:
     assert (tmp_path / "frames.svg").read_text(encoding="utf-8").count("<path") > 50
 
 
-def test_the_scenario_on_the_page_of_models_makes_an_environment(tmp_path: Path) -> None:
-    (block,) = re.findall(r"```toml\n(.*?)```", MODELS, re.DOTALL)
-    (tmp_path / "mine.toml").write_text(block, encoding="utf-8")
-    env = find_scenario(str(tmp_path / "mine.toml")).make_vec(3, AutoresetMode.SAME_STEP)
-    assert env.reset(seed=0)[0].shape == (3, 4 * 27)
+@pytest.mark.parametrize("tool", [settings, ranges, vehicles], ids=lambda tool: tool.__name__)
+def test_generated_tables_are_those_of_the_code(tool: object) -> None:
+    page = tool.PAGE.read_text(encoding="utf-8")  # type: ignore[attr-defined]
+    missing = [name for name, table in tool.tables().items() if table not in page]  # type: ignore[attr-defined]
+    assert missing == [], "run python -m " + tool.__name__  # type: ignore[attr-defined]
 
 
-def test_the_page_of_models_has_a_figure_of_every_kind() -> None:
-    kinds = {*wind.KINDS, *SENSORS, *ACTUATORS} - {"sum", "drawn", "rescaled", "still_air", "rotor_fault"}
-    assert kinds <= set(GALLERY)
-    assert {path.stem for path in (ROOT / "docs/models").glob("*.png")} == set(GALLERY)
-    assert set(re.findall(r"models/(\w+)\.png", MODELS)) == set(GALLERY)
+def rows(text: str, columns: int) -> list[list[str]]:
+    """The cells of all table rows of a page that have this number of columns."""
+    lines = re.findall(r"^\| (.*) \|$", text, re.MULTILINE)
+    return [cells for line in lines if len(cells := re.split(r" \| ", line)) == columns]
 
 
-def test_quadpend_wind_plots_the_given_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_plots, "_SPECTRUM_SECONDS", 45.0)
-    chosen = [f"{name}={GALLERY[name]}" for name in ("dryden", "gusts", "noise", "rotors")]
-    main(["wind", *chosen, "windy", '{"kind": "delay"}', "--out", str(tmp_path)])
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "dryden.png",
-        "gusts.png",
-        "noise.png",
-        "rotors.png",
-        "windy.png",
-        "model_5.png",
-    }
+def test_the_tables_of_observation_and_state_equal_their_layouts() -> None:
+    table = {row[1].strip("`"): (row[0], row[4]) for row in rows(TASKS, 5) if "–" in row[0]}
+    assert list(table) == list(OBSERVATION_FIELDS)
+    for name, columns in OBSERVATION_FIELDS.items():
+        assert table[name][0] == f"{columns.start}–{columns.stop - 1}"
+        assert (OBSERVATION_SCALE[columns] == [float(scale) for scale in table[name][1].split(",")]).all()
+    states = {row[1].strip("`"): row[0] for row in rows((DOCS / "frames.md").read_text("utf-8"), 5) if "–" in row[0]}
+    assert states == {name: f"{part.start}–{part.stop - 1}" for name, part in STATE_FIELDS.items()}
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (["hurricane"], "there is no model 'hurricane'; there are calm, breeze"),
-        (["constant"], "the wind is always zero"),
-        (['{"kind": "dryden"'], "the model is not valid JSON"),
-        (["--seconds", "0"], "seconds must be from 1"),
-        (["--seed", "-1"], "seed must be a whole number from 0 to"),
-    ],
-)
-def test_bad_options_of_quadpend_wind_are_refused(
-    options: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["wind", *options, "--out", str(tmp_path)])
-    assert sentence in capsys.readouterr().err
+def test_the_numbers_of_the_task_equal_those_of_the_code() -> None:
+    weights = {row[0].strip("`"): float(row[2]) for row in rows(TASKS, 3) if re.fullmatch(r"0\.\d+", row[2])}
+    assert weights == {name: getattr(RewardWeights(), name) for name in ("tracking", "upright", "yaw", "effort")}
+    scale = Simulation().command_scale
+    for number in (f"u = {scale[0]:g} N", f"= {scale[1]:g} N·m · a₁", f"= {scale[3]:g} N·m · a₃"):
+        assert number in TASKS
+    assert f"more than {Limits().pendulum_angle * 57.2958:.0f}°" in TASKS
+    assert f"exceeds {Limits().tracking_error:g} m" in TASKS
+
+
+def test_the_speed_table_and_the_version_are_those_of_this_package() -> None:
+    assert (DOCS / "bench.md").read_text("utf-8").strip() in (DOCS / "benchmarks.md").read_text("utf-8")
+    assert f"\nversion: {quadpend_gym.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_the_readme_is_short_and_has_the_leaderboard_of_the_results_page() -> None:
+    results = (DOCS / "results.md").read_text(encoding="utf-8")
+    (leaderboard,) = re.findall(r"<!-- begin leaderboard -->\n(.*?)<!-- end leaderboard -->", results, re.DOTALL)
+    assert leaderboard.strip()
+    assert leaderboard.strip() in README
+    assert len(README.splitlines()) <= 160
+    assert len(README.split()) <= 1500
