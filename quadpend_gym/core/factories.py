@@ -10,6 +10,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
 
 from quadpend_gym.core.settings import suggest
@@ -36,20 +37,16 @@ def find_factory(name: str) -> Callable[..., Any]:
     if "" not in sys.path and os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())  # as with `python -m`; the installed command `quadpend` does not add it
     try:
-        found: Any = importlib.import_module(module_name)
+        module = importlib.import_module(module_name)
     except Exception as error:  # the module may raise exceptions of any type
-        missing = getattr(error, "name", None) if isinstance(error, ModuleNotFoundError) else None
-        if missing and f"{module_name}.".startswith(f"{missing}."):
-            raise ValueError(
-                f"there is no module {missing!r} for {name!r}: it must be importable from the working directory"
-                f" {os.getcwd()} or be installed"
-            ) from error
-        raise ValueError(f"the module of {name!r} cannot be imported: {describe_error(error)}") from error
-    module = found
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            raise ValueError(f"the module {module_name!r} has no {attribute!r}{suggest(part, dir(module))}")
-        found = getattr(found, part)
+        raise ValueError(
+            f"the module of {name!r} cannot be imported from {os.getcwd()} or the installed packages:"
+            f" {describe_error(error)}"
+        ) from error
+    try:
+        found: Any = attrgetter(attribute)(module)
+    except AttributeError:
+        raise ValueError(f"the module {module_name!r} has no {attribute!r}{suggest(attribute, dir(module))}") from None
     if not callable(found):
         raise ValueError(f"{name} must be a function or a class, not {found!r}")
     return found  # type: ignore[no-any-return]

@@ -74,7 +74,7 @@ def test_a_bad_factory_of_a_wind_is_refused(wind: str, message: str, module: str
 
 def test_a_module_that_cannot_be_imported_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = write_module(tmp_path, monkeypatch, "import nowhere_to_be_found")
-    with pytest.raises(ValueError, match="there is no module 'missing_module' for 'missing_module:wind'"):
+    with pytest.raises(ValueError, match="the module of 'missing_module:wind' cannot be imported"):
         as_wind("missing_module:wind")
-    with pytest.raises(ValueError, match="cannot be imported: ModuleNotFoundError: No module named 'nowhere_to_be"):
+    with pytest.raises(ValueError, match=r"cannot be imported .*ModuleNotFoundError: No module named 'nowhere_to_be"):
         as_wind(f"{name}:wind")
