@@ -11,9 +11,9 @@ from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.controllers.swing_up import SwingUp
 from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.policy.protocol import Policy
-from quadpend_baselines.swing.swing_up import SwingUp
 from quadpend_gym import Simulation
 from quadpend_gym.core.validation import suggest
 

@@ -7,7 +7,7 @@ import pytest
 
 import quadpend_gym
 from docs.tools import ranges, settings, vehicles
-from quadpend_baselines.paper.drawing import draw
+from docs.tools.frames import draw
 from quadpend_gym import OBSERVATION_FIELDS, Limits, RewardWeights, Simulation
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE

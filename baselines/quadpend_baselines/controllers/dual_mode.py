@@ -32,18 +32,10 @@ from quadpend_gym.physics.state import State
 
 @dataclass(frozen=True)
 class DualMode:
-    """The control law (1)–(5).
-
-    Raises:
-        ValueError: If `gains.near` has integrators.
-    """
+    """The control law (1)–(5); `gains.near` has no integrators."""
 
     gains: DualModeGains
     simulation: Simulation
-
-    def __post_init__(self) -> None:
-        if self.gains.near.integral > 0.0:
-            raise ValueError(f"near.integral must be 0, not {self.gains.near.integral!r}: dual-mode has no integrators")
 
     @cached_property
     def far(self) -> Flatness:

@@ -32,7 +32,6 @@ from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_stat
 from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.core.validation import check_int
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import COMMAND_SIZE, State
 
@@ -53,23 +52,10 @@ class MppiMemory(NamedTuple):
 
 @dataclass(frozen=True)
 class Mppi:
-    """The control law (1)–(3).
-
-    Raises:
-        ValueError: If the gains are out of range.
-    """
+    """The control law (1)–(3)."""
 
     gains: MppiGains
     simulation: Simulation
-
-    def __post_init__(self) -> None:
-        g = self.gains
-        if not (3 <= g.samples <= mppi_kernel.MAX_SAMPLES and g.samples % 2):
-            raise ValueError(f"samples must be odd and from 3 to {mppi_kernel.MAX_SAMPLES - 1}, not {g.samples!r}")
-        for name, least in (("horizon", 1), ("steps_per_period", 1), ("knots", 2)):
-            check_int(getattr(g, name), name, least)
-        if g.feedback.integral > 0.0:
-            raise ValueError(f"feedback.integral must be 0, not {g.feedback.integral!r}: MPPI has no integrators")
 
     @cached_property
     def horizon_simulation(self) -> Simulation:

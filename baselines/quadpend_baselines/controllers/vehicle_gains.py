@@ -9,7 +9,7 @@ A gain in such units is the same number for all vehicles. `EXPONENTS` has the po
 multiplied; gains that are not listed, such as damping ratios, angles and the noise of the sensors, do not change.
 """
 
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,53 +22,33 @@ from quadpend_baselines.gains import (
     UNPREDICTED,
     AdrcGains,
     DualModeGains,
+    EstimatorGains,
     FlatnessGains,
     LqrGains,
     MppiGains,
     NmpcGains,
+    ObserverGains,
     without_prediction,
 )
 from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.vehicles import as_vehicle
 
-_FLATNESS: dict[str, float] = {
-    "position_bandwidth": 1,
-    "pendulum_bandwidth": 1,
-    "attitude_bandwidth": 1,
-    "vertical_bandwidth": 1,
-    "velocity": -1,
-    "far_pendulum_bandwidth": 1,
-    "far_attitude_bandwidth": 1,
-}
-_LQR: dict[str, float] = {
-    "position": -2,
-    "velocity": -1,
-    "angle_rate": 1,
-    "reach": -2,
-    "integral": -3,
-    "integral_limit": -3,
-}
 EXPONENTS: dict[type, dict[str, float]] = {
-    AdrcGains: {
-        "horizontal_bandwidth": 1,
+    ObserverGains: {"bandwidth": 1},
+    AdrcGains: {"horizontal_bandwidth": 1, "vertical_bandwidth": 1, "horizontal.switching": 6, "vertical.switching": 2},
+    FlatnessGains: {
+        "position_bandwidth": 1,
+        "pendulum_bandwidth": 1,
+        "attitude_bandwidth": 1,
         "vertical_bandwidth": 1,
-        "luenberger.bandwidth": 1,
-        "horizontal.bandwidth": 1,
-        "horizontal.switching": 6,
-        "vertical.bandwidth": 1,
-        "vertical.switching": 2,
+        "velocity": -1,
+        "far_pendulum_bandwidth": 1,
+        "far_attitude_bandwidth": 1,
     },
-    FlatnessGains: _FLATNESS,
-    LqrGains: _LQR,
-    MppiGains: {f"feedback.{name}": exponent for name, exponent in _LQR.items()},
-    DualModeGains: {
-        "near_error": -2.5,
-        "far_error": -2.5,
-        **{f"far.{name}": exponent for name, exponent in _FLATNESS.items()},
-        **{f"near.{name}": exponent for name, exponent in _LQR.items()},
-    },
-    NmpcGains: {"period": -1, **{f"feedback.{name}": exponent for name, exponent in _LQR.items()}},
+    LqrGains: {"position": -2, "velocity": -1, "angle_rate": 1, "reach": -2, "integral": -3, "integral_limit": -3},
+    DualModeGains: {"near_error": -2.5, "far_error": -2.5},
+    NmpcGains: {"period": -1},
 }
 
 
@@ -95,15 +75,20 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
         tuned: Design parameters of the vehicle for which they were tuned.
         other: Design parameters of the other vehicle.
     """
-    rate = np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness)
+    rate = float(np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness))
     factors = {path: rate**exponent for path, exponent in EXPONENTS.get(type(gains), {}).items()}
-    if hasattr(gains, "estimator"):
-        factors["estimator.force_walk"] = rate**0.5 * other.hover_thrust / tuned.hover_thrust
-        factors["estimator.bob_force_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass
-        factors["estimator.torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
+    if isinstance(gains, EstimatorGains):
+        factors["force_walk"] = rate**0.5 * other.hover_thrust / tuned.hover_thrust
+        factors["bob_force_walk"] = rate**0.5 * other.bob_mass / tuned.bob_mass
+        factors["torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
     if isinstance(gains, MppiGains):
         gains = replace(gains, steps_per_period=max(round(gains.steps_per_period / rate), 1))
-    return replace_gains(gains, {path: float(factor * read_gain(gains, path)) for path, factor in factors.items()})
+    present = {path: read_gain(gains, path) for path in factors}
+    gains = replace_gains(gains, {path: factors[path] * gain for path, gain in present.items() if gain is not None})
+    parts = {field.name: getattr(gains, field.name) for field in fields(gains)}
+    return replace(
+        gains, **{name: scale_gains(part, tuned, other) for name, part in parts.items() if is_dataclass(part)}
+    )
 
 
 @lru_cache(maxsize=256)

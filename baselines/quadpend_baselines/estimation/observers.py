@@ -83,10 +83,10 @@ class ObserverBank:
             period: Sampling period, s.
         """
         gains = np.array([current_gain(item, period) for _, item in observers])
-        limits = np.array([item.switching * period for _, item in observers])
+        limits = np.array([np.inf if item.switching is None else item.switching * period for _, item in observers])
         slopes = [
-            gain[-1] if item.layer is None else item.switching * period / max(item.layer, 1e-300)
-            for gain, (_, item) in zip(gains, observers, strict=True)
+            gain[-1] if item.layer is None else limit / max(item.layer, 1e-300)
+            for gain, limit, (_, item) in zip(gains, limits, observers, strict=True)
         ]
         inputs = np.array([input_gain(driven_state, period) for driven_state, _ in observers])
         return cls(chain(period), inputs, gains, np.array(slopes), limits)

@@ -10,6 +10,7 @@ The known input u enters the equation of the state that it drives. The control l
 same limits as in the sampled controller.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +19,48 @@ from tqdm.auto import tqdm
 from quadpend_baselines.controllers.adrc import ADRC, AdrcMemory
 from quadpend_baselines.estimation.chains import AdrcMeasurement, make_measurement
 from quadpend_baselines.estimation.observers import characteristic_polynomial
-from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_baselines.policy.protocol import to_action
-from quadpend_gym import Reference, State
+from quadpend_gym import PAPER, Reference, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A trajectory at m times.
+
+    Attributes:
+        time: s, shape (m,).
+        state: See `quadpend_gym.physics.state`, shape (m, 18).
+        reference: Derivatives of order 0 to 6 of F_x, F_y, z and ψ, shape (m, 7, 4).
+        command: Thrust (N) and torques τφ, τθ, τψ (N·m), shape (m, 4).
+        disturbance: The true disturbance, N and N·m, in the layout of `Disturbance`, shape (m, 9).
+        estimate: The disturbance that the observers estimate, see `ADRC.estimated_disturbance`, shape (m, 9).
+    """
+
+    time: Floats
+    state: Floats
+    reference: Floats
+    command: Floats
+    disturbance: Floats
+    estimate: Floats
+
+    @property
+    def outputs(self) -> Floats:
+        """F_x, F_y, z (m) and ψ (rad), shape (m, 4)."""
+        s = State(self.state)
+        bob = s.position + PAPER.rod_length * s.direction
+        return np.column_stack([bob[:, :2], s.position[:, 2], s.euler[:, 2]])
+
+    @property
+    def wanted(self) -> Floats:
+        """The references of F_x, F_y, z (m) and ψ (rad), shape (m, 4)."""
+        return self.reference[:, 0]
+
+    @property
+    def error(self) -> Floats:
+        """Tracking errors of F_x, F_y, z (m) and ψ (rad), shape (m, 4)."""
+        return np.asarray(self.outputs - self.wanted)
 
 
 class _Inputs(NamedTuple):
@@ -55,10 +93,10 @@ class ContinuousLoop:
         driven, observers = zip(*policy.observers, strict=True)
         self._driven = np.arange(len(driven)), np.array(driven)
         self._gains = np.array([characteristic_polynomial(item)[1:] for item in observers])
-        self._limits = np.array([item.switching for item in observers])
-        for gain, item in zip(self._gains, observers, strict=True):
+        self._limits = np.array([np.inf if item.switching is None else item.switching for item in observers])
+        for gain, limit, item in zip(self._gains, self._limits, observers, strict=True):
             if item.layer is not None:  # the slope λ₀ becomes ρ/δ; a very small δ approximates the sign function
-                gain[3] = item.switching / max(item.layer, 1e-300)
+                gain[3] = limit / max(item.layer, 1e-300)
 
     def simulate(self, start: Floats, reference: Reference, disturbance: Floats, step: float, every: int) -> Trajectory:
         """Integrate the loop and record its trajectory.

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.controllers.adrc import ADRC
-from quadpend_baselines.paper.continuous import ContinuousLoop
-from quadpend_baselines.paper.trajectory import Trajectory
+from quadpend_baselines.paper.continuous import ContinuousLoop, Trajectory
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadpend_baselines.paper.continuous import Trajectory
 from quadpend_baselines.paper.experiment import GUSTS, RECORDING_PERIOD, Experiment
-from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import PAPER, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_TORQUE, FORCE, THRUST, TORQUE
@@ -23,96 +23,73 @@ _TRUE: dict[str, Any] = {"color": "#000000", "linestyle": "-", "linewidth": 0.8,
 
 
 class Panel(NamedTuple):
-    """One panel of a figure.
-
-    Attributes:
-        label: Label of the y axis.
-        series: Returns the values to draw from a trajectory, shape (m,).
-        comparison: Returns the values to compare them with; None: no comparison.
-        comparison_style: Line style of the comparison.
-    """
+    """One panel of a figure: its label, the values to draw from a trajectory, and values to compare them with."""
 
     label: str
     series: Callable[[Trajectory], Floats]
     comparison: Callable[[Trajectory], Floats] | None = None
-    comparison_style: dict[str, Any] | None = None
+    comparison_style: dict[str, Any] = _REFERENCE
 
 
-def _output(channel: int) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: trajectory.outputs[:, channel]
+def _column(name: str, column: int) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: np.asarray(getattr(trajectory, name)[:, column])
 
 
-def _reference(channel: int) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: trajectory.reference[:, 0, channel]
+def _state(values: Callable[[State], Floats]) -> Callable[[Trajectory], Floats]:
+    return lambda trajectory: values(State(trajectory.state))
 
 
-def _error(channel: int) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: trajectory.error[:, channel]
-
-
-def _disturbance(column: int) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: trajectory.disturbance[:, column]
-
-
-def _estimate(column: int) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: trajectory.estimate[:, column]
-
-
-def _command(column: int) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: trajectory.command[:, column]
-
-
-FIGURES: dict[str, tuple[str, tuple[Panel, ...]]] = {
+FIGURES: dict[str, tuple[str, list[Panel]]] = {
     "figure_4": (
         "Tracking of the flat outputs",
-        tuple(
-            Panel(label, _output(i), _reference(i), _REFERENCE)
-            for i, label in enumerate(("(a) $F_x$ (m)", "(b) $F_y$ (m)", "(c) $z$ (m)", "(d) ψ (rad)"))
-        ),
+        [
+            Panel(f"({'abcd'[i]}) {name}", _column("outputs", i), _column("wanted", i))
+            for i, name in enumerate(("$F_x$ (m)", "$F_y$ (m)", "$z$ (m)", "ψ (rad)"))
+        ],
     ),
     "figure_5": (
         "Attitude of the quadrotor",
-        (
-            Panel("(a) pitch θ (rad)", lambda trajectory: State(trajectory.state).euler[:, 1]),
-            Panel("(b) roll φ (rad)", lambda trajectory: State(trajectory.state).euler[:, 0]),
-        ),
+        [
+            Panel("(a) pitch θ (rad)", _state(lambda s: s.euler[:, 1])),
+            Panel("(b) roll φ (rad)", _state(lambda s: s.euler[:, 0])),
+        ],
     ),
     "figure_6": (
         "Tracking errors",
-        tuple(
-            Panel(label, _error(i))
-            for i, label in enumerate(("(a) $e_{Fx}$ (m)", "(b) $e_{Fy}$ (m)", "(c) $e_z$ (m)", "(d) $e_ψ$ (rad)"))
-        ),
+        [
+            Panel(f"({'abcd'[i]}) {name}", _column("error", i))
+            for i, name in enumerate(("$e_{Fx}$ (m)", "$e_{Fy}$ (m)", "$e_z$ (m)", "$e_ψ$ (rad)"))
+        ],
     ),
     "figure_7": (
         "Angles of the pendulum",
-        (
-            Panel("(a) α (rad)", lambda trajectory: State(trajectory.state).alpha),
-            Panel("(b) β (rad)", lambda trajectory: np.unwrap(State(trajectory.state).beta)),
-            Panel("(c) $α_x$ (rad)", lambda trajectory: State(trajectory.state).alpha_x),
-            Panel("(d) $α_y$ (rad)", lambda trajectory: State(trajectory.state).alpha_y),
-        ),
+        [
+            Panel("(a) α (rad)", _state(lambda s: s.alpha)),
+            Panel("(b) β (rad)", _state(lambda s: np.unwrap(s.beta))),
+            Panel("(c) $α_x$ (rad)", _state(lambda s: s.alpha_x)),
+            Panel("(d) $α_y$ (rad)", _state(lambda s: s.alpha_y)),
+        ],
     ),
     "figure_8": (
         "Disturbances, true and estimated",
-        tuple(
-            Panel(label, _estimate(column), _disturbance(column), _TRUE)
+        [
+            Panel(label, _column("estimate", column), _column("disturbance", column), _TRUE)
             for column, label in (
                 (FORCE, "(a) force x (N)"),
                 (FORCE + 1, "(b) force y (N)"),
                 (FORCE + 2, "(c) force z (N)"),
                 (TORQUE + 2, "(d) yaw torque (N·m)"),
             )
-        ),
+        ],
     ),
     "figure_9": (
         "Control signals",
-        (
-            Panel("(a) $τ_θ$ (N·m)", _command(COMMAND_TORQUE + 1)),
-            Panel("(b) $τ_φ$ (N·m)", _command(COMMAND_TORQUE)),
-            Panel("(c) $u$ (N)", _command(THRUST)),
-            Panel("(d) $τ_ψ$ (N·m)", _command(COMMAND_TORQUE + 2)),
-        ),
+        [
+            Panel("(a) $τ_θ$ (N·m)", _column("command", COMMAND_TORQUE + 1)),
+            Panel("(b) $τ_φ$ (N·m)", _column("command", COMMAND_TORQUE)),
+            Panel("(c) $u$ (N)", _column("command", THRUST)),
+            Panel("(d) $τ_ψ$ (N·m)", _column("command", COMMAND_TORQUE + 2)),
+        ],
     ),
 }
 
@@ -135,15 +112,12 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
 
 
 def _figure(width: float, height: float) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width, height), layout="constrained")
 
 
-def _panels(experiment: Experiment, title: str, panels: tuple[Panel, ...]) -> Any:
+def _panels(experiment: Experiment, title: str, panels: list[Panel]) -> Any:
     figure = _figure(7.5, 2.3 * (len(panels) // 2) + 0.5)
     axes = figure.subplots(len(panels) // 2, 2, sharex=True, squeeze=False).ravel()
     for axis, panel in zip(axes, panels, strict=True):
@@ -151,7 +125,7 @@ def _panels(experiment: Experiment, title: str, panels: tuple[Panel, ...]) -> An
             axis.plot(trajectory.time, panel.series(trajectory), linewidth=1.2, label=name, **_STYLES[name])
         if panel.comparison is not None:
             values = panel.comparison(experiment.continuous)
-            axis.plot(experiment.continuous.time, values, **(panel.comparison_style or {}))
+            axis.plot(experiment.continuous.time, values, **panel.comparison_style)
         axis.axvline(GUSTS.onset, color="#888888", linewidth=0.8)
         axis.set_ylabel(panel.label)
     for axis in axes[-2:]:
@@ -162,28 +136,23 @@ def _panels(experiment: Experiment, title: str, panels: tuple[Panel, ...]) -> An
 
 
 def _trajectory_figure(trajectory: Trajectory) -> Any:
-    """Draw Figure 10: the trajectory in space with the pendulum, and its three projections."""
+    """Draw Figure 10: the trajectory in space with one pendulum per second, and its three projections."""
     figure = _figure(8.5, 8.0)
-    state = State(trajectory.state)
-    bob = state.position + PAPER.rod_length * state.direction
-    shown = slice(0, None, round(1.0 / RECORDING_PERIOD))  # one pendulum per second
-    scene = figure.add_subplot(2, 2, 1, projection="3d")
-    scene.plot(*state.position.T, color="#0072B2", linewidth=1.0, label="quadrotor")
-    scene.plot(*bob.T, color="#D55E00", linewidth=1.0, label="bob")
-    for pivot, tip in zip(state.position[shown], bob[shown], strict=True):
-        scene.plot(*np.stack([pivot, tip]).T, color="#444444", linewidth=1.0)
-    scene.scatter(*state.position[shown].T, color="#0072B2", marker="s", s=12)
-    scene.scatter(*bob[shown].T, color="#D55E00", s=16)
-    scene.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title="(a)")
-    scene.set_box_aspect(None, zoom=0.85)
-    scene.legend(frameon=False, fontsize=8)
-    for place, (i, j), label in ((2, (0, 1), "(b)"), (3, (0, 2), "(c)"), (4, (1, 2), "(d)")):
-        axis = figure.add_subplot(2, 2, place)
-        axis.plot(state.position[:, i], state.position[:, j], color="#0072B2", linewidth=1.0)
-        axis.plot(bob[:, i], bob[:, j], color="#D55E00", linewidth=1.0)
-        for pivot, tip in zip(state.position[shown], bob[shown], strict=True):
-            axis.plot([pivot[i], tip[i]], [pivot[j], tip[j]], color="#444444", linewidth=1.0)
-        axis.set(xlabel=f"{'xyz'[i]} (m)", ylabel=f"{'xyz'[j]} (m)", title=label)
-        axis.set_aspect("equal", adjustable="datalim")
+    state, every = State(trajectory.state), round(1.0 / RECORDING_PERIOD)
+    quadrotor, bob = state.position, state.position + PAPER.rod_length * state.direction
+    for place, axes, label in ((1, [0, 1, 2], "(a)"), (2, [0, 1], "(b)"), (3, [0, 2], "(c)"), (4, [1, 2], "(d)")):
+        axis = figure.add_subplot(2, 2, place, projection="3d" if place == 1 else None)
+        axis.plot(*quadrotor[:, axes].T, color="#0072B2", linewidth=1.0, label="quadrotor")
+        axis.plot(*bob[:, axes].T, color="#D55E00", linewidth=1.0, label="bob")
+        for rod in np.stack([quadrotor, bob], axis=1)[::every, :, axes]:
+            axis.plot(*rod.T, color="#444444", linewidth=1.0)
+        axis.set(title=label, **{f"{'xyz'[i]}label": f"{'xyz'[j]} (m)" for i, j in enumerate(axes)})
+        if place == 1:
+            axis.scatter(*quadrotor[::every].T, color="#0072B2", marker="s", s=12)
+            axis.scatter(*bob[::every].T, color="#D55E00", s=16)
+            axis.set_box_aspect(None, zoom=0.85)
+            axis.legend(frameon=False, fontsize=8)
+        else:
+            axis.set_aspect("equal", adjustable="datalim")
     figure.suptitle("The trajectory, one pendulum per second", fontsize=10)
     return figure

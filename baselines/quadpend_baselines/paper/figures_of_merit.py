@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from quadpend_baselines.paper.continuous import Trajectory
 from quadpend_baselines.paper.experiment import GUSTS, RECORDING_PERIOD, Experiment
-from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import FORCE, TORQUE

@@ -7,11 +7,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from quadpend_baselines.paper.ablations import AblationCase, predicted_offset, simulate
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
 from quadpend_baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains, controller
-from quadpend_baselines.paper.ablations import AblationCase, predicted_offset, simulate
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import (
     PAPER,

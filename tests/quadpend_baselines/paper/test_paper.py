@@ -7,11 +7,10 @@ import pytest
 
 from quadpend_baselines import ADRC
 from quadpend_baselines.paper import ablations, experiment
-from quadpend_baselines.paper.continuous import ContinuousLoop
+from quadpend_baselines.paper.continuous import ContinuousLoop, Trajectory
 from quadpend_baselines.paper.experiment import GUSTS, REFERENCE, Experiment, gusts, simulate_sampled, start_state
 from quadpend_baselines.paper.figures import FIGURES
 from quadpend_baselines.paper.figures_of_merit import CHANNELS, compute_figures_of_merit
-from quadpend_baselines.paper.trajectory import Trajectory
 from quadpend_gym import QuadPendulumEnv, State
 from quadpend_train.cli.main import main
 

@@ -9,13 +9,6 @@ import pytest
 import sympy as sp
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.paper.lagrangian import (
-    coriolis_matrix,
-    gravity_vector,
-    input_matrix,
-    mass_matrix,
-    state_from_coordinates,
-)
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, energy, momentum
 from quadpend_gym.physics.parameters import QUADROTOR_DRAG_AREA, Parameters
@@ -27,6 +20,13 @@ from quadpend_gym.physics.state import (
     STATE_SIZE,
     THRUST,
     State,
+)
+from tests.helpers.lagrangian import (
+    coriolis_matrix,
+    gravity_vector,
+    input_matrix,
+    mass_matrix,
+    state_from_coordinates,
 )
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances
 

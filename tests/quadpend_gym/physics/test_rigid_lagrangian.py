@@ -1,6 +1,6 @@
 """The equations of motion of rigid vehicles agree with a Lagrangian that sympy differentiates.
 
-The coordinates are those of `quadpend_baselines.paper.lagrangian`: position, Euler angles, and the spherical angles of
+The coordinates are those of `tests.helpers.lagrangian`: position, Euler angles, and the spherical angles of
 the pole. With the body rate ω(q, q̇), the direction r(q) and the pole's centre of mass c = ζ + R p + l r, the Lagrangian
 is
 
@@ -15,12 +15,12 @@ import pytest
 import sympy as sp
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.paper.lagrangian import state_from_coordinates
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics import dynamics
 from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.vehicles import Pole, Vehicle
+from tests.helpers.lagrangian import state_from_coordinates
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states
 from tests.helpers.rigid import accelerations, random_vehicle, start
 from tests.helpers.symbolic import SPHERICAL, phi, psi, rate_of, theta, x, y, z

@@ -105,7 +105,7 @@ def test_the_code_stamp_covers_the_code_of_an_episode_and_no_pictures() -> None:
         "quadpend_gym/wrappers/observation.py",
         "quadpend_baselines/gains.py",
         "quadpend_baselines/hybrid/wrappers.py",
-        "quadpend_baselines/swing/swing_up.csv",
+        "quadpend_baselines/controllers/swing_up.csv",
         "quadpend_train/evaluation/episodes.py",
         "quadpend_train/policies/mlp_policy.py",
         "quadpend_gym/scenarios/scenario.py",

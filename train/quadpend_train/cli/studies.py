@@ -244,19 +244,14 @@ def wind(
         print(f"Written: {out / name}.png")
 
 
-def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bool = False) -> None:
+def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
     """Repeat the experiment of the paper and draw its Figures 4 to 10.
 
     Args:
         gains: Gains of the controller: "paper" or "matched".
         out: Folder for the figures (PNG, SVG) and merit.json.
-        ablations: Do not repeat the experiment. Write to ablations.md and ablations.png when the controller fails, and
-            which changes prevent that.
     """
     writable_folder(out)
-    if ablations:
-        _paper_ablations(out)
-        return
     from quadpend_baselines.paper import experiment, figures, figures_of_merit
 
     results = experiment.run(gains)
@@ -265,13 +260,3 @@ def paper(gains: str = "paper", out: Path = Path("results/paper"), ablations: bo
     numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
     write_text(out / "merit.json", numbers + "\n")
     print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
-
-
-def _paper_ablations(out: Path) -> None:
-    from quadpend_baselines.paper import ablation_plots, ablations
-
-    results = ablations.run()
-    write_text(out / "ablations.md", ablations.markdown(results))
-    with atomic_files(out) as unfinished:
-        ablation_plots.draw(results, unfinished / "ablations.png")
-    print(ablations.markdown(results) + f"Written: {out}/ablations.md, ablations.png")

@@ -34,7 +34,7 @@ _TRAIN = Path(__file__).parents[1]  # the folder of quadpend_train
 # Folders and files that do not influence the result of an episode.
 _EXCLUDED = {
     quadpend_gym: ("viewer", "core/source_hash.py", "envs/recorder.py"),
-    quadpend_baselines: ("paper", "optimal"),
+    quadpend_baselines: ("paper", "planning"),
 }
 # The files of quadpend_train that influence the result of an episode.
 _TRAIN_SOURCES = (

@@ -1,6 +1,6 @@
 """How good a flight could be: the optimum of each episode with start, reference, wind and parameters known in advance.
 
-`quadpend_baselines.optimal` plans the flight, a local optimum. A flight counts as the environment flies it, with
+`quadpend_baselines.planning` plans the flight, a local optimum. A flight counts as the environment flies it, with
 float32 actions, so a number in the tables is never better than what is possible, and the best flight may be better. The
 planner starts from the flight of a classical controller; where it finds no better flight, the controller's flight
 counts, since a clairvoyant could repeat it.
@@ -23,10 +23,10 @@ import quadpend_baselines
 from quadpend_baselines import controller
 from quadpend_baselines.controllers import nmpc_model
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.optimal.episode import Flight, KnownEpisode, known_episode, record_flight, tracked_point
-from quadpend_baselines.optimal.plant import Plant
-from quadpend_baselines.optimal.replay import track
-from quadpend_baselines.optimal.transcription import Solution, Transcription, transcription
+from quadpend_baselines.planning.episode import Flight, KnownEpisode, known_episode, record_flight, tracked_point
+from quadpend_baselines.planning.plant import Plant
+from quadpend_baselines.planning.replay import track
+from quadpend_baselines.planning.transcription import Solution, Transcription, transcription
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
@@ -50,7 +50,7 @@ from quadpend_train.evaluation.statistics import Interval, mean, proportion
 from quadpend_train.policies.adaptation import adapt_policy
 
 FIRST_GUESS = "flatness"  # controller whose flight the planner starts from, and against which gaps are measured
-_SOURCES = [Path(str(quadpend_baselines.__file__)).parent / "optimal", Path(str(nmpc_model.__file__))]
+_SOURCES = [Path(str(quadpend_baselines.__file__)).parent / "planning", Path(str(nmpc_model.__file__))]
 _CONVERGED = "Solve_Succeeded"  # status of the solver
 _MILLIMETRES = 1000.0
 

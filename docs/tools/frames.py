@@ -1,6 +1,6 @@
 """The drawing of frames and symbols, `docs/frames.svg`.
 
-Run ``python -m quadpend_baselines.paper.drawing docs/frames.svg`` to write it. The left part shows the bodies: world
+Run ``python -m docs.tools.frames docs/frames.svg`` to write it. The left part shows the bodies: world
 frame, quadrotor at ζ, bob at ζ + l r, angles α and β, and forces. The right part shows the attitude: R rotates body
 vectors to the world frame, about x by roll φ, then about y by pitch θ, then about z by yaw ψ. Both parts are parallel
 projections.

@@ -9,12 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
+from quadpend_baselines.controllers.swing_up import Phase, read_plan, tracked_plan
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import EstimateOnly
 from quadpend_baselines.policy.protocol import to_command
-from quadpend_baselines.swing.plan import read_plan, tracked_plan
-from quadpend_baselines.swing.swing_up import Phase
 from quadpend_gym import Simulation, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance

@@ -11,10 +11,10 @@ from quadpend_gym.wind import Dryden, OrnsteinUhlenbeck
 from quadpend_gym.wrappers import VectorActuatorWrapper, VectorParameterWrapper
 
 ca = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
-from quadpend_baselines.optimal.episode import Flight, known_episode, record_flight  # noqa: E402
-from quadpend_baselines.optimal.plant import Plant, lag_memories, step  # noqa: E402
-from quadpend_baselines.optimal.replay import track  # noqa: E402
-from quadpend_baselines.optimal.transcription import Transcription  # noqa: E402
+from quadpend_baselines.planning.episode import Flight, known_episode, record_flight  # noqa: E402
+from quadpend_baselines.planning.plant import Plant, lag_memories, step  # noqa: E402
+from quadpend_baselines.planning.replay import track  # noqa: E402
+from quadpend_baselines.planning.transcription import Transcription  # noqa: E402
 
 STEPS = 25
 WIND = [Dryden("severe"), OrnsteinUhlenbeck(force=0.3, bob_force=0.1, torque=0.05)]

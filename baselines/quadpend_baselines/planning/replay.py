@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from quadpend_baselines.controllers.lqr import varying_gains
-from quadpend_baselines.optimal.episode import KnownEpisode
-from quadpend_baselines.optimal.transcription import Solution, Transcription
+from quadpend_baselines.planning.episode import KnownEpisode
+from quadpend_baselines.planning.transcription import Solution, Transcription
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 

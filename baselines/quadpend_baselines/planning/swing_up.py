@@ -9,19 +9,18 @@ With the states x_k and the actions a_k of N control steps:
 The flight stays in the plane of the body's x axis: roll, yaw and the y components are zero. f is one control step of
 the environment in calm air (`plant`). a_max < 1 and θ_max leave room for the feedback.
 
-``python -m quadpend_baselines.optimal.swing_up`` computes the plan of the package again and writes its file.
+``python -m quadpend_baselines.planning.swing_up`` computes the plan of the package again and writes its file.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from quadpend_baselines.optimal.plant import KNOWN_SIZE, Plant, step
-from quadpend_baselines.swing.plan import PLAN_FILE
+from quadpend_baselines.controllers.swing_up import PLAN_FILE
+from quadpend_baselines.planning.plant import Plant, step
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import check_int
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.wind import WIND_SIZE
 
@@ -33,35 +32,16 @@ _SMALL = 5e-8  # smaller numbers are written as zero
 _OPTIONS: Any = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000}
 
 
-class Plan(NamedTuple):
-    """A flight of N control steps.
-
-    Attributes:
-        states: States relative to the place, shape (N + 1, 18).
-        actions: Shape (N, 4).
-    """
-
-    states: Floats
-    actions: Floats
-
-
-def plan_swing_up(simulation: Simulation, steps: int) -> Plan:
-    """Return the plan of a swing-up in N control steps.
+def plan_swing_up(simulation: Simulation, steps: int) -> tuple[Floats, Floats]:
+    """Return the states relative to the place, shape (N + 1, 18), and the actions, shape (N, 4), of a swing-up.
 
     Args:
         simulation: The paper's vehicle, with any parameters.
         steps: N.
-
-    Raises:
-        ValueError: If the vehicle is rigid, N is below 1, or the solver finds no plan.
     """
-    check_int(steps, "steps", 1)
-    if simulation.is_rigid:
-        raise ValueError(f"the plan is for the paper's vehicle, not {simulation.vehicle.name!r}")
     x, a, known, after = step(Plant(simulation))
     motion = ca.Function("motion", [x, a, known], [after])
     numbers = np.concatenate([np.zeros(WIND_SIZE), simulation.parameters.as_array()])
-    assert numbers.size == KNOWN_SIZE
     problem = ca.Opti()
     X, A = problem.variable(STATE_SIZE, steps + 1), problem.variable(ACTION_SIZE, steps)
     gaps = motion.map(steps)(X[:, :-1], A, np.tile(numbers[:, np.newaxis], steps)) - X[:, 1:]
@@ -82,11 +62,8 @@ def plan_swing_up(simulation: Simulation, steps: int) -> Plan:
     problem.set_initial(X[12, :], np.sin(angle))
     problem.set_initial(X[14, :], np.cos(angle))
     problem.solver("ipopt", {"print_time": False}, _OPTIONS)
-    try:
-        found: Any = problem.solve()
-    except RuntimeError as error:
-        raise ValueError(f"there is no plan of a swing-up in {steps} control steps: {error}") from error
-    return Plan(np.array(found.value(X)).T, np.array(found.value(A)).T)
+    found: Any = problem.solve()
+    return np.array(found.value(X)).T, np.array(found.value(A)).T
 
 
 def _rest(side: float) -> Floats:
@@ -96,14 +73,14 @@ def _rest(side: float) -> Floats:
     return state
 
 
-def plan_as_csv(plan: Plan) -> str:
-    """Return a plan in the format of `swing.plan.read_plan`, with seven digits."""
+def plan_as_csv(states: Floats, actions: Floats) -> str:
+    """Return a plan in the format of `controllers.swing_up.read_plan`, with seven digits."""
     names = [f"{name}_{axis}" for name in STATE_FIELDS for axis in "xyz"]
     names += [f"action_{i}" for i in range(ACTION_SIZE)]
-    rows = np.hstack([plan.states, np.vstack([plan.actions, np.zeros(ACTION_SIZE)])])
+    rows = np.hstack([states, np.vstack([actions, np.zeros(ACTION_SIZE)])])
     rows[np.abs(rows) < _SMALL] = 0.0
     return "".join(f"{line}\n" for line in (",".join(names), *(",".join(f"{x:.7g}" for x in row) for row in rows)))
 
 
 if __name__ == "__main__":
-    PLAN_FILE.write_text(plan_as_csv(plan_swing_up(Simulation(), STEPS)), encoding="utf-8")
+    PLAN_FILE.write_text(plan_as_csv(*plan_swing_up(Simulation(), STEPS)), encoding="utf-8")

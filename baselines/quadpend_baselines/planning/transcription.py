@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from quadpend_baselines.optimal.episode import Flight, KnownEpisode, tracked_point
-from quadpend_baselines.optimal.plant import KNOWN_SIZE, Plant, lag_memories, step, symbolic_parameters
+from quadpend_baselines.planning.episode import Flight, KnownEpisode, tracked_point
+from quadpend_baselines.planning.plant import KNOWN_SIZE, Plant, lag_memories, step, symbolic_parameters
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_FIELDS, STATE_SIZE
 from quadpend_gym.tasks.task import Limits
@@ -102,9 +102,6 @@ class Transcription:
             episode: The episode, of N control steps.
             states: States of the plant to begin with, shape (N + 1, n).
             actions: Actions after the delay to begin with, shape (N, 4).
-
-        Raises:
-            KeyboardInterrupt: After Ctrl-C.
         """
         first = np.hstack([states, np.vstack([actions, np.zeros(ACTION_SIZE)])])
         lowest, highest = self._bounds(episode.start)

@@ -11,7 +11,8 @@ A row is in one of three phases:
   The thrust is the lift over max(b_z, 0.3), times min(max(b_z, 0)/0.95, 1)², with the vertical component b_z of the
   thrust axis. So a vehicle that is thrown in any attitude first turns its thrust axis upwards. Beyond a tilt of 18° the
   thrust is reduced, and (1) holds only roughly.
-- *swing*: the plan x_k, a_k of `swing.plan` is flown with the feedback of a time-varying linear-quadratic regulator:
+- *swing*: the plan x_k, a_k that `planning.swing_up` computed is flown with the feedback of a time-varying
+  linear-quadratic regulator (`lqr.varying_gains`), with A_k and B_k along the plan, and Q, R and P_N of `lqr`:
 
       (2)  a = a_k − K_k (x − x_k)
 
@@ -24,10 +25,13 @@ r_z = `catch_height`. It ends below `lost_height`. The plan is for a reference a
 """
 
 from enum import IntEnum
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadpend_baselines.controllers import lqr
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
 from quadpend_baselines.controllers.vehicle_gains import gains_for
@@ -35,18 +39,30 @@ from quadpend_baselines.estimation.estimator import measurement_from_observation
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.prediction import Measurement
 from quadpend_baselines.gains import SwingUpGains
+from quadpend_baselines.modelling.linear_model import STATE_COLUMNS
 from quadpend_baselines.modelling.planar import limit_norm, rotate
-from quadpend_baselines.policy.protocol import episode_start_mask, to_action
-from quadpend_baselines.swing.plan import tracked_plan
+from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
-from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, POSITION, VELOCITY, State
+from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.state import (
+    ACTION_SIZE,
+    DIRECTION,
+    DIRECTION_RATE,
+    DISTURBANCE_SIZE,
+    POSITION,
+    STATE_SIZE,
+    VELOCITY,
+    State,
+)
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 
 # What "almost at rest" means: lengths of r_xy (1), ṙ (1/s), position (m) and velocity (m/s) relative to the reference,
 # roll and pitch (rad), and the rates of the attitude (rad/s).
 _AT_REST = (0.15, 1.0, 0.5, 0.3, 0.15, 0.5)
 _UPRIGHT = 0.95  # vertical component of the thrust axis from which on the thrust has its full size
+PLAN_FILE = Path(__file__).with_suffix(".csv")
+_STEP = 1e-5  # of the central differences along the plan
 _LEAST_VERTICAL = 0.3  # lower bound of the vertical component of the thrust axis, and of the lift in units of g
 
 
@@ -186,3 +202,61 @@ class SwingUp:
         bandwidth = np.array([gains.attitude_bandwidth, gains.attitude_bandwidth, gains.vertical_bandwidth])
         acceleration = -2.0 * gains.damping * bandwidth * s.euler_rate - bandwidth**2 * (s.euler - wanted)
         return np.asarray(np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw]) * acceleration)
+
+
+class TrackedPlan(NamedTuple):
+    """A planned flight of N control steps and its feedback.
+
+    Attributes:
+        states: x_k, relative to the reference, shape (N + 1, 18).
+        actions: a_k, shape (N, 4).
+        gains: K_k, shape (N, 4, 18).
+    """
+
+    states: Floats
+    actions: Floats
+    gains: Floats
+
+
+def read_plan() -> tuple[Floats, Floats]:
+    """Return the states, shape (N + 1, 18), and the actions, shape (N, 4), of the plan of the package."""
+    numbers = np.loadtxt(PLAN_FILE, delimiter=",", skiprows=1)
+    return numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
+
+
+@lru_cache(maxsize=8)
+def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
+    """Return the plan of the package with its feedback."""
+    default = Simulation()
+    if simulation.is_rigid or any(
+        getattr(simulation, name) != getattr(default, name) for name in ("parameters", "torque_limits", "period")
+    ):
+        raise ValueError(
+            "swing-up has a plan for the paper's vehicle with its default parameters and the control period"
+            f" {default.period:g} s only"
+        )
+    states, actions = read_plan()
+    A, B = _linearise(states, actions, simulation)
+    Q, R = _expand(lqr.weights(gains.regulator, simulation)[0]), gains.regulator.effort**-2.0 * np.eye(ACTION_SIZE)
+    P = _expand(lqr.riccati(gains.regulator, simulation)[1])
+    return TrackedPlan(states, actions, lqr.varying_gains(A, B, Q, R, P))
+
+
+def _expand(matrix: Floats) -> Floats:
+    """Return a matrix of the linear model's states, shape (16, 16), for all states; r_z and ṙ_z have no weight."""
+    out = np.zeros((STATE_SIZE, STATE_SIZE))
+    out[np.ix_(STATE_COLUMNS, STATE_COLUMNS)] = matrix
+    return out
+
+
+def _linearise(states: Floats, actions: Floats, simulation: Simulation) -> tuple[Floats, Floats]:
+    """Return the derivatives of the next state along a flight, shapes (N, 18, 18) and (N, 18, 4)."""
+    size = STATE_SIZE + ACTION_SIZE
+    steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
+    x = (states[:-1, np.newaxis] + steps[:, :STATE_SIZE]).reshape(-1, STATE_SIZE)
+    a = (actions[:, np.newaxis] + steps[:, STATE_SIZE:]).reshape(-1, ACTION_SIZE)
+    command, parameters = to_command(a, simulation), np.tile(simulation.parameters.as_array(), (len(x), 1))
+    advance(x, command, np.zeros((len(x), DISTURBANCE_SIZE)), parameters, simulation.period, simulation.substeps)
+    plus, minus = np.split(x.reshape(len(actions), 2 * size, STATE_SIZE), 2, axis=1)
+    jacobian = np.swapaxes(plus - minus, 1, 2) / (2.0 * _STEP)
+    return jacobian[..., :STATE_SIZE], jacobian[..., STATE_SIZE:]
