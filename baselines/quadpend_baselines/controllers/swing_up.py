@@ -41,7 +41,7 @@ from quadpend_baselines.estimation.prediction import Measurement
 from quadpend_baselines.gains import SwingUpGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS
 from quadpend_baselines.modelling.planar import limit_norm, rotate
-from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
+from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.kernel import advance
@@ -255,7 +255,9 @@ def _linearise(states: Floats, actions: Floats, simulation: Simulation) -> tuple
     steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
     x = (states[:-1, np.newaxis] + steps[:, :STATE_SIZE]).reshape(-1, STATE_SIZE)
     a = (actions[:, np.newaxis] + steps[:, STATE_SIZE:]).reshape(-1, ACTION_SIZE)
-    command, parameters = to_command(a, simulation), np.tile(simulation.parameters.as_array(), (len(x), 1))
+    scale = simulation.command_scale
+    command = scale * [1.0, 0.0, 0.0, 0.0] + scale * a
+    parameters = np.tile(simulation.parameters.as_array(), (len(x), 1))
     advance(x, command, np.zeros((len(x), DISTURBANCE_SIZE)), parameters, simulation.period, simulation.substeps)
     plus, minus = np.split(x.reshape(len(actions), 2 * size, STATE_SIZE), 2, axis=1)
     jacobian = np.swapaxes(plus - minus, 1, 2) / (2.0 * _STEP)

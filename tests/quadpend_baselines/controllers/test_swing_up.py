@@ -12,7 +12,6 @@ from quadpend_baselines import controller
 from quadpend_baselines.controllers.swing_up import Phase, read_plan, tracked_plan
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.gains import GAINS
-from quadpend_baselines.hybrid import EstimateOnly
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation, State
 from quadpend_gym.core.arrays import Floats
@@ -96,11 +95,6 @@ def test_a_loop_with_a_delay_is_refused_in_one_sentence() -> None:
     policy: Any = controller("swing-up")
     with pytest.raises(ValueError, match="a loop without delays"):
         policy.with_simulation(Simulation(), Loop(delay=3)).predict(observation)
-
-
-def test_a_swing_up_is_no_base_controller() -> None:
-    with pytest.raises(TypeError, match="base_controller must be a controller that estimates the disturbance"):
-        EstimateOnly("swing-up")
 
 
 @pytest.mark.parametrize(

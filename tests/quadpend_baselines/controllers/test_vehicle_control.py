@@ -41,12 +41,6 @@ def test_controllers_fly_the_hummingbird_for_2_s(name: str, interface: str) -> N
     fly(name, Simulation(vehicle="hummingbird", interface=interface))
 
 
-@every_interface
-@pytest.mark.parametrize("name", ["adrc-paper", "adrc-matched"])
-def test_untuned_adrc_flies_the_hummingbird_for_2_s(name: str, interface: str) -> None:
-    fly(name, Simulation(vehicle="hummingbird", interface=interface, period=0.02, substeps=8))
-
-
 @pytest.mark.parametrize("vehicle", [name for name in VEHICLES if name not in ("paper", "hummingbird")])
 def test_adrc_flies_every_other_vehicle_for_2_s(vehicle: str) -> None:
     fly("adrc-matched", Simulation(vehicle=vehicle, interface="rotors", period=0.02, substeps=8))
@@ -56,17 +50,6 @@ def test_adrc_flies_every_other_vehicle_for_2_s(vehicle: str) -> None:
 def test_adrc_flies_through_the_latency_of_a_real_vehicle_without_measured_velocities(name: str) -> None:
     simulation = Simulation(vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8, latency=0.03)
     fly(name, simulation, velocities=False)
-
-
-@every_interface
-def test_actions_of_adrc_are_finite_in_any_state(interface: str) -> None:
-    simulation = Simulation(vehicle="hummingbird", interface=interface, period=0.02, substeps=8, latency=0.03)
-    policy: Any = controller("adrc-matched", simulation)
-    random, memory = np.random.default_rng(0), None
-    for scale in np.geomspace(1.0, 1e12, 50):
-        observation = (scale * random.normal(size=(4, 27))).astype(np.float32)
-        action, memory = policy.predict(observation, memory)
-        assert np.isfinite(action).all()
 
 
 @every_interface

@@ -56,16 +56,6 @@ def _factorials(count: int) -> np.ndarray:
     return np.cumprod([1.0, *range(1, count)])
 
 
-def test_constant_disturbance_is_estimated_without_error() -> None:
-    period, disturbance = 0.01, 2.5
-    bank = ObserverBank.design([(ESO_INPUT, ObserverGains(100.0))], period)
-    estimate = np.zeros((1, 1, 4))
-    for step in range(1, 60):
-        measured = np.full((1, 1), 0.5 * disturbance * (step * period) ** 2)
-        estimate = bank.update(estimate, np.zeros((1, 1)), measured)
-    np.testing.assert_allclose(estimate[0, 0, 2], disturbance, rtol=1e-6)
-
-
 def _last_correction(gains: ObserverGains, error: float) -> float:
     bank = ObserverBank.design([(ESO_INPUT, gains)], 0.01)
     return float(bank.update(np.zeros((1, 1, 4)), np.zeros((1, 1)), np.full((1, 1), error))[0, 0, 3])

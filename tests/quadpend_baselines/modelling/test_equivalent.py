@@ -19,16 +19,6 @@ POLE = Pole(0.1, 0.4, 0.3 * 0.1 * 0.4**2)
 BODY = Vehicle("body", 0.5, (0.004, 0.003, 0.006), POLE, torque=(1.0, 1.0))
 
 
-def test_the_papers_vehicle_is_its_own_equivalent() -> None:
-    simulation, reference = Simulation(), np.ones((2, 5, 3))
-    disturbance, command = np.ones((2, DISTURBANCE_SIZE)), np.ones((2, 4))
-    assert equivalent.design_parameters(simulation) == simulation.parameters
-    assert equivalent.design_simulation(simulation) == simulation
-    assert equivalent.design_reference(reference, simulation) is reference
-    assert equivalent.design_disturbance(disturbance, simulation) is disturbance
-    assert equivalent.body_command(np.ones((2, 18)), command, disturbance, simulation) is command
-
-
 @pytest.mark.parametrize("disturbance", [np.zeros(9), np.array([0.02, 0.0, 0.1, 0.01, 0.02, 0.05, 0.0, 0.0, 0.0])])
 def test_a_pole_with_inertia_moves_like_the_equivalent_point_mass(disturbance: np.ndarray) -> None:
     simulation = Simulation(vehicle=BODY, period=0.3, substeps=30)

@@ -8,12 +8,10 @@ from quadpend_baselines.modelling import flat_outputs, taylor
 from quadpend_gym import PAPER, Parameters, Reference, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, thrust_axis
-from quadpend_gym.physics.state import COMMAND_TORQUE, DISTURBANCE_SIZE, THRUST, Disturbance, State
+from quadpend_gym.physics.state import COMMAND_TORQUE, THRUST, Disturbance, State
 from quadpend_gym.physics.vectors import Vec3
-from quadpend_gym.tasks import StartSettings, Task
 from quadpend_gym.tasks.feasibility import demand
 from tests.helpers.controllers import CALM, HOVER, disturbance_of, flat_state_and_command
-from tests.helpers.envs import make_unwrapped
 from tests.helpers.physics import UNEQUAL, simulate_period
 
 TIME = 0.3
@@ -134,43 +132,6 @@ def test_thrust_tangent_agrees_with_the_thrust_axis_of_the_dynamics() -> None:
     scale = np.abs(tangent[1:]).max(axis=(1, 2))
     assert_allclose(tangent[1] / scale[0], (after - before) / (2.0 * step) / scale[0], atol=1e-5)
     assert_allclose(tangent[2] / scale[1], (after - 2.0 * now + before) / step**2 / 2.0 / scale[1], atol=1e-5)
-
-
-def test_starts_without_deviation_are_flat_to_first_order_in_the_motion() -> None:
-    """Halving the motion of the reference divides the difference by four or more."""
-    exact = StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    differences = {}
-    for size in (0.4, 0.2, 0.1):
-        reference = Reference(
-            offset=(0.0, 0.0, 2.0, 0.9),
-            amplitude=(size, size, size, size),
-            frequency=(1.5, 2.0, 1.0, 1.2),
-            phase=(1.0, 0.2, 0.5, 0.4),
-        )
-        env = make_unwrapped(task=Task(start=exact))
-        env.reset(seed=0, options={"reference": reference})
-        flat, _ = flat_state_and_command(reference, 0.0, CALM, PAPER)
-        differences[size] = float(np.abs(env.state.array - flat[0]).max())
-    assert differences[0.1] < 3e-4
-    assert differences[0.4] / differences[0.2] > 3.0
-    assert differences[0.2] / differences[0.1] > 3.5
-
-
-def test_rows_of_a_batch_are_independent() -> None:
-    """The rows of the batch have different references and disturbances."""
-    rng = np.random.default_rng(10)
-    reference, yaw, wind = (
-        rng.normal(size=(6, 5, 3)),
-        rng.normal(size=(6, 3)),
-        0.2 * rng.normal(size=(6, DISTURBANCE_SIZE)),
-    )
-    batch = flat_outputs.state_and_command(flat_outputs.flat_trajectory(reference, wind, PAPER), yaw, wind, PAPER)
-    for row in range(6):
-        i = slice(row, row + 1)
-        trajectory = flat_outputs.flat_trajectory(reference[i], wind[i], PAPER)
-        single = flat_outputs.state_and_command(trajectory, yaw[i], wind[i], PAPER)
-        for one, many in zip(single, batch, strict=True):
-            assert_allclose(one, many[i], rtol=1e-12, atol=1e-12)
 
 
 def demand_and_flat_trajectory(trajectory: Reference | Waypoints, p: Parameters) -> tuple[Floats, Floats]:

@@ -7,15 +7,11 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from quadpend_baselines.modelling.linear_model import (
-    DISTURBANCE_COLUMNS,
     EULER,
-    EULER_RATE,
     MODEL_STATE_SIZE,
     PENDULUM,
     PENDULUM_RATE,
-    POSITION,
     STATE_COLUMNS,
-    VELOCITY,
     YAW,
     linearise,
     rotate_state,
@@ -87,50 +83,6 @@ def test_pendulum_modes_have_the_stiffness_of_the_paper() -> None:
     aligned = np.zeros(MODEL_STATE_SIZE)
     aligned[PENDULUM.start] = aligned[EULER.start + 1] = 1.0  # r_x = θ: the pendulum points along the thrust
     assert_allclose(transition[PENDULUM_RATE] @ aligned, 0.0, atol=1e-7)
-
-
-def test_error_of_the_model_is_of_second_order_in_the_deviation() -> None:
-    """All components deviate at once; a tenth of the deviation has a hundredth of the error."""
-    simulation = Simulation(UNEQUAL)
-    rng = np.random.default_rng(5)
-    x, command, d = (
-        rng.normal(size=MODEL_STATE_SIZE),
-        rng.normal(size=4),
-        rng.normal(size=DISTURBANCE_COLUMNS.size),
-    )
-    linear = sum(part @ y for part, y in zip(linearise(simulation), (x, command, d), strict=True))
-
-    def error(size: float) -> float:
-        state, disturbance = np.zeros(STATE_SIZE), np.zeros(DISTURBANCE_SIZE)
-        state[STATE_COLUMNS], disturbance[DISTURBANCE_COLUMNS] = size * x, size * d
-        r, v = State(state).direction, State(state).direction_rate
-        r[2] = np.sqrt(1.0 - r[0] ** 2 - r[1] ** 2)
-        v[2] = -(r[:2] @ v[:2]) / r[2]
-        applied = size * command + [UNEQUAL.hover_thrust, 0.0, 0.0, 0.0]
-        after = simulate_period(state, applied, disturbance, UNEQUAL, simulation.period, simulation.substeps)[0]
-        return float(np.abs(after[STATE_COLUMNS] - size * linear).max())
-
-    large, small = error(1e-2), error(1e-3)
-    assert large < 1e-3
-    assert 70.0 < large / small < 140.0
-
-
-def test_rotate_state_is_a_rotation_about_the_vertical() -> None:
-    rng = np.random.default_rng(6)
-    x, yaw = rng.normal(size=(5, MODEL_STATE_SIZE)), rng.uniform(-4.0, 4.0, 5)
-    rotated = rotate_state(x, yaw)
-    assert_allclose(rotate_state(rotated, -yaw), x, atol=1e-14)
-    assert_allclose(rotate_state(rotated, 0.3 - yaw), rotate_state(x, np.full(5, 0.3)), atol=1e-14)
-    assert_allclose(np.linalg.norm(rotated, axis=1), np.linalg.norm(x, axis=1), rtol=1e-14)
-    body = np.r_[EULER, EULER_RATE]
-    assert_allclose(rotated[:, body], x[:, body], rtol=0.0)
-    forward = np.eye(MODEL_STATE_SIZE)[[POSITION.start, VELOCITY.start, PENDULUM.start, PENDULUM_RATE.start]]
-    left = np.eye(MODEL_STATE_SIZE)[
-        [POSITION.start + 1, VELOCITY.start + 1, PENDULUM.start + 1, PENDULUM_RATE.start + 1]
-    ]
-    assert_allclose(
-        rotate_state(forward, np.full(4, np.pi / 2)), left, atol=1e-15
-    )  # counter-clockwise as seen from above
 
 
 def test_model_in_the_axes_of_the_heading_does_not_depend_on_the_yaw() -> None:

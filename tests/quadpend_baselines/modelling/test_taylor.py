@@ -6,9 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
 from quadpend_baselines.modelling import taylor
@@ -65,61 +62,3 @@ def test_product_and_quotient_have_the_lower_order_of_their_arguments(
     assert_allclose(combine(exact_series(F, 3), exact_series(G)), whole[:4], rtol=1e-14)
     assert_allclose(combine(exact_series(F), exact_series(G, 2)), whole[:3], rtol=1e-14)
     assert_allclose(combine(exact_series(F, 0), exact_series(G)), whole[:1], rtol=1e-14)
-
-
-@pytest.mark.parametrize("combine", [taylor.product, taylor.quotient])
-def test_vectors_can_be_multiplied_and_divided_by_scalars(combine: Callable[[Floats, Floats], Floats]) -> None:
-    vector, scalar = np.stack([exact_series(F), exact_series(G)], axis=-1), exact_series(G)
-    actual = combine(vector, scalar[..., np.newaxis])
-    for component in range(2):
-        assert_allclose(actual[..., component], combine(vector[..., component], scalar), rtol=1e-14)
-
-
-def test_derivatives_of_a_constant_are_zero() -> None:
-    value = np.array([[1.0, -2.0], [3.0, 0.5]])
-    assert_allclose(taylor.to_derivatives(taylor.constant(value, 3)), [value, *np.zeros((3, 2, 2))])
-
-
-def test_functions_do_not_change_their_arguments() -> None:
-    f, g = exact_series(F), exact_series(G)
-    for of_series, _ in FUNCTIONS.values():
-        of_series(f, g)
-    assert_allclose(f, exact_series(F), rtol=0.0)
-    assert_allclose(g, exact_series(G), rtol=0.0)
-
-
-small = arrays(np.float64, (ORDER + 1, 3), elements=st.floats(-1.0, 1.0, allow_subnormal=False))
-settled = settings(deadline=None, max_examples=60)
-
-
-@settled
-@given(a=small, b=small, c=small)
-def test_products_form_a_commutative_ring_and_quotients_are_their_inverse(a: Floats, b: Floats, c: Floats) -> None:
-    assert_allclose(taylor.product(a, b), taylor.product(b, a), atol=1e-13)
-    assert_allclose(taylor.product(a, b + c), taylor.product(a, b) + taylor.product(a, c), atol=1e-13)
-    assert_allclose(taylor.product(taylor.product(a, b), c), taylor.product(a, taylor.product(b, c)), atol=1e-12)
-    b[0] = 2.0 + b[0]  # away from zero
-    assert_allclose(taylor.quotient(taylor.product(a, b), b), a, atol=1e-9)
-
-
-@settled
-@given(a=small)
-def test_identities_of_sine_cosine_arctangent_and_power(a: Floats) -> None:
-    sine, cosine = taylor.sine_and_cosine(a)
-    assert_allclose(
-        taylor.product(sine, sine) + taylor.product(cosine, cosine), taylor.constant(np.ones(3), 6), atol=1e-11
-    )
-    angle = 0.5 * a
-    sine, cosine = taylor.sine_and_cosine(angle)
-    assert_allclose(taylor.arctangent(taylor.quotient(sine, cosine)), angle, atol=1e-9)
-    a[0] = 2.0 + a[0]
-    assert_allclose(taylor.power(taylor.power(a, 0.5), 2.0), a, atol=1e-11)
-    assert_allclose(taylor.power(a, -1.0), taylor.quotient(taylor.constant(np.ones(3), 6), a), atol=1e-9)
-
-
-def test_series_of_order_zero_are_numbers() -> None:
-    a = np.array([[0.3, -0.2]])
-    np.testing.assert_array_equal(taylor.arctangent(a), np.arctan(a))
-    np.testing.assert_array_equal(taylor.sine_and_cosine(a), (np.sin(a), np.cos(a)))
-    np.testing.assert_array_equal(taylor.product(a, a), a * a)
-    np.testing.assert_array_equal(taylor.quotient(a, a), np.ones_like(a))
