@@ -167,18 +167,13 @@ class SwingUpGains:
 
 
 class Search(NamedTuple):
-    """The search that found the gains of a controller.
+    """The search that found the gains of a controller."""
 
-    Attributes:
-        command: The command that repeats the search.
-        score: Mean penalised RMSE over the scenarios of the search, in mm, in episodes that the search did not use. A
-            fall (early termination) counts as 1 m. See `quadpend_train.studies.search.tuning`.
-        scenarios: Scenarios, and sets of scenarios, of the search.
-    """
-
-    command: str
+    command: str  # the command that repeats the search
+    # Mean penalised RMSE over the scenarios of the search, in mm, in episodes that the search did not use. A fall
+    # (early termination) counts as 1 m. See `quadpend_train.studies.search.tuning`.
     score: float
-    scenarios: tuple[str, ...]
+    scenarios: tuple[str, ...]  # scenarios, and sets of scenarios, of the search
 
 
 KINDS: dict[str, type] = {

@@ -83,24 +83,17 @@ _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
 
 
 class AdrcMemory(NamedTuple):
-    """Memory of ADRC for n rows.
+    """Memory of ADRC for n rows."""
 
-    Attributes:
-        estimate: States of the observers, shape (n, 6, 4), with those of the force (n, 8, 4).
-        command: Thrust (N) and torques (N·m) that act after the latest measured state, after saturation, shape (n, 4).
-            Those of a plant with `plant` are the mean ones that the nominal model predicts.
-        measurement: The latest measurement; None in the memory of the continuous-time simulation.
-        action: The action, shape (n, 4); empty in the memory of the continuous-time simulation.
-        plant: The latest measured state, for a rigid vehicle or a loop with known delays or lags; otherwise empty.
-        following: The plant one control period later, predicted; empty without `plant`.
-    """
-
-    estimate: Floats
+    estimate: Floats  # states of the observers, shape (n, 6, 4), with those of the force (n, 8, 4)
+    # Thrust (N) and torques (N·m) that act after the latest measured state, after saturation, shape (n, 4). Those of a
+    # plant with `plant` are the mean ones that the nominal model predicts.
     command: Floats
-    measurement: AdrcMeasurement | None
-    action: Floats32 | tuple[()] = ()
+    measurement: AdrcMeasurement | None  # the latest measurement; None in the memory of the continuous-time simulation
+    action: Floats32 | tuple[()] = ()  # the action, shape (n, 4); empty in the memory of the continuous-time simulation
+    # The latest measured state, for a rigid vehicle or a loop with known delays or lags; otherwise empty
     plant: Estimate | tuple[()] = ()
-    following: Estimate | tuple[()] = ()
+    following: Estimate | tuple[()] = ()  # the plant one control period later, predicted; empty without `plant`
 
 
 def _measure(observation: Floats32) -> AdrcMeasurement:

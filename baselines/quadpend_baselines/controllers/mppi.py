@@ -39,15 +39,10 @@ _TABLES = 64  # number of tables of perturbations, used in turn
 
 
 class MppiMemory(NamedTuple):
-    """Memory of MPPI for n rows.
+    """Memory of MPPI for n rows."""
 
-    Attributes:
-        perturbation: δ at the knots, N and N·m, shape (n, knots, 4).
-        updates: Number of updates of δ since the episode began, shape (n,).
-    """
-
-    perturbation: Floats
-    updates: Integers
+    perturbation: Floats  # δ at the knots, N and N·m, shape (n, knots, 4)
+    updates: Integers  # number of updates of δ since the episode began, shape (n,)
 
 
 @dataclass(frozen=True)

@@ -48,19 +48,12 @@ _CONVERGED = 1e-3  # share of the range of the action: after a smaller change, n
 
 
 class NmpcMemory(NamedTuple):
-    """Memory of NMPC for n rows.
+    """Memory of NMPC for n rows."""
 
-    Attributes:
-        states: X, position and velocity relative to the reference, shape (n, H + 1, 18).
-        commands: U, N and N·m, shape (n, H, 4).
-        age: Control steps since the last one whose Gauss–Newton steps succeeded, shape (n,).
-        failures: Control steps that failed since the episode began, shape (n,).
-    """
-
-    states: Floats
-    commands: Floats
-    age: Integers
-    failures: Integers
+    states: Floats  # X, position and velocity relative to the reference, shape (n, H + 1, 18)
+    commands: Floats  # U, N and N·m, shape (n, H, 4)
+    age: Integers  # control steps since the last one whose Gauss–Newton steps succeeded, shape (n,)
+    failures: Integers  # control steps that failed since the episode began, shape (n,)
 
 
 @lru_cache(maxsize=32)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from quadpend_baselines.controllers.mppi_kernel import BARRIER, MIN_BODY_COSINE, MIN_PENDULUM_COSINE
 from quadpend_baselines.controllers.nmpc_model import period_map
 from quadpend_baselines.modelling.linear_model import (
     EULER,
@@ -32,23 +33,13 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_FIELDS, STATE_SIZE
 
-# The bounds of tilt and their weight are those of `mppi_kernel`.
-BARRIER = 1e4  # cost per squared violation of the bounds below
-MIN_PENDULUM_COSINE, MIN_BODY_COSINE = 0.6, 0.3  # bounds of the cosines of the tilt of pendulum and body
-
 
 class Weights(NamedTuple):
-    """Weights of the cost, see `lqr.weights` and `lqr.riccati`.
+    """Weights of the cost, see `lqr.weights` and `lqr.riccati`."""
 
-    Attributes:
-        state: Q, shape (16, 16).
-        command: R, shape (4, 4).
-        terminal: P, shape (16, 16).
-    """
-
-    state: Floats
-    command: Floats
-    terminal: Floats
+    state: Floats  # Q, shape (16, 16)
+    command: Floats  # R, shape (4, 4)
+    terminal: Floats  # P, shape (16, 16)
 
 
 def deviation(state: Any, reference: Any) -> Any:

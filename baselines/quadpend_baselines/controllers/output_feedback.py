@@ -31,33 +31,20 @@ class ControlLaw(Protocol):
 
 
 class Estimation(NamedTuple):
-    """The inputs of the control law for n rows.
+    """The inputs of the control law for n rows."""
 
-    Attributes:
-        measurement: The current measurement.
-        estimate: The estimate after the current measurement.
-        law_memory: The memory of the control law.
-        action: The action of the last control step, shape (n, 4); zeros at the start of an episode.
-    """
-
-    measurement: Measurement
-    estimate: Estimate
-    law_memory: Any
-    action: Floats32
+    measurement: Measurement  # the current measurement
+    estimate: Estimate  # the estimate after the current measurement
+    law_memory: Any  # the memory of the control law
+    action: Floats32  # the action of the last control step, shape (n, 4); zeros at the start of an episode
 
 
 class OutputFeedbackMemory(NamedTuple):
-    """Memory of an `OutputFeedback` policy for n rows.
+    """Memory of an `OutputFeedback` policy for n rows."""
 
-    Attributes:
-        estimate: The latest estimate.
-        action: The action of the current control step, shape (n, 4).
-        law_memory: The memory of the control law.
-    """
-
-    estimate: Estimate
-    action: Floats32
-    law_memory: Any
+    estimate: Estimate  # the latest estimate
+    action: Floats32  # the action of the current control step, shape (n, 4)
+    law_memory: Any  # the memory of the control law
 
 
 class OutputFeedback:

@@ -75,17 +75,11 @@ class Phase(IntEnum):
 
 
 class SwingUpMemory(NamedTuple):
-    """Memory of `SwingUp` for n rows.
+    """Memory of `SwingUp` for n rows."""
 
-    Attributes:
-        phase: `Phase`, shape (n,).
-        step: Control step of the plan, shape (n,).
-        balancing: Memory of the balancing controller.
-    """
-
-    phase: Integers
-    step: Integers
-    balancing: OutputFeedbackMemory
+    phase: Integers  # `Phase`, shape (n,)
+    step: Integers  # control step of the plan, shape (n,)
+    balancing: OutputFeedbackMemory  # memory of the balancing controller
 
 
 class SwingUp:
@@ -205,17 +199,11 @@ class SwingUp:
 
 
 class TrackedPlan(NamedTuple):
-    """A planned flight of N control steps and its feedback.
+    """A planned flight of N control steps and its feedback."""
 
-    Attributes:
-        states: x_k, relative to the reference, shape (N + 1, 18).
-        actions: a_k, shape (N, 4).
-        gains: K_k, shape (N, 4, 18).
-    """
-
-    states: Floats
-    actions: Floats
-    gains: Floats
+    states: Floats  # x_k, relative to the reference, shape (N + 1, 18)
+    actions: Floats  # a_k, shape (N, 4)
+    gains: Floats  # K_k, shape (N, 4, 18)
 
 
 def read_plan() -> tuple[Floats, Floats]:

@@ -34,29 +34,17 @@ _MAX_ANGLE = 1.4  # rad, limit of roll and pitch in tangents
 
 
 class AdrcMeasurement(NamedTuple):
-    """Inputs of ADRC for n rows: positions, angles and the reference.
+    """Inputs of ADRC for n rows: positions, angles and the reference."""
 
-    Attributes:
-        error: e, m, shape (n, 3).
-        direction: r, shape (n, 3).
-        pendulum: s, shape (n, 2).
-        tilt: t, shape (n, 2).
-        thrust_axis: b, shape (n, 3).
-        yaw: ψ, rad, shape (n,).
-        yaw_error: ψ − ψ_d, rad, shape (n,).
-        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
-        yaw_acceleration: ψ̈_d, rad/s², shape (n,).
-    """
-
-    error: Floats
-    direction: Floats
-    pendulum: Floats
-    tilt: Floats
-    thrust_axis: Floats
-    yaw: Floats
-    yaw_error: Floats
-    reference: Floats
-    yaw_acceleration: Floats
+    error: Floats  # e, m, shape (n, 3)
+    direction: Floats  # r, shape (n, 3)
+    pendulum: Floats  # s, shape (n, 2)
+    tilt: Floats  # t, shape (n, 2)
+    thrust_axis: Floats  # b, shape (n, 3)
+    yaw: Floats  # ψ, rad, shape (n,)
+    yaw_error: Floats  # ψ − ψ_d, rad, shape (n,)
+    reference: Floats  # F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3)
+    yaw_acceleration: Floats  # ψ̈_d, rad/s², shape (n,)
 
     def reference_derivative(self, order: int) -> Floats:
         """Return F_d⁽ⁱ⁾ of one order i from 2 to 6, shape (n, 3)."""

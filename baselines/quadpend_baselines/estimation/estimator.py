@@ -124,17 +124,11 @@ def replace_reference(observation: Floats32, measurement: Measurement) -> Floats
 
 @dataclass(frozen=True)
 class Estimator:
-    """The observer (1)–(2).
+    """The observer (1)–(2)."""
 
-    Attributes:
-        gains: Noise levels of the Kalman filter.
-        simulation: Nominal plant and control period.
-        loop: The known part of the loop; it is left out if `gains.predicts` is False.
-    """
-
-    gains: EstimatorGains
-    simulation: Simulation
-    loop: Loop = field(default_factory=Loop)
+    gains: EstimatorGains  # noise levels of the Kalman filter
+    simulation: Simulation  # nominal plant and control period
+    loop: Loop = field(default_factory=Loop)  # the known part of the loop; it is left out if `gains.predicts` is False
 
     @cached_property
     def prediction(self) -> Prediction:

@@ -58,21 +58,13 @@ def input_gain(driven_state: int, period: float) -> Floats:
 
 @dataclass(frozen=True)
 class ObserverBank:
-    """m observers of integrator chains, computed together.
+    """m observers of integrator chains, computed together."""
 
-    Attributes:
-        transition: Φ, shape (4, 4).
-        input_gains: Γ of each observer, shape (m, 4).
-        gains: L of each observer, shape (m, 4).
-        slopes: ρT/δ of equation (3) of each observer, shape (m,).
-        limits: ρT of equation (3) of each observer, shape (m,).
-    """
-
-    transition: Floats
-    input_gains: Floats
-    gains: Floats
-    slopes: Floats
-    limits: Floats
+    transition: Floats  # Φ, shape (4, 4)
+    input_gains: Floats  # Γ of each observer, shape (m, 4)
+    gains: Floats  # L of each observer, shape (m, 4)
+    slopes: Floats  # ρT/δ of equation (3) of each observer, shape (m,)
+    limits: Floats  # ρT of equation (3) of each observer, shape (m,)
 
     @classmethod
     def design(cls, observers: list[tuple[int, ObserverGains]], period: float) -> "ObserverBank":

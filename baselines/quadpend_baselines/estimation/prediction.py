@@ -30,59 +30,40 @@ MASSES = [QUADROTOR_MASS, BOB_MASS]
 
 
 class Measurement(NamedTuple):
-    """Observations of n rows, converted for the estimator.
+    """Observations of n rows, converted for the estimator."""
 
-    Attributes:
-        state: Layout of `quadpend_gym.physics.state`, shape (n, 18); position and velocity are relative to the
-            reference, and rates that are not measured are nan.
-        reference: F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3).
-        yaw_reference: ψ_d, ψ̇_d, ψ̈_d, in rad, rad/s and rad/s², shape (n, 3).
-    """
-
+    # Layout of `quadpend_gym.physics.state`, shape (n, 18); position and velocity are relative to the reference, and
+    # rates that are not measured are nan
     state: Floats
-    reference: Floats
-    yaw_reference: Floats
+    reference: Floats  # F_d⁽ⁱ⁾ for i = 2 … 6, shape (n, 5, 3)
+    yaw_reference: Floats  # ψ_d, ψ̇_d, ψ̈_d, in rad, rad/s and rad/s², shape (n, 3)
 
 
 class Estimate(NamedTuple):
-    """Memory of the estimator for n rows.
+    """Memory of the estimator for n rows."""
 
-    Attributes:
-        state: x̂, as `Measurement.state` but complete, shape (n, 18).
-        disturbance: d̂, in the layout of `Disturbance`, N and N·m, shape (n, 9).
-        reference: Reference derivatives of the latest measurement, shape (n, 5, 3).
-        age: Number of corrections since the episode began, shape (n,).
-        loop: Memory of the known loop, shape (n, k), see `Loop.act`.
-        rigid: Quaternion, body rate and rotor thrusts (N) of a rigid vehicle, shape (n, 11), see
-            `quadpend_gym.physics.rigid_kernel`; shape (n, 0) for the paper's attitude model.
-        mass_ratio: μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob, shape (n,).
-        innovation: Measured minus predicted state before the latest correction, shape (n, 18); zero where a rate is not
-            measured and at the start of an episode. Empty for observers without it.
-    """
-
-    state: Floats
-    disturbance: Floats
-    reference: Floats
-    age: Integers
-    loop: Floats
+    state: Floats  # x̂, as `Measurement.state` but complete, shape (n, 18)
+    disturbance: Floats  # d̂, in the layout of `Disturbance`, N and N·m, shape (n, 9)
+    reference: Floats  # reference derivatives of the latest measurement, shape (n, 5, 3)
+    age: Integers  # number of corrections since the episode began, shape (n,)
+    loop: Floats  # memory of the known loop, shape (n, k), see `Loop.act`
+    # Quaternion, body rate and rotor thrusts (N) of a rigid vehicle, shape (n, 11), see
+    # `quadpend_gym.physics.rigid_kernel`; shape (n, 0) for the paper's attitude model
     rigid: Floats
+    # μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob, shape (n,)
     mass_ratio: Floats
+    # Measured minus predicted state before the latest correction, shape (n, 18); zero where a rate is not measured and
+    # at the start of an episode. Empty for observers without it.
     innovation: Any = ()
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Equation (1).
+    """Equation (1)."""
 
-    Attributes:
-        simulation: Nominal plant and control period.
-        known_loop: The known part of the loop, without the latency of the simulation.
-        predicts_latency: Whether the latency is known.
-    """
-
-    simulation: Simulation
-    known_loop: Loop
-    predicts_latency: bool = True
+    simulation: Simulation  # nominal plant and control period
+    known_loop: Loop  # the known part of the loop, without the latency of the simulation
+    predicts_latency: bool = True  # whether the latency is known
 
     @cached_property
     def loop(self) -> Loop:

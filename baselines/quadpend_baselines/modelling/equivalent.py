@@ -34,19 +34,12 @@ from quadpend_gym.vehicles import Drag, Pole, Vehicle
 
 
 class EquivalentModel(NamedTuple):
-    """The equivalent pendulum.
+    """The equivalent pendulum."""
 
-    Attributes:
-        parameters: M', m' and λ; the other parameters are those of the vehicle.
-        pivot_share: μ/(1 + μ), share of t in σ.
-        pendulum_arm: a, m.
-        thrust_arm: b, m.
-    """
-
-    parameters: Parameters
-    pivot_share: float = 0.0
-    pendulum_arm: float = 0.0
-    thrust_arm: float = 0.0
+    parameters: Parameters  # M', m' and λ; the other parameters are those of the vehicle
+    pivot_share: float = 0.0  # μ/(1 + μ), share of t in σ
+    pendulum_arm: float = 0.0  # a, m
+    thrust_arm: float = 0.0  # b, m
 
 
 @lru_cache(maxsize=64)

@@ -39,19 +39,12 @@ from quadpend_gym.physics.state import STATE_SIZE, Disturbance, State
 
 
 class FlatTrajectory(NamedTuple):
-    """Trajectories of n rows as Taylor series in time; horizontal vectors are in the world frame.
+    """Trajectories of n rows as Taylor series in time; horizontal vectors are in the world frame."""
 
-    Attributes:
-        pendulum_tangent: s, shape (5, n, 2).
-        pendulum_vertical: r_z, shape (5, n).
-        vertical_thrust: u_z, N, shape (3, n).
-        thrust_tangent: t, shape (3, n, 2).
-    """
-
-    pendulum_tangent: Floats
-    pendulum_vertical: Floats
-    vertical_thrust: Floats
-    thrust_tangent: Floats
+    pendulum_tangent: Floats  # s, shape (5, n, 2)
+    pendulum_vertical: Floats  # r_z, shape (5, n)
+    vertical_thrust: Floats  # u_z, N, shape (3, n)
+    thrust_tangent: Floats  # t, shape (3, n, 2)
 
 
 def flat_trajectory(reference: Floats, disturbance: Floats, p: Parameters) -> FlatTrajectory:

@@ -12,17 +12,12 @@ from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE
 
 
 class Horizon(NamedTuple):
-    """The reference of n rows at the periods 0 … H of the horizon.
+    """The reference of n rows at the periods 0 … H of the horizon."""
 
-    Attributes:
-        state: x_d, position and velocity relative to the reference, shape (H + 1, n, 18).
-        command: u_d, N and N·m, shape (H + 1, n, 4).
-        frame_displacement: Motion of the reference frame in each period, to be subtracted from position (m) and
-            velocity (m/s), shape (H, 2, n, 3).
-    """
-
-    state: Floats
-    command: Floats
+    state: Floats  # x_d, position and velocity relative to the reference, shape (H + 1, n, 18)
+    command: Floats  # u_d, N and N·m, shape (H + 1, n, 4)
+    # Motion of the reference frame in each period, to be subtracted from position (m) and velocity (m/s),
+    # shape (H, 2, n, 3)
     frame_displacement: Floats
 
 

@@ -27,23 +27,14 @@ from quadpend_gym.physics.dynamics import accelerations
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A trajectory at m times.
+    """A trajectory at m times."""
 
-    Attributes:
-        time: s, shape (m,).
-        state: See `quadpend_gym.physics.state`, shape (m, 18).
-        reference: Derivatives of order 0 to 6 of F_x, F_y, z and ψ, shape (m, 7, 4).
-        command: Thrust (N) and torques τφ, τθ, τψ (N·m), shape (m, 4).
-        disturbance: The true disturbance, N and N·m, in the layout of `Disturbance`, shape (m, 9).
-        estimate: The disturbance that the observers estimate, see `ADRC.estimated_disturbance`, shape (m, 9).
-    """
-
-    time: Floats
-    state: Floats
-    reference: Floats
-    command: Floats
-    disturbance: Floats
-    estimate: Floats
+    time: Floats  # s, shape (m,)
+    state: Floats  # see `quadpend_gym.physics.state`, shape (m, 18)
+    reference: Floats  # derivatives of order 0 to 6 of F_x, F_y, z and ψ, shape (m, 7, 4)
+    command: Floats  # thrust (N) and torques τφ, τθ, τψ (N·m), shape (m, 4)
+    disturbance: Floats  # the true disturbance, N and N·m, in the layout of `Disturbance`, shape (m, 9)
+    estimate: Floats  # the disturbance that the observers estimate, see `ADRC.estimated_disturbance`, shape (m, 9)
 
     @property
     def outputs(self) -> Floats:

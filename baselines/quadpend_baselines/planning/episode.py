@@ -19,31 +19,19 @@ AnyVectorEnv = VectorEnv[Any, Any, Any]
 
 
 class KnownEpisode(NamedTuple):
-    """An episode of N control steps, without the actions.
+    """An episode of N control steps, without the actions."""
 
-    Attributes:
-        start: First state, shape (18,).
-        parameters: Physical parameters in the order of `Parameters.as_array`, shape (9,).
-        wind: Wind over each control period, laid out as in `quadpend_gym.wind`, shape (N, 12).
-        target: Point to track after each step: x and y of the bob and height of the quadrotor, m, shape (N, 3).
-    """
-
-    start: Floats
-    parameters: Floats
-    wind: Floats
-    target: Floats
+    start: Floats  # first state, shape (18,)
+    parameters: Floats  # physical parameters in the order of `Parameters.as_array`, shape (9,)
+    wind: Floats  # wind over each control period, laid out as in `quadpend_gym.wind`, shape (N, 12)
+    target: Floats  # point to track after each step: x and y of the bob and height of the quadrotor, m, shape (N, 3)
 
 
 class Flight(NamedTuple):
-    """States and actions of a flight of n steps, which ends early if it falls.
+    """States and actions of a flight of n steps, which ends early if it falls."""
 
-    Attributes:
-        states: Shape (n + 1, 18).
-        actions: Actions of the policy, shape (n, 4).
-    """
-
-    states: Floats
-    actions: Floats
+    states: Floats  # shape (n + 1, 18)
+    actions: Floats  # actions of the policy, shape (n, 4)
 
 
 def tracked_point(state: Floats, parameters: Floats) -> Floats:

@@ -25,19 +25,12 @@ _SMALLEST_SPEED = 1e-6  # m/s, keeps the drag differentiable at rest; it changes
 
 
 class Plant(NamedTuple):
-    """What determines the motion in a scenario of the paper's vehicle, besides start, parameters and wind.
+    """What determines the motion in a scenario of the paper's vehicle, besides start, parameters and wind."""
 
-    Attributes:
-        simulation: Control period, substeps, and scale of the actions.
-        moves_air: Whether the wind can have a velocity, so that there is drag.
-        lags: Time constants of the first-order lags through which the action passes, s.
-        delay: Control steps from an action to the moment when it acts; hover acts before.
-    """
-
-    simulation: Simulation
-    moves_air: bool = False
-    lags: tuple[float, ...] = ()
-    delay: int = 0
+    simulation: Simulation  # control period, substeps, and scale of the actions
+    moves_air: bool = False  # whether the wind can have a velocity, so that there is drag
+    lags: tuple[float, ...] = ()  # time constants of the first-order lags through which the action passes, s
+    delay: int = 0  # control steps from an action to the moment when it acts; hover acts before
 
     @property
     def state_size(self) -> int:

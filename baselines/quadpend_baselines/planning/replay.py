@@ -27,23 +27,14 @@ _STATE_WEIGHT = 1e4  # of Q = weight · 1, with R = 1: a deviation of 0.01 weigh
 
 @dataclass(frozen=True)
 class TrackedFlight:
-    """A policy that repeats an optimal flight in one sub-environment, from the start of its episode.
+    """A policy that repeats an optimal flight in one sub-environment, from the start of its episode."""
 
-    Attributes:
-        world: Simulation of the sub-environment, whose true state is fed back.
-        states: States x_k of the flight, shape (N + 1, 18).
-        commands: Actions before their delay, shape (N, 4).
-        A: Shape (N, n, n).
-        B: Shape (N, n, 4).
-        K: Shape (N, 4, n).
-    """
-
-    world: Any
-    states: Floats
-    commands: Floats
-    A: Floats
-    B: Floats
-    K: Floats
+    world: Any  # simulation of the sub-environment, whose true state is fed back
+    states: Floats  # states x_k of the flight, shape (N + 1, 18)
+    commands: Floats  # actions before their delay, shape (N, 4)
+    A: Floats  # shape (N, n, n)
+    B: Floats  # shape (N, n, 4)
+    K: Floats  # shape (N, 4, n)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

@@ -40,21 +40,13 @@ _OPTIONS = {
 
 
 class Solution(NamedTuple):
-    """The solution of (1)–(3), or the last iterate if IPOPT found none.
+    """The solution of (1)–(3), or the last iterate if IPOPT found none."""
 
-    Attributes:
-        states: States of the plant, shape (N + 1, n).
-        actions: Actions after the delay, shape (N, 4), in [−1, 1].
-        rmse: Root mean square of the tracking error, m.
-        status: Return status of IPOPT, "Solve_Succeeded" at an optimum.
-        iterations: Iterations of IPOPT.
-    """
-
-    states: Floats
-    actions: Floats
-    rmse: float
-    status: str
-    iterations: int
+    states: Floats  # states of the plant, shape (N + 1, n)
+    actions: Floats  # actions after the delay, shape (N, 4), in [−1, 1]
+    rmse: float  # root mean square of the tracking error, m
+    status: str  # return status of IPOPT, "Solve_Succeeded" at an optimum
+    iterations: int  # iterations of IPOPT
 
 
 class Transcription:
@@ -162,21 +154,13 @@ def transcription(plant: Plant, limits: Limits, steps: int) -> Transcription:
 
 
 class _Stage(NamedTuple):
-    """Expressions of one stage.
+    """Expressions of one stage."""
 
-    Attributes:
-        v: Its variables, x and a.
-        q: Numbers that are given.
-        next: State of the next stage.
-        cost: Its share of (1).
-        limited: Numbers with limits.
-    """
-
-    v: Any
-    q: Any
-    next: Any
-    cost: Any
-    limited: Any
+    v: Any  # its variables, x and a
+    q: Any  # numbers that are given
+    next: Any  # state of the next stage
+    cost: Any  # its share of (1)
+    limited: Any  # numbers with limits
 
     def function(self, name: str, inputs: list[Any], output: Any, stages: int) -> Any:
         """Return a function of v, q and further inputs that evaluates `output` at several stages, side by side."""

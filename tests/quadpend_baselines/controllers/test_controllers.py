@@ -26,14 +26,8 @@ from quadpend_gym import (
     Reference,
     Simulation,
 )
-from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS
-from quadpend_gym.tasks.observation import (
-    OBSERVATION_FIELDS,
-    OBSERVATION_SCALE,
-    OBSERVATION_SIZE,
-    OUTPUT_FEEDBACK_COLUMNS,
-)
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.controllers import controller_parameters, quick_controller, rotate_states, rotate_vectors
 from tests.helpers.sources import ROOT
@@ -152,46 +146,6 @@ def test_with_simulation_returns_the_controller_designed_for_that_simulation(nam
     assert changed.simulation == OTHER_SIMULATION
     assert changed.gains == policy.gains == GAINS[name]
     assert type(changed) is type(policy)
-
-
-def extreme_observations(normal: Floats32) -> Floats32:
-    """Return observations outside any episode's range, five for each normal one, shape (5 n, 36)."""
-    rng, rows = np.random.default_rng(19), len(normal)
-    azimuth, tilt = rng.uniform(0.0, 6.0, rows), np.deg2rad(80.0)
-    horizontal = np.stack(
-        [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.full(rows, np.cos(tilt))], -1
-    )
-    variants = (
-        {"tracking_error": rng.uniform(-100.0, 100.0, (rows, 3))},
-        {"direction": horizontal},
-        {"attitude": rng.choice([-1.0, 1.0], (rows, 3)) * np.deg2rad([70.0, 70.0, 180.0])},
-        {
-            "tracking_error_rate": rng.uniform(-20.0, 20.0, (rows, 3)),
-            "euler_rate": rng.uniform(-20.0, 20.0, (rows, 3)),
-        },
-        {f"reference_{order}": rng.uniform(-30.0, 30.0, (rows, 3)) for order in range(2, 7)},
-    )
-    out = []
-    for values in variants:
-        extreme = normal.copy()
-        for field, value in values.items():
-            part = OBSERVATION_FIELDS[field]
-            extreme[:, part] = value / OBSERVATION_SCALE[part]
-        out.append(extreme)
-    return np.concatenate(out)
-
-
-@every_feedback
-def test_extreme_observations_give_actions_in_range(name: str, outputs: bool) -> None:
-    """20 steps at a distance of 100 m, with pendulum or body almost horizontal, at 20 m/s, or on a reference of 3 g."""
-    policy, memory = quick_controller(name), None
-    observation = extreme_observations(make(20).reset(seed=6)[0])[
-        :, OUTPUT_FEEDBACK_COLUMNS if outputs else np.arange(OBSERVATION_SIZE)
-    ]
-    for _ in range(20):
-        action, memory = policy.predict(observation, memory)
-        assert np.isfinite(action).all()
-        assert (np.abs(action) <= 1.0).all()
 
 
 @every_feedback

@@ -60,12 +60,6 @@ def test_far_from_the_reference_it_is_the_flatness_based_law(state: Floats) -> N
     assert_array_equal(command_of(TUNED, state), law.command(true_estimate(measurement), measurement, ())[0])
 
 
-def test_the_command_changes_continuously_from_one_law_to_the_other() -> None:
-    offsets = np.linspace(0.0, 0.6, 20_001)
-    commands = command_of(TUNED, displaced(*offsets))
-    assert np.abs(np.diff(commands, axis=0)).max() < 2e-3 * np.ptp(commands, axis=0).max()
-
-
 def share_of_near(gains: DualModeGains, state: Floats) -> Floats:
     """Return s of equation (1) from the commands, shape (n,)."""
     near, far = command_of(ALWAYS_NEAR, state), command_of(NEVER_NEAR, state)

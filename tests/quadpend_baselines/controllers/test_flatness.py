@@ -208,15 +208,3 @@ def test_acceleration_and_velocity_demanded_by_the_position_are_limited() -> Non
     )
     assert velocities[-1] == pytest.approx(-gains.velocity, rel=0.01)
     assert min(velocities) > -1.2 * gains.velocity
-
-
-def test_thrust_tilt_demanded_by_the_pendulum_is_limited() -> None:
-    """A large tilt activates the limit; the angular acceleration is then linear in its tangent, with the factor k₄."""
-    simulation, limits = Simulation(actuators=Actuators(1e4, 1e4)), np.array([0.2, 0.4, 0.6])
-    measurement = measurement_of(tilted_pendulum(0.8, 0.0))
-    torques = []
-    for limit in limits:
-        law = Flatness(replace(LINEAR, lean=float(limit)), simulation)
-        torques.append(law.command(true_estimate(measurement), measurement, ())[0][0, 2])
-    angular_acceleration = np.diff(torques) / PAPER.inertia_pitch
-    assert_allclose(angular_acceleration / np.diff(np.tan(limits)), pole_pairs(2.5, 7.0, 20.0)[2], rtol=1e-9)

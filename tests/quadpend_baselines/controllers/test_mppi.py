@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_baselines.controllers.lqr import Lqr, riccati, weights
+from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.controllers.mppi import Mppi, MppiMemory
 from quadpend_baselines.gains import LqrGains, MppiGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
@@ -23,7 +23,6 @@ from tests.helpers.controllers import (
     measurement_of,
     simulate_with_true_state,
     tilted_pendulum,
-    tracking_distance,
     true_estimate,
 )
 from tests.helpers.physics import UNEQUAL, simulate_period
@@ -171,25 +170,3 @@ def test_mppi_recovers_from_tilts_that_the_linear_feedback_does_not() -> None:
     assert min(lowest) > 0.5
     pose = slice(0, STATE_FIELDS["direction"].start)
     assert_allclose(final[:, pose], hover_states(8)[:, pose], atol=0.05)
-
-
-def offset(law: Any, wind: Floats, seconds: float = 5.0) -> float:
-    """Return the distance (m) of the bob from the hover reference after some time in a constant wind."""
-    error = []
-    simulate_with_true_state(
-        law,
-        law.simulation,
-        hover_states(),
-        round(seconds / law.simulation.period),
-        disturbance=wind,
-        callback=lambda measurement, *_: error.append(tracking_distance(measurement, PAPER.rod_length)[0]),
-    )
-    return float(np.mean(error[-50:]))
-
-
-def test_mppi_compensates_the_estimated_disturbance() -> None:
-    """Without perturbations MPPI has no offset, with them a small one; LQR with the same weights has a large one."""
-    wind = 0.3 * WIND
-    assert offset(Lqr(FEEDBACK, Simulation()), wind) > 0.02
-    assert offset(Mppi(replace(GAINS_HERE, spread=0.0), Simulation()), wind) < 1e-5
-    assert offset(Mppi(replace(GAINS_HERE, spread=0.05), Simulation()), wind) < 1e-3

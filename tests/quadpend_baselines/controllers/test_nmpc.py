@@ -16,7 +16,6 @@ from quadpend_baselines.gains import LqrGains, NmpcGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_gym import PAPER, QuadPendulumVectorEnv, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
 from quadpend_gym.physics.state import STATE_FIELDS, State
 from quadpend_gym.vehicles import VEHICLES, Drag, hover_wrench, mixing
@@ -39,15 +38,6 @@ from quadpend_baselines.controllers import nmpc_model  # noqa: E402
 FEEDBACK = LqrGains(0.4, 1.3, 1.6, 3.5)
 SMALL = NmpcGains(FEEDBACK, periods=8, period=0.04, iterations=1)
 WIND = disturbance_of((0.3, -0.2, 0.15), (0.05, 0.03, 0.0), (0.1, -0.05, 0.03))
-
-
-def test_model_has_the_equations_of_the_simulation() -> None:
-    state, command, wind = random_states(20, 1), random_commands(20, 1, UNEQUAL), random_disturbances(20, 1)
-    x, u, d = ca.SX.sym("x", 18), ca.SX.sym("u", 4), ca.SX.sym("d", 9)
-    equations = ca.Function("equations", [x, u, d], list(nmpc_model.accelerations(x, u, d, UNEQUAL)))
-    expected = accelerations(state, command, wind, UNEQUAL)
-    for name, value in zip(("position", "euler", "direction"), equations(state.T, command.T, wind.T), strict=True):
-        assert_allclose(np.array(value).T, getattr(expected, name), rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize("substeps", [1, 2])

@@ -9,9 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
-from quadpend_baselines.controllers.swing_up import Phase, read_plan, tracked_plan
-from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.gains import GAINS
+from quadpend_baselines.controllers.swing_up import Phase, read_plan
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation, State
 from quadpend_gym.core.arrays import Floats
@@ -35,23 +33,6 @@ def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> Non
     following, calm = states[:-1].copy(), np.zeros((len(actions), DISTURBANCE_SIZE))
     advance(following, to_command(actions, simulation), calm, parameters, simulation.period, simulation.substeps)
     assert_allclose(following, states[1:], atol=2e-6)
-
-
-def test_the_feedback_brings_a_deviation_back_to_the_plan() -> None:
-    simulation = Simulation()
-    plan = tracked_plan(GAINS["swing-up"], simulation)
-    parameters, calm = simulation.parameters.as_array()[np.newaxis], np.zeros((1, DISTURBANCE_SIZE))
-    sizes = []
-    for feedback in (0.0, 1.0):
-        state = plan.states[:1].copy()
-        State(state).direction_rate[0, :2] = 0.3, -0.2
-        for k, action in enumerate(plan.actions):
-            correction = feedback * (plan.gains[k] @ (state[0] - plan.states[k]))
-            command = to_command(np.clip(action - correction, -1.0, 1.0)[np.newaxis], simulation)
-            advance(state, command, calm, parameters, simulation.period, simulation.substeps)
-        sizes.append(np.linalg.norm(state[0] - plan.states[-1]))
-    assert sizes[1] < 0.1
-    assert sizes[0] > 3.0 * sizes[1]
 
 
 def times_to_upright(name: str, episodes: int) -> Floats:
@@ -87,14 +68,6 @@ def test_the_phases_follow_one_another_and_begin_again_in_a_new_episode() -> Non
     _, memory = policy.predict(observation, memory, np.ones(1, np.bool_))
     assert memory.phase[0] == Phase.SWING
     assert memory.step[0] == 0
-
-
-def test_a_loop_with_a_delay_is_refused_in_one_sentence() -> None:
-    env = gym.make("QuadPendulumSwingUp-v0")
-    observation, _ = env.reset(seed=0)
-    policy: Any = controller("swing-up")
-    with pytest.raises(ValueError, match="a loop without delays"):
-        policy.with_simulation(Simulation(), Loop(delay=3)).predict(observation)
 
 
 @pytest.mark.parametrize(

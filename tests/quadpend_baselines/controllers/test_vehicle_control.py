@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.vehicle_gains import gains_for, scale_gains
 from quadpend_baselines.gains import GAINS
-from quadpend_baselines.modelling.equivalent import design_parameters
 from quadpend_baselines.policy.protocol import to_action, to_command
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Simulation
 from quadpend_gym.physics.plants import plant_of
@@ -84,12 +83,3 @@ def test_named_controllers_take_the_gains_of_the_vehicle() -> None:
     changed = changed.with_simulation(simulation)
     assert changed.gains == gains_for("lqi", simulation) != GAINS["lqi"]
     assert gains_for("lqi") is gains_for("lqi", Simulation()) is GAINS["lqi"]
-
-
-def test_the_design_leaves_the_total_mass_and_the_weight() -> None:
-    for vehicle in ("hummingbird", "racer"):
-        simulation = Simulation(vehicle=vehicle)
-        design = design_parameters(simulation)
-        assert design.hover_thrust == pytest.approx(simulation.parameters.hover_thrust)
-        assert design.chain_stiffness == pytest.approx(simulation.rigid_vehicle.stiffness, rel=0.05)
-        assert design.rod_length == pytest.approx(simulation.rigid_vehicle.pole.equivalent_length)

@@ -14,7 +14,6 @@ from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.envs import make_vec
-from tests.helpers.wrappers import SHORT
 
 ROD = Parameters().rod_length
 
@@ -45,18 +44,6 @@ def test_observation_from_state_inverts_measurement_from_observation(output_feed
     assert_array_equal(again.reference, measurement_from_observation(measured, ROD).reference)
     assert_array_equal(again.yaw_reference, measurement_from_observation(measured, ROD).yaw_reference)
     assert_allclose(observation_from_state(again.state, observation, ROD), observation, atol=1e-5)
-
-
-@pytest.mark.parametrize("name", ["flatness", "lqr", "lqi"])
-def test_estimated_observation_is_the_observation_with_perfect_sensors_in_calm_air(name: str) -> None:
-    policy: Any = controller(name)
-    env = make_vec(6, autoreset_mode="SameStep", **SHORT)
-    observation, memory, started = env.reset(seed=0)[0], None, np.ones(6, np.bool_)
-    for _ in range(60):
-        action, memory = policy.predict(observation, memory, started)
-        assert_allclose(policy.estimated_observation(observation, memory), observation, atol=1e-6)
-        observation, _, terminated, truncated, _ = env.step(action)
-        started = terminated | truncated
 
 
 def test_estimated_observation_has_the_velocities_that_are_not_measured() -> None:

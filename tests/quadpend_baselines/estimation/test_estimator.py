@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.linalg import solve_discrete_are
 
 from quadpend_baselines.controllers.flatness import Flatness
@@ -23,7 +23,7 @@ from quadpend_baselines.modelling.linear_model import (
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Parameters, QuadPendulumVectorEnv, Reference, Simulation, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import Disturbance, State
+from quadpend_gym.physics.state import State
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from tests.helpers.controllers import (
     CALM,
@@ -144,13 +144,6 @@ def test_constant_disturbances_are_estimated_and_distinguished(
     for step, error in ((50, 1e-3), (100, 1e-5), (199, 1e-9)):
         assert_allclose(estimated[step].disturbance, np.tile(wind, (2, 1)), atol=error)
     assert_allclose(estimated[-1].state, recording[-1][0].state, atol=1e-10)
-
-
-def test_vertical_force_on_the_bob_is_attributed_to_the_quadrotor() -> None:
-    recording = record(HOVER, tuple(disturbance_of((0.0, 0.0, 0.1), (0.0, 0.0, 0.2))))
-    last = estimates(recording, FAST, has_rates=True)[-1].disturbance
-    assert_allclose(last, np.tile(disturbance_of((0.0, 0.0, 0.3)), (2, 1)), atol=5e-3)
-    assert_array_equal(Disturbance(last).bob_force[:, 2], 0.0)
 
 
 @every_measurement

@@ -87,17 +87,6 @@ def test_all_forces_balance_at_hover(disturbance: Floats) -> None:
             assert_allclose(rate, np.zeros_like(rate), atol=1e-12)
 
 
-def test_flat_outputs_of_the_state_equal_the_reference() -> None:
-    for time in (0.0, 0.7):
-        state, _ = flat_state_and_command(CIRCLE, time, ON_BOTH, UNEQUAL)
-        s, expected = State(state[0]), CIRCLE.derivatives(time)
-        for order, (position, direction) in enumerate([(s.position, s.direction), (s.velocity, s.direction_rate)]):
-            flat = [*(position + UNEQUAL.rod_length * direction)[:2], position[2]]
-            assert_allclose(flat, expected[order, :3], atol=1e-12)
-        assert_allclose([s.euler[2], s.euler_rate[2]], expected[:2, 3])
-        assert_allclose([s.direction @ s.direction, s.direction @ s.direction_rate], [1.0, 0.0], atol=1e-12)
-
-
 def random_attitudes(rows: int) -> Floats:
     """Return series of roll, pitch and yaw of order 2, shape (3, rows, 3), with tilts up to 1 rad."""
     rng = np.random.default_rng(8)
@@ -115,23 +104,6 @@ def test_attitude_and_thrust_tangent_are_inverse_functions() -> None:
     assert_allclose(
         flat_outputs.tangent_from_attitude(flat_outputs.attitude_from_tangent(tangent, yaw)), tangent, atol=1e-10
     )
-
-
-def test_thrust_tangent_agrees_with_the_thrust_axis_of_the_dynamics() -> None:
-    """The values agree with equation (1) of `dynamics`, the rates with finite differences."""
-    euler = random_attitudes(20)
-    tangent = flat_outputs.tangent_from_attitude(euler)
-
-    def tangent_at(time: float) -> Floats:
-        axes = np.array([thrust_axis(Vec3(*angles)) for angles in euler[0] + time * euler[1] + time**2 * euler[2]])
-        return np.asarray(axes[:, :2] / axes[:, 2:])
-
-    step = 1e-4
-    before, now, after = tangent_at(-step), tangent_at(0.0), tangent_at(step)
-    assert_allclose(tangent[0], now, rtol=1e-12)
-    scale = np.abs(tangent[1:]).max(axis=(1, 2))
-    assert_allclose(tangent[1] / scale[0], (after - before) / (2.0 * step) / scale[0], atol=1e-5)
-    assert_allclose(tangent[2] / scale[1], (after - 2.0 * now + before) / step**2 / 2.0 / scale[1], atol=1e-5)
 
 
 def demand_and_flat_trajectory(trajectory: Reference | Waypoints, p: Parameters) -> tuple[Floats, Floats]:

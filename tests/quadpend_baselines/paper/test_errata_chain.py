@@ -34,7 +34,6 @@ from tests.helpers.symbolic import (
     tau_psi,
     tau_theta,
     theta,
-    u,
     vanishes,
     x,
     y,
@@ -231,10 +230,3 @@ def test_64_has_n_states_not_n_plus_1() -> None:
     for n in (2, 6):
         printed = [f"e^({i})" for i in range(n + 1)]
         assert len(printed) != n
-
-
-def test_thrust_accelerates_the_height_only(chain: LinearModel) -> None:
-    """Section 3 can therefore treat height, yaw and the two planes separately."""
-    assert vanishes(calm(chain, z) - u / (M + m_c))
-    for coordinate in (x, y, phi, theta, psi, r_x, r_y):
-        assert u not in calm(chain, coordinate).free_symbols
