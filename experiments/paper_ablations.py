@@ -21,8 +21,9 @@ from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from quadpend_baselines.paper.faults import PrintedADRC, predicted_offset
 from quadpend_baselines.policy.rollout import rollout
-from quadpend_gym import Actuators, Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Simulation, Sinusoid
+from quadpend_gym import Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Simulation, Sinusoid
 from quadpend_gym.sensors import Noise
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wrappers import VectorSensorWrapper
 
 EPISODES, SEED, STEPS = 50, 0, 1000
@@ -93,10 +94,9 @@ def cases() -> Iterator[Case]:
 
 def simulate(case: Case, steps: int = STEPS, settling: int = STEPS // 2) -> dict[str, Any]:
     """Return the row of a case; the settled RMSE is that of the surviving episodes after `settling` steps."""
-    simulation = Simulation(actuators=Actuators(roll_pitch_torque=case.torque))
-    env: Any = QuadPendulumVectorEnv(
-        EPISODES, "hover", simulation, case.wind, autoreset_mode=AutoresetMode.SAME_STEP, max_episode_steps=steps
-    )
+    simulation = Simulation(vehicle=replace(VEHICLES["paper"], torque=(case.torque, 1.0)))
+    parts = {"task": "hover", "vehicle": simulation.vehicle, "wind": case.wind}
+    env: Any = QuadPendulumVectorEnv(EPISODES, **parts, autoreset_mode=AutoresetMode.SAME_STEP, max_episode_steps=steps)
     if case.noise:
         env = VectorSensorWrapper(env, Noise(position=case.noise, euler=case.noise, direction=case.noise))
     options = {"state": {"position": (case.offset, 0.0, 2.0)}} if case.offset else None
