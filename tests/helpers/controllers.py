@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import VectorEnv
+from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_baselines import CONTROLLERS, controller
 from quadpend_baselines.controllers.output_feedback import ControlLaw
@@ -17,10 +17,11 @@ from quadpend_baselines.hybrid import Hybrid
 from quadpend_baselines.modelling import flat_outputs
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
-from quadpend_gym import Parameters, Reference, Simulation
+from quadpend_gym import Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, Disturbance, State
+from quadpend_gym.vehicles import Pole, Vehicle
 
 CALM = np.zeros(DISTURBANCE_SIZE)
 HOVER = Reference.hover()
@@ -35,6 +36,20 @@ def controller_parameters(names: Iterable[str] = CONTROLLERS) -> list[Any]:
     reason = "casadi is not installed: pip install 'quadpend-gym[mpc]'"
     marks = {name: () if name in AVAILABLE_CONTROLLERS else pytest.mark.skip(reason=reason) for name in names}
     return [pytest.param(name, marks=mark) for name, mark in marks.items()]
+
+
+def simulation_of(p: Parameters, torque: tuple[float, float] = (5.0, 1.0), **options: Any) -> Simulation:
+    """Return the simulation of a vehicle with the paper's attitude model, given parameters and torque limits."""
+    inertia, pole = (p.inertia_roll, p.inertia_pitch, p.inertia_yaw), Pole(p.bob_mass, p.rod_length)
+    vehicle = Vehicle(mass=p.quadrotor_mass, inertia=inertia, pole=pole, attitude="euler", torque=torque)
+    return Simulation(vehicle=replace(vehicle, gravity=p.gravity), **options)
+
+
+def make_vec_of(simulation: Simulation, rows: int, **parts: Any) -> QuadPendulumVectorEnv:
+    """Return a vector environment of a simulation, without autoreset."""
+    names = ("vehicle", "interface", "period", "substeps", "latency")
+    parts |= {name: getattr(simulation, name) for name in names}
+    return QuadPendulumVectorEnv(rows, autoreset_mode=AutoresetMode.DISABLED, **parts)
 
 
 def quick_controller(name: str) -> Any:

@@ -2,20 +2,14 @@
 
 import numpy as np
 
+from quadpend_gym import PAPER, Parameters
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.parameters import Parameters
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE, THRUST, State
 
 # All values are different, so that swapped parameters change the result.
-UNEQUAL = Parameters(
-    quadrotor_mass=0.7,
-    bob_mass=0.25,
-    rod_length=0.4,
-    gravity=9.81,
-    inertia_roll=0.08,
-    inertia_pitch=0.11,
-    inertia_yaw=0.17,
+UNEQUAL = PAPER._replace(
+    quadrotor_mass=0.7, bob_mass=0.25, rod_length=0.4, inertia_roll=0.08, inertia_pitch=0.11, inertia_yaw=0.17
 )
 
 

@@ -1,6 +1,5 @@
 """ADRC: tracking, steady offsets, disturbance estimates, and the `predict` protocol."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,13 +19,14 @@ from quadpend_gym import (
     Simulation,
 )
 from quadpend_gym.core.arrays import Floats
+from tests.helpers.controllers import simulation_of
 
 EPISODES = 30
 
 
 def settled_squares(policy: ADRC, wind: object, reference: Any = None) -> Floats:
     """Return the mean square error (m²) of the bob over the last 5 of 10 s, shape (n, 3); no episode terminates."""
-    env = QuadPendulumVectorEnv(EPISODES, wind=wind, autoreset_mode=AutoresetMode.DISABLED, max_episode_steps=None)
+    env = QuadPendulumVectorEnv(EPISODES, wind=wind, autoreset_mode=AutoresetMode.DISABLED, duration=11.0)
     observation, _ = env.reset(seed=7, options={} if reference is None else {"reference": reference})
     memory, errors = None, []
     for step in range(1000):
@@ -73,9 +73,8 @@ def test_rmse_in_fluctuating_wind_is_as_documented() -> None:
 def test_30_percent_of_false_inertia_does_not_make_the_matched_law_fall(ratio: float) -> None:
     """The force is estimated apart from the torques; read from ϑ̂/K, it made every such episode terminate."""
     inertia = {name: ratio * getattr(PAPER, name) for name in ("inertia_roll", "inertia_pitch")}
-    env = QuadPendulumVectorEnv(
-        4, simulation=Simulation(replace(PAPER, **inertia)), wind=Constant((0.1, 0.0, 0.0)), max_episode_steps=None
-    )
+    vehicle = simulation_of(PAPER._replace(**inertia)).vehicle
+    env = QuadPendulumVectorEnv(4, vehicle=vehicle, wind=Constant((0.1, 0.0, 0.0)))
     observation, _ = env.reset(seed=0, options={"reference": Reference.hover()})
     policy, memory = ADRC("matched"), None
     for _ in range(500):

@@ -18,18 +18,22 @@ from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import (
-    Actuators,
+    PAPER,
     Constant,
     OrnsteinUhlenbeck,
-    Parameters,
     QuadPendulumVectorEnv,
     Reference,
-    Simulation,
 )
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
-from tests.helpers.controllers import controller_parameters, quick_controller, rotate_states, rotate_vectors
+from tests.helpers.controllers import (
+    controller_parameters,
+    quick_controller,
+    rotate_states,
+    rotate_vectors,
+    simulation_of,
+)
 from tests.helpers.sources import ROOT
 
 every_controller = pytest.mark.parametrize("name", controller_parameters())
@@ -44,16 +48,14 @@ every_feedback = pytest.mark.parametrize(
     ],
 )
 WIND = OrnsteinUhlenbeck(force=0.1, bob_force=0.01, torque=0.01)
-OTHER_SIMULATION = Simulation(
-    Parameters(quadrotor_mass=0.6, bob_mass=0.25, rod_length=0.4, inertia_pitch=0.08), Actuators(4.0, 2.0), period=0.02
+OTHER_SIMULATION = simulation_of(
+    PAPER._replace(quadrotor_mass=0.6, bob_mass=0.25, rod_length=0.4, inertia_pitch=0.08), (4.0, 2.0), period=0.02
 )
 
 
 def make(rows: int, outputs: bool = False, wind: Any = WIND, **kwargs: Any) -> Any:
     """Return a vector environment without time limit."""
-    env = QuadPendulumVectorEnv(
-        rows, wind=wind, autoreset_mode=AutoresetMode.DISABLED, max_episode_steps=None, **kwargs
-    )
+    env = QuadPendulumVectorEnv(rows, wind=wind, autoreset_mode=AutoresetMode.DISABLED, **kwargs)
     return VectorOutputFeedbackWrapper(env) if outputs else env
 
 

@@ -13,7 +13,7 @@ from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.estimator import Measurement
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE, STATE_COLUMNS
-from quadpend_gym import PAPER, Actuators, Constant, Parameters, QuadPendulumVectorEnv, Reference, Simulation
+from quadpend_gym import PAPER, Constant, Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.state import State
@@ -25,6 +25,7 @@ from tests.helpers.controllers import (
     hover_states,
     measurement_of,
     simulate_with_true_state,
+    simulation_of,
     tilted_pendulum,
     tracking_distance,
     true_estimate,
@@ -93,7 +94,7 @@ def pole_pairs(*bandwidths: float, damping: float = GAINS.damping) -> Floats:
 )
 def test_closed_loop_has_the_designed_poles(disturbance: Floats, parameters: Parameters) -> None:
     """The poles are those of continuous time and depend neither on the heading nor on the equilibrium tilt in wind."""
-    law = Flatness(LINEAR, Simulation(parameters))
+    law = Flatness(LINEAR, simulation_of(parameters))
     designed = pole_pairs(2.5, 7.0, 20.0, 2.5, 7.0, 20.0, 6.0, 6.0)  # x, y, height and yaw
     for yaw in (0.0, 1.0):
         assert_allclose(characteristic(law, yaw, disturbance), designed, rtol=1e-6)
@@ -119,7 +120,7 @@ def test_bandwidths_are_scheduled_between_near_and_far() -> None:
 def test_bob_error_follows_the_designed_polynomial_at_large_tilt(tilt: float) -> None:
     """Without actuator limits, the error obeys e⁽⁶⁾ = −Σ k_i e⁽ⁱ⁾ to 2 %, starting at rest with a tilted pendulum."""
     gains = replace(LINEAR, position_bandwidth=2.0, pendulum_bandwidth=4.0, attitude_bandwidth=8.0)
-    simulation = Simulation(actuators=Actuators(100.0, 100.0), period=2e-3, substeps=1)
+    simulation = simulation_of(PAPER, (100.0, 100.0), period=2e-3, substeps=1)
     steps, simulated = 1000, []
 
     def record(measurement: Measurement, command: Floats, memory: object) -> None:
@@ -180,7 +181,7 @@ def test_circles_are_tracked_to_micrometres(reference: Reference) -> None:
     ids=["side wind", "updraught", "on the bob", "all"],
 )
 def test_steady_wind_leaves_no_offset(wind: Constant) -> None:
-    env = QuadPendulumVectorEnv(4, wind=wind, autoreset_mode=AutoresetMode.DISABLED, max_episode_steps=None)
+    env = QuadPendulumVectorEnv(4, wind=wind, autoreset_mode=AutoresetMode.DISABLED)
     observation, _ = env.reset(seed=3, options={"reference": HOVER})
     policy, memory = OutputFeedback(Flatness, GAINS), None
     for _ in range(800):

@@ -35,6 +35,7 @@ from tests.helpers.controllers import (
     rotate_states,
     rotate_vectors,
     simulate_with_true_state,
+    simulation_of,
     true_estimate,
 )
 from tests.helpers.physics import UNEQUAL
@@ -48,7 +49,7 @@ WIND = disturbance_of((0.1, -0.05, 0.08), (0.02, 0.01, 0.0), (0.05, -0.03, 0.02)
 @every_gain
 def test_cost_matrix_solves_the_riccati_equation(gains: LqrGains) -> None:
     """P = Q + Kᵀ R K + (A − B K)ᵀ P (A − B K), and K minimises the right side."""
-    simulation = Simulation(UNEQUAL)
+    simulation = simulation_of(UNEQUAL)
     (A, B), (Q, R) = model(gains, simulation), weights(gains, simulation)
     K, P = riccati(gains, simulation)
     closed = A - B @ K
@@ -91,7 +92,7 @@ def test_simulated_cost_of_the_kernel_is_that_of_the_cost_matrix_up_to_its_nonli
 @pytest.mark.parametrize("gains", [PLAIN, INTEGRAL], ids=["plain", "integral"])
 def test_command_near_hover_is_the_linear_feedback(gains: LqrGains) -> None:
     """K applies in the axes of the heading, σ is in the world frame, and the command does not depend on the heading."""
-    simulation = Simulation(UNEQUAL)
+    simulation = simulation_of(UNEQUAL)
     law, (K, _) = Lqr(gains, simulation), riccati(gains, simulation)
     x, integral = 1e-3 * np.eye(MODEL_STATE_SIZE), np.array([0.01, -0.02, 0.03])
     expected = x @ K[:, :MODEL_STATE_SIZE].T + (K[:, MODEL_STATE_SIZE:] @ integral if gains.integral else 0.0)
@@ -128,7 +129,7 @@ def settled(policy: OutputFeedback, wind: Floats, seconds: float = 20.0) -> Floa
     """Return the tracking error (m) at hover after some time in a constant wind, shape (3,)."""
     d = Disturbance(wind)
     constant = Constant(force=tuple(d.force), bob_force=tuple(d.bob_force), torque=tuple(d.torque))
-    env = QuadPendulumVectorEnv(1, wind=constant, autoreset_mode=AutoresetMode.DISABLED, max_episode_steps=None)
+    env = QuadPendulumVectorEnv(1, wind=constant, autoreset_mode=AutoresetMode.DISABLED, duration=seconds + 1.0)
     observation, _ = env.reset(seed=3, options={"reference": HOVER})
     memory = None
     for _ in range(round(seconds / env.world.simulation.period)):
@@ -182,6 +183,6 @@ def test_integrators_stop_while_a_command_saturates() -> None:
     State(state).euler_rate[0] = [50.0, 0.0, 0.0]
     measurement = measurement_of(state)
     command, memory = law.command(true_estimate(measurement), measurement, law.initial_memory(2))
-    assert abs(command[0, 1]) > simulation.actuators.roll_pitch_torque
+    assert abs(command[0, 1]) > simulation.torque_limits[0]
     assert_array_equal(memory[0], 0.0)
     assert memory[1, 0] > 0.0

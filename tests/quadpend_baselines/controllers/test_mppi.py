@@ -22,6 +22,7 @@ from tests.helpers.controllers import (
     hover_states,
     measurement_of,
     simulate_with_true_state,
+    simulation_of,
     tilted_pendulum,
     true_estimate,
 )
@@ -90,7 +91,7 @@ def simulated_cost(
 @pytest.mark.parametrize("reference", [HOVER, CIRCLE], ids=["hover", "circle"])
 def test_cost_of_a_sample_is_that_of_its_simulation(reference: Reference, steps_per_period: int) -> None:
     """With wind and a plant unlike the paper's. MPPI extrapolates the circle by a polynomial of order 6."""
-    law = Mppi(replace(GAINS_HERE, steps_per_period=steps_per_period, horizon=15, samples=5), Simulation(UNEQUAL))
+    law = Mppi(replace(GAINS_HERE, steps_per_period=steps_per_period, horizon=15, samples=5), simulation_of(UNEQUAL))
     state, samples = disturbed_states(3, reference, UNEQUAL), random_samples(law.gains, 3, 0.1)
     measurement = measurement_of(state, reference)
     estimate = true_estimate(measurement, WIND)

@@ -27,6 +27,7 @@ from tests.helpers.controllers import (
     hover_states,
     measurement_of,
     simulate_with_true_state,
+    simulation_of,
     tilted_pendulum,
     true_estimate,
 )
@@ -42,7 +43,7 @@ WIND = disturbance_of((0.3, -0.2, 0.15), (0.05, 0.03, 0.0), (0.1, -0.05, 0.03))
 
 @pytest.mark.parametrize("substeps", [1, 2])
 def test_model_moves_like_the_simulation(substeps: int) -> None:
-    simulation = Simulation(UNEQUAL, period=0.04, substeps=substeps)
+    simulation = simulation_of(UNEQUAL, period=0.04, substeps=substeps)
     state, command, wind = random_states(20, 2), random_commands(20, 2, UNEQUAL), random_disturbances(20, 2)
     moved = np.array(nmpc_model.period_map(simulation)(state.T, command.T, wind.T)).T
     assert_allclose(moved, simulate_period(state, command, wind, UNEQUAL, 0.04, substeps), rtol=1e-10, atol=1e-10)
@@ -143,7 +144,7 @@ def test_nmpc_balances_a_rigid_vehicle_by_its_body_rates() -> None:
     simulation = Simulation(vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8)
     policy: Any = controller("nmpc", simulation)
     policy = OutputFeedback(Nmpc, replace(policy.gains, periods=5), simulation)
-    env = QuadPendulumVectorEnv(2, simulation=simulation, wind=None, max_episode_steps=None)
+    env = QuadPendulumVectorEnv(2, vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8)
     observation, _ = env.reset(seed=1, options={"reference": HOVER})
     memory = None
     for _ in range(60):

@@ -74,7 +74,7 @@ def test_the_phases_follow_one_another_and_begin_again_in_a_new_episode() -> Non
     ("env", "sentence"),
     [
         (lambda: OutputFeedbackWrapper(gym.make("QuadPendulumSwingUp-v0")), "needs an observation with velocities"),
-        (lambda: gym.make("QuadPendulumSwingUp-v0", simulation={"period": 0.02}), "has a plan for the paper's vehicle"),
+        (lambda: gym.make("QuadPendulumSwingUp-v0", period=0.02), "has a plan for the paper's vehicle"),
     ],
 )
 def test_what_the_swing_up_cannot_do_is_refused_in_one_sentence(env: Any, sentence: str) -> None:

@@ -1,21 +1,20 @@
 """Classical controllers on rigid vehicles: flights through every interface, scaled gains, and actions."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.vehicle_gains import gains_for, scale_gains
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.protocol import to_action, to_command
-from quadpend_gym import Parameters, QuadPendulumVectorEnv, Simulation
+from quadpend_gym import PAPER, Simulation
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.vehicles import VEHICLES, hover_wrench
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
+from tests.helpers.controllers import make_vec_of
 
 INTERFACES = ("wrench", "rotors", "body_rates")
 every_interface = pytest.mark.parametrize("interface", INTERFACES)
@@ -23,7 +22,7 @@ every_interface = pytest.mark.parametrize("interface", INTERFACES)
 
 def fly(name: str, simulation: Simulation, velocities: bool = True) -> None:
     """Fly two episodes of 2 s in calm air and check that none terminates."""
-    env: Any = QuadPendulumVectorEnv(2, simulation=simulation, autoreset_mode=AutoresetMode.DISABLED)
+    env: Any = make_vec_of(simulation, 2)
     env = env if velocities else VectorOutputFeedbackWrapper(env)
     policy: Any = controller(name, simulation)
     observation, _ = env.reset(seed=3)
@@ -55,9 +54,7 @@ def test_adrc_flies_through_the_latency_of_a_real_vehicle_without_measured_veloc
 def test_actions_make_the_demanded_mean_thrust_and_torques(interface: str) -> None:
     simulation = Simulation(vehicle="hummingbird", interface=interface, period=0.02, substeps=8)
     torque = np.array([0.004, -0.003, 0.001])
-    command = np.tile(
-        hover_wrench(simulation.parameters, simulation.rigid_vehicle.pivot) + np.array([0.3, *torque]), (3, 1)
-    )
+    command = np.tile(hover_wrench(simulation.parameters, simulation.vehicle.pivot) + np.array([0.3, *torque]), (3, 1))
     rigid = plant_of(simulation).initial_memory(np.zeros((3, 18)))
     rigid[1, 4:7] = [0.5, -0.4, 0.2]
     rigid[2, 7:] *= [1.01, 1.02, 0.99, 1.0]
@@ -67,8 +64,8 @@ def test_actions_make_the_demanded_mean_thrust_and_torques(interface: str) -> No
 
 
 def test_gains_scale_with_the_time_constant_of_the_pendulum() -> None:
-    p = Parameters()
-    slow = replace(p, rod_length=4.0 * p.rod_length)
+    p = PAPER
+    slow = p._replace(rod_length=4.0 * p.rod_length)
     assert slow.chain_stiffness == pytest.approx(p.chain_stiffness / 4.0)
     flatness, lqr = (scale_gains(GAINS[name], p, slow) for name in ("flatness", "lqr"))
     assert flatness.attitude_bandwidth == pytest.approx(0.5 * GAINS["flatness"].attitude_bandwidth)

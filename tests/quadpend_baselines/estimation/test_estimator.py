@@ -4,7 +4,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 from scipy.linalg import solve_discrete_are
 
@@ -21,7 +20,7 @@ from quadpend_baselines.modelling.linear_model import (
     linearise,
 )
 from quadpend_baselines.policy.protocol import to_action
-from quadpend_gym import PAPER, Parameters, QuadPendulumVectorEnv, Reference, Simulation, StartSettings, Task
+from quadpend_gym import PAPER, Parameters, Reference, Simulation, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
@@ -30,11 +29,13 @@ from tests.helpers.controllers import (
     HOVER,
     disturbance_of,
     flat_state_and_command,
+    make_vec_of,
     measurement_of,
     rotate_disturbances,
     rotate_states,
     rotate_vectors,
     simulate_with_true_state,
+    simulation_of,
 )
 from tests.helpers.physics import UNEQUAL
 
@@ -63,7 +64,7 @@ Recording = list[tuple[Measurement, Floats]]
 @lru_cache(maxsize=16)
 def record(reference: Reference, wind: tuple[float, ...], p: Parameters = PAPER, steps: int = 200) -> Recording:
     """Return measurements and commands of two rows; the second row does not start on the reference."""
-    simulation, recording = Simulation(p), []
+    simulation, recording = simulation_of(p), []
     law = Flatness(FlatnessGains(), simulation)
     start = np.repeat(flat_state_and_command(reference, 0.0, CALM, p)[0], 2, axis=0)
     deviating = State(start[1])
@@ -86,7 +87,7 @@ def without_rates(measurement: Measurement) -> Measurement:
 
 def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: Parameters = PAPER) -> list[Estimate]:
     """Return the estimates of a recording, step by step."""
-    observer = Estimator(gains, Simulation(p))
+    observer = Estimator(gains, simulation_of(p))
     measurements = [measurement if has_rates else without_rates(measurement) for measurement, _ in recording]
     out = [observer.initial_estimate(measurements[0])]
     for measurement, (_, command) in zip(measurements[1:], recording[:-1], strict=True):
@@ -97,7 +98,7 @@ def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: P
 @pytest.mark.parametrize("size", [36, 27])
 def test_measurement_from_observation_is_relative_to_the_reference(size: int) -> None:
     """The measurement is exact to single precision; rates that are not observed are nan."""
-    env = QuadPendulumVectorEnv(5, simulation=Simulation(UNEQUAL), autoreset_mode=AutoresetMode.DISABLED)
+    env = make_vec_of(simulation_of(UNEQUAL), 5)
     env.reset(seed=3, options={"reference": CIRCLE})
     for _ in range(10):
         observation = env.step(np.full((5, 4), 0.05, np.float32))[0]
@@ -195,7 +196,7 @@ def test_gain_converges_to_that_of_the_steady_kalman_filter_and_is_stable(
 def test_rates_that_are_not_measured_begin_with_those_of_a_start_on_the_reference() -> None:
     """With a pole of inertia, those of a point mass in its centre of mass are off by 0.8 mm/s and 1.4 mrad/s."""
     simulation, task = Simulation(vehicle="hummingbird"), Task(start=StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    env = QuadPendulumVectorEnv(20, task=task, simulation=simulation)
+    env = make_vec_of(simulation, 20, task=task)
     true = measurement_from_observation(env.reset(seed=2)[0], simulation.parameters.rod_length)
     start, estimate = State(true.state), Estimator(FAST, simulation).initial_estimate(without_rates(true))
     assert_allclose(State(estimate.state).velocity, start.velocity, atol=1e-5)

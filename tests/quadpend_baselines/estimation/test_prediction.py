@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
@@ -14,12 +13,12 @@ from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop, design_for
 from quadpend_baselines.estimation.prediction import Prediction
 from quadpend_baselines.gains import GAINS
-from quadpend_gym import PAPER, QuadPendulumVectorEnv, Reference, Simulation
+from quadpend_gym import PAPER, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.sensors import Delay
 from quadpend_gym.wrappers import VectorActuatorWrapper, VectorParameterWrapper, VectorSensorWrapper
-from tests.helpers.controllers import HOVER, measurement_of
+from tests.helpers.controllers import HOVER, make_vec_of, measurement_of
 
 DELAYED = (ActionDelay(3), MotorLag(0.02))
 CIRCLE = Reference(
@@ -47,7 +46,7 @@ def fly(
     reference: Reference = CIRCLE,
 ) -> Flight:
     """Fly a controller that knows a simulation and a loop of sensors and actuators, in calm air."""
-    env: Any = QuadPendulumVectorEnv(4, simulation=simulation, autoreset_mode=AutoresetMode.DISABLED)
+    env: Any = make_vec_of(simulation, 4)
     world, (sensors, actuators) = env.world, loop
     env = VectorParameterWrapper(env, parameters) if parameters else env
     env = VectorActuatorWrapper(env, actuators) if actuators else env

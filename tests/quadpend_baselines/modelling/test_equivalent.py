@@ -12,6 +12,7 @@ from quadpend_gym import Simulation, StartSettings, Task
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, State
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles import Drag, Pole, Vehicle, hover_wrench
 from tests.helpers import rigid
 
@@ -36,7 +37,7 @@ def test_a_pole_with_inertia_moves_like_the_equivalent_point_mass(disturbance: n
 
 def test_a_start_without_deviation_is_on_the_trajectory_of_the_equivalent_pendulum() -> None:
     rows, exact = np.arange(50), StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    world = World(50, Task(start=exact), Simulation(vehicle="hummingbird"))
+    world = World(50, Scenario(task=Task(start=exact), vehicle="hummingbird"))
     world.seed(rows, range(50))
     world.start_episodes(rows)
     reference = np.array([world.trajectory(row).derivatives(np.zeros(1))[0] for row in rows])
@@ -58,7 +59,7 @@ def test_the_torques_make_the_demanded_accelerations() -> None:
     rng = np.random.default_rng(0)
     wanted, disturbance = rng.normal(size=(5, 3)), rng.normal(size=(5, DISTURBANCE_SIZE))
     disturbance[:, :3] *= 0.1
-    hover, scale = hover_wrench(simulation.parameters, simulation.rigid_vehicle.pivot), simulation.command_scale
+    hover, scale = hover_wrench(simulation.parameters, simulation.vehicle.pivot), simulation.command_scale
     torques = body_torques(flight.state, wanted, np.full(5, hover[0]), disturbance, simulation)
     action = np.column_stack([np.zeros(5), (torques - hover[1:]) / scale[1:]])
     assert np.abs(action).max() < 1.0

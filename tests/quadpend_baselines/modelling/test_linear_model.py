@@ -20,6 +20,7 @@ from quadpend_gym import PAPER, Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
 from tests.helpers import symbolic as symbolic
+from tests.helpers.controllers import simulation_of
 from tests.helpers.physics import UNEQUAL, simulate_period
 
 PERIODS = (0.002, 0.01, 0.02)
@@ -52,7 +53,7 @@ def sampled(rates: sp.Matrix, p: Parameters, period: float) -> Floats:
 @pytest.mark.parametrize("period", PERIODS)
 def test_model_is_the_sampled_linearised_lagrangian(rates: sp.Matrix, parameters: Parameters, period: float) -> None:
     """The tolerance is 1e-8 of the differences plus that of Runge–Kutta, λ (λh)⁵/120 in each of 2 substeps."""
-    model = linearise(Simulation(parameters, period=period))
+    model = linearise(simulation_of(parameters, period=period))
     actual, expected = np.hstack(model), sampled(rates, parameters, period)
     pole = np.sqrt(parameters.chain_stiffness)
     truncation = 2.0 * pole * (pole * period / 2.0) ** 5 / 120.0
@@ -87,7 +88,7 @@ def test_pendulum_modes_have_the_stiffness_of_the_paper() -> None:
 
 def test_model_in_the_axes_of_the_heading_does_not_depend_on_the_yaw() -> None:
     """The controllers rely on this symmetry: they rotate x instead of the gains."""
-    simulation, yaw = Simulation(UNEQUAL), 0.7
+    simulation, yaw = simulation_of(UNEQUAL), 0.7
     x = 1e-5 * np.random.default_rng(7).normal(size=(1, MODEL_STATE_SIZE))
     state = np.zeros((1, STATE_SIZE))
     state[:, STATE_COLUMNS] = rotate_state(x, np.array([yaw]))
