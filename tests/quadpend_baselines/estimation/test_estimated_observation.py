@@ -8,14 +8,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
 from quadpend_baselines.estimation.estimator import measurement_from_observation, observation_from_state
-from quadpend_gym import Parameters
+from quadpend_gym import PAPER
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
 from tests.helpers.envs import make_vec
 
-ROD = Parameters().rod_length
+ROD = PAPER.rod_length
 
 
 def random_states(rows: int) -> Floats:

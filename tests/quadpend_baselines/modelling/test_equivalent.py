@@ -17,7 +17,7 @@ from quadpend_gym.vehicles import Drag, Pole, Vehicle, hover_wrench
 from tests.helpers import rigid
 
 POLE = Pole(0.1, 0.4, 0.3 * 0.1 * 0.4**2)
-BODY = Vehicle("body", 0.5, (0.004, 0.003, 0.006), POLE, torque=(1.0, 1.0))
+BODY = Vehicle(0.5, (0.004, 0.003, 0.006), POLE, torque=(1.0, 1.0))
 
 
 @pytest.mark.parametrize("disturbance", [np.zeros(9), np.array([0.02, 0.0, 0.1, 0.01, 0.02, 0.05, 0.0, 0.0, 0.0])])
