@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import Lqr
@@ -13,13 +14,12 @@ from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.controllers.swing_up import SwingUp
 from quadpend_baselines.controllers.vehicle_gains import gains_for
-from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym import Simulation
-from quadpend_gym.core.validation import suggest
+from quadpend_gym.core.settings import suggest
 
 # Each factory makes a controller from its gains, or a function that returns them for a nominal simulation, and the
 # nominal simulation (None: the default).
-CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Policy]] = {
+CONTROLLER_FACTORIES: dict[str, Callable[[Any, Simulation | None], Controller]] = {
     "adrc-paper": ADRC,
     "adrc-matched": ADRC,
     "adrc-tuned": ADRC,
@@ -52,7 +52,7 @@ DESCRIPTIONS = {
 }
 
 
-def controller(name: str, simulation: Simulation | None = None) -> Policy:
+def controller(name: str, simulation: Simulation | None = None) -> Controller:
     """Return the controller with a name.
 
     Args:

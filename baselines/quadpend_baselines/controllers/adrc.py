@@ -42,6 +42,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.estimation import estimator
 from quadpend_baselines.estimation.chains import (
     CHAINS,
@@ -107,7 +108,7 @@ def _measure(observation: Floats32) -> AdrcMeasurement:
     )
 
 
-class ADRC:
+class ADRC(Controller):
     """The paper's controller as a policy with the `predict` protocol.
 
     Args:
@@ -154,7 +155,7 @@ class ADRC:
         self.horizontal_gains = np.polymul(np.polymul(horizontal, horizontal), horizontal)[:0:-1]
         self.vertical_gains = np.array(vertical)[:0:-1]
 
-    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "ADRC":
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "ADRC":
         """Return the same controller, designed for another nominal simulation and loop."""
         return type(self)(self.given_gains, simulation, loop)
 

@@ -1,11 +1,15 @@
 """Output feedback: a control law that uses the state and disturbance estimates of `estimation.estimator`."""
 
 from collections.abc import Callable
-from inspect import signature
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from quadpend_baselines.controllers.controller import Controller
+from quadpend_baselines.controllers.dual_mode import DualMode
+from quadpend_baselines.controllers.flatness import Flatness
+from quadpend_baselines.controllers.lqr import Lqr
+from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.estimation.estimator import (
     Estimator,
     measurement_from_observation,
@@ -47,7 +51,7 @@ class OutputFeedbackMemory(NamedTuple):
     law_memory: Any  # the memory of the control law
 
 
-class OutputFeedback:
+class OutputFeedback(Controller):
     """A control law and an estimator as a policy with the `predict` protocol.
 
     Args:
@@ -80,9 +84,14 @@ class OutputFeedback:
     @property
     def has_bandwidth_scale(self) -> bool:
         """Whether the `command` method of the control law takes a `bandwidth_scale`."""
-        return "bandwidth_scale" in signature(self._law.command).parameters
+        return isinstance(self._law, Flatness)
 
-    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
+    @property
+    def flies_load(self) -> bool:
+        """Whether the control law is one of those that were tested with a hanging pendulum."""
+        return isinstance(self._law, Flatness | Lqr | DualMode | Mppi)
+
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "OutputFeedback":
         """Return the same controller, designed for another nominal simulation and loop."""
         return OutputFeedback(self.make_law, self.given_gains, simulation, loop)
 

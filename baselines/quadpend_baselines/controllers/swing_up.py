@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines.controllers import lqr
+from quadpend_baselines.controllers.controller import Controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback, OutputFeedbackMemory
 from quadpend_baselines.controllers.vehicle_gains import gains_for
@@ -82,7 +83,7 @@ class SwingUpMemory(NamedTuple):
     balancing: OutputFeedbackMemory  # memory of the balancing controller
 
 
-class SwingUp:
+class SwingUp(Controller):
     """Damping, a planned flight and a balancing controller as a policy with the `predict` protocol.
 
     Args:
@@ -98,7 +99,7 @@ class SwingUp:
         self.loop = loop or Loop()
         self.balancer = OutputFeedback(Flatness, gains_for("flatness", self.simulation), self.simulation, loop)
 
-    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "SwingUp":
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "SwingUp":
         """Return the same controller, designed for another nominal simulation and loop."""
         return SwingUp(self.given_gains, simulation, loop)
 

@@ -15,7 +15,6 @@ moves y towards the wanted action w as a lag of T' does. The estimator predicts 
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -25,16 +24,10 @@ from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, Rotors
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay
 
 FASTEST_LAG = 0.02  # s, T': faster ones amplify noise, slower ones track less well; measured with `flatness`
-
-
-def design_for(policy: Any, simulation: Simulation, loop: "Loop") -> Any:
-    """Return a policy designed for a simulation and, if its method `with_simulation` takes one, for a loop."""
-    if "loop" in signature(policy.with_simulation).parameters:
-        return policy.with_simulation(simulation, loop=loop)
-    return policy.with_simulation(simulation)
 
 
 @dataclass(frozen=True)
@@ -68,6 +61,11 @@ class Loop:
             tuple(model for model in models if isinstance(model, known)),
             sum(model.steps for model in sensors if isinstance(model, Delay)),
         )
+
+    @classmethod
+    def known(cls, scenario: Scenario) -> "Loop":
+        """Return the part of a scenario's loop that controllers know."""
+        return cls.of(scenario.sensors, scenario.actuators) if scenario.loop_known else cls()
 
     @property
     def steps(self) -> int:

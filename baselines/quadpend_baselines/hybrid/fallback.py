@@ -21,23 +21,11 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.core.validation import check_number
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.tasks.observation import read_observation
 
-LARGEST_GAIN = 10.0
 _TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # N·m, 1, per 10 ms
-
-
-def check_fallback_gain(value: Any) -> float:
-    """Return the fallback gain γ after a check that it is from 0 to 10.
-
-    Raises:
-        TypeError: If it is not a number.
-        ValueError: If it is out of range.
-    """
-    return check_number(value, "fallback_gain", 0.0, LARGEST_GAIN)
 
 
 def update_anomaly_score(

@@ -16,8 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid.protocol import Hybrid, HybridMemory
-from quadpend_baselines.hybrid.registry import hybrid_from_data
+from quadpend_baselines.hybrid.hybrids import Hybrid, HybridMemory, hybrid_from_data
 from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.spaces import check_action, observation_space
@@ -26,31 +25,24 @@ from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
-_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
-
 NO_HYBRID = "hybrids balance an upright pendulum: the base controller does not fly a hanging load"
 
 
 def _hybrid_for(env: Any, space: Any, hybrid: Hybrid | Mapping[str, Any], loop: Loop | None = None) -> Hybrid:
     """Return the hybrid, designed for the simulation of `env` and a loop if its base controller was given by name."""
-    if getattr(space, "shape", None) not in {(size,) for size in _SIZES}:
+    if space.shape not in ((OBSERVATION_SIZE,), (OUTPUT_FEEDBACK_SIZE,)):
         raise ValueError(
-            f"a hybrid takes observations of {' or '.join(map(str, _SIZES))} numbers, not of {space}: put its wrapper"
-            " inside the other wrappers that change the observation"
+            f"a hybrid takes observations of {OBSERVATION_SIZE} or {OUTPUT_FEEDBACK_SIZE} numbers, not of {space}: put"
+            " its wrapper inside the other wrappers that change the observation"
         )
-    instance = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid
-    world = getattr(env.unwrapped, "world", None)
-    if world is not None and world.task.pendulum != "upright":
+    found, world = hybrid_from_data(hybrid) if isinstance(hybrid, Mapping) else hybrid, env.unwrapped.world
+    if world.task.pendulum != "upright":
         raise ValueError(NO_HYBRID)
-    if instance.base_controller_name is None or world is None:
-        return instance
-    return instance.with_simulation(world.simulation, loop)
+    return found.designed_for(world.simulation, loop) if isinstance(found.base_controller, str) else found
 
 
-def _check_policy_action(action: Any, shape: tuple[int, ...], memory: HybridMemory | None) -> Floats32:
-    """Return the policy's action as float32 after the checks that the environment makes of its own action."""
-    if memory is None:
-        raise ResetNeeded("reset must be called before step")
+def _checked(action: Any, shape: tuple[int, ...]) -> Floats32:
+    """Return the policy's action as float32; the environment sees only what the hybrid makes of it."""
     checked = clip_rounding(check_action(action, shape))
     if not (np.abs(checked) <= 1.0).all():
         raise ValueError(f"action must be four numbers in [-1, 1], not {checked.tolist()}")
@@ -64,18 +56,12 @@ class HybridWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         env: A QuadPendulum environment, wrapped or not, with or without velocities in the observation.
         hybrid: The hybrid, or its plain data. If its base controller was given by name, the base controller is
             designed for the nominal simulation of `env`.
-
-    Raises:
-        TypeError: If plain data are given and do not describe a hybrid.
-        ValueError: If `env` has another observation, or plain data do not describe a hybrid.
     """
 
     def __init__(self, env: gym.Env[Any, Any], hybrid: Hybrid | Mapping[str, Any]) -> None:
         """Wrap `env`."""
         self.hybrid = _hybrid_for(env, env.observation_space, hybrid)
-        named = (
-            self.hybrid.base_controller_name is not None
-        )  # a name can be stored as JSON in the specification of the environment
+        named = isinstance(self.hybrid.base_controller, str)  # only a name can be in the environment's specification
         RecordConstructorArgs.__init__(self, hybrid=self.hybrid.as_data() if named else hybrid)
         gym.Wrapper.__init__(self, env)
         self.observation_space = observation_space(self.hybrid.observation_size(env.observation_space.shape[0]))  # type: ignore[index]
@@ -90,8 +76,9 @@ class HybridWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def step(self, action: Any) -> tuple[Floats32, Any, bool, bool, dict[str, Any]]:
         """Apply the hybrid's action for the policy's `action`, shape (4,)."""
-        checked = _check_policy_action(action, (ACTION_SIZE,), self._memory)
-        applied, memory = self.hybrid.act(checked[np.newaxis], self._memory)  # type: ignore[arg-type]
+        if self._memory is None:
+            raise ResetNeeded("reset must be called before step")
+        applied, memory = self.hybrid.act(_checked(action, (ACTION_SIZE,))[np.newaxis], self._memory)
         observation, reward, terminated, truncated, info = self.env.step(applied[0])
         return self._observe(observation, memory), reward, terminated, truncated, info
 
@@ -109,10 +96,6 @@ class VectorHybridWrapper(VectorWrapper):
         env: A QuadPendulum vector environment, wrapped or not, with or without velocities in the observation.
         hybrid: The hybrid, or its plain data; as for `HybridWrapper`.
         loop: Delays and lags of `env` that the base controller knows, if it was given by name; None: there are none.
-
-    Raises:
-        TypeError: If plain data are given and do not describe a hybrid.
-        ValueError: If `env` has another observation, or plain data do not describe a hybrid.
     """
 
     def __init__(
@@ -144,9 +127,7 @@ class VectorHybridWrapper(VectorWrapper):
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """Begin an episode and reset the base controller in every sub-environment that is reset."""
-        mask = (options or {}).get(
-            "reset_mask"
-        )  # read before the reset: some vector environments remove it from the options
+        mask = (options or {}).get("reset_mask")  # before the reset, which may remove it from the options
         observation, info = self.env.reset(seed=seed, options=options)
         self._asked = None
         everywhere = np.ones(self.num_envs, np.bool_)
@@ -159,14 +140,14 @@ class VectorHybridWrapper(VectorWrapper):
 
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:
         """Apply the hybrid's actions for the policy's `actions`, shape (num_envs, 4)."""
-        checked = _check_policy_action(actions, (self.num_envs, ACTION_SIZE), self._memory)
-        applied, memory = self.hybrid.act(checked, self._memory if self._asked is None else self._asked[1])  # type: ignore[arg-type]
+        if self._memory is None:
+            raise ResetNeeded("reset must be called before step")
+        memory = self._memory if self._asked is None else self._asked[1]
+        applied, memory = self.hybrid.act(_checked(actions, (self.num_envs, ACTION_SIZE)), memory)
         self._asked = None
         observation, reward, terminated, truncated, info = self.env.step(applied)
-        ended = terminated | truncated
-        begun = np.zeros(self.num_envs, np.bool_)
-        if self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP:
-            begun = self._ended
+        ended, next_step = terminated | truncated, self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP
+        begun = self._ended if next_step else np.zeros(self.num_envs, np.bool_)
         self._policy_observation, self._memory = self.hybrid.observe(
             last_observations(observation, info, ended), memory, begun
         )

@@ -19,6 +19,7 @@ import numpy as np
 from quadpend_baselines.controllers.lqr import varying_gains
 from quadpend_baselines.planning.episode import KnownEpisode
 from quadpend_baselines.planning.transcription import Solution, Transcription
+from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 
@@ -26,7 +27,7 @@ _STATE_WEIGHT = 1e4  # of Q = weight · 1, with R = 1: a deviation of 0.01 weigh
 
 
 @dataclass(frozen=True)
-class TrackedFlight:
+class TrackedFlight(Policy):
     """A policy that repeats an optimal flight in one sub-environment, from the start of its episode."""
 
     world: Any  # simulation of the sub-environment, whose true state is fed back

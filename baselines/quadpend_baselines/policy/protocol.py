@@ -1,19 +1,30 @@
-"""The `predict` protocol of learned and classical policies, and the conversion between actions and commands."""
+"""The base class of learned and classical policies, and the conversion between actions and commands."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv
 
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.scenarios import Scenario
 
 
-class Policy(Protocol):
-    """The `predict` protocol of Stable-Baselines3.
+class Policy:
+    """Base class of controllers and learned policies, with the `predict` protocol of Stable-Baselines3.
 
-    A controller with this method can be passed to SB3's `evaluate_policy`.
+    A policy can be passed to SB3's `evaluate_policy`. A class needs `predict` only; everything else has a default.
+
+    Attributes:
+        observation_sizes: Sizes of the observations that the policy accepts; None: any.
+        fingerprint: A text that changes with the behaviour of the policy, for the cache of results; None: they are not
+            cached.
     """
+
+    observation_sizes: tuple[int, ...] | None = None
+    fingerprint: str | None = None
 
     def predict(
         self,
@@ -35,6 +46,50 @@ class Policy(Protocol):
         Returns:
             The action, shape (4,) or (n, 4), in [-1, 1], and the memory of the policy.
         """
+        raise NotImplementedError
+
+    def adapt(self, scenario: Scenario) -> "Policy":
+        """Return the policy for a scenario: designed for its vehicle, its known delays, what it observes."""
+        return self
+
+    def wrap(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+        """Return the environment in which the policy flies, `env` or a wrapper around it."""
+        return env
+
+    def estimated_disturbance(self, memory: Any) -> Floats:
+        """Return the disturbance that the policy estimates, N and N·m, shape (n, 9); nan, (1, 9), if it estimates none.
+
+        Args:
+            memory: The memory that `predict` returned.
+        """
+        return np.full((1, DISTURBANCE_SIZE), np.nan)
+
+
+class PolicyWrapper(Policy):
+    """A policy that changes what another one observes or commands.
+
+    Args:
+        policy: The other policy.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        """Wrap `policy`."""
+        self.policy = policy
+        self.observation_sizes, self.fingerprint = policy.observation_sizes, policy.fingerprint
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return action and memory of the wrapped policy; see `Policy.predict`."""
+        return self.policy.predict(observation, state, episode_start, deterministic)
+
+    def wrap(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+        """Return the environment of the wrapped policy."""
+        return self.policy.wrap(env)
+
+    def estimated_disturbance(self, memory: Any) -> Floats:
+        """Return the estimate of the wrapped policy."""
+        return self.policy.estimated_disturbance(memory)
 
 
 def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:

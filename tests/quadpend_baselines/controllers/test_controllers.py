@@ -129,10 +129,10 @@ def test_episode_start_resets_the_memory_of_one_row(name: str, outputs: bool) ->
 
 
 @every_controller
-def test_with_simulation_returns_the_controller_designed_for_that_simulation(name: str) -> None:
+def test_designed_for_returns_the_controller_designed_for_that_simulation(name: str) -> None:
     """The gains stay the same, and the original controller does not change."""
     policy: Any = controller(name)
-    changed, designed = policy.with_simulation(OTHER_SIMULATION), controller(name, OTHER_SIMULATION)
+    changed, designed = policy.designed_for(OTHER_SIMULATION), controller(name, OTHER_SIMULATION)
     observations, before, _ = run(policy, make(2), steps=5)
     memories: list[Any] = [None] * 3
     differ = False
@@ -203,6 +203,6 @@ def test_controller_of_the_readme_has_the_documented_methods() -> None:
     names: dict[str, Any] = {"quadpend_gym": quadpend_gym}
     exec(compile(block, "baselines/README.md", "exec"), names)
     policy = names["MyController"](None)
-    assert policy.with_simulation(OTHER_SIMULATION).simulation == OTHER_SIMULATION
+    assert policy.designed_for(OTHER_SIMULATION).simulation == OTHER_SIMULATION
     for name in ("predict", "estimated_disturbance"):
         assert list(signature(getattr(policy, name)).parameters) == list(signature(getattr(ADRC(), name)).parameters)

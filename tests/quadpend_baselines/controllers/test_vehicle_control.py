@@ -77,6 +77,6 @@ def test_gains_scale_with_the_time_constant_of_the_pendulum() -> None:
 def test_named_controllers_take_the_gains_of_the_vehicle() -> None:
     simulation = Simulation(vehicle="x500")
     changed: Any = controller("lqi")
-    changed = changed.with_simulation(simulation)
+    changed = changed.designed_for(simulation)
     assert changed.gains == gains_for("lqi", simulation) != GAINS["lqi"]
     assert gains_for("lqi") is gains_for("lqi", Simulation()) is GAINS["lqi"]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_baselines.estimation.loop import FASTEST_LAG, Loop, design_for
+from quadpend_baselines.estimation.loop import FASTEST_LAG, Loop
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, RotorFault, Rotors
 from quadpend_gym.core.streams import Streams
@@ -48,11 +48,3 @@ def test_slow_lag_is_compensated_to_the_fastest_one() -> None:
         fast.act(np.asfortranarray(wanted, np.float64), expected, np.zeros(3, np.int64), SIMULATION, streams)
         assert_allclose(memory, expected, atol=1e-6)
     assert_array_equal(Loop(actuators=(fast,)).compensate(wanted, memory, SIMULATION.period), wanted)
-
-
-def test_policy_without_the_argument_loop_receives_the_simulation_only() -> None:
-    class Own:
-        def with_simulation(self, simulation: Simulation) -> Simulation:
-            return simulation
-
-    assert design_for(Own(), SIMULATION, Loop(delay=2)) is SIMULATION

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.loop import Loop, design_for
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.prediction import Prediction
 from quadpend_baselines.gains import GAINS
 from quadpend_gym import PAPER, Reference, Simulation
@@ -51,7 +51,7 @@ def fly(
     env = VectorParameterWrapper(env, parameters) if parameters else env
     env = VectorActuatorWrapper(env, actuators) if actuators else env
     env = VectorSensorWrapper(env, sensors) if sensors else env
-    policy = design_for(policy, simulation, Loop.of(sensors, actuators))
+    policy = policy.designed_for(simulation, Loop.of(sensors, actuators))
     observation, _ = env.reset(seed=3, options={"reference": reference})
     memory, memories, states, standing = None, [], [], np.ones(4, np.bool_)
     for step in range(steps):

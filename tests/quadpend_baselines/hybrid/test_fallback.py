@@ -6,15 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from quadpend_baselines.hybrid import BandwidthScheduling, Hybrid, HybridMemory, ResidualAction
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from tests.helpers.bad_input import assert_refused
-from tests.helpers.controllers import HybridPolicy, constant, run_policy
+from tests.helpers.controllers import HybridPolicy
 from tests.helpers.envs import make_vec
 
 SAME_STEP = {"autoreset_mode": "SameStep"}
@@ -43,16 +42,6 @@ def test_anomaly_score_weighs_the_action(kind: Kind, score: float, gain: float, 
     assert_allclose(applied, expected, atol=1e-6)
 
 
-def test_zero_fallback_gain_never_reduces_the_action() -> None:
-    agent = constant(1.0, 1.0, 1.0, 1.0)
-    options = {"wind": "storm", **SAME_STEP}
-    explicit, default = (
-        run_policy(HybridPolicy(hybrid, agent), make_vec(3, **options), 40)[0]
-        for hybrid in (scheduling(0.0), BandwidthScheduling("flatness", 0.5))
-    )
-    assert_array_equal(explicit, default)
-
-
 def test_leaning_pendulum_raises_the_score_which_decays_by_one_percent_a_step() -> None:
     hybrid = scheduling()
     leaning = first_memory(hybrid, options={"state": {"direction": (0.3, 0.4, np.sqrt(0.75))}})
@@ -77,12 +66,3 @@ def test_late_actions_raise_the_score_within_half_a_second_and_wind_does_not() -
     assert anomaly_scores("training_lagged")[50:].min() > 2.0
     assert np.median(anomaly_scores("windy")[50:]) < 0.5
     assert np.median(anomaly_scores("turbulence")[50:]) < 1.0
-
-
-@pytest.mark.parametrize(
-    ("gain", "message"),
-    [(-1.0, "fallback_gain .* not -1"), (11.0, "fallback_gain .* not 11"), (np.nan, "fallback_gain .* not nan")],
-)
-@pytest.mark.parametrize("kind", [ResidualAction, BandwidthScheduling])
-def test_impossible_fallback_gains_are_refused(kind: Kind, gain: float, message: str) -> None:
-    assert_refused(lambda: kind("flatness", 0.5, gain), message, ValueError)

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from quadpend_baselines.hybrid import EstimateOnly, HybridWrapper, VectorHybridWrapper, hybrid_from_data
+from quadpend_baselines.hybrid import HybridWrapper, VectorHybridWrapper, hybrid_from_data
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wrappers import OutputFeedbackWrapper, VectorOutputFeedbackWrapper, VectorSensorWrapper
@@ -63,18 +63,3 @@ def test_single_and_vector_environments_observe_the_same(output_feedback):
         one, *_ = single.step(np.full(4, 0.05, np.float32))
         many, *_ = vector.step(np.full((2, 4), 0.05, np.float32))
     assert one.shape == (45 + SITUATION_SIZE,)
-
-
-def test_the_hybrid_survives_conversion_to_data_and_back():
-    assert hybrid_from_data(HYBRID).as_data() == HYBRID
-    assert "situation" not in EstimateOnly("flatness").as_data()
-
-
-def test_situation_must_be_true_or_false():
-    with pytest.raises(TypeError, match="situation must be true or false, not 1"):
-        EstimateOnly("flatness", 1)
-
-
-def test_a_controller_without_innovations_cannot_tell_the_situation():
-    with pytest.raises(TypeError, match="situation needs a base_controller with a Kalman observer, not 'adrc-matched'"):
-        EstimateOnly("adrc-matched", True)

@@ -6,46 +6,99 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import controller
+from quadpend_baselines import ADRC, Policy, RotorAllocation, controller
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid import ResidualAction
-from quadpend_gym import Simulation
+from quadpend_gym import OBSERVATION_FIELDS, Parameters, Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
+from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay, Noise
-from quadpend_train.policies.adaptation import adapt_policy, check_policy
-from quadpend_train.policies.network_policy import NetworkPolicy
-from tests.helpers.policies import mlp_policy
+from quadpend_train.policies.check import check_policy
+from quadpend_train.policies.finite_differences import FiniteDifferencePolicy
+from tests.helpers.policies import ESTIMATE_ONLY, mlp_policy
 
 DELAYED = Scenario(sensors=[Noise(position=0.001), Delay(1)], actuators=[ActionDelay(2), MotorLag(0.02)])
 LOOP = Loop(delay=2, actuators=(MotorLag(0.02),), sensor_delay=1)
-
-
-def test_controllers_and_base_controllers_are_told_the_loop() -> None:
-    assert adapt_policy(controller("flatness"), DELAYED).loop == LOOP  # type: ignore[attr-defined]
-    hybrid = ResidualAction("flatness").with_simulation(DELAYED.simulation, LOOP)
-    assert hybrid.base_controller.loop == LOOP
-
-
-def test_scenario_can_keep_the_loop_unknown() -> None:
-    unknown = replace(DELAYED, loop_known=False)
-    assert adapt_policy(controller("flatness"), unknown).loop == Loop()  # type: ignore[attr-defined]
-
-
 BODY_RATES = Scenario(simulation=Simulation(vehicle="hummingbird", interface="body_rates"))
 
 
-@pytest.mark.parametrize(
-    "policy", [mlp_policy(36), NetworkPolicy(lambda x: np.zeros((len(x), 4)), "a network")], ids=["zip", "network"]
-)
-def test_a_policy_from_elsewhere_is_warned_about_once_where_actions_are_not_a_wrench(policy: Any) -> None:
+def test_controllers_and_base_controllers_are_designed_for_the_scenario_and_its_known_loop() -> None:
+    heavy = replace(DELAYED, simulation=Simulation(Parameters(bob_mass=0.4)))
+    flown: Any = controller("flatness").adapt(heavy)
+    assert (flown.loop, flown.simulation) == (LOOP, heavy.simulation)
+    unknown: Any = controller("flatness").adapt(replace(heavy, loop_known=False))
+    assert unknown.loop == Loop()
+    learned: Any = mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(heavy)
+    assert (learned.hybrid.controller.loop, learned.hybrid.controller.simulation) == (LOOP, heavy.simulation)
+    assert isinstance(ADRC().adapt(Scenario(actuators="rotors")), RotorAllocation)
+
+
+class Recording(Policy):
+    """ADRC that needs the full observation, like a learned policy, and records its observations."""
+
+    def __init__(self) -> None:
+        self.adrc, self.observed = ADRC("matched"), [np.zeros((0, 36), np.float32)]
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        self.observed.append(observation)
+        return self.adrc.predict(observation, state, episode_start)
+
+
+def test_unobserved_velocities_are_finite_differences() -> None:
+    """They lag by half a step: at 50 rad/s² that is 0.25 rad/s, or 0.125 after scaling."""
+    recording = Recording()
+    policy = FiniteDifferencePolicy(recording, Simulation().period)
+    full = Scenario().make_vec(20, AutoresetMode.SAME_STEP)
+    hidden = Scenario(output_feedback=True).make_vec(20, AutoresetMode.SAME_STEP)
+    true, observation, memory = full.reset(seed=3)[0], hidden.reset(seed=3)[0], None
+    rates = [OBSERVATION_FIELDS[name] for name in ("tracking_error_rate", "direction_rate", "euler_rate")]
+    others = np.delete(np.arange(36), np.r_[tuple(rates)])
+    for step in range(300):
+        action, memory = policy.predict(observation, memory, np.full(20, step in (0, 150)))
+        observed = recording.observed[-1]
+        np.testing.assert_array_equal(observed[:, others], true[:, others])
+        for rate in rates[:2] if step in (0, 150) else ():
+            np.testing.assert_array_equal(observed[:, rate], 0.0)
+        if step not in (0, 150):
+            np.testing.assert_allclose(observed[:, np.r_[tuple(rates)]], true[:, np.r_[tuple(rates)]], atol=0.126)
+        true, observation = full.step(action)[0], hidden.step(action)[0]
+
+
+def test_learned_policy_receives_finite_differences_only_if_it_needs_them() -> None:
+    """A base controller with an estimator needs none."""
+    hidden, whole, outputs = Scenario(output_feedback=True), mlp_policy(36), mlp_policy(27)
+    assert whole.adapt(Scenario(actuators="rotors")) is whole
+    assert outputs.adapt(hidden) is outputs
+    for needy in (
+        whole,
+        mlp_policy(72, history=2),
+        mlp_policy(45, hybrid={**ESTIMATE_ONLY, "base_controller": "adrc-paper"}),
+    ):
+        assert isinstance(needy.adapt(hidden), FiniteDifferencePolicy)
+    assert not isinstance(mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(hidden), FiniteDifferencePolicy)
+
+
+def test_a_policy_from_elsewhere_is_warned_about_once_where_actions_are_not_a_wrench() -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         for name in ("windy", "calm"):
-            check_policy("100%", policy, name, BODY_RATES)
-        check_policy("100%", policy, "paper", Scenario())
+            check_policy("100%", mlp_policy(36), name, BODY_RATES)
+        check_policy("100%", mlp_policy(36), "paper", Scenario())
         check_policy("own", mlp_policy(36, interface="body_rates", vehicle="hummingbird"), "calm", BODY_RATES)
     found = [text for item in caught if "nothing says" in (text := str(item.message))]
     assert len(found) == 1
     assert "what the actions of 100% command: they are taken as those of 'body_rates'" in found[0]
+
+
+def test_policy_is_refused_where_an_action_commands_something_else_and_warns_of_another_vehicle() -> None:
+    rates, before = mlp_policy(36, interface="body_rates", vehicle="hummingbird"), mlp_policy(36, settings={})
+    with pytest.raises(ValueError, match=r"command thrust and body rates.*commands thrust and torques"):
+        rates.adapt(Scenario())
+    with pytest.raises(ValueError, match=r"'wrench'.*'body_rates'"):
+        before.adapt(BODY_RATES)
+    with pytest.warns(UserWarning, match="trained on the vehicle hummingbird flies the vehicle x500"):
+        rates.adapt(Scenario(simulation=Simulation(vehicle="x500", interface="body_rates")))

@@ -1,4 +1,4 @@
-"""An exported policy acts like the model of Stable-Baselines3, or the export is refused with a reason."""
+"""Models of any algorithm and torch modules become policies that act like them, or are refused with a reason."""
 
 import json
 import zipfile
@@ -9,25 +9,29 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from numpy.testing import assert_allclose
-from sb3_contrib import TQC, RecurrentPPO
-from stable_baselines3 import PPO, SAC
+from numpy.testing import assert_allclose, assert_array_equal
+from sb3_contrib import ARS, TQC, TRPO, CrossQ, RecurrentPPO
+from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.vec_env import VecNormalize
+from torch import nn
 
 from quadpend_gym.core.arrays import Floats32
+from quadpend_train.cli.main import main
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.export import export, export_zip
+from quadpend_train.policies.conversion import as_policy, policy_from_function
+from quadpend_train.policies.export import ModelPolicy, export, export_zip, policy_from_torch
+from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, output_layer, read_zip
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
-from tests.helpers.wrappers import HISTORY, make_wrapped_vec
+from tests.helpers.own_code import write_module
+from tests.helpers.policies import mlp_policy
 
-KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
-    "ppo": (PPO, {"n_steps": 4, "batch_size": 8}),
-    "sac": (SAC, {"buffer_size": 8}),
-    "tqc": (TQC, {"buffer_size": 8}),
-}
+OBSERVATIONS = np.random.default_rng(1).normal(size=(50, 36)).astype(np.float32)
+ROLLOUT, BUFFER = {"n_steps": 4, "batch_size": 8}, {"buffer_size": 8}
+KINDS: dict[str, tuple[Any, dict[str, Any]]] = {"ppo": (PPO, ROLLOUT), "sac": (SAC, BUFFER), "tqc": (TQC, BUFFER)}
 algorithms = pytest.mark.parametrize("algo", KINDS)
 
 
@@ -39,7 +43,7 @@ def model(algo: str, around: Any = None, gain: float = 1.0, sde: bool = False, *
     """An untrained model whose last weights are `gain` times as large."""
     kind, more = KINDS[algo]
     torch.set_num_threads(1)
-    policy = {"net_arch": [8, 6], "activation_fn": torch.nn.ReLU, **policy}
+    policy = {"net_arch": [8, 6], "activation_fn": nn.ReLU, **policy}
     made = kind("MlpPolicy", around or env(), policy_kwargs=policy, use_sde=sde, seed=0, device="cpu", **more)
     with torch.no_grad():
         for parameter in output_layer(made).parameters():
@@ -47,46 +51,39 @@ def model(algo: str, around: Any = None, gain: float = 1.0, sde: bool = False, *
     return made
 
 
-def observations(size: int = 36) -> Floats32:
-    return np.random.default_rng(1).normal(size=(50, size)).astype(np.float32)
-
-
-def assert_same_actions(policy: MlpPolicy, made: Any) -> None:
-    observed = observations()
-    expected, _ = made.predict(observed, deterministic=True)
-    action, _ = policy.predict(observed)
+def assert_acts_like(policy: Any, expected: Floats32) -> None:
+    action = policy.predict(OBSERVATIONS)[0]
     assert action.dtype == np.float32
     assert_allclose(action, expected, atol=1e-5)
-    for row in range(3):
-        assert_allclose(policy.predict(observed[row])[0], made.predict(observed[row], deterministic=True)[0], atol=1e-5)
+    assert_allclose(policy.predict(OBSERVATIONS[7])[0], expected[7], atol=1e-5)
+
+
+def acts(made: Any) -> Any:
+    return made.predict(OBSERVATIONS, deterministic=True)[0]
 
 
 @pytest.mark.parametrize("activation", ACTIVATION_MODULES)
 @algorithms
 def test_exported_policy_acts_like_the_model(algo: str, activation: str, tmp_path: Path) -> None:
-    """For one observation and for many, before and after it is saved and loaded."""
+    """For one observation and for many, before and after it is saved and loaded, also when the model learns."""
     made = model(algo, activation_fn=ACTIVATION_MODULES[activation])
-    policy = export(made, note="x")
-    assert policy.card["activation"] == activation
-    assert policy.card["squashed"] == (algo != "ppo")
-    assert policy.card["note"] == "x"
+    policy, expected = export(made, note="x"), acts(made)
+    assert (policy.card["activation"], policy.card["squashed"], policy.card["note"]) == (activation, algo != "ppo", "x")
     policy.save(tmp_path / "policy.npz")
-    assert_same_actions(policy, made)
-    assert_same_actions(MlpPolicy.load(tmp_path / "policy.npz"), made)
+    with torch.no_grad():
+        for parameter in made.policy.parameters():
+            parameter += 1.0
+    assert_acts_like(policy, expected)
+    assert_acts_like(MlpPolicy.load(tmp_path / "policy.npz"), expected)
 
 
 @algorithms
 def test_exported_policy_has_the_input_scales_of_the_model(algo: str, tmp_path: Path) -> None:
     scales = {"features_extractor_class": MultiScaleInputs, "features_extractor_kwargs": {"scales": (3.0, 20.0)}}
     policy = export(made := model(algo, gain=20.0, **scales))
-    assert policy.card["input_scales"] == [3.0, 20.0]
-    assert policy.layers[0][0].shape == (3 * 36, 8)
+    assert policy.input_scales == (3.0, 20.0)
     policy.save(tmp_path / "policy.npz")
-    assert_same_actions(MlpPolicy.load(tmp_path / "policy.npz"), made)
-    without = MlpPolicy(
-        [(policy.layers[0][0][:36], policy.layers[0][1]), *policy.layers[1:]], {**policy.card, "input_scales": []}
-    )
-    assert np.abs(without.predict(observations())[0] - policy.predict(observations())[0]).max() > 0.1
+    assert_acts_like(MlpPolicy.load(tmp_path / "policy.npz"), acts(made))
 
 
 @algorithms
@@ -94,11 +91,8 @@ def test_networks_of_any_depth_are_exported(algo: str) -> None:
     for depth in ([], [5], [9, 7, 5]):
         policy = export(model(algo, net_arch=depth))
         assert [weights.shape[1] for weights, _ in policy.layers] == [*depth, 4]
-
-
-def test_policy_network_is_exported_not_the_value_network() -> None:
     made = model("ppo", net_arch={"pi": [7], "vf": [9, 9]})
-    assert_same_actions(export(made), made)
+    assert_acts_like(export(made), acts(made))
 
 
 @pytest.mark.parametrize("sde", [False, True], ids=["", "gSDE"])
@@ -106,37 +100,8 @@ def test_policy_network_is_exported_not_the_value_network() -> None:
 def test_large_actions_are_limited_like_those_of_the_model(algo: str, sde: bool) -> None:
     """PPO clips actions; SAC and TQC squash them by a tanh, and with gSDE clip them before that."""
     made = model(algo, gain=300.0 if algo == "ppo" else 60.0, sde=sde)
-    observed = observations()
-    assert np.mean(np.abs(made.predict(observed, deterministic=True)[0]) > 0.95) > 0.2
-    assert_same_actions(export(made), made)
-
-
-@algorithms
-def test_models_with_gsde_are_exported(algo: str) -> None:
-    made = model(algo, sde=True)
-    assert_same_actions(export(made), made)
-
-
-def test_exported_policy_does_not_change_when_the_model_learns() -> None:
-    made = model("ppo")
-    policy = export(made)
-    before = [weights.copy() for weights, _ in policy.layers]
-    biases = [bias.copy() for _, bias in policy.layers]
-    with torch.no_grad():
-        for parameter in made.policy.parameters():
-            parameter += 1.0
-    for (weights, bias), old, old_bias in zip(policy.layers, before, biases, strict=True):
-        np.testing.assert_array_equal(weights, old)
-        np.testing.assert_array_equal(bias, old_bias)
-
-
-def test_history_is_exported_if_the_card_has_it() -> None:
-    around = SB3VecEnv(make_wrapped_vec(2, [HISTORY], autoreset_mode="SameStep"))
-    made = model("ppo", around)
-    policy = export(made, history=3, history_actions=2)
-    observed = observations(116)
-    assert_allclose(policy.forward(observed), made.predict(observed, deterministic=True)[0], atol=1e-5)
-    assert_refused(lambda: export(made), "must take 36 or 27 numbers, .* not 116", ValueError)
+    assert np.mean(np.abs(acts(made)) > 0.95) > 0.2
+    assert_acts_like(export(made), acts(made))
 
 
 class TenfoldExtractor(FlattenExtractor):
@@ -146,50 +111,86 @@ class TenfoldExtractor(FlattenExtractor):
         return 10.0 * super().forward(observations)
 
 
-class ImageEnv(gym.Env[Any, Any]):
+@pytest.mark.parametrize(
+    ("kind", "options", "policy"),
+    [
+        (A2C, {}, {}),
+        (TRPO, ROLLOUT, {}),
+        (TD3, BUFFER, {}),
+        (DDPG, BUFFER, {}),
+        (ARS, {}, {}),
+        (CrossQ, BUFFER, {}),
+        (PPO, ROLLOUT, {"activation_fn": nn.SiLU}),
+        (PPO, ROLLOUT, {"features_extractor_class": TenfoldExtractor}),
+    ],
+    ids=["A2C", "TRPO", "TD3", "DDPG", "ARS", "CrossQ", "SiLU", "features"],
+)
+def test_models_of_every_algorithm_fly(kind: Any, options: Any, policy: Any, tmp_path: Path) -> None:
+    """They are converted if possible; otherwise the model itself is run."""
+    made = kind("MlpPolicy", env(), seed=0, device="cpu", policy_kwargs={"net_arch": [8, 6], **policy}, **options)
+    made.save(tmp_path / "model.zip")
+    for loaded in (as_policy(made), load_policy(str(tmp_path / "model.zip"))):
+        assert type(loaded) is (ModelPolicy if policy or kind is CrossQ else MlpPolicy)
+        assert_acts_like(loaded, acts(made))
+
+
+def test_recurrent_model_flies_with_its_state_as_memory(tmp_path: Path) -> None:
+    made = RecurrentPPO("MlpLstmPolicy", env(), policy_kwargs={"lstm_hidden_size": 4}, device="cpu", **ROLLOUT)
+    made.save(tmp_path / "model.zip")
+    policy = load_policy(str(tmp_path / "model.zip"))
+    expected, state = made.predict(OBSERVATIONS, deterministic=True)
+    first, memory = policy.predict(OBSERVATIONS)
+    assert_array_equal(first, expected)
+    started = np.arange(50) < 20
+    second, _ = policy.predict(OBSERVATIONS, memory, started)
+    assert_array_equal(second, made.predict(OBSERVATIONS, state, started, deterministic=True)[0])
+    assert_refused(lambda: export_zip(tmp_path / "model.zip"), "model.zip: .* is not a feedforward network", ValueError)
+
+
+def test_algorithm_of_another_library_is_found_beside_its_policies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As those of SBX; it flies by its own `predict`."""
+    code = (
+        "import numpy as np\nfrom stable_baselines3 import PPO\nfrom stable_baselines3.ppo import MlpPolicy as Base\n"
+        "class TheirPolicy(Base):\n    pass\n"
+        "class TheirAlgorithm(PPO):\n    def predict(self, observation, *_, **__):\n"
+        "        return np.full((len(observation), 4), 0.25, np.float32), None\n"
+    )
+    module = __import__(write_module(tmp_path, monkeypatch, code))
+    module.TheirAlgorithm(module.TheirPolicy, env(), device="cpu", **ROLLOUT).save(tmp_path / "model.zip")
+    policy: Any = load_policy(str(tmp_path / "model.zip"))
+    assert isinstance(policy.model, module.TheirAlgorithm)
+    assert (policy.predict(OBSERVATIONS)[0] == 0.25).all()
+
+
+class Images(gym.Env[Any, Any]):
     observation_space = gym.spaces.Box(0, 255, (36, 36, 1), np.uint8)
     action_space = gym.spaces.Box(-1.0, 1.0, (4,))
 
 
-class WideActionEnv(gym.Env[Any, Any]):
+class WideActions(gym.Env[Any, Any]):
     observation_space = gym.spaces.Box(-1.0, 1.0, (36,))
     action_space = gym.spaces.Box(-2.0, 2.0, (4,))
 
 
-REFUSED: dict[str, tuple[Any, str]] = {
-    "silu": (
-        lambda: model("ppo", activation_fn=torch.nn.SiLU),
-        "must have linear layers with relu, tanh or elu",
-    ),
-    "leaky relu": (lambda: model("sac", activation_fn=torch.nn.LeakyReLU), "must have linear layers"),
-    "features extractor": (
-        lambda: model("ppo", features_extractor_class=TenfoldExtractor),
-        "differ from those of its policy network",
-    ),
-    "images": (
-        lambda: PPO("CnnPolicy", ImageEnv(), n_steps=4, batch_size=4, device="cpu"),
-        r"PPO with ActorCriticCnnPolicy cannot be exported: it observes numbers of shape \(1, 36, 36\)",
-    ),
-    "recurrent": (
-        lambda: RecurrentPPO("MlpLstmPolicy", env(), n_steps=4, batch_size=8, device="cpu"),
-        "RecurrentPPO with RecurrentActorCriticPolicy cannot be exported: it has a memory",
-    ),
-    "discrete actions": (
-        lambda: PPO("MlpPolicy", gym.make("CartPole-v1"), n_steps=4, batch_size=4, device="cpu"),
-        "last layer must have 4 outputs, not 2",
-    ),
-    "wider action range": (lambda: model("sac", WideActionEnv()), "differ from those of its policy network"),
-    "PPO with a squashed output": (
-        lambda: model("ppo", gain=300.0, sde=True, squash_output=True),
-        "differ from those of its policy network",
-    ),
-}
-
-
 @pytest.mark.filterwarnings("ignore:You are trying to run PPO on the GPU")
-@pytest.mark.parametrize(("make", "message"), REFUSED.values(), ids=REFUSED.keys())
-def test_models_that_are_more_than_a_network_are_refused(make: Any, message: str) -> None:
-    assert_refused(lambda: export(make()), message, ValueError)
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: PPO("CnnPolicy", Images(), device="cpu", n_steps=4, batch_size=4),
+            "PPO with ActorCriticCnn.* observes",
+        ),
+        (lambda: DQN("MlpPolicy", gym.make("CartPole-v1"), buffer_size=8), "DQN .* observes"),
+        (lambda: model("sac", WideActions()), r"differ from those|acts in Box\(-2.0"),
+    ],
+    ids=["images", "another environment", "a wider range of actions"],
+)
+def test_error_about_a_zip_names_the_file_and_the_policy(make: Any, message: str, tmp_path: Path) -> None:
+    make().save(tmp_path / "theirs.zip")
+    for load in (export_zip, load_policy):
+        assert_refused(lambda load=load: load(str(tmp_path / "theirs.zip")), f"theirs.zip: .*({message})", ValueError)
 
 
 @algorithms
@@ -197,30 +198,89 @@ def test_saved_model_is_exported(algo: str, tmp_path: Path) -> None:
     made = model(algo)
     made.save(tmp_path / "model.zip")
     assert type(read_zip(tmp_path / "model.zip")) is KINDS[algo][0]
-    policy = export_zip(tmp_path / "model.zip", source="me")
-    assert policy.card["source"] == "me"
-    assert weight_difference(policy, export(made)) == 0.0
+    assert weight_difference(export_zip(tmp_path / "model.zip", source="me"), export(made)) == 0.0
 
 
 def test_files_that_are_not_models_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
-    assert_refused(lambda: export_zip(path), "is not a model saved by Stable-Baselines3", ValueError)
     path.write_bytes(b"weights")
     assert_refused(lambda: export_zip(path), "model.zip is not a model saved by Stable-Baselines3", ValueError)
-    for data in ("[]", "{", json.dumps({"policy_class": 3})):
+    for data, message in (("[]", "saved by"), ('{"policy_class": {"__module__": "stable_baselines3.x"}}', "of PPO")):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("data", data)
-        assert_refused(lambda: export_zip(path), "is not a model saved by Stable-Baselines3", ValueError)
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("data", json.dumps({"policy_class": {"__module__": "stable_baselines3.common.policies"}}))
-    assert_refused(lambda: export_zip(path), "model.zip is not a model of PPO", ValueError)
-    made = model("ppo")
-    made.save(path)
+        assert_refused(lambda: export_zip(path), f"model.zip is not a model {message}", ValueError)
+    model("ppo").save(path)
     whole = path.read_bytes()
-    for i in range(10, len(whole), len(whole) // 12):
-        path.write_bytes(whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :])
-        try:
-            policy = export_zip(path)
-        except ValueError:
-            continue
-        assert weight_difference(policy, export(made)) == 0.0
+    path.write_bytes(whole[: len(whole) // 2])
+    assert_refused(lambda: export_zip(path), "model.zip is not a model", ValueError)
+
+
+@pytest.fixture(scope="module")
+def zoo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, VecNormalize]:
+    """A run folder like those of RL Baselines3 Zoo, its model, and its statistics."""
+    folder = tmp_path_factory.mktemp("logs") / "QuadPendulum-v0_1"
+    (folder / "QuadPendulum-v0").mkdir(parents=True)
+    normalized = VecNormalize(env(), clip_obs=2.0)
+    made = PPO("MlpPolicy", normalized, policy_kwargs={"net_arch": [8]}, seed=0, device="cpu", n_steps=128)
+    made.learn(256)
+    made.save(folder / "QuadPendulum-v0.zip")
+    normalized.save(str(folder / "QuadPendulum-v0/vecnormalize.pkl"))
+    return folder, made, normalized
+
+
+def test_normalised_observations_are_part_of_the_policy(zoo: Any, tmp_path: Path) -> None:
+    """Also where an observation is clipped, and after the policy was saved and loaded."""
+    folder, made, normalized = zoo
+    rows = normalized.unnormalize_obs(np.random.default_rng(0).normal(size=(50, 36), scale=2.0)).astype(np.float32)
+    inputs = normalized.normalize_obs(rows)
+    assert (np.abs(inputs) == 2.0).any()
+    expected, _ = made.predict(inputs, deterministic=True)
+    (statistics := tmp_path / "statistics.pkl").write_bytes((folder / "QuadPendulum-v0/vecnormalize.pkl").read_bytes())
+    (zipped := tmp_path / "model.zip").write_bytes((folder / "QuadPendulum-v0.zip").read_bytes())
+    main(["export", str(zipped), "--vec-normalize", str(statistics), "--out", str(tmp_path / "policy.npz")])
+    for policy in (export(made), load_policy(str(folder)), MlpPolicy.load(tmp_path / "policy.npz")):
+        assert_allclose(policy.predict(rows)[0], expected, atol=1e-6)
+
+
+def test_model_without_its_statistics_is_refused(zoo: Any, tmp_path: Path) -> None:
+    """A model saves an original and the last observation, which show that observations were normalised."""
+    folder, made, _ = zoo
+    lost = tmp_path / "lost.zip"
+    lost.write_bytes((folder / "QuadPendulum-v0.zip").read_bytes())
+    for load in (export_zip, load_policy):
+        assert_refused(lambda load=load: load(str(lost)), "lost.zip: the model was trained with normalised", ValueError)
+    before = policy_fingerprint(str(lost))
+    (tmp_path / "vecnormalize.pkl").write_bytes((folder / "QuadPendulum-v0/vecnormalize.pkl").read_bytes())
+    load_policy(str(lost))
+    assert policy_fingerprint(str(lost)) != before
+    (tmp_path / "vecnormalize.pkl").write_bytes(b"nonsense")
+    assert_refused(lambda: load_policy(str(lost)), "vecnormalize.pkl is not a file saved by VecNormalize", ValueError)
+    assert_refused(lambda: export(made, vec_normalize=3), "must be a VecNormalize .* not int", ValueError)
+
+
+@algorithms
+def test_model_with_normalised_rewards_only_needs_no_statistics(algo: str) -> None:
+    made = model(algo, VecNormalize(env(), norm_obs=False)).learn(8)
+    assert "normalization" not in export(made).card
+    made.env = None
+    assert "normalization" not in export(made).card
+
+
+@pytest.mark.parametrize("squash", [[], [nn.Tanh()], [nn.Hardtanh(-0.5, 0.5)]], ids=["", "tanh", "limit"])
+def test_sequence_of_layers_becomes_an_mlp_policy(squash: Any) -> None:
+    torch.manual_seed(0)
+    module = nn.Sequential(
+        nn.Linear(36, 8), nn.ELU(), nn.Sequential(nn.Linear(8, 6, bias=False), nn.ELU()), nn.Linear(6, 4), *squash
+    )
+    with torch.no_grad():
+        module[3].weight *= 10.0
+        expected = module(torch.as_tensor(OBSERVATIONS)).clamp(-1.0, 1.0).numpy()
+    assert_acts_like(policy_from_torch(module), expected)
+    assert_acts_like(policy_from_function(lambda rows: module(torch.as_tensor(rows)).detach()), expected)
+    assert_refused(lambda: policy_from_torch(nn.LSTM(36, 4)), "must have linear layers", ValueError)
+
+
+def test_an_object_that_is_no_policy_is_refused() -> None:
+    policy = mlp_policy(36)
+    assert as_policy(policy) is policy
+    assert_refused(lambda: as_policy(json), "is no policy: a policy is an object with predict", ValueError)

@@ -1,7 +1,9 @@
-"""The MLP policy: its network, its observations, and the same actions as in wrapped environments."""
+"""The MLP policy: its network, its observations, the same actions as in wrapped environments, and its file."""
 
+import json
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +12,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from quadpend_baselines import controller
-from quadpend_baselines.hybrid import EstimateOnly, ResidualAction, VectorHybridWrapper
-from quadpend_baselines.policy.rollout import rollout
-from quadpend_gym import Parameters, Simulation
+from quadpend_baselines.hybrid import ResidualAction, VectorHybridWrapper
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.wrappers import VectorHistoryWrapper, VectorOutputFeedbackWrapper
+from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from tests.helpers.bad_input import assert_refused
@@ -48,19 +47,6 @@ def test_action_is_the_output_of_the_network(activation: str, squashed: bool) ->
     assert action.dtype == np.float32
     assert memory is None
     assert np.abs(signal).max() > 1.0
-
-
-def test_single_observation_is_a_batch_of_one() -> None:
-    for policy in (mlp_policy(36), mlp_policy(36 * 3 + 8, history=3, history_actions=2)):
-        many, memory = policy.predict(OBSERVATIONS)
-        memories = [policy.predict(row)[1] for row in OBSERVATIONS]
-        again, _ = policy.predict(OBSERVATIONS[::-1].copy(), memory)
-        for row in range(len(OBSERVATIONS)):
-            one, _ = policy.predict(OBSERVATIONS[row])
-            assert one.shape == (4,)
-            assert_allclose(one, many[row], atol=1e-6)
-            later, _ = policy.predict(OBSERVATIONS[-1 - row], memories[row])
-            assert_allclose(later, again[row], atol=1e-6)
 
 
 def test_weight_difference_is_the_largest_of_any_weight_and_infinite_between_other_shapes() -> None:
@@ -145,13 +131,6 @@ def test_action_repeat_uses_each_output_for_several_steps() -> None:
     assert (memory.output[2] != before.output[2]).any()  # type: ignore[attr-defined]
 
 
-def test_policy_runs_without_velocities_if_it_needs_none() -> None:
-    env = VectorOutputFeedbackWrapper(make_vec(3, **BRIEF))
-    for policy in (mlp_policy(27), mlp_policy(49, hybrid=RESIDUAL_ACTION)):
-        actions, _ = run_policy(policy, env, 20)
-        assert np.shape(actions) == (20, 3, 4)
-
-
 def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
     policy = mlp_policy(36 * 3 + 8, history=3, history_actions=2, activation="tanh")
     memory = None
@@ -162,67 +141,6 @@ def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
     assert_array_equal(action[started], policy.predict(OBSERVATIONS)[0][started])
     assert_array_equal(action[~started], policy.predict(OBSERVATIONS, memory)[0][~started])
     assert (policy.predict(OBSERVATIONS)[0] != before).any(axis=1).all()
-
-
-def test_returned_memory_does_not_change_later() -> None:
-    policy = mlp_policy(49 * 2 + 4, hybrid=RESIDUAL_ACTION, history=2, history_actions=1)
-    _, memory = policy.predict(OBSERVATIONS)
-    first = policy.predict(OBSERVATIONS, memory)[0]
-    for _ in range(3):
-        policy.predict(OBSERVATIONS[::-1].copy(), policy.predict(OBSERVATIONS, memory)[1])
-    assert_array_equal(policy.predict(OBSERVATIONS, memory)[0], first)
-
-
-def test_zero_residual_is_the_base_controller() -> None:
-    zero = [(0.0 * weights, 0.0 * biases) for weights, biases in layers(49, 8, 4)]
-    policy = MlpPolicy(zero, card(hybrid=RESIDUAL_ACTION))
-    for one, other in zip(
-        rollout(policy, make_vec(3, **BRIEF), 0),
-        rollout(controller("flatness"), make_vec(3, **BRIEF), 0),
-        strict=True,
-    ):
-        assert_array_equal(one.action, other.action)
-        assert_array_equal(one.tracking_error, other.tracking_error)
-
-
-def test_with_simulation_changes_the_base_controller_only() -> None:
-    heavy = Simulation(Parameters(bob_mass=0.3))
-    plain, policy = mlp_policy(36), mlp_policy(45, hybrid=ESTIMATE_ONLY)
-    assert plain.with_simulation(heavy) is plain
-    other: Any = policy.with_simulation(heavy)
-    assert other.hybrid.base_controller.simulation == heavy
-    assert policy.hybrid is not None
-    assert policy.hybrid.base_controller.simulation == Simulation()
-    env: Any = VectorHybridWrapper(make_vec(4, simulation=heavy), EstimateOnly("flatness"))
-    seen, observation = env.reset(seed=0)[0], make_vec(4, simulation=heavy).reset(seed=0)[0]
-    assert_array_equal(other.predict(observation)[0], policy.forward(seen))
-
-
-BODY_RATES = Simulation(vehicle="hummingbird", interface="body_rates")
-
-
-def test_policy_is_refused_where_an_action_commands_something_else() -> None:
-    rates = mlp_policy(36, interface="body_rates", vehicle="hummingbird")
-    assert rates.with_simulation(BODY_RATES) is rates
-    assert_refused(
-        lambda: rates.with_simulation(Simulation()), "command thrust and body rates.*commands thrust and torques"
-    )
-    trained_before = mlp_policy(36, settings={})
-    assert trained_before.with_simulation(Simulation()) is trained_before
-    assert_refused(lambda: trained_before.with_simulation(BODY_RATES), "'wrench'.*'body_rates'")
-
-
-def test_policy_from_elsewhere_and_scheduled_bandwidths_fly_every_interface() -> None:
-    elsewhere = mlp_policy(36)
-    assert elsewhere.with_simulation(BODY_RATES) is elsewhere
-    scheduled = mlp_policy(45, hybrid=BANDWIDTH_SCHEDULING, settings={})
-    assert scheduled.with_simulation(BODY_RATES) is not scheduled
-
-
-def test_policy_warns_of_another_vehicle() -> None:
-    policy = mlp_policy(36, interface="body_rates", vehicle="hummingbird")
-    with pytest.warns(UserWarning, match="trained on the vehicle hummingbird flies the vehicle x500"):
-        policy.with_simulation(Simulation(vehicle="x500", interface="body_rates"))
 
 
 def test_stable_baselines3_evaluates_a_policy() -> None:
@@ -246,3 +164,114 @@ def test_running_a_policy_imports_nothing_heavy(tmp_path: Path) -> None:
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("(2, 4)")
     assert not (HEAVY | {"sb3_contrib", "pandas", "tyro"}) & set(ran.stdout.split())
+
+
+# Files
+
+
+@pytest.mark.parametrize(
+    ("inputs", "fields"), [(36, {}), (72, {"history": 2}), (45, {"hybrid": BANDWIDTH_SCHEDULING})], ids=str
+)
+def test_saved_policy_is_loaded_unchanged(inputs: int, fields: dict[str, Any], tmp_path: Path) -> None:
+    policy = mlp_policy(inputs, **fields, note=[[0, 0.5, "ä"]], settings={"a": {"b": None}})
+    policy.save(tmp_path / "policy.npz")
+    loaded = MlpPolicy.load(tmp_path / "policy.npz")
+    assert loaded.card == policy.card
+    assert_same(loaded.layers, policy.layers)
+    assert_array_equal(loaded.predict(OBSERVATIONS)[0], policy.predict(OBSERVATIONS)[0])
+    loaded.save(tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "policy.npz").read_bytes()
+
+
+def parts(inputs: int = 36, **fields: Any) -> dict[str, Any]:
+    """Arrays in a policy file."""
+    arrays: dict[str, Any] = {"card": np.array(json.dumps(card(**fields)))}
+    for i, (weights, biases) in enumerate(layers(inputs, 8, 6, 4)):
+        arrays |= {f"weights_{i}": weights, f"biases_{i}": biases}
+    return arrays
+
+
+def without(name: str) -> dict[str, Any]:
+    return {key: array for key, array in parts().items() if key != name}
+
+
+class Bomb:
+    """An object that creates a file when it is unpickled."""
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (Path("exploded"),)
+
+
+BOMB = np.array([Bomb()], object)
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "code": ({**parts(), "weights_0": BOMB}, "allow_pickle"),
+    "code in the card": ({**parts(), "card": BOMB}, "allow_pickle"),
+    "no card": (without("card"), "no 'card'"),
+    "no weights": (without("weights_1"), "weights_1"),
+    "no layers": ({"card": parts()["card"]}, "no layers"),
+    "something else": ({**parts(), "more": np.zeros(3)}, "also contains more"),
+    "double precision": ({**parts(), "weights_1": parts()["weights_1"].astype(np.float64)}, "must be of float32"),
+    "nan": ({**parts(), "biases_2": np.full(4, np.nan, np.float32)}, "layer 2 has numbers that are not finite"),
+    "other biases": (
+        {**parts(), "biases_1": np.zeros(5, np.float32)},
+        r"layer 1 has weights \(8, 6\) and biases",
+    ),
+    "five actions": (
+        {**parts(), "weights_2": np.zeros((6, 5), np.float32), "biases_2": np.zeros(5, np.float32)},
+        "last layer must have 4 outputs, not 5",
+    ),
+    "another observation": (parts(inputs=30), "must take 36 or 27 numbers, .* not 30"),
+    "a card for more inputs": (parts(history=2), "must take 72 or 54 numbers, .* not 36"),
+    "other statistics": (parts(normalization={"mean": [0.0], "std": [1.0], "clip": 1.0}), "must have 36 numbers"),
+    "a scale of zero": (parts(input_scales=[0.0]), "input_scales.0 must be .*, not 0.0"),
+    "another format": (parts(format="quadpend policy 9"), "card.format must be 'quadpend policy 2'"),
+    "another activation": (parts(activation="gelu"), "card.activation must be 'relu', 'tanh' or 'elu'"),
+    "half a history": (parts(history=1.5), "card.history must be .*, not 1.5"),
+    "a name for a hybrid": (parts(hybrid="flatness"), "card.hybrid must be .*, not 'flatness'"),
+    "an unknown base controller": (
+        parts(45, hybrid={"kind": "estimate_only", "base_controller": "nix"}),
+        "no controller 'nix'",
+    ),
+    "no JSON": ({**parts(), "card": np.array("{")}, "Expecting"),
+    "a card without end": ({**parts(), "card": np.array("[" * 100_000)}, "recursion"),
+}
+
+
+@pytest.mark.parametrize(("arrays", "reason"), WRONG.values(), ids=WRONG.keys())
+def test_invalid_file_is_refused_and_executes_nothing(arrays: dict[str, Any], reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.npz"
+    np.savez(path, **arrays)
+    assert_refused(lambda: MlpPolicy.load(path), rf"wrong.npz is not a policy file: .*({reason})", ValueError)
+    assert not Path("exploded").exists()
+
+
+def test_damaged_file_is_refused_or_loads_the_same_policy(tmp_path: Path) -> None:
+    """Some bytes, such as those of a date, do not matter."""
+    policy, path = mlp_policy(36), tmp_path / "policy.npz"
+    policy.save(path)
+    whole, unharmed = path.read_bytes(), 0
+    flipped = [whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :] for i in range(0, len(whole), 97)]
+    damaged = [*flipped, *(whole[:i] for i in range(0, len(whole), 500)), b"weights and biases", bytes(1000)]
+    for data in damaged:
+        path.write_bytes(data)
+        try:
+            loaded = MlpPolicy.load(path)
+        except ValueError as error:
+            message = str(error)
+            if "is not a policy file: " not in message:
+                raise
+        else:
+            unharmed += 1
+            assert weight_difference(loaded, policy) == 0.0
+            assert loaded.card == policy.card
+    assert unharmed < 0.3 * len(damaged)
+
+
+def test_file_that_unpacks_to_more_than_a_policy_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "huge.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("weights_0.npy", bytes(65 * 2**20))
+    assert_refused(lambda: MlpPolicy.load(tmp_path / "huge.npz"), "at most 67108864 bytes", ValueError)
+
+
+def test_unknown_name_is_refused() -> None:
+    assert_refused(lambda: MlpPolicy.load("nix"), "'nix' must be the path of a policy file or the name", ValueError)

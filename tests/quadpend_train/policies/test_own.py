@@ -1,7 +1,6 @@
-"""Policies of the user's own code are given as module:factory, as an installed plug-in, or as objects."""
+"""Policies of the user's own code, given as module:factory or as objects."""
 
 import json
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +14,14 @@ from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.jobs import Job
-from quadpend_train.policies import own
-from quadpend_train.policies.adaptation import adapt_policy, estimated_disturbance
+from quadpend_train.policies.conversion import PROTOCOL
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from tests.helpers.own_code import write_module
 
 CODE = '''
+import gymnasium as gym
 import numpy as np
-from quadpend_baselines import controller
+from quadpend_baselines import Policy, controller
 
 
 class Hover:
@@ -33,20 +32,50 @@ class Hover:
 
 
 class Lqr:
+    fingerprint = "2"
+    made = []
+
     def __init__(self, simulation):
+        self.made.append(simulation)
         self.simulation, self.lqr = simulation, controller("lqr", simulation)
-        self.predict, self.estimated_disturbance = self.lqr.predict, self.lqr.estimated_disturbance
+        self.predict = self.lqr.predict
 
 
-def gains(factor=1.0):
-    assert factor == 1.0
-    return Hover()
+class Estimating(Policy):
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), 4), np.float32), state
+
+    def estimated_disturbance(self, memory):
+        return np.ones((1, 9))
 
 
-def versioned():
-    policy = Hover()
-    policy.fingerprint = "2"
-    return policy
+class Wall(gym.vector.VectorWrapper):
+    """The observation and the distance to a wall at x = 1 m."""
+
+    def reset(self, **options):
+        observation, info = self.env.reset(**options)
+        return self.beside(observation), info
+
+    def step(self, actions):
+        observation, *rest = self.env.step(actions)
+        return self.beside(observation), *rest
+
+    def beside(self, observation):
+        return np.column_stack([observation, 1.0 - self.unwrapped.state.position[:, 0]])
+
+
+class Avoiding(Lqr):
+    def __init__(self, simulation):
+        super().__init__(simulation)
+        self.predict = self.beside_the_wall
+
+    def beside_the_wall(self, observation, state=None, episode_start=None, deterministic=True):
+        assert observation.shape[1] == 37
+        return self.lqr.predict(observation[:, :36], state, episode_start)
+
+
+def beside_a_wall(simulation):
+    return Avoiding(simulation), Wall
 
 
 def returning(value):
@@ -59,22 +88,12 @@ def number():
     return 3
 
 
-def narrow():
-    policy = Hover()
-    policy.predict = lambda observation: None
-    return policy
-
-
 def row():
     return returning(lambda observation: (np.zeros(4, np.float32), None))
 
 
 def nan():
     return returning(lambda observation: (np.full((len(observation), 4), np.nan), None))
-
-
-def large():
-    return returning(lambda observation: (np.full((len(observation), 4), 1.5), None))
 
 
 def alone():
@@ -95,76 +114,59 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return write_module(tmp_path, monkeypatch, CODE)
 
 
-def test_a_factory_may_take_the_simulation_and_then_learns_that_of_each_scenario(module: str) -> None:
+def test_a_factory_is_called_for_the_simulation_of_the_scenario_only(module: str) -> None:
     heavy = Simulation(Parameters(bob_mass=0.4))
     policy: Any = load_policy(f"{module}:Lqr")
-    assert policy.policy.simulation == Simulation()
-    adapted: Any = adapt_policy(policy, Scenario(simulation=heavy))
-    assert adapted.policy.simulation == heavy
-    assert isinstance(adapt_policy(policy, Scenario(actuators="rotors")), RotorAllocation)
-    for name in ("Hover", "gains"):
-        assert type(load_policy(f"{module}:{name}")).__name__ == "Hover"
+    assert policy.factory.made == []
+    policy.adapt(Scenario(simulation=heavy))
+    assert policy.factory.made == [heavy]
+    assert isinstance(policy.adapt(Scenario(actuators="rotors")), RotorAllocation)
 
 
 def test_an_own_controller_flies_as_the_same_controller_of_this_package(module: str) -> None:
-    own_policy, expected = load_policy(f"{module}:Lqr"), controller("lqr")
     brief = Scenario(wind="windy", duration=1.0)
-    one, other = run_episodes([own_policy], brief, 2), run_episodes([expected], brief, 2)
+    one, other = (run_episodes([load_policy(name)], brief, 2) for name in (f"{module}:Lqr", "lqr"))
     np.testing.assert_array_equal(one.error, other.error)
-    memory = own_policy.predict(np.zeros((2, 36), np.float32))[1]
-    assert estimated_disturbance(own_policy, memory).shape == (2, 9)
+
+
+def test_a_factory_may_return_a_wrapper_around_the_environment(module: str) -> None:
+    brief = Scenario(wind="windy", duration=1.0)
+    one, other = (run_episodes([load_policy(name)], brief, 2) for name in (f"{module}:beside_a_wall", "lqr"))
+    np.testing.assert_array_equal(one.error, other.error)
+
+
+def test_a_class_that_derives_from_policy_can_say_what_it_estimates(module: str) -> None:
+    adapted = load_policy(f"{module}:Estimating").adapt(Scenario())
+    np.testing.assert_array_equal(adapted.estimated_disturbance(None), np.ones((1, 9)))
+    assert np.isnan(load_policy(f"{module}:Hover").adapt(Scenario()).estimated_disturbance(None)).all()
 
 
 def test_results_of_an_own_policy_are_cached_only_with_a_fingerprint(module: str) -> None:
     def key(policies: Any) -> str | None:
         return Job(policies, SCENARIOS["calm"], 5, 0).cache_key()
 
-    assert key(f"{module}:Hover") is None
     assert key(f"{module}:Hover,adrc-paper") is None
-    assert key(f"{module}:versioned") is not None
-    assert key(f"{module}:versioned") == key([load_policy(f"{module}:versioned")])
+    assert key(f"{module}:Lqr") == key([load_policy(f"{module}:Lqr")])
+    assert key(f"{module}:Lqr") is not None
     assert key([controller("lqr")]) is None
-
-
-def test_an_installed_plug_in_is_a_policy_and_never_hides_one_of_this_package(
-    module: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    installed = tuple(EntryPoint(name, f"{module}:Hover", own.PLUGINS) for name in ("my-hover", "flatness"))
-    monkeypatch.setattr(own, "_installed", lambda: installed)
-    assert type(load_policy("flatness")).__module__.startswith("quadpend_baselines")
-    with pytest.warns(UserWarning, match="the plug-in 'flatness' of .* is ignored: the name is taken"):
-        assert type(load_policy("my-hover")).__name__ == "Hover"
-    with pytest.warns(UserWarning, match="ignored"):
-        assert policy_fingerprint("my-hover") == policy_fingerprint(f"{module}:Hover")
-
-
-def test_one_command_ranks_an_own_controller_in_a_report_with_a_replay(module: str, tmp_path: Path) -> None:
-    arguments = ["--scenarios", 'brief={"duration": 1.0}', "--episodes", "2", "--replay", "1"]
-    main(["evaluate", "lqr", f"mine={module}:Lqr", *arguments, "--out", "out", "--cache", "cache"])
-    page = (tmp_path / "out/report.html").read_text(encoding="utf-8")
-    assert page.count('"fell": null') == 2
-    data = json.loads((tmp_path / "out/comparison.json").read_text(encoding="utf-8"))
-    assert data["policies"]["mine"] == [policy_fingerprint(f"{module}:Lqr")]
-    assert data["results"]["brief"]["mine"]["metrics"]["survival"]["value"] == 100.0
 
 
 def test_the_card_of_an_own_policy_names_its_factory(module: str, capsys: pytest.CaptureFixture[str]) -> None:
     main(["card", f"{module}:Hover", "--json"])
     card = json.loads(capsys.readouterr().out)
     assert card["factory"] == policy_fingerprint(f"{module}:Hover")
-    assert (card["type"], card["description"], card["results"]) == ("Hover", "The zero action.", "not cached")
+    assert (card["description"], card["results"]) == ("The zero action.", "not cached")
 
 
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
-        ("number", "number is no policy but 3"),
-        ("narrow", r"narrow has a predict\(observation\)"),
+        ("number", "3 is no policy"),
         ("row", r"does not fit the scenario calm: action must have shape \(2, 4\), not \(4,\)"),
         ("nan", "must be four numbers in"),
-        ("large", "must be four numbers in"),
         ("alone", "predict returned ndarray, not a tuple"),
         ("failing", r"does not fit the scenario calm: KeyError: 'x' \(own_code_\d+\.py, line \d+\)"),
+        ("greedy", "greedy failed: TypeError: .*missing 1 required positional argument: 'gain'"),
     ],
 )
 def test_a_bad_policy_is_refused_before_it_flies_in_one_sentence_with_the_protocol(
@@ -172,12 +174,4 @@ def test_a_bad_policy_is_refused_before_it_flies_in_one_sentence_with_the_protoc
 ) -> None:
     with pytest.raises(ValueError, match=message) as refused:
         compare([f"{module}:{policy}"], ["calm"], 2)
-    assert str(refused.value).endswith(own.PROTOCOL)
-    if policy not in ("number", "narrow"):
-        with pytest.raises(ValueError, match=message):
-            compare({policy: load_policy(f"{module}:{policy}")}, ["calm"], 2)
-
-
-def test_a_factory_that_needs_more_than_the_simulation_is_refused(module: str) -> None:
-    with pytest.raises(ValueError, match=r"must be callable without arguments or with the simulation alone, not as \("):
-        load_policy(f"{module}:greedy")
+    assert str(refused.value).endswith(PROTOCOL)

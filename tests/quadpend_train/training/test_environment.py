@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
+from quadpend_train.policies.adaptation import adapt_policy
 
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.envs.concatenated import worlds
-from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.training import dagger
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings

@@ -13,9 +13,9 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import GAINS, TUNED
 from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_train.common.files import to_json_data
-from quadpend_train.policies.loading import load_policy, own_policy, policy_names
+from quadpend_train.policies.loading import load_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.policies.own import FactoryPolicy, fingerprint, source
+from quadpend_train.policies.own import FactoryPolicy, source
 from quadpend_train.training.settings import TrainSettings, settings_of_card
 
 _NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
@@ -67,10 +67,10 @@ def _other(name: str, policy: Any) -> tuple[dict[str, Any], Lines]:
     """Return the data and the lines about a learned policy or a policy of the user's own code."""
     if isinstance(policy, MlpPolicy):
         return policy.card, _learned(policy)
-    own = policy.policy if isinstance(policy, FactoryPolicy) else policy
+    own = policy.factory if isinstance(policy, FactoryPolicy) else policy
     lines = {"type": type(own).__name__, "description": (inspect.getdoc(own) or "").partition("\n")[0]}
-    if factory := own_policy(name):
-        lines |= {"factory": source(factory), "results": "cached" if fingerprint(policy) else "not cached"}
+    if isinstance(policy, FactoryPolicy):
+        lines |= {"factory": source(name), "results": "cached" if policy.fingerprint else "not cached"}
     return lines, iter(lines.items())
 
 

@@ -15,7 +15,6 @@ from quadpend_gym.tasks import ENVIRONMENTS, TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.policies.own import plugins
 from quadpend_train.training.settings import PRESETS
 
 Rows = dict[str, str]  # descriptions by name
@@ -49,8 +48,7 @@ def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
 
 def _policies() -> Rows:
     learned = {name: _learned(seeds) for name, seeds in shipped_policies().items()}
-    installed = {name: f"installed plug-in, {plugin.value}" for name, plugin in plugins().items()}
-    return {**installed, **DESCRIPTIONS, **learned}
+    return {**DESCRIPTIONS, **learned}
 
 
 def _learned(seeds: list[str]) -> str:

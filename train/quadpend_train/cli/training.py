@@ -197,7 +197,13 @@ def how_to_continue(folder: Path, parts: int | None = None) -> str:
     return f"`quadpend train --resume {shlex.quote(str(folder))}` continues the run"
 
 
-def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_normalize: Path | None = None) -> None:
+def export(
+    model: tyro.conf.Positional[Path],
+    out: Path | None = None,
+    vec_normalize: Path | None = None,
+    history: int = 0,
+    history_actions: int = 0,
+) -> None:
     """Convert a model to a policy file, which executes no code when loaded.
 
     Loading the model executes code that it contains: export only files that you trust.
@@ -207,6 +213,8 @@ def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_norma
         out: Policy file; the default is the path of the model with the suffix .npz.
         vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is a file
             vecnormalize.pkl beside the model. Loading it executes code that it contains.
+        history: Observations that the model receives, of HistoryWrapper; 0: found from their size.
+        history_actions: Actions that it receives after them, with history.
     """
     from quadpend_train.policies.export import export_zip
 
@@ -214,7 +222,8 @@ def export(model: tyro.conf.Positional[Path], out: Path | None = None, vec_norma
     if path.exists():
         raise FileExistsError(f"{path} exists already: choose another file with --out")
     writable_file(path)
-    export_zip(model, vec_normalize, source=model.name).save(path)
+    given = {"history": history, "history_actions": history_actions} if history else {}
+    export_zip(model, vec_normalize, source=model.name, **given).save(path)
     print(f"Written: {path}")
 
 

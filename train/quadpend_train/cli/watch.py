@@ -82,7 +82,7 @@ def watch(
     """
     from quadpend_gym.scenarios import check_own_models, find_scenario
     from quadpend_gym.viewer import check_pygame
-    from quadpend_train.policies.adaptation import check_policy
+    from quadpend_train.policies.check import check_policy
     from quadpend_train.policies.loading import load_policies
 
     if not 1 <= len(policies) <= 3:

@@ -36,30 +36,15 @@ _EXCLUDED = {
     quadpend_gym: ("viewer", "core/source_hash.py", "envs/recorder.py"),
     quadpend_baselines: ("paper", "planning"),
 }
-# The files of quadpend_train that influence the result of an episode.
-_TRAIN_SOURCES = (
-    "evaluation/episodes.py",
-    "policies/adaptation.py",
-    "policies/conversion.py",
-    "policies/export.py",
-    "policies/finite_differences.py",
-    "policies/loading.py",
-    "policies/mlp_policy.py",
-    "policies/network_policy.py",
-    "policies/normalization.py",
-    "policies/own.py",
-    "policies/sb3_models.py",
-    "policies/torch_policy.py",
-)
 
 
 def sources() -> list[Path]:
     """Return the source files, and the planned flights, that determine the results of an episode."""
-    found = [_TRAIN / name for name in _TRAIN_SOURCES]
+    found = [_TRAIN / "evaluation/episodes.py", *(_TRAIN / "policies").glob("*.py")]
     for package, names in _EXCLUDED.items():
         folder = Path(str(package.__file__)).parent
         excluded = [folder / name for name in names]
-        files = [*folder.rglob("*.py"), *folder.rglob("*.csv")]
+        files = [*folder.rglob("*.py"), *folder.rglob("*.csv"), *folder.rglob("*.toml")]
         found += [file for file in files if not any(file.is_relative_to(path) for path in excluded)]
     return sorted(found)
 

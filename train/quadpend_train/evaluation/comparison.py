@@ -28,8 +28,8 @@ from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
-from quadpend_train.policies.adaptation import check_policy
-from quadpend_train.policies.conversion import convert
+from quadpend_train.policies.check import check_policy
+from quadpend_train.policies.conversion import as_policy
 from quadpend_train.policies.loading import load_policies, policy_fingerprints, policy_names
 
 Cell = tuple[str, str]  # names of a scenario and of a policy
@@ -245,7 +245,7 @@ def named_policies(policies: Policies) -> dict[str, str | Sequence[Policy]]:
             raise ValueError("two policies have the same name: give a mapping from names to policies")
         policies = dict(zip(names, members, strict=True))
     lists = {name: item if isinstance(item, str | list | tuple) else [item] for name, item in policies.items()}
-    return {name: item if isinstance(item, str) else [convert(one) for one in item] for name, item in lists.items()}
+    return {name: item if isinstance(item, str) else [as_policy(one) for one in item] for name, item in lists.items()}
 
 
 def _find_scenario(value: Any) -> Scenario:

@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.scenarios import Scenario, find_scenario
-from quadpend_train.policies.adaptation import adapt_policy
+from quadpend_train.policies.conversion import as_policy
 
 # First seeds of disjoint sets of episodes. The seeds of training runs are above 2³², see
 # `quadpend_train.training.callbacks.first_seed`.
@@ -60,7 +59,7 @@ class EpisodeResults(NamedTuple):
 
 
 def run_episodes(
-    policies: Sequence[Policy],
+    policies: Sequence[Any],
     scenario: str | Scenario,
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
@@ -69,7 +68,7 @@ def run_episodes(
     """Run `episodes` episodes with each policy; episode k has the seed `seed` + k.
 
     Args:
-        policies: Objects with the `predict` protocol: one, or one for each training seed.
+        policies: Policies, or what `as_policy` takes: one, or one for each training seed.
         scenario: Scenario, or its name as `find_scenario` takes it.
         episodes: Number of episodes.
         seed: Seed of the first episode.
@@ -82,8 +81,9 @@ def run_episodes(
         scenario = find_scenario(scenario)
     results, lengths = [], np.full(episodes, scenario.steps)
     for policy in policies:
-        env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
-        steps = rollout(adapt_policy(policy, scenario), env, seed, options)
+        flown = as_policy(policy).adapt(scenario)
+        env = flown.wrap(scenario.make_vec(episodes, AutoresetMode.SAME_STEP))
+        steps = rollout(flown, env, seed, options)
         results.append(collect_results(steps, lengths, scenario.simulation.period, pendulum_arm(scenario)))
     return EpisodeResults(*(np.stack(parts) for parts in zip(*results, strict=True)))
 

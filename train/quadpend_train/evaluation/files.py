@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_gym.core.factories import find_factory
+from quadpend_gym.core.factories import find_factory, is_factory
 from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.scenarios import find_scenario, split_changes
-from quadpend_train.policies.loading import own_policy, policy_file, policy_names
+from quadpend_train.policies.loading import policy_file, policy_names
 from quadpend_train.policies.mlp_policy import SHIPPED
 from quadpend_train.policies.normalization import statistics_file
 
@@ -24,12 +24,11 @@ def policy_files(names: str) -> list[Path]:
     """
     found = []
     for name in policy_names(names):
-        if factory := own_policy(name):
-            find_factory(factory)
+        if is_factory(name):
+            find_factory(name)
         elif name not in CONTROLLERS and (path := policy_file(name)).parent != SHIPPED:
-            # An ONNX model can have its weights in another file, and a zip the statistics of VecNormalize.
-            others = (path.with_name(f"{path.name}.data"), statistics_file(path) if path.suffix == ".zip" else None)
-            found += [path, *(other for other in others if other and other.is_file())]
+            statistics = statistics_file(path) if path.suffix == ".zip" else None
+            found += [path, *([statistics] if statistics else [])]
     return found
 
 

@@ -12,7 +12,7 @@ from quadpend_gym.envs.recorder import Recorder
 from quadpend_gym.envs.world import World
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.viewer.snapshot import Snapshot
-from quadpend_train.policies.adaptation import adapt_policy, estimated_disturbance
+from quadpend_train.policies.conversion import as_policy
 
 
 class Recording(NamedTuple):
@@ -71,11 +71,12 @@ def record_episode(
         seed: Seed of the episode.
         options: Options of the environment's reset.
     """
-    policy, env = adapt_policy(policy, scenario), scenario.make_vec(1, AutoresetMode.SAME_STEP)
+    flown = as_policy(policy).adapt(scenario)
+    env = flown.wrap(scenario.make_vec(1, AutoresetMode.SAME_STEP))
     inner: Any = env.unwrapped
     inner.recorder = recorder = _StepRecorder(inner.world)
     estimates, survived = [], False
-    for step in rollout(policy, env, seed, options):
+    for step in rollout(flown, env, seed, options):
         survived = bool(step.survived[0])
-        estimates.append(estimated_disturbance(policy, step.memory)[0])
+        estimates.append(flown.estimated_disturbance(step.memory)[0])
     return Recording(name, tuple(recorder.recorded), np.array(estimates), survived)

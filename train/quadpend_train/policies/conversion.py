@@ -1,49 +1,106 @@
-"""Conversion of objects of other libraries to policies."""
+"""Objects of other libraries and functions as policies."""
 
+import sys
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from quadpend_baselines import Policy
+from quadpend_baselines.policy.rotors import allocate_rotors
+from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.scenarios import Scenario
+from quadpend_train.policies.finite_differences import with_velocities
+from quadpend_train.policies.history import History, HistoryPolicy
+
+PROTOCOL = (
+    "a policy is an object with predict(observation, state=None, episode_start=None, deterministic=True), which takes"
+    " observations of shape (n, 36) and returns actions of shape (n, 4) in [-1, 1] and its memory"
+)
 
 
 def as_policy(value: Any) -> Policy:
     """Return an object as a policy.
 
     Args:
-        value: One of
-
-            - a model of Stable-Baselines3 or sb3-contrib, see `quadpend_train.policies.export.policy_from_model`;
-            - a torch module, see `quadpend_train.policies.torch_policy.policy_from_torch`;
-            - an object with the `predict` method of `quadpend_baselines.Policy`, which is returned.
+        value: A `quadpend_baselines.Policy`, which is returned; a model of Stable-Baselines3 or of a library with the
+            same interface, see `quadpend_train.policies.export.policy_from_model`; or another object with `predict`,
+            whose actions are thrust and torques, or those of the scenario.
 
     Raises:
-        TypeError: If `value` is none of these.
-        ValueError: If a model or module has other observations or actions than the environment.
+        ValueError: If `value` is none of these, or a model has other observations or actions than the environment.
     """
-    policy: Policy = convert(value)
-    if isinstance(policy, type) or not callable(getattr(policy, "predict", None)):
-        raise TypeError(
-            "a policy must be an object with predict(observation, state, episode_start, deterministic) -> (action,"
-            f" state), a model of Stable-Baselines3 or a torch module, not {value!r}"
-        )
-    return policy
+    if isinstance(value, Policy):
+        return value
+    if "stable_baselines3" in sys.modules:  # a model needs it, other objects are converted without loading torch
+        from stable_baselines3.common.base_class import BaseAlgorithm
 
-
-def convert(value: Any) -> Any:
-    """Return the policy of a model of Stable-Baselines3 or of a torch module, and other objects as they are.
-
-    Args:
-        value: Any object; for models and modules, see `as_policy`.
-
-    Raises:
-        ValueError: If a model or module has other observations or actions than the environment.
-    """
-    kinds = {f"{kind.__module__}.{kind.__name__}" for kind in type(value).__mro__}  # without importing torch
-    if "stable_baselines3.common.base_class.BaseAlgorithm" in kinds:
         from quadpend_train.policies.export import policy_from_model
 
-        return policy_from_model(value)
-    if "torch.nn.modules.module.Module" in kinds and not hasattr(value, "predict"):
-        from quadpend_train.policies.torch_policy import policy_from_torch
+        if isinstance(value, BaseAlgorithm):
+            return policy_from_model(value)
+    if isinstance(value, type) or not callable(getattr(value, "predict", None)):
+        raise ValueError(f"{value!r} is no policy: {PROTOCOL}")
+    return ObjectPolicy(value)
 
-        return policy_from_torch(value)
-    return value
+
+class ObjectPolicy(Policy):
+    """An object with the method `predict`; a class that derives from `Policy` can say more.
+
+    Args:
+        value: The object.
+    """
+
+    def __init__(self, value: Any) -> None:
+        """Keep the object."""
+        self.value = value
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return what the object returns; see `quadpend_baselines.Policy.predict`."""
+        returned = self.value.predict(observation, state, episode_start, deterministic=deterministic)
+        if not isinstance(returned, tuple) or len(returned) != 2:
+            raise ValueError(f"predict returned {type(returned).__name__}, not a tuple of actions and memory")
+        return returned
+
+    def adapt(self, scenario: Scenario) -> Policy:
+        """Return the policy; where the actions command rotors, its thrust and torques are allocated to them."""
+        return allocate_rotors(self, scenario)
+
+
+def policy_from_function(
+    function: Callable[[Floats32], Any], size: int = 36, history: int = 1, history_actions: int = 0
+) -> Policy:
+    """Return a policy that calls a function, such as a torch module or a session of ONNX, for a batch of observations.
+
+    Args:
+        function: Maps observations, shape (n, m), float32, to actions, shape (n, 4), which are clipped to [−1, 1].
+        size: Size of an observation: 36, or 27 without velocities.
+        history: Number of the latest observations that the function receives, oldest first.
+        history_actions: Number of the latest actions that it receives after them, oldest first.
+    """
+    policy = FunctionPolicy(function, size)
+    one = history == 1 and not history_actions
+    return policy if one else HistoryPolicy(policy, History(size, history, history_actions))
+
+
+class FunctionPolicy(Policy):
+    """A function of the observation, see `policy_from_function`."""
+
+    def __init__(self, function: Callable[[Floats32], Any], size: int) -> None:
+        """Keep the function."""
+        self.function, self.observation_sizes = function, (size,)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return the action and None; see `quadpend_baselines.Policy.predict`."""
+        rows = np.atleast_2d(np.asarray(observation, np.float32))
+        action = np.clip(np.asarray(self.function(rows), np.float32), -1.0, 1.0)
+        return action.reshape(*np.shape(observation)[:-1], ACTION_SIZE), None
+
+    def adapt(self, scenario: Scenario) -> Policy:
+        """Return the policy, with velocities if it needs them."""
+        return with_velocities(self, scenario)

@@ -1,25 +1,32 @@
-"""Policies from models of Stable-Baselines3: exported to an `MlpPolicy`, or run as they are."""
+"""Policies from models of Stable-Baselines3 and torch modules: exported to an `MlpPolicy`, or run as they are."""
 
+from collections.abc import Iterable, Iterator
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from gymnasium import spaces
 
+from quadpend_baselines import Policy
+from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_train.policies.mlp_policy import FORMAT, OBSERVATION_SIZES, PLAIN_INTERFACE, MlpPolicy
-from quadpend_train.policies.normalization import (
-    LOST,
-    Normalization,
-    from_vec_normalize,
-    statistics_file,
-    was_normalized,
-)
-from quadpend_train.policies.sb3_models import actor_modules, read_zip
-from quadpend_train.policies.torch_policy import read_layers
+from quadpend_gym.envs.spaces import action_space
+from quadpend_gym.scenarios import Scenario
+from quadpend_train.policies.finite_differences import with_velocities
+from quadpend_train.policies.history import History, HistoryPolicy, histories_of
+from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
+from quadpend_train.policies.normalization import Normalization, from_vec_normalize, statistics_file
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
 
 _TOLERANCE = 1e-5  # of a component of the action: torch and numpy sum float32 numbers in different orders
+_LENGTH_ERROR = 0.1  # the length of an observed direction differs from 1 by less, also with noisy sensors
+_IDENTITIES = (torch.nn.Identity, torch.nn.Dropout, torch.nn.Flatten)  # in evaluation, for one vector per row
+_LOST = (
+    "the model was trained with normalised observations, and the statistics of VecNormalize are missing: give them"
+    " with --vec-normalize (vec_normalize=… in Python)"
+)
 
 
 def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
@@ -30,17 +37,16 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
         vec_normalize: The `VecNormalize` with which the model was trained, or the path of the file (.pkl) to which it
             was saved. Its normalisation of observations becomes part of the policy. None: that of the model's
             environment, if it has one. Loading such a file executes code that is in it.
-        card: Further entries of the card. The default of the entries in
-            `quadpend_train.policies.mlp_policy.PLAIN_INTERFACE` is a policy whose only input is the latest observation.
+        card: Further entries of the card, such as ``history=4``. The default is a policy that observes what the model
+            observes, see `find_history`, without a hybrid.
 
     Raises:
         ValueError: If the policy is not a feedforward network, its number of inputs is not the one that the card
             implies, or it was trained with normalised observations whose statistics are missing.
     """
-    if not isinstance(model.observation_space, spaces.Box) or len(model.observation_space.shape) != 1:
-        raise ValueError(f"{_name(model)} cannot be exported: it observes {_described(model.observation_space)}")
-    if hasattr(model.policy, "lstm_actor"):
-        raise ValueError(f"{_name(model)} cannot be exported: it has a memory (LSTM), and a policy file has none")
+    if "history" not in card:
+        history = find_history(model)
+        card = {"history": history.observations, "history_actions": history.actions, **card}
     layers, fields = read_layers(actor_modules(model))
     normalization = _normalization(model, vec_normalize)
     if normalization is not None:
@@ -54,14 +60,12 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
 
 
 def export_zip(path: str | Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
-    """Return the policy of a saved model; its only input must be the latest observation.
-
-    Loading a model executes code that is in its file: export only files whose source you trust.
+    """Return the policy of a saved model, see `export`. Loading a model executes code that is in its file.
 
     Args:
         path: The file (.zip).
         vec_normalize: As for `export`. None: the file that RL Baselines3 Zoo saves with the model, if the model needs
-            it and it is there, see `quadpend_train.policies.normalization.statistics_file`.
+            it and it is there, see `statistics_file`.
         card: Further entries of the card.
 
     Raises:
@@ -74,69 +78,29 @@ def export_zip(path: str | Path, vec_normalize: Any = None, **card: Any) -> MlpP
         raise ValueError(f"{path}: {error}") from error
 
 
-class ModelPolicy:
-    """A model of Stable-Baselines3 as a policy that is run as it is, for models that cannot be exported.
-
-    The memory of a recurrent model is the state of its LSTM.
+def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
+    """Return the policy of a model of any algorithm: exported if possible, else run by its `predict`.
 
     Args:
-        model: A model of any algorithm that observes 36 or 27 numbers and acts in [−1, 1]⁴.
-        vec_normalize: As for `export`.
-
-    Attributes:
-        model: The model.
-        observation_sizes: The size of the observations that the model accepts, 36 or 27.
-
-    Raises:
-        ValueError: If the model has other observations or actions.
-    """
-
-    def __init__(self, model: Any, vec_normalize: Any = None) -> None:
-        """Check the spaces of the model."""
-        observation, action = model.observation_space, model.action_space
-        if observation.shape not in [(size,) for size in OBSERVATION_SIZES]:
-            raise ValueError(
-                f"{_name(model)} observes {_described(observation)}; a policy observes"
-                f" {' or '.join(map(str, OBSERVATION_SIZES))} numbers"
-            )
-        unit = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
-        if action != unit:
-            raise ValueError(f"{_name(model)} acts in {_described(action)}; a policy acts in {_described(unit)}")
-        self.model = model
-        self.observation_sizes = observation.shape
-        self._normalization = _normalization(model, vec_normalize)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, Any]:
-        """Return the action and the memory; see `quadpend_baselines.Policy.predict`."""
-        observation = np.asarray(observation, np.float32)
-        if self._normalization is not None:
-            observation = self._normalization.apply(observation)
-        action, memory = self.model.predict(observation, state, episode_start, deterministic)
-        return action, memory
-
-
-def policy_from_model(model: Any, vec_normalize: Any = None) -> MlpPolicy | ModelPolicy:
-    """Return the policy of a model: exported if possible, else run as it is.
-
-    Args:
-        model: A model of any algorithm of Stable-Baselines3 or sb3-contrib that observes 36 or 27 numbers and acts in
-            [−1, 1]⁴.
+        model: A model of Stable-Baselines3, sb3-contrib or a library with the same interface that observes 36 or 27
+            numbers, or a history of them, and acts in [−1, 1]⁴.
         vec_normalize: As for `export`.
 
     Raises:
         ValueError: If the model has other observations or actions, or was trained with normalised observations whose
             statistics are missing.
     """
-    policy = ModelPolicy(model, vec_normalize)
+    history, normalization = find_history(model), _normalization(model, vec_normalize)
+    if model.action_space != action_space():
+        raise ValueError(f"{_name(model)} acts in {model.action_space}; a policy acts in {action_space()}")
     try:
         return export(model, vec_normalize)
-    except ValueError:
-        return policy
+    except Exception:  # networks of other libraries have other attributes
+        policy = ModelPolicy(model, normalization)
+        return policy if history.observations == 1 and not history.actions else HistoryPolicy(policy, history)
 
 
-def policy_from_zip(path: Path) -> MlpPolicy | ModelPolicy:
+def policy_from_zip(path: Path) -> Policy:
     """Return the policy of a saved model, see `policy_from_model`. Loading a model executes code that is in its file.
 
     Args:
@@ -152,11 +116,120 @@ def policy_from_zip(path: Path) -> MlpPolicy | ModelPolicy:
         raise ValueError(f"{path}: {error}") from error
 
 
+def policy_from_torch(module: torch.nn.Module) -> MlpPolicy:
+    """Return a policy that acts like a `torch.nn.Sequential`, and can be saved to a policy file.
+
+    Args:
+        module: Linear layers for one observation per row, with relu, tanh or elu between them, and a tanh at the end
+            if wanted; without it the output is clipped to [−1, 1].
+
+    Raises:
+        ValueError: If the module is another one; `policy_from_function` takes it.
+    """
+    layers, fields = read_layers([deepcopy(module).eval()])
+    return MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE})
+
+
+class ModelPolicy(Policy):
+    """A model that is run by its own `predict`, since it cannot be exported.
+
+    The memory of a recurrent model is the state of its LSTM.
+    """
+
+    def __init__(self, model: Any, normalization: Normalization | None) -> None:
+        """Keep the model."""
+        self.model, self.observation_sizes, self._normalization = model, model.observation_space.shape, normalization
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return the action and the memory; see `quadpend_baselines.Policy.predict`."""
+        observation = np.asarray(observation, np.float32)
+        if self._normalization is not None:
+            observation = self._normalization.apply(observation)
+        action, memory = self.model.predict(observation, state, episode_start, deterministic)
+        return action, memory
+
+    def adapt(self, scenario: Scenario) -> Policy:
+        """Return the policy, with velocities if it needs them."""
+        return with_velocities(self, scenario)
+
+
+def find_history(model: Any) -> History:
+    """Return the history that a model observes, from the size of its observation space.
+
+    Three full observations have the size of four without velocities. Which ones they are is seen in the last
+    observation of the training, which is saved in the model: the direction of the pendulum has the length 1.
+
+    Raises:
+        ValueError: If there is no such history, or several.
+    """
+    space = model.observation_space
+    found = histories_of(space.shape[0]) if isinstance(space, spaces.Box) and len(space.shape) == 1 else []
+    if not found:
+        raise ValueError(
+            f"{_name(model)} observes {' '.join(str(space).split())}; a policy observes 36 or 27 numbers, or a history"
+            " of them with at most 8 actions"
+        )
+    last = model._last_obs if model._last_original_obs is None else model._last_original_obs
+    if len(found) > 1 and np.ndim(last) == 2:
+        found = [history for history in found if _has_unit_directions(last, history.size)] or found
+    if len(found) > 1:
+        several = " or ".join(f"{history.observations} observations of {history.size}" for history in found)
+        raise ValueError(
+            f"{_name(model)} observes {space.shape[0]} numbers, which can be {several}: export it with the option"
+            " history (quadpend export --history)"
+        )
+    return found[0]
+
+
+def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32, Floats32]], dict[str, Any]]:
+    """Return the layers of a feedforward network, and the fields of an `MlpPolicy`'s card that describe the others.
+
+    Args:
+        modules: The modules of the network in order. Containers are replaced by their modules.
+
+    Raises:
+        ValueError: If the network does not consist of linear layers with one kind of activation function between them,
+            optional `MultiScaleInputs` at the beginning, and an optional limit and tanh at the end.
+    """
+    found = [module for module in _flat(modules) if not isinstance(module, _IDENTITIES)]
+    fields: dict[str, Any] = {"activation": "relu", "squashed": bool(found) and type(found[-1]) is torch.nn.Tanh}
+    if found and isinstance(first := found[0], MultiScaleInputs):
+        fields["input_scales"] = list(first.scales)
+        found.pop(0)
+    if fields["squashed"]:
+        found.pop()
+    if found and isinstance(limit := found[-1], torch.nn.Hardtanh) and limit.min_val == -limit.max_val:
+        fields["bound"] = float(limit.max_val)
+        found.pop()
+    linear, activations = found[::2], found[1::2]
+    names = [name for name, kind in ACTIVATION_MODULES.items() if all(type(item) is kind for item in activations)]
+    wrong = not all(type(item) is torch.nn.Linear for item in linear) or len(linear) != len(activations) + 1
+    if wrong or not names or any(getattr(item, "alpha", 1.0) != 1.0 for item in activations):
+        raise ValueError("the policy network must have linear layers with relu, tanh or elu between them")
+    fields["activation"] = names[0]
+    return [_arrays(layer) for layer in linear], fields
+
+
+def _flat(modules: Iterable[torch.nn.Module]) -> Iterator[torch.nn.Module]:
+    for module in modules:
+        if type(module) is torch.nn.Sequential:
+            yield from _flat(module)
+        else:
+            yield module
+
+
+def _arrays(layer: Any) -> tuple[Floats32, Floats32]:
+    weights = layer.weight.detach().cpu().numpy().T.astype(np.float32).copy()
+    if layer.bias is None:
+        return weights, np.zeros(weights.shape[1], np.float32)
+    return weights, layer.bias.detach().cpu().numpy().astype(np.float32).copy()
+
+
 def _statistics(model: Any, path: Path, vec_normalize: Any) -> Any:
     """Return the given statistics, or those beside the model's file if the model needs them."""
-    if vec_normalize is None and was_normalized(model):
-        return statistics_file(path)
-    return vec_normalize
+    return statistics_file(path) if vec_normalize is None and _was_normalized(model) else vec_normalize
 
 
 def _normalization(model: Any, vec_normalize: Any) -> Normalization | None:
@@ -164,17 +237,31 @@ def _normalization(model: Any, vec_normalize: Any) -> Normalization | None:
         vec_normalize = model.get_vec_normalize_env()
     if vec_normalize is not None:
         return from_vec_normalize(vec_normalize, model.observation_space.shape[0])
-    if was_normalized(model):
-        raise ValueError(LOST)
+    if _was_normalized(model):
+        raise ValueError(_LOST)
     return None
+
+
+def _was_normalized(model: Any) -> bool:
+    """Return whether a model was trained with normalised observations, according to the observations saved in it.
+
+    `VecNormalize` leaves an original observation in a model. The direction of the pendulum has the length 1 in original
+    observations, but not in normalised ones.
+    """
+    last, original = model._last_obs, model._last_original_obs
+    if original is None or np.ndim(original) != 2:
+        return False
+    return any(
+        _has_unit_directions(original, history.size) and not _has_unit_directions(last, history.size)
+        for history in histories_of(np.shape(original)[1])
+    )
+
+
+def _has_unit_directions(observation: Any, size: int) -> bool:
+    """Return whether the first `size` numbers of observations, shape (n, m), have directions of length 1."""
+    length = np.linalg.norm(read_observation(np.asarray(observation)[:, :size], "direction"), axis=1)
+    return bool(np.median(np.abs(length - 1.0)) < _LENGTH_ERROR)
 
 
 def _name(model: Any) -> str:
     return f"{type(model).__name__} with {type(model.policy).__name__}"
-
-
-def _described(space: spaces.Space[Any]) -> str:
-    """Return a short description of a space without line breaks."""
-    if isinstance(space, spaces.Box):
-        return f"numbers of shape {space.shape} from {space.low.min():g} to {space.high.max():g}"
-    return " ".join(str(space).split())

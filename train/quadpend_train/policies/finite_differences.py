@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_baselines.policy.protocol import episode_start_mask
+from quadpend_baselines.policy.protocol import PolicyWrapper, episode_start_mask
 from quadpend_gym import OBSERVATION_FIELDS, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import OBSERVATION_SCALE, OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS
 
 # Observed fields and the fields of their rates.
@@ -19,7 +20,7 @@ class _Memory(NamedTuple):
     outputs: dict[str, Floats]  # the last values of the observed fields, shape (n, 3) each
 
 
-class FiniteDifferencePolicy:
+class FiniteDifferencePolicy(PolicyWrapper):
     """A policy for environments behind `OutputFeedbackWrapper` that computes rates from two successive observations.
 
     At the first step of an episode the rates of the tracking error, the direction and the roll and pitch angles are
@@ -32,7 +33,7 @@ class FiniteDifferencePolicy:
 
     def __init__(self, policy: Policy, period: float) -> None:
         """Wrap `policy`."""
-        self.policy = policy
+        super().__init__(policy)
         self.period = period
 
     def predict(
@@ -52,3 +53,13 @@ class FiniteDifferencePolicy:
             full[:, columns] = rate / OBSERVATION_SCALE[columns]
         action, memory = self.policy.predict(full, state and state.policy, episode_start, deterministic)
         return action, _Memory(memory, outputs)
+
+    def estimated_disturbance(self, memory: Any) -> Floats:
+        """Return the estimate of the wrapped policy."""
+        return self.policy.estimated_disturbance(memory.policy)
+
+
+def with_velocities(policy: Policy, scenario: Scenario) -> Policy:
+    """Return a policy for a scenario, in which velocities that it needs may not be observed."""
+    hidden = scenario.output_feedback and policy.observation_sizes == (OBSERVATION_SIZE,)
+    return FiniteDifferencePolicy(policy, scenario.simulation.period) if hidden else policy

@@ -31,30 +31,31 @@ import json
 import zipfile
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from gymnasium import logger
 
+from quadpend_baselines import Policy
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
+from quadpend_baselines.hybrid.wrappers import NO_HYBRID
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.core.validation import check_int, check_number
-from quadpend_gym.physics.parameters import INTERFACES
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.core.settings import Range, parse, settings
+from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
-from quadpend_train.common.version_0_1 import current_card, current_name
-from quadpend_train.policies.description import check_description
-from quadpend_train.policies.normalization import normalization_from_data
+from quadpend_train.policies.finite_differences import with_velocities
+from quadpend_train.policies.history import OBSERVATION_SIZES, pushed
+from quadpend_train.policies.normalization import Normalization
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
-OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
 # Fields of the card of a policy whose only input is the latest observation
 PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1, "history": 1, "history_actions": 0}
 _LARGEST_FILE = 64 * 2**20  # bytes, unpacked
@@ -64,6 +65,49 @@ ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "tanh": np.tanh,
     "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, np.float32(0.0)))),
 }
+Count = Annotated[int, Range(0, 2**53)]
+
+
+@settings
+class Score:
+    """The score of a training, see `quadpend_train.training.validation`."""
+
+    survival: Annotated[float, Range(0.0, 1.0)]
+    penalised_rmse: Annotated[float, Range(0.0, 1.0, "m")]
+
+
+@settings
+class Card:
+    """The fields of a card that the policy and the reports read; the docstring of the module explains the first ones.
+
+    Attributes:
+        curve: Timesteps, seconds, survival and penalised RMSE (m) of each evaluation of the training.
+        scenarios: Scenarios of the training with their hashes.
+        source: File from which the policy was exported.
+    """
+
+    format: Literal["quadpend policy 2"]
+    activation: Literal["relu", "tanh", "elu"]
+    squashed: bool
+    hybrid: dict[str, Any] | None
+    action_repeat: Annotated[int, Range(1, 10_000_000)]
+    history: Annotated[int, Range(1, 10_000_000)]
+    history_actions: Annotated[int, Range(0, 10_000_000)]
+    bound: Annotated[float | None, Range(1e-30, 1e30)] = None
+    input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()
+    normalization: Normalization | None = None
+    interface: Literal["wrench", "rotors", "body_rates"] = "wrench"
+    vehicle: str | None = None
+    settings: dict[str, Any] | None = None
+    seed: Count = 0
+    steps: Count = 0
+    best_at: Count = 0
+    seconds: Annotated[float, Range(0.0, 1e12, "s")] = 0.0
+    score: Score | None = None
+    curve: tuple[tuple[float, float, float, float], ...] = ()
+    scenarios: dict[str, str] | None = None
+    provenance: dict[str, Any] | None = None
+    source: str = ""
 
 
 class MlpMemory(NamedTuple):
@@ -76,7 +120,7 @@ class MlpMemory(NamedTuple):
     steps: Integers  # control steps since the start of the episode, (n,)
 
 
-class MlpPolicy:
+class MlpPolicy(Policy):
     """A feedforward network as a deterministic policy with the `predict` protocol.
 
     Args:
@@ -91,31 +135,30 @@ class MlpPolicy:
         observation_sizes: Sizes of the observations that the policy accepts: 36, 27 or both.
 
     Raises:
-        TypeError: If a field of the card has the wrong type.
         ValueError: If the card or the layers are invalid, or do not fit together.
     """
 
+    observation_sizes: tuple[int, ...]
+
     def __init__(self, layers: Sequence[tuple[Floats32, Floats32]], card: dict[str, Any]) -> None:
         """Check that layers and card fit together."""
-        _check_card(card)
-        self.layers = [(weights, biases) for weights, biases in layers]
-        self.card = card
-        self.hybrid: Hybrid | None = None if card["hybrid"] is None else hybrid_from_data(card["hybrid"])
-        self._action_repeat, self._history, self._history_actions = (
-            card[name] for name in ("action_repeat", "history", "history_actions")
-        )
-        self._activation, self._squashed = ACTIVATIONS[card["activation"]], card["squashed"]
+        known = {item.name for item in fields(Card)}
+        checked = parse(Card, {name: value for name, value in card.items() if name in known}, "card")
+        self.layers, self.card = list(layers), card
+        self.hybrid: Hybrid | None = None if checked.hybrid is None else hybrid_from_data(checked.hybrid)
+        self.input_scales = checked.input_scales
+        self._action_repeat, self._history = checked.action_repeat, checked.history
+        self._history_actions, self._normalization = checked.history_actions, checked.normalization
+        self._activation, self._squashed, self._bound = ACTIVATIONS[checked.activation], checked.squashed, checked.bound
         self._stateless = self.hybrid is None and self._history == 1 and not self._history_actions
         _check_layers(self.layers)
-        self.input_scales = check_input_scales(card.get("input_scales", ()))
         inputs, parts = self.layers[0][0].shape[0], 1 + len(self.input_scales)
-        self._normalization = (
-            normalization_from_data(card["normalization"], inputs // parts) if "normalization" in card else None
-        )
         self.observation_sizes = tuple(size for size in OBSERVATION_SIZES if parts * self._input_size(size) == inputs)
         if not self.observation_sizes:
             sizes = " or ".join(str(parts * self._input_size(size)) for size in OBSERVATION_SIZES)
             raise ValueError(f"the first layer must take {sizes} numbers, as the card implies, not {inputs}")
+        if self._normalization and not len(self._normalization.mean) == len(self._normalization.std) == inputs // parts:
+            raise ValueError(f"normalization must have {inputs // parts} numbers, the inputs of the network")
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
@@ -128,20 +171,21 @@ class MlpPolicy:
             ValueError: If there is no such file, or it does not contain a policy.
         """
         path = Path(name)
-        if not path.is_file() and not (path := SHIPPED / f"{current_name(str(name))}.npz").is_file():
+        if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
             raise ValueError(f"{str(name)!r} must be the path of a policy file or the name of a policy of this package")
         try:
-            _check_size(path)
+            with zipfile.ZipFile(path) as archive:
+                size = sum(item.file_size for item in archive.infolist())
+            if size > _LARGEST_FILE:
+                raise ValueError(f"the archive must have at most {_LARGEST_FILE} bytes unpacked, not {size}")
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
                 arrays = {key: data[key] for key in data.files}
-            card = current_card(json.loads(str(arrays.pop("card"))))
+            card = json.loads(str(arrays.pop("card")))
             count = len(arrays) // 2
             layers = [(arrays.pop(f"weights_{i}"), arrays.pop(f"biases_{i}")) for i in range(count)]
             if arrays:
                 raise ValueError(f"the archive also contains {', '.join(sorted(arrays))}")
-            policy = cls(layers, card)
-            check_description(card)
-            return policy
+            return cls(layers, card)
         except KeyError as error:
             raise ValueError(f"{path} is not a policy file: it has no {error}") from error
         except Exception as error:  # a broken archive can raise nearly any exception
@@ -155,18 +199,20 @@ class MlpPolicy:
         with atomic(Path(path)) as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, **arrays)
 
-    def with_simulation(self, simulation: Simulation, loop: Loop | None = None) -> "MlpPolicy":
-        """Return the policy with its base controller designed for another nominal simulation and loop.
+    def adapt(self, scenario: Scenario) -> Policy:
+        """Return the policy with its base controller designed for a scenario, and with velocities if it needs them.
 
         Raises:
             ValueError: If the policy was trained with another command interface, see `check_interface`.
         """
-        check_interface(self.card, simulation)
+        check_interface(self.card, scenario.simulation)
         if self.hybrid is None:
-            return self
+            return with_velocities(self, scenario)
+        if scenario.resolved_task.pendulum == "hanging":
+            raise ValueError(NO_HYBRID)
         other = copy(self)
-        other.hybrid = self.hybrid.with_simulation(simulation, loop)
-        return other
+        other.hybrid = self.hybrid.designed_for(scenario.simulation, Loop.known(scenario))
+        return with_velocities(other, scenario)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -193,8 +239,8 @@ class MlpPolicy:
     def estimated_disturbance(self, memory: Any) -> Floats:
         """Return the base controller's estimate of the disturbance, shape (n, 9); nan without base controller."""
         if self.hybrid is None:
-            return np.full((1, DISTURBANCE_SIZE), np.nan)
-        return np.asarray(self.hybrid.base_controller.estimated_disturbance(memory.hybrid.controller))
+            return super().estimated_disturbance(memory)
+        return np.asarray(self.hybrid.controller.estimated_disturbance(memory.hybrid.controller))
 
     def forward(self, inputs: Floats32) -> Floats32:
         """Return the network's output for inputs of shape (m,) or (n, m), shape (4,) or (n, 4)."""
@@ -207,8 +253,8 @@ class MlpPolicy:
             inputs = self._activation(inputs @ weights + biases)
         weights, biases = self.layers[-1]
         output = inputs @ weights + biases
-        if "bound" in self.card:
-            output = np.clip(output, -self.card["bound"], self.card["bound"])
+        if self._bound is not None:
+            output = np.clip(output, -self._bound, self._bound)
         return np.asarray(np.tanh(output) if self._squashed else np.minimum(np.maximum(output, -1.0), 1.0))
 
     def _predict_rows(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, MlpMemory]:
@@ -224,13 +270,13 @@ class MlpPolicy:
             np.zeros(len(seen), np.int64),
         )
         if state is not None:
-            kept = state._replace(hybrid=(), observations=_pushed(state.observations, seen))
+            kept = state._replace(hybrid=(), observations=pushed(state.observations, seen))
             memory = select_rows(started, memory._replace(hybrid=()), kept)
         flat = [memory.observations.reshape(len(seen), -1), memory.actions.reshape(len(seen), -1)]
         action = self.forward(np.concatenate(flat, axis=1))
         if self._action_repeat > 1:
             action = select_rows(memory.steps % self._action_repeat == 0, action, memory.output)
-        memory = MlpMemory(hybrid, memory.observations, _pushed(memory.actions, action), action, memory.steps + 1)
+        memory = MlpMemory(hybrid, memory.observations, pushed(memory.actions, action), action, memory.steps + 1)
         if self.hybrid is not None:
             action, hybrid = self.hybrid.act(action, memory.hybrid)
             memory = memory._replace(hybrid=hybrid)
@@ -242,37 +288,12 @@ class MlpPolicy:
         return int(self._history * seen + self._history_actions * ACTION_SIZE)
 
 
-def check_input_scales(scales: Any) -> tuple[float, ...]:
-    """Return input scales after a check that they are a list of numbers from 1e-6 to 1e6.
-
-    Raises:
-        TypeError: If they are not a list of numbers.
-        ValueError: If a scale is out of range.
-    """
-    if not isinstance(scales, tuple | list):
-        raise TypeError(f"input_scales must be a list of numbers, not {scales!r}")
-    return tuple(check_number(scale, f"input_scales[{i}]", 1e-6, 1e6) for i, scale in enumerate(scales))
-
-
 def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
     """Return the largest absolute difference of two policies' weights; inf if the shapes of their layers differ."""
     pairs = [pair for layers in zip(policy.layers, other.layers, strict=False) for pair in zip(*layers, strict=True)]
     if len(policy.layers) != len(other.layers) or any(a.shape != b.shape for a, b in pairs):
         return float("inf")
     return max(float(np.abs(a - b).max()) for a, b in pairs)
-
-
-def _check_size(path: Path) -> None:
-    """Raise ValueError if the file is larger, unpacked, than a policy can be."""
-    with zipfile.ZipFile(path) as archive:
-        size = sum(item.file_size for item in archive.infolist())
-    if size > _LARGEST_FILE:
-        raise ValueError(f"the archive must have at most {_LARGEST_FILE} bytes unpacked, not {size}")
-
-
-def _pushed(memory: Floats32, value: Floats32) -> Floats32:
-    """Return `memory` without its oldest entry and with `value` as its latest."""
-    return np.concatenate([memory[:, 1:], value[:, np.newaxis]], axis=1)[:, : memory.shape[1]]
 
 
 def lacks_interface(card: dict[str, Any]) -> bool:
@@ -306,26 +327,6 @@ def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
     vehicle = simulation.vehicle.name
     if (own := card.get("vehicle") or "paper") != vehicle:
         logger.warn("a policy trained on the vehicle %s flies the vehicle %s", own, vehicle)
-
-
-def _check_card(card: Any) -> None:
-    if not isinstance(card, dict) or card.get("format") != FORMAT:
-        raise ValueError(f"the card is not of the format {FORMAT!r}")
-    if card.get("activation") not in ACTIVATIONS:
-        raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, not {card.get('activation')!r}")
-    if not isinstance(card.get("squashed"), bool):
-        raise ValueError(f"squashed must be true or false, not {card.get('squashed')!r}")
-    bound = card.get("bound", 1.0)
-    if not isinstance(bound, float) or not 0.0 < bound < float("inf"):
-        raise ValueError(f"bound must be a number above zero, not {bound!r}")
-    if missing := [name for name in PLAIN_INTERFACE if name not in card]:
-        raise ValueError(f"the card has no {missing[0]!r}")
-    for name, least in (("action_repeat", 1), ("history", 1), ("history_actions", 0)):
-        check_int(card[name], name, least)
-    if card.get("interface", "wrench") not in INTERFACES:
-        raise ValueError(f"interface must be one of {', '.join(INTERFACES)}, not {card['interface']!r}")
-    if not isinstance(card.get("vehicle"), str | None):
-        raise ValueError(f"vehicle must be a name or null, not {card['vehicle']!r}")
 
 
 def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:

@@ -1,13 +1,16 @@
 """Access to models of Stable-Baselines3 and sb3-contrib: their classes, networks and files."""
 
+import importlib
 import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import stable_baselines3
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from quadpend_train.common.text import brief
 
@@ -60,8 +63,6 @@ def algorithm_class(name: str) -> Any:
     Raises:
         ValueError: If the package of the algorithm is not installed.
     """
-    import stable_baselines3
-
     name = name.upper() if name.islower() else name
     if hasattr(stable_baselines3, name):
         return getattr(stable_baselines3, name)
@@ -119,7 +120,9 @@ def _multi_scale(part: Any) -> list[torch.nn.Module]:
 
 
 def read_zip(path: Path) -> Any:
-    """Load a model from a file saved by Stable-Baselines3 or sb3-contrib. Loading executes code that is in the file.
+    """Load a model from a file saved by Stable-Baselines3 or sb3-contrib, or by a library with the same interface.
+
+    Loading executes code that is in the file.
 
     Raises:
         ValueError: If `path` is not such a file.
@@ -127,16 +130,33 @@ def read_zip(path: Path) -> Any:
     try:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))
-        module = data["policy_class"]["__module__"].split(".")
+        kind = _algorithm(data)
     except (zipfile.BadZipFile, KeyError, TypeError, ValueError, AttributeError, OSError) as error:
         raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {brief(error)}") from error
-    names = [name for part, name in _BY_MODULE.items() if part in module]
-    names += [name for setting, name in _BY_SETTING.items() if setting in data]
-    name = names[0] if names else "SAC" if "target_entropy" in data else "PPO"
+    except ImportError as error:
+        raise ValueError(f"{path} needs a package that is not installed: {error}") from error
     try:
         # Running a model needs no replay buffer, which could be larger than the memory.
-        return algorithm_class(name).load(path, device="cpu", custom_objects={"buffer_size": 1})
+        return kind.load(path, device="cpu", custom_objects={"buffer_size": 1})
     except ImportError as error:
         raise ValueError(f"{path} needs a package that is not installed: {error}") from error
     except Exception as error:  # a model can contain any code
-        raise ValueError(f"{path} is not a model of {name}: {brief(error)}") from error
+        raise ValueError(f"{path} is not a model of {kind.__name__}: {brief(error)}") from error
+
+
+def _algorithm(data: dict[str, Any]) -> Any:
+    """Return the class of the algorithm of a saved model, which the file does not name, from what the file contains."""
+    module = data["policy_class"]["__module__"]
+    parts = module.split(".")
+    if parts[0] not in ("stable_baselines3", "sb3_contrib", "__main__"):  # an algorithm beside its class of policies
+        package = importlib.import_module(module.rpartition(".")[0] or module)
+        own = [
+            kind
+            for kind in vars(package).values()
+            if isinstance(kind, type) and issubclass(kind, BaseAlgorithm) and kind.__module__.startswith(parts[0])
+        ]
+        if len(own) == 1:
+            return own[0]
+    names = [name for part, name in _BY_MODULE.items() if part in parts]
+    names += [name for setting, name in _BY_SETTING.items() if setting in data]
+    return algorithm_class(names[0] if names else "SAC" if "target_entropy" in data else "PPO")

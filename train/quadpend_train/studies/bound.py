@@ -47,7 +47,6 @@ from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import collect_results
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
-from quadpend_train.policies.adaptation import adapt_policy
 
 FIRST_GUESS = "flatness"  # controller whose flight the planner starts from, and against which gaps are measured
 _SOURCES = [Path(str(quadpend_baselines.__file__)).parent / "planning", Path(str(nmpc_model.__file__))]
@@ -109,7 +108,7 @@ def plan_episode(task: Task) -> BoundEpisode:
     longer = scenario.make_vec(1, AutoresetMode.SAME_STEP, max_episode_steps=steps + 1)
     env = scenario.make_vec(1, AutoresetMode.SAME_STEP)
     world: Any = env.unwrapped.world  # type: ignore[attr-defined]
-    policy = adapt_policy(controller(FIRST_GUESS), scenario)
+    policy = controller(FIRST_GUESS).adapt(scenario)
     episode, guess = known_episode(longer, seed, steps), record_flight(policy, longer, seed, steps)
     problem = transcription(plant_of(scenario), world.task.limits, steps)
 

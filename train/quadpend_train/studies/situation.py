@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_baselines.hybrid.estimate_only import EstimateOnly
-from quadpend_baselines.hybrid.protocol import HybridMemory
+from quadpend_baselines.hybrid import EstimateOnly, HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
@@ -45,7 +44,8 @@ def adaptive_policies(name: str) -> list[MlpPolicy]:
     """
     adaptive = []
     for policy in load_policies(name):
-        if not isinstance(policy, MlpPolicy) or not getattr(policy.hybrid, "situation", False):
+        hybrid = policy.hybrid if isinstance(policy, MlpPolicy) else None
+        if not isinstance(policy, MlpPolicy) or not isinstance(hybrid, EstimateOnly) or not hybrid.situation:
             raise ValueError(f"{name} does not observe the situation: train with hybrid.situation = true")
         adaptive.append(policy)
     return adaptive
@@ -69,10 +69,12 @@ class MeanSituation(EstimateOnly):
         table: Situation at each step of an episode, shape (steps, 12); the last one counts for all later steps.
     """
 
+    table: Floats32
+
     def __init__(self, hybrid: EstimateOnly, table: Floats32) -> None:
         """Take the base controller of the hybrid."""
         super().__init__(hybrid.base_controller, situation=True)
-        self.table = table
+        object.__setattr__(self, "table", table)  # the settings of a hybrid are frozen
 
     def observe(self, observation: Any, memory: HybridMemory | None, episode_start: Any) -> tuple[Any, HybridMemory]:
         """Return the policy's observation with the situation of the table, and the memory."""

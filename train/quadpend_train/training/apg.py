@@ -50,6 +50,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.scenarios import Scenario, expand_sets, find_scenario
@@ -100,7 +101,7 @@ class APG(OnPolicyAlgorithm):
         self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
         self._memory = self._plant.initial_memory()
         loops = [
-            getattr(item.hybrid.base_controller, "predicted_loop", Loop())
+            item.hybrid.controller.predicted_loop if isinstance(item.hybrid.controller, OutputFeedback) else Loop()
             for item in hybrid_wrappers(env.env)
             for _ in worlds(item)
         ]

@@ -8,6 +8,7 @@ from typing import Any
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_baselines import controller
+from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym import RewardWeights
 from quadpend_gym.actuators import Rotors
@@ -18,7 +19,6 @@ from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.adaptation import adapt_policy, known_loop
 from quadpend_train.training.settings import TrainSettings
 
 
@@ -51,7 +51,7 @@ def concatenate_scenarios(
     if not hybrid:
         return _concatenated(envs)
     made, pairs = hybrid_from_data(hybrid), zip(scenarios, envs, strict=True)
-    groups = [(loop, [env for _, env in group]) for loop, group in groupby(pairs, lambda pair: known_loop(pair[0]))]
+    groups = [(loop, [env for _, env in group]) for loop, group in groupby(pairs, lambda pair: Loop.known(pair[0]))]
     return _concatenated([VectorHybridWrapper(_concatenated(group), made, loop) for loop, group in groups])
 
 
@@ -129,7 +129,7 @@ def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
         env = VectorHistoryWrapper(env, settings.history, settings.history_actions)
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)
-        base_controllers = [adapt_policy(controller(hybrid.base_controller), scenario) for scenario in scenarios]
+        base_controllers = [controller(hybrid.base_controller).adapt(scenario) for scenario in scenarios]
         gamma = settings.gamma ** (1.0 / hybrid.action_repeat)  # discount factor of a control step
         # A penalty of c is the largest return of c steps of the default period: of the same time at any period.
         penalty = hybrid.failure_penalty * (CONTROL_PERIOD / scenarios[0].simulation.period)

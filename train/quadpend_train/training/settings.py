@@ -8,15 +8,13 @@ from typing import Annotated, Any, Literal
 
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.hybrid import HYBRIDS
-from quadpend_baselines.hybrid.base_controller import check_action_scale
-from quadpend_baselines.hybrid.fallback import check_fallback_gain
 from quadpend_gym import RewardWeights
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.validation import check_int, from_plain, suggest
 from quadpend_gym.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
 from quadpend_train.common.version_0_1 import current_name, current_settings
-from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy, check_input_scales
+from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
 from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
 
 PRESETS = Path(__file__).with_name("presets")
@@ -41,9 +39,9 @@ class HybridSettings:
     situation: bool = False
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
     estimate_only."""
-    action_scale: float = 1.0
+    action_scale: Annotated[float, Range(1e-6, 3.0)] = 1.0
     """Factor κ in (0, 3] on the policy's action, with residual_action and bandwidth_scheduling."""
-    fallback_gain: float = 0.0
+    fallback_gain: Annotated[float, Range(0.0, 10.0)] = 0.0
     """Gain γ in [0, 10] that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
     action_repeat: Annotated[int, Range(1, 1000)] = 1
     """Control steps for which each action of the policy is repeated. Timesteps count actions, not control steps."""
@@ -58,8 +56,6 @@ class HybridSettings:
     def __post_init__(self) -> None:
         for name, known in (("base_controller", ("", *CONTROLLERS)), ("mode", tuple(HYBRIDS))):
             _check_choice(getattr(self, name), name, known)
-        object.__setattr__(self, "action_scale", check_action_scale(self.action_scale))
-        object.__setattr__(self, "fallback_gain", check_fallback_gain(self.fallback_gain))
         check_fields(self)
         self._check_combination()
 
@@ -148,7 +144,7 @@ class TrainSettings:
     """Widths of the hidden layers of actor and critic."""
     activation_fn: Literal["relu", "tanh", "elu"] = "relu"
     """Activation function of the hidden layers."""
-    input_scales: tuple[float, ...] = ()
+    input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()
     """Scales s₁, s₂, … of the inputs x of actor and critic, which also receive tanh(s₁ x), tanh(s₂ x), …: large scales
     resolve small errors. From 1e-6 to 1e6. Empty for x alone."""
     sde_sample_freq: Annotated[int, Range(0, 1e9)] = 0
@@ -180,7 +176,7 @@ class TrainSettings:
         if not isinstance(self.net_arch, tuple | list):
             raise TypeError(f"net_arch must be a list of widths, not {self.net_arch!r}")
         object.__setattr__(self, "net_arch", tuple(self.net_arch))
-        object.__setattr__(self, "input_scales", check_input_scales(self.input_scales))
+        object.__setattr__(self, "input_scales", tuple(self.input_scales))
         check_fields(self)
         if len(self.net_arch) > _MOST_LAYERS:
             raise ValueError(f"net_arch must have at most {_MOST_LAYERS} layers, not {len(self.net_arch)}")

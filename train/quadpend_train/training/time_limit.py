@@ -16,7 +16,6 @@ from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from quadpend_train.policies.adaptation import adapt_policy
 from quadpend_train.training.settings import TrainSettings
 
 _SAVING = 0.3  # s, of the model and of the policy
@@ -53,7 +52,7 @@ class TimeLimit:
         for name in expand_sets(settings.scenarios):
             start, scenario = time.perf_counter(), find_scenario(name)
             env = scenario.make_vec(episodes, AutoresetMode.SAME_STEP)
-            steps = rollout(adapt_policy(policy, scenario), env, VALIDATION_SEED)
+            steps = rollout(policy.adapt(scenario), env, VALIDATION_SEED)
             next(steps)
             flown = time.perf_counter()
             count = sum(1 for _ in islice(steps, _PROBE))

@@ -15,7 +15,6 @@ from quadpend_baselines import Policy
 from quadpend_gym.scenarios import expand_sets
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
-from quadpend_train.policies.description import is_score
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings
 
@@ -42,7 +41,7 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     """Run a policy in the training scenarios of a run.
 
     Args:
-        policy: The policy. As in evaluation, `adapt_policy` adapts it to each scenario.
+        policy: The policy. As in evaluation, `Policy.adapt` adapts it to each scenario.
         settings: The settings of the run.
         seed: The seed of the first episode of the first scenario; episodes of different scenarios have different seeds.
 
@@ -75,7 +74,7 @@ def read_curve(folder: Path) -> list[Score]:
         whole = tuple(head) == Score._fields and text.endswith("\n")
     except (ValueError, TypeError, csv.Error):
         whole, scores = False, []
-    if not whole or not all(map(is_score, scores)):
+    if not whole or not all(0.0 <= score.survival <= 1.0 and 0.0 <= score.penalised_rmse <= 1.0 for score in scores):
         raise ValueError(_damaged(path, "it is cut off or contains something else than scores"))
     return scores
 

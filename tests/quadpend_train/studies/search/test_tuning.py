@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from quadpend_baselines import CONTROLLERS, controller
+from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
 from quadpend_baselines.controllers.vehicle_gains import gains_for
 from quadpend_baselines.gains import GAINS, HANGING_GAINS, HANGING_TUNED, TUNED, LqrGains, without_prediction
-from quadpend_baselines.swing.hanging import Hanging, mirror_simulation
 from quadpend_gym import Simulation
 from quadpend_gym.scenarios import SETS
 from quadpend_train.cli.main import main

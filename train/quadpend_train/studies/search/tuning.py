@@ -20,10 +20,10 @@ import optuna
 from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import Policy
+from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
 from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, replace_gains
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
-from quadpend_baselines.swing.hanging import Hanging, mirror_simulation
 from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.validation import suggest
@@ -291,8 +291,9 @@ def _present_gains(name: str, scenario: Scenario) -> Any:
 
 def _make(name: str, gains: Any, scenario: Scenario) -> Policy:
     """Return a controller with gains, which does not know the delays and lags of the scenario."""
-    policy = CONTROLLER_FACTORIES[name](gains, scenario.simulation)
-    return Hanging(policy, scenario.simulation) if scenario.resolved_task.pendulum == "hanging" else policy
+    if scenario.resolved_task.pendulum == "hanging":
+        return Hanging(CONTROLLER_FACTORIES[name](gains, mirror_simulation(scenario.simulation)))
+    return CONTROLLER_FACTORIES[name](gains, scenario.simulation)
 
 
 class _Losses:

@@ -1,19 +1,17 @@
 """Controllers of a hanging load: the mirrored design, the poles of the swing, and tracking."""
 
-from typing import Any
-
 import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_baselines import controller
+from quadpend_baselines.controllers.hanging import mirror_observation, mirror_simulation
 from quadpend_baselines.controllers.lqr import riccati
 from quadpend_baselines.gains import HANGING_GAINS
 from quadpend_baselines.hybrid import HybridWrapper, ResidualAction
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise
-from quadpend_baselines.swing.hanging import Hanging, mirror_observation, mirror_simulation
-from quadpend_gym import OBSERVATION_FIELDS, Reference, Simulation, State, Task, Waypoints
+from quadpend_gym import Reference, Simulation, State, Task, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE
@@ -55,7 +53,7 @@ def flight(name: str, start: dict[str, object], steps: int) -> Floats:
     """Return the states of a flight about the hover reference, shape (steps + 1, 18)."""
     env = gym.make(LOAD)
     observation, _ = env.reset(seed=0, options={"state": start, "reference": Reference.hover()})
-    policy, memory = Hanging(controller(name), Simulation()), None
+    policy, memory = controller(name).adapt(Scenario(env_id=LOAD)), None
     states = [env.unwrapped.state.array.copy()]  # type: ignore[attr-defined]
     for _ in range(steps):
         action, memory = policy.predict(observation, memory)
@@ -115,7 +113,7 @@ def test_what_no_controller_of_a_load_does_is_refused_in_one_sentence(
     name: str, simulation: Simulation, sentence: str
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
-        Hanging(controller(name, simulation), simulation)
+        controller(name).adapt(Scenario(env_id=LOAD, simulation=simulation))
 
 
 def test_a_hybrid_and_a_load_are_refused_in_one_sentence() -> None:
@@ -123,20 +121,6 @@ def test_a_hybrid_and_a_load_are_refused_in_one_sentence() -> None:
         HybridWrapper(gym.make(LOAD), ResidualAction("lqr"))
     with pytest.raises(ValueError, match="hybrids balance an upright pendulum"):
         run_episodes(load_policies("ppo-gain-scheduling-0"), Scenario(env_id=LOAD), 1, 7)
-
-
-def test_own_controllers_of_a_load_receive_the_observation_unchanged() -> None:
-    seen = []
-
-    class Own:
-        def predict(
-            self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-        ) -> Any:
-            seen.append(observation)
-            return np.zeros((len(observation), 4), np.float32), None
-
-    run_episodes([Own()], Scenario(env_id=LOAD, duration=0.05), 2, 7)
-    assert (seen[0][:, OBSERVATION_FIELDS["direction"].stop - 1] < 0.0).all()
 
 
 def test_the_ground_below_a_load_counts_in_the_check_of_a_trajectory() -> None:

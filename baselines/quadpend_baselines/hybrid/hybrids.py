@@ -1,0 +1,338 @@
+"""Hybrids of a classical base controller and a policy.
+
+At every control step a hybrid first computes the policy's observation (`Hybrid.observe`), and then computes the action
+that is applied to the environment from the policy's action (`Hybrid.act`). Three classes use the policy's action
+a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
+
+| class                 | applied action                                                                              |
+|-----------------------|---------------------------------------------------------------------------------------------|
+| `EstimateOnly`        | (1)  a                                                                                      |
+| `ResidualAction`      | (2)  clip(a_base + κ a, −1, 1)                                                              |
+| `BandwidthScheduling` | (3)  the base controller's action, with its four bandwidths multiplied by (1 + κ)^a         |
+
+Equation (4), in `fallback`, optionally scales a down when the base controller's observer reports an anomaly.
+
+The policy's observation contains, in this order,
+
+| part                                                                                    | size     | scale      |
+|-----------------------------------------------------------------------------------------|----------|------------|
+| the observation of the base controller's state estimate; without one, the environment's | 36 or 27 | its own    |
+| the estimated disturbance, with the layout of ``info["disturbance"]``                   | 9        | 1 N, 1 N·m |
+| the action of the base controller; with `ResidualAction` only                           | 4        | 1          |
+| the situation, see `situation`; with ``EstimateOnly(situation=True)`` only              | 12       | its own    |
+
+`ResidualAction` and `BandwidthScheduling` multiply the part of the observation that depends on the state, and the base
+controller's action, by ten, because the base controller keeps these values small.
+"""
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import fields
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+
+from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.hybrid.fallback import update_anomaly_score, weigh_action
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
+from quadpend_baselines.registry import controller
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.settings import Range, parse, settings
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
+
+ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
+FallbackGain = Annotated[float, Range(0.0, 10.0)]  # γ of equation (4); 0 disables the fallback
+_MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation
+HybridType = TypeVar("HybridType", bound="Hybrid")
+
+
+class HybridMemory(NamedTuple):
+    """The state of a hybrid between two calls, for n rows."""
+
+    controller: Any  # memory of the base controller
+    base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
+    anomaly_score: Floats  # q of equation (4), (n,); zeros without a fallback gain
+    situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
+
+
+class Hybrid:
+    """A base controller combined with a policy.
+
+    Attributes:
+        kind: The key of the class in `HYBRIDS`.
+        base_controller: The base controller as it was given: one of `quadpend_baselines.CONTROLLERS`, or an object.
+        controller: The base controller, which estimates the disturbance.
+    """
+
+    kind: ClassVar[str]
+    base_controller: Any
+    controller: Any
+
+    def __post_init__(self) -> None:
+        """Find the base controller."""
+        given = self.base_controller
+        found = controller(given) if isinstance(given, str) else given
+        if not isinstance(found, ADRC | OutputFeedback):
+            raise ValueError(f"base_controller must be a controller that estimates the disturbance, not {given!r}")
+        object.__setattr__(self, "controller", found)
+
+    def designed_for(self: HybridType, simulation: Simulation, loop: Loop | None = None) -> HybridType:
+        """Return this hybrid with its base controller designed for another nominal simulation and loop."""
+        other = copy(self)
+        object.__setattr__(other, "controller", self.controller.designed_for(simulation, loop))
+        return other
+
+    def as_data(self) -> dict[str, Any]:
+        """Return plain data from which `hybrid_from_data` makes the same hybrid.
+
+        Raises:
+            ValueError: If the base controller was given as an object, which has no name.
+        """
+        if not isinstance(self.base_controller, str):
+            raise ValueError(f"only a base_controller with a name can be written as data, not {self.base_controller!r}")
+        values: Any = self
+        return {"kind": self.kind, **{item.name: getattr(values, item.name) for item in fields(values)}}
+
+    def observation_size(self, size: int) -> int:
+        """Return the size of the policy's observation if the environment's observation has `size` numbers."""
+        return (OBSERVATION_SIZE if isinstance(self.controller, OutputFeedback) else size) + DISTURBANCE_SIZE
+
+    def observe(
+        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
+    ) -> tuple[Floats32, HybridMemory]:
+        """Update the base controller's estimate and make the policy's observation.
+
+        Args:
+            observation: Observation of the environment, shape (n, 36) or (n, 27).
+            memory: Memory that the last call of `act` returned; None at the first step.
+            episode_start: Mask of the rows whose episode begins with this observation, shape (n,).
+
+        Returns:
+            The policy's observation, shape (n, m) with m from `observation_size`, and the memory for `act`.
+        """
+        raise NotImplementedError
+
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the action that the base controller would apply, shape (n, 4), and the memory after that, for `act`.
+
+        `BandwidthScheduling` returns zeros, because its base controller acts only after the policy. In other hybrids,
+        base controllers with an integral or a plan expect this call in every step.
+
+        Args:
+            memory: Memory that the last call of `observe` returned.
+        """
+        return memory.base_action, memory
+
+    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Turn the policy's action into the action to apply, and pass the latter to the base controller's observer.
+
+        Args:
+            action: Action of the policy, shape (n, 4).
+            memory: Memory that the last call of `observe` or `base_action` returned.
+
+        Returns:
+            The action to apply to the environment, shape (n, 4), and the memory for the next call of `observe`.
+        """
+        raise NotImplementedError
+
+    def _estimate(self, observation: Floats32, memory: Any) -> tuple[Floats32, Floats]:
+        """Return the observation of the estimated state, (n, 36), or a copy of the given one, and the disturbance."""
+        base = self.controller
+        estimates_state = isinstance(base, OutputFeedback)
+        estimated = base.estimated_observation(observation, memory) if estimates_state else observation.copy()
+        return estimated, base.estimated_disturbance(memory)
+
+
+@settings
+class EstimateOnly(Hybrid):
+    """Hybrid whose policy acts alone, equation (1).
+
+    The policy observes the base controller's estimate of the disturbance, and that of the state at the time when the
+    next action acts: with known delays and lags it is predicted through them.
+
+    Args:
+        base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
+        situation: Whether the policy also observes the situation, see `quadpend_baselines.hybrid.situation`; the base
+            controller then has a Kalman observer.
+    """
+
+    kind: ClassVar[str] = "estimate_only"
+    base_controller: Any = "adrc-matched"
+    situation: bool = False
+
+    def __post_init__(self) -> None:
+        """Find the base controller."""
+        super().__post_init__()
+        if self.situation and not isinstance(self.controller, OutputFeedback):
+            raise ValueError(f"situation needs a base_controller with a Kalman observer, not {self.base_controller!r}")
+
+    def observation_size(self, size: int) -> int:
+        """Return the size of the policy's observation; see `Hybrid.observation_size`."""
+        return super().observation_size(size) + self.situation * SITUATION_SIZE
+
+    def observe(
+        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
+    ) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's observation and the memory; see `Hybrid.observe`."""
+        base, last = self.controller, None if memory is None else memory.controller
+        if isinstance(base, OutputFeedback):  # `base_action` and `act` compute or replace its action later
+            updated: Any = base.update(observation, last, episode_start)
+            estimated, disturbance = (
+                base.predicted_observation(observation, updated),
+                base.estimated_disturbance(updated),
+            )
+            action = np.zeros((len(observation), ACTION_SIZE), np.float32)
+        else:
+            action, updated = base.predict(observation, last, episode_start)
+            estimated, disturbance = self._estimate(observation, updated)
+        observed: list[Any] = [estimated, disturbance]
+        situation: Any = ()
+        if self.situation:
+            known, innovation = None if memory is None else memory.situation, base.innovation(updated)
+            situation = update_situation(known, episode_start, innovation, disturbance, base.simulation.period)
+            observed.append(situation_inputs(situation))
+        seen = np.concatenate(observed, axis=1, dtype=np.float32)
+        return seen, HybridMemory(updated, action, np.zeros(len(observation)), situation)
+
+    def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""
+        if not isinstance(self.controller, OutputFeedback):
+            return memory.base_action, memory
+        action, updated = self.controller.control(memory.controller)
+        return action, memory._replace(controller=updated)
+
+    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
+        return action, memory._replace(controller=self.controller.with_applied_action(memory.controller, action))
+
+
+class _Correction(Hybrid):
+    """What the hybrids that correct the base controller share."""
+
+    fallback_gain: float
+
+    def _observe(
+        self, observation: Floats32, updated: Any, base_action: Floats32, last: HybridMemory | None, started: Any
+    ) -> tuple[list[Any], HybridMemory]:
+        """Return estimated observation, magnified, and disturbance, and the memory.
+
+        Args:
+            observation: Observation of the environment.
+            updated: Memory of the base controller after this observation.
+            base_action: Action of the base controller, or zeros.
+            last: Memory of the last step.
+            started: Mask of the rows whose episode begins.
+        """
+        estimated, disturbance = self._estimate(observation, updated)
+        score, period = None if last is None else last.anomaly_score, self.controller.simulation.period
+        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, score, started, period)
+        estimated[:, : REFERENCE_START - OBSERVATION_SIZE] *= _MAGNIFICATION
+        return [estimated, disturbance], HybridMemory(updated, base_action, score)
+
+
+@settings
+class ResidualAction(_Correction):
+    """Hybrid that applies clip(a_base + κ a, −1, 1), equation (2) (residual policy learning).
+
+    The policy observes the base controller's estimates and its action. With a = 0 the base controller acts alone.
+
+    Args:
+        base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
+        action_scale: κ.
+        fallback_gain: γ of equation (4) in `quadpend_baselines.hybrid.fallback`.
+    """
+
+    kind: ClassVar[str] = "residual_action"
+    base_controller: Any = "flatness"
+    action_scale: ActionScale = 0.3
+    fallback_gain: FallbackGain = 0.0
+
+    def observation_size(self, size: int) -> int:
+        """Return the size of the policy's observation; see `Hybrid.observation_size`."""
+        return super().observation_size(size) + ACTION_SIZE
+
+    def observe(
+        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
+    ) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's observation and the memory; see `Hybrid.observe`."""
+        last = None if memory is None else memory.controller
+        base_action, updated = self.controller.predict(observation, last, episode_start)
+        parts, now = self._observe(observation, updated, base_action, memory, episode_start)
+        return np.concatenate([*parts, _MAGNIFICATION * base_action], axis=1, dtype=np.float32), now
+
+    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the corrected action and the memory; see `Hybrid.act`."""
+        residual = np.float32(self.action_scale) * weigh_action(self.fallback_gain, action, memory.anomaly_score)
+        applied = np.clip(memory.base_action + residual, -1.0, 1.0)
+        return applied, memory._replace(controller=self.controller.with_applied_action(memory.controller, applied))
+
+
+@settings
+class BandwidthScheduling(_Correction):
+    """Hybrid whose policy scales bandwidths, equation (3) (gain scheduling).
+
+    The four components of the policy's action belong to the bandwidths of position, pendulum, attitude, and of height
+    and yaw together. A component a multiplies its bandwidth by (1 + κ)^a. With a = 0 the base controller keeps its
+    nominal gains. It computes its action in `act`, with the scaled bandwidths; until then `base_action` is zero.
+
+    Args:
+        base_controller: ``"flatness"``, or a flatness-based controller with other gains.
+        action_scale: κ.
+        fallback_gain: γ of equation (4) in `quadpend_baselines.hybrid.fallback`.
+    """
+
+    kind: ClassVar[str] = "bandwidth_scheduling"
+    base_controller: Any = "flatness"
+    action_scale: ActionScale = 1.0
+    fallback_gain: FallbackGain = 0.0
+
+    def __post_init__(self) -> None:
+        """Find the base controller."""
+        super().__post_init__()
+        if not isinstance(self.controller, OutputFeedback) or not self.controller.has_bandwidth_scale:
+            raise ValueError(
+                f"only the flatness-based controller has bandwidths to scale, not {self.base_controller!r}"
+            )
+
+    def observe(
+        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
+    ) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's observation and the memory; see `Hybrid.observe`."""
+        updated = self.controller.update(observation, None if memory is None else memory.controller, episode_start)
+        zeros = np.zeros((len(observation), ACTION_SIZE), np.float32)
+        parts, now = self._observe(observation, updated, zeros, memory, episode_start)
+        return np.concatenate(parts, axis=1, dtype=np.float32), now
+
+    def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the base controller's action with scaled bandwidths and the memory; see `Hybrid.act`."""
+        exponent = weigh_action(self.fallback_gain, action, memory.anomaly_score).astype(np.float64)
+        scales = (1.0 + self.action_scale) ** exponent
+        applied, updated = self.controller.control(memory.controller, bandwidth_scale=scales)
+        return applied, HybridMemory(updated, applied, memory.anomaly_score)
+
+
+HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, ResidualAction, BandwidthScheduling)}
+
+
+def hybrid_from_data(data: Any) -> Hybrid:
+    """Return the hybrid that plain data describe.
+
+    Args:
+        data: A mapping with the key ``kind``, one of `HYBRIDS`, and the arguments of that class, for example
+            ``{"kind": "residual_action", "base_controller": "flatness", "action_scale": 0.3, "fallback_gain": 0.0}``.
+
+    Raises:
+        ValueError: If `data` is not a mapping, the kind, a field or the base controller's name is unknown, the base
+            controller does not fit the kind, or a number is out of range.
+    """
+    kind = data.get("kind") if isinstance(data, Mapping) else None
+    if not isinstance(kind, str) or kind not in HYBRIDS or not isinstance(data.get("base_controller"), str):
+        raise ValueError(
+            f"a hybrid must be a mapping with a kind, one of {', '.join(HYBRIDS)}, and the name of a base_controller,"
+            f" not {data!r}"
+        )
+    return parse(HYBRIDS[kind], {name: value for name, value in data.items() if name != "kind"}, "hybrid")
