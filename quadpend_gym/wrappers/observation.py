@@ -13,26 +13,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.arrays import Booleans, Floats32
-from quadpend_gym.core.validation import check_int
 from quadpend_gym.envs.spaces import observation_space
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
 
-def _vector_size(space: Any, name: str) -> int:
-    """Return the number of components of a space of vectors."""
-    if not isinstance(space, spaces.Box) or len(space.shape) != 1:
-        raise TypeError(f"the {name} must be a vector of numbers, a one-dimensional Box, not {space}")
-    return int(space.shape[0])
-
-
-def _check_full_observation(space: Any) -> None:
-    """Check that a space is that of the full observation."""
-    if (size := _vector_size(space, "observation")) != OBSERVATION_SIZE:
+def _without_velocities(space: Any) -> spaces.Box:
+    """Return the space of observations without velocities, after checking that `space` has them."""
+    if space.shape != (OBSERVATION_SIZE,):
         raise ValueError(
             f"velocities can only be removed from the full observation of {OBSERVATION_SIZE} numbers, not from"
-            f" {size}: apply OutputFeedbackWrapper only once, and inside HistoryWrapper"
+            f" {space}: apply OutputFeedbackWrapper only once, and inside HistoryWrapper"
         )
+    return observation_space(OUTPUT_FEEDBACK_SIZE)
 
 
 class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstructorArgs):
@@ -43,18 +36,13 @@ class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstru
 
     Args:
         env: A QuadPendulum environment.
-
-    Raises:
-        TypeError: If the observation of `env` is not a vector.
-        ValueError: If the observation of `env` is not the full observation of 36 numbers.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self)
         gym.ObservationWrapper.__init__(self, env)
-        _check_full_observation(env.observation_space)
-        self.observation_space = observation_space(OUTPUT_FEEDBACK_SIZE)
+        self.observation_space = _without_velocities(env.observation_space)
 
     def observation(self, observation: Floats32) -> Floats32:
         """Return the observation without velocities, shape (27,)."""
@@ -67,8 +55,7 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        _check_full_observation(env.single_observation_space)
-        self.single_observation_space = observation_space(OUTPUT_FEEDBACK_SIZE)
+        self.single_observation_space = _without_velocities(env.single_observation_space)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
@@ -89,13 +76,13 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
 class _Histories:
     """The latest observations and actions of n sub-environments, oldest first."""
 
-    def __init__(self, num_envs: int, observations: int, actions: int, sizes: tuple[int, int]) -> None:
-        check_int(observations, "observations", 1)
-        check_int(actions, "actions", 0)
-        if observations == 1 and actions == 0:
-            raise ValueError("observations must be at least 2 or actions at least 1, not 1 and 0")
-        self._observations = np.zeros((num_envs, observations, sizes[0]), np.float32)
-        self._actions = np.zeros((num_envs, actions, sizes[1]), np.float32)
+    def __init__(self, num_envs: int, observations: int, actions: int, seen: Any, acted: Any) -> None:
+        if observations < 1 or actions < 0 or (observations, actions) == (1, 0):
+            raise ValueError(
+                f"a history must have 2 or more observations, or 1 or more actions, not {observations} and {actions}"
+            )
+        self._observations = np.zeros((num_envs, observations, *seen.shape), np.float32)
+        self._actions = np.zeros((num_envs, actions, *acted.shape), np.float32)
 
     @property
     def size(self) -> int:
@@ -130,18 +117,13 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         env: An environment whose observations and actions are vectors.
         observations: Number of observations, the current one included.
         actions: Number of latest actions.
-
-    Raises:
-        TypeError: If the observations or actions of `env` are not vectors.
-        ValueError: If a number is out of range, or `observations` is 1 and `actions` is 0.
     """
 
     def __init__(self, env: gym.Env[Any, Any], observations: int = 4, actions: int = 0) -> None:
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         gym.Wrapper.__init__(self, env)
-        sizes = _vector_size(env.observation_space, "observation"), _vector_size(env.action_space, "action")
-        self._histories = _Histories(1, observations, actions, sizes)
+        self._histories = _Histories(1, observations, actions, env.observation_space, env.action_space)
         self.observation_space = observation_space(self._histories.size)
 
     def reset(
@@ -165,20 +147,15 @@ class VectorHistoryWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any], observations: int = 4, actions: int = 0) -> None:
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        sizes = (
-            _vector_size(env.single_observation_space, "observation"),
-            _vector_size(env.single_action_space, "action"),
-        )
-        self._histories = _Histories(self.num_envs, observations, actions, sizes)
+        spaces_of_one = env.single_observation_space, env.single_action_space
+        self._histories = _Histories(self.num_envs, observations, actions, *spaces_of_one)
         self._ended = np.zeros(self.num_envs, np.bool_)
         self.single_observation_space = observation_space(self._histories.size)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
         """Start an episode and its history in every sub-environment that is reset."""
-        mask = (options or {}).get(
-            "reset_mask"
-        )  # read before `reset`: Gymnasium's vector environments remove it from `options`
+        mask = (options or {}).get("reset_mask")  # before the reset, which removes it from the options
         observation, info = self.env.reset(seed=seed, options=options)
         started = np.ones(self.num_envs, np.bool_) if mask is None else mask
         self._histories.start(started, observation)

@@ -2,13 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from quadpend_gym import Parameters, Simulation
 from quadpend_gym.scenarios import SCENARIOS, Scenario
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import as_wind
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import run_episodes
@@ -54,8 +55,8 @@ def test_the_example_survives_and_beats_the_controller_of_the_paper_in_wind(fold
 
 
 def test_the_example_handles_single_observations_new_episodes_and_other_vehicles(folder: Path) -> None:
-    heavy = Simulation(Parameters(bob_mass=0.4), period=0.005)
-    results = run_episodes([load_policy("mine:MyController")], Scenario(simulation=heavy, duration=3.0), 3)
+    other = Scenario(vehicle=replace(VEHICLES["paper"], mass=0.7), period=0.005, duration=3.0)
+    results = run_episodes([load_policy("mine:MyController")], other, 3)
     assert results.survived.all()
     policy = load_policy("mine:MyController")
     observation = SCENARIOS["windy"].make_vec(2, "SameStep").reset(seed=0)[0]  # type: ignore[arg-type]

@@ -53,7 +53,7 @@ def flight(name: str, start: dict[str, object], steps: int) -> Floats:
     """Return the states of a flight about the hover reference, shape (steps + 1, 18)."""
     env = gym.make(LOAD)
     observation, _ = env.reset(seed=0, options={"state": start, "reference": Reference.hover()})
-    policy, memory = controller(name).adapt(Scenario(env_id=LOAD)), None
+    policy, memory = controller(name).adapt(Scenario(task="load")), None
     states = [env.unwrapped.state.array.copy()]  # type: ignore[attr-defined]
     for _ in range(steps):
         action, memory = policy.predict(observation, memory)
@@ -96,31 +96,29 @@ def test_an_uncontrolled_load_swings_with_the_frequency_of_theory() -> None:
 
 @pytest.mark.parametrize("name", ["flatness", "lqr"])
 def test_the_load_tracks_references_in_calm_air(name: str) -> None:
-    results = run_episodes([controller(name)], Scenario(env_id=LOAD), 20, 7)
+    results = run_episodes([controller(name)], Scenario(task="load"), 20, 7)
     assert results.survived.all()
     assert results.settled_rmse.max() < 1e-3
 
 
 @pytest.mark.parametrize(
-    ("name", "simulation", "sentence"),
+    ("name", "vehicle", "sentence"),
     [
-        ("adrc-paper", Simulation(), "only flatness, lqr, lqi, dual-mode and mppi fly a load"),
-        ("swing-up", Simulation(), "only flatness"),
-        ("lqr", Simulation(vehicle="hummingbird"), "for the paper's vehicle, not 'hummingbird'"),
+        ("adrc-paper", "paper", "only flatness, lqr, lqi, dual-mode and mppi fly a load"),
+        ("swing-up", "paper", "only flatness"),
+        ("lqr", "hummingbird", "for the paper's vehicle, not 'hummingbird'"),
     ],
 )
-def test_what_no_controller_of_a_load_does_is_refused_in_one_sentence(
-    name: str, simulation: Simulation, sentence: str
-) -> None:
+def test_what_no_controller_of_a_load_does_is_refused_in_one_sentence(name: str, vehicle: str, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
-        controller(name).adapt(Scenario(env_id=LOAD, simulation=simulation))
+        controller(name).adapt(Scenario(task="load", vehicle=vehicle))
 
 
 def test_a_hybrid_and_a_load_are_refused_in_one_sentence() -> None:
     with pytest.raises(ValueError, match="hybrids balance an upright pendulum"):
         HybridWrapper(gym.make(LOAD), ResidualAction("lqr"))
     with pytest.raises(ValueError, match="hybrids balance an upright pendulum"):
-        run_episodes(load_policies("ppo-gain-scheduling-0"), Scenario(env_id=LOAD), 1, 7)
+        run_episodes(load_policies("ppo-gain-scheduling-0"), Scenario(task="load"), 1, 7)
 
 
 def test_the_ground_below_a_load_counts_in_the_check_of_a_trajectory() -> None:

@@ -20,7 +20,7 @@ from quadpend_baselines.hybrid import (
     hybrid_from_data,
 )
 from quadpend_baselines.policy.protocol import to_command
-from quadpend_gym import Constant, Parameters, Reference, Simulation
+from quadpend_gym import Constant, Reference, Simulation
 from quadpend_gym.actuators import ActionDelay
 from quadpend_gym.wrappers import VectorActuatorWrapper, VectorOutputFeedbackWrapper
 from tests.helpers.bad_input import assert_refused
@@ -186,11 +186,11 @@ EXAMPLES = [
 
 @pytest.mark.parametrize("data", EXAMPLES, ids=lambda data: str(data["kind"]))
 def test_hybrid_survives_plain_data_and_a_new_design_of_its_base_controller(data: dict[str, Any]) -> None:
-    hybrid, heavy = hybrid_from_data(data), Simulation(Parameters(bob_mass=0.3))
-    other = hybrid.designed_for(heavy)
+    hybrid, slow = hybrid_from_data(data), Simulation(period=0.02)
+    other = hybrid.designed_for(slow)
     assert type(hybrid) is type(other) is HYBRIDS[data["kind"]]
     assert hybrid.as_data() == other.as_data() == data
-    assert (hybrid.controller.simulation, other.controller.simulation) == (Simulation(), heavy)
+    assert (hybrid.controller.simulation, other.controller.simulation) == (Simulation(), slow)
 
 
 RESIDUAL = {"kind": "residual_action", "base_controller": "flatness"}

@@ -20,7 +20,7 @@ from quadpend_baselines.hybrid import (
     ResidualAction,
     VectorHybridWrapper,
 )
-from quadpend_gym import Parameters, Simulation
+from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import HybridPolicy, constant, run_policy
@@ -154,10 +154,10 @@ def test_observation_spaces_have_the_sizes_of_the_table(name: str) -> None:
 
 
 def test_a_base_controller_with_a_name_is_designed_for_the_environment_and_an_object_is_not() -> None:
-    heavy = Simulation(Parameters(bob_mass=0.3))
-    for env in (make(simulation=heavy), make_vec(2, simulation=heavy)):
-        assert wrap(env, lambda: EstimateOnly("lqr")).hybrid.controller.simulation == heavy
-        assert wrap(env, lambda: EstimateOnly("lqr").as_data()).hybrid.controller.simulation == heavy
+    slow = Simulation(period=0.02)
+    for env in (make(period=0.02), make_vec(2, period=0.02)):
+        assert wrap(env, lambda: EstimateOnly("lqr")).hybrid.controller.simulation == slow
+        assert wrap(env, lambda: EstimateOnly("lqr").as_data()).hybrid.controller.simulation == slow
         assert wrap(env, lambda: EstimateOnly(controller("lqr"))).hybrid.controller.simulation == Simulation()
 
 

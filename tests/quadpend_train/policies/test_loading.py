@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from quadpend_baselines import ADRC, controller
-from quadpend_gym import Parameters, Simulation
+from quadpend_gym import Simulation
 from quadpend_train.policies import loading
 from quadpend_train.policies import mlp_policy as learned_module
 from quadpend_train.policies.loading import load_policies, load_policy, policy_fingerprints, policy_names
@@ -18,11 +18,11 @@ from tests.helpers.policies import BANDWIDTH_SCHEDULING, mlp_policy
 def test_controllers_are_loaded_by_name() -> None:
     assert isinstance(load_policy("adrc-paper"), ADRC)
     assert len(load_policies("adrc-paper,adrc-matched")) == 2
-    heavy = Simulation(Parameters(bob_mass=0.4))
+    other = Simulation(period=0.02)
     for name in AVAILABLE_CONTROLLERS:
-        adapted = controller(name).designed_for(heavy)
-        assert adapted.simulation == heavy
-        assert type(adapted) is type(controller(name, heavy))
+        adapted = controller(name).designed_for(other)
+        assert adapted.simulation == other
+        assert type(adapted) is type(controller(name, other))
     with pytest.raises(ValueError, match="there is no controller 'nix'; there are adrc-paper"):
         controller("nix")
 

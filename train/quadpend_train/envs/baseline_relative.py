@@ -74,14 +74,8 @@ class BaselineRelativeReward(VectorWrapper):
         self._fallen = np.zeros(self.num_envs, np.bool_)  # copies that fell while the learner's episode goes on
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode in every sub-environment, or in those of ``reset_mask``, and in its baseline copy.
-
-        Raises:
-            ValueError: If other `options` are given: the baseline copies could not receive them.
-        """
+        """Begin an episode in every sub-environment, or in those of ``reset_mask``, and in its baseline copy."""
         mask = (options or {}).get("reset_mask")
-        if others := {name: value for name, value in (options or {}).items() if name != "reset_mask"}:
-            raise ValueError(f"options must be empty for an environment with baseline copies, not {others!r}")
         observation, info = self.env.reset(seed=seed, options=options)
         self._copy_episodes(np.ones(self.num_envs, np.bool_) if mask is None else mask)
         return observation, info

@@ -10,7 +10,6 @@ from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.envs.spaces import check_action
 from quadpend_gym.envs.step_errors import ROUNDING
-from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
@@ -23,27 +22,20 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     Args:
         envs: QuadPendulum vector environments or concatenations of them, wrapped or not, with same-step autoreset,
             equal observation spaces and equal nominal simulations.
-
-    Raises:
-        ValueError: If `envs` is empty, or the environments differ in one of these properties.
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
         """Concatenate the environments."""
-        if not envs:
-            raise ValueError("envs must have at least one environment, not none")
         first = envs[0]
         for env in envs:
             if (mode := env.metadata.get("autoreset_mode")) is not AutoresetMode.SAME_STEP:
                 raise ValueError(f"envs must have autoreset_mode {AutoresetMode.SAME_STEP}, not {mode}")
-            if not isinstance(env.unwrapped, QuadPendulumVectorEnv | ConcatenatedVectorEnv):
-                raise ValueError(f"envs must be QuadPendulum vector environments, not {env}")
             if env.single_observation_space != first.single_observation_space:
                 raise ValueError(
                     f"envs must have the same observation space, not {first.single_observation_space}"
                     f" and {env.single_observation_space}"
                 )
-            if _world(env).simulation != _world(first).simulation:
+            if worlds(env)[0].simulation != worlds(first)[0].simulation:
                 raise ValueError("envs must have the same nominal simulation")
         self.envs = list(envs)
         self.metadata = dict(first.metadata)
@@ -58,22 +50,16 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     @property
     def world(self) -> Any:
         """The world of the first environment; the nominal simulation is the same in all of them."""
-        return _world(self.envs[0])
+        return worlds(self.envs[0])[0]
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode in every sub-environment; `seed` and `options` as in `QuadPendulumVectorEnv.reset`."""
         if isinstance(seed, int | np.integer):
             seed = [int(seed) + row for row in range(self.num_envs)]
-        if seed is not None and (not hasattr(seed, "__len__") or len(seed) != self.num_envs):
-            raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
-        mask = (options or {}).get("reset_mask")
-        results = [
-            env.reset(
-                seed=None if seed is None else seed[rows],
-                options=options if mask is None else {**(options or {}), "reset_mask": mask[rows]},
-            )
-            for env, rows in zip(self.envs, self._rows, strict=True)
-        ]
+        mask, results = (options or {}).get("reset_mask"), []
+        for env, rows in zip(self.envs, self._rows, strict=True):
+            own = options if mask is None else {**(options or {}), "reset_mask": mask[rows]}
+            results.append(env.reset(seed=None if seed is None else seed[rows], options=own))
         return np.concatenate([observation for observation, _ in results]), _concatenate([info for _, info in results])
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -107,10 +93,6 @@ def worlds(env: VectorEnv[Any, Any, Any]) -> list[Any]:
     if isinstance(unwrapped, ConcatenatedVectorEnv):
         return [world for part in unwrapped.envs for world in worlds(part)]
     return [unwrapped.world]
-
-
-def _world(env: VectorEnv[Any, Any, Any]) -> Any:
-    return worlds(env)[0]
 
 
 def _concatenate(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -20,9 +20,6 @@ class SB3VecEnv(VecEnv):
     Args:
         env: A vector environment whose ``metadata["autoreset_mode"]`` is `AutoresetMode.SAME_STEP`.
         reward_scale: A factor on the rewards that the learner receives. Episode returns are not scaled.
-
-    Raises:
-        ValueError: If `env` has another autoreset mode.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], reward_scale: float = 1.0) -> None:
@@ -43,8 +40,6 @@ class SB3VecEnv(VecEnv):
     def reset(self) -> Any:
         """Reset every sub-environment with the seeds and options set by `seed` and `set_options`."""
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        if any(options != self._options[0] for options in self._options):
-            raise ValueError(f"options must be the same for every sub-environment, not {self._options}")
         observation, _ = self.env.reset(seed=seeds, options=self._options[0] or None)  # type: ignore[arg-type]
         self._reset_seeds()
         self._reset_options()
@@ -127,11 +122,7 @@ class SB3VecEnv(VecEnv):
         return [getattr(self.env, attr_name)] * len(self._indices(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set the vector environment's attribute.
-
-        Raises:
-            ValueError: If `indices` are not all sub-environments: the vector environment has one value for all.
-        """
+        """Set the vector environment's attribute, which has one value for all sub-environments."""
         if len(self._indices(indices)) != self.num_envs:
             raise ValueError(f"indices must be None or all sub-environments to set {attr_name}, not {indices}")
         setattr(self.env, attr_name, value)
