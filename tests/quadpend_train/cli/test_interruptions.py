@@ -1,52 +1,24 @@
-"""Every command ends at once after one or two signals at any moment, and resumes to the same results."""
+"""Ctrl-C, SIGTERM and SIGKILL: a command ends soon, leaves nothing behind, and continues to the same results."""
 
 import os
-import random
-import shutil
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from benchmarks import interruptions
 from quadpend_train.cli.main import main
-from quadpend_train.cli.training import how_to_continue
-from quadpend_train.common import interruption
-from quadpend_train.training import train as training
-from quadpend_train.training.run_folder import write_json
-from quadpend_train.training.settings import to_mapping
-from tests.helpers.training import BRIEF
+from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs the process table of Linux")
-COMMANDS = interruptions.commands(1)
-_MOST_SECONDS = 20.0  # on a busy machine; `make interruptions` checks the two seconds
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_an_interrupted_command_ends_at_once_and_resumes_to_the_same_results(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    command, draw = COMMANDS[name], random.Random(name)
-    start = tmp_path / "start"
-    start.mkdir()
-
-    def run(arguments: tuple[str, ...], folder: Path) -> None:
-        monkeypatch.chdir(folder)
-        monkeypatch.setattr(sys, "argv", ["__main__.py", *arguments])
-        main(list(arguments))
-
-    if command.before:
-        run(command.before, start)
-    whole = shutil.copytree(start, tmp_path / "whole")
-    run(command.arguments, whole)
-    moments = [draw.uniform(*limits) for limits in ((0.0, 1.0), (1.0, 3.0))]
-    interruptions.interrupt_and_resume(command, start, moments, draw, command.results(whole), _MOST_SECONDS)
-
-
+SECONDS = 20.0  # on a busy machine; on an idle one, a command ends within one or two
+SMALL = ["--num-envs", "16", "--batch-size", "128", "--net-arch", "16", "--n-eval-episodes", "2", "--save-freq", "4096"]
+TRAIN = ["train", "--settings", "ppo", "--out", "run", *SMALL]
 SLOW_POLICY = """
 import os, subprocess, time
 from pathlib import Path
@@ -59,81 +31,117 @@ class SlowPolicy:
             time.sleep(60.0)
         return observation[..., :4], state
 """
+EVALUATE = ["evaluate", "slow:SlowPolicy", "--scenarios", "calm", "breeze", "--episodes", "7", "--jobs"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "slow.py").write_text(SLOW_POLICY)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def start(arguments: list[str], begun: Callable[[], bool]) -> "subprocess.Popen[str]":
+    """Start a command in a session of its own, and wait until it has begun its work."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "quadpend_train", *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    latest = time.monotonic() + 120.0
+    while not begun():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < latest
+        time.sleep(0.05)
+    return process
+
+
+def running(count: int) -> bool:
+    return len(list(Path().glob("*.running"))) == count
+
+
+def processes_of(session: int) -> list[str]:
+    """The command lines of the processes of a session that have not ended."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, _, of_session = path.read_text(errors="replace").rpartition(")")[2].split()[:4]
+            if int(of_session) == session and state not in "ZX":
+                found.append(path.with_name("cmdline").read_text(errors="replace"))
+    return found
 
 
 @pytest.mark.parametrize(
-    ("jobs", "signals"),
-    [(1, [signal.SIGINT]), (2, [signal.SIGINT]), (2, [signal.SIGTERM] * 2)],
-    ids=["one process", "two processes", "SIGTERM twice"],
+    ("arguments", "begun", "number", "times", "advice"),
+    [
+        (TRAIN, lambda: Path("run/checkpoint.zip").exists(), signal.SIGINT, 1, "`quadpend train --resume run` cont"),
+        (TRAIN, lambda: Path("run/settings.json").exists(), signal.SIGTERM, 2, "`quadpend train --resume run` cont"),
+        ([*EVALUATE, "1"], lambda: running(1), signal.SIGINT, 1, "finished results are cached, and the same command"),
+        ([*EVALUATE, "2"], lambda: running(2), signal.SIGINT, 2, "finished results are cached, and the same command"),
+        ([*EVALUATE, "2"], lambda: running(2), signal.SIGTERM, 2, "finished results are cached, and the same command"),
+        (
+            ["tune", "lqr", "--scenarios", "calm", "--episodes", "4", "--out", "out"],
+            lambda: any(Path().glob("out/*.trials.json")),
+            signal.SIGTERM,
+            1,
+            "finished trials are saved, and the same command continues",
+        ),
+    ],
+    ids=["train", "train, twice", "evaluate", "two processes", "two processes, SIGTERM", "tune"],
 )
-def test_a_command_does_not_wait_for_the_end_of_an_evaluation(
-    jobs: int, signals: list[signal.Signals], tmp_path: Path
+@pytest.mark.usefixtures("folder")
+def test_an_interrupted_command_ends_soon_and_leaves_nothing_behind(
+    arguments: list[str], begun: Callable[[], bool], number: signal.Signals, times: int, advice: str
 ) -> None:
-    """Nor do its processes, and those that the policy has started."""
-    (tmp_path / "slow.py").write_text(SLOW_POLICY)
-    command = ["evaluate", "slow:SlowPolicy", "--scenarios", "calm", "breeze", "--episodes", "7", "--jobs", str(jobs)]
-    process, latest = interruptions.start(command, tmp_path), time.monotonic() + 120.0
+    process = start(arguments, begun)
     try:
-        while len(list(tmp_path.glob("*.running"))) < jobs:
-            assert process.poll() is None, process.communicate()
-            assert time.monotonic() < latest
+        begin = time.monotonic()
+        for _ in range(times):  # Ctrl-C goes to all processes in the terminal, SIGTERM to the command only
+            (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
             time.sleep(0.05)
-        interruptions.end(process, tmp_path, signals, 0.05, _MOST_SECONDS)
+        output, _ = process.communicate(timeout=120.0)
+        assert time.monotonic() - begin < SECONDS
+        assert processes_of(process.pid) == []
     finally:
-        process.kill()
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 128 + number, output
+    assert output.splitlines()[-1].startswith(f"Interrupted: {advice}"), output
+    assert "Traceback" not in output
+    assert not list(Path().rglob("unfinished*"))
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_killed_training_resumes_to_the_same_weights(capsys: pytest.CaptureFixture[str]) -> None:
+    length = ["--total-timesteps", "16384", "--eval-freq", "4096"]
+    process = start([*TRAIN, *length], lambda: Path("run/checkpoint.zip").exists())
+    process.kill()
+    process.communicate()
+    assert not Path("run/policy.npz").exists()
+    main(["train", "--resume", "run"])
+    main(["whole" if part == "run" else part for part in [*TRAIN, *length]])
+    resumed, whole = (MlpPolicy.load(f"{name}/policy.npz") for name in ("run", "whole"))
+    assert weight_difference(resumed, whole) == 0.0
+    assert not [path.name for path in Path("run").iterdir() if re.match("checkpoint|unfinished", path.name)]
+    assert "Trained policy: whole/policy.npz" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("folder")
+def test_processes_end_when_the_command_is_killed() -> None:
+    process = start([*EVALUATE, "2"], lambda: running(2))
+    process.kill()
+    latest = time.monotonic() + SECONDS
+    while any("loky" in command for command in processes_of(process.pid)):
+        assert time.monotonic() < latest, processes_of(process.pid)
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGKILL)  # what the policy has started
+    process.communicate()
 
 
 def test_a_program_that_calls_commands_keeps_its_signal_handlers(capsys: pytest.CaptureFixture[str]) -> None:
-    before = [signal.getsignal(number) for number in interruption.SIGNALS]
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     main(["--version"])
-    assert [signal.getsignal(number) for number in interruption.SIGNALS] == before
-    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & set(interruption.SIGNALS)
-
-
-def test_an_interrupted_training_says_how_it_continues(tmp_path: Path) -> None:
-    assert how_to_continue(tmp_path) == ""
-    (tmp_path / "settings.json").touch()
-    assert how_to_continue(tmp_path) == f"`quadpend train --resume {tmp_path}` continues the run"
-    (tmp_path / "policy.npz").touch()
-    assert how_to_continue(tmp_path) == f"the run in {tmp_path} is finished"
-
-
-def test_an_interrupted_continuation_says_how_it_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same command continues it only before it has begun."""
-    sentences, policy = [], tmp_path / "policy.npz"
-
-    def interrupted(*_: Any, **__: Any) -> None:
-        for change in (lambda: None, lambda: policy.rename(tmp_path / "policy_8.npz"), policy.touch):
-            change()
-            sentences.append(interruption.sentence())
-        raise KeyboardInterrupt
-
-    for path in (policy, tmp_path / "policy_4.npz"):
-        path.touch()
-    write_json(tmp_path / "settings.json", to_mapping(BRIEF))
-    monkeypatch.setattr(training, "extend", interrupted)
-    with pytest.raises(SystemExit, match="130"):
-        main(["train", "--resume", str(tmp_path), "--more-steps", "8"])
-    assert sentences == [
-        "Interrupted: the same command continues",
-        f"Interrupted: `quadpend train --resume {tmp_path}` continues the run",
-        f"Interrupted: the run in {tmp_path} is finished",
-    ]
-
-
-def test_a_file_begun_during_the_end_of_a_command_is_not_left(tmp_path: Path) -> None:
-    code = f"""
-import os, signal, time
-from pathlib import Path
-from quadpend_train.common import interruption
-from quadpend_train.common.files import write_text
-interruption.advise(lambda: time.sleep(0.3) or "")
-interruption.end_at_signals()
-os.kill(os.getpid(), signal.SIGINT)
-while True:
-    write_text(Path({str(tmp_path)!r}, "file"), "text" * 10_000)
-"""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    ended = subprocess.run([sys.executable, "-c", code], env=environment, check=False, timeout=60.0)
-    assert ended.returncode == 130
-    assert {path.name for path in tmp_path.iterdir()} <= {"file"}
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before

@@ -10,11 +10,9 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_train.cli.options import make_console, named_policies, named_scenarios
+from quadpend_train.cli.options import Episodes, Seed, make_console, named_policies, named_scenarios
 from quadpend_train.common.executors import executor
-from quadpend_train.common.files import write_text
-from quadpend_train.common.limits import check_counts
-from quadpend_train.common.paths import writable_folder
+from quadpend_train.common.files import writable_folder, write_text
 from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -24,8 +22,8 @@ PART = "bound"  # of a document
 def bound(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("flatness",),
     scenarios: tuple[str, ...] = ("calm", "windy"),
-    episodes: int = 20,
-    seed: int = VALIDATION_SEED,
+    episodes: Episodes = 20,
+    seed: Seed = VALIDATION_SEED,
     out: Path = Path("results/bound"),
     jobs: int = 1,
     cluster: str | None = None,
@@ -59,7 +57,6 @@ def bound(
     from quadpend_train.reports import figures
     from quadpend_train.studies import bound as study
 
-    check_counts(episodes=episodes, seed=seed)
     run = executor(jobs, cluster)
     if document:
         documents.check(document, [PART])

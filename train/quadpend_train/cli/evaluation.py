@@ -5,12 +5,13 @@ The parameters of these functions are the options of the commands. Slow imports 
 """
 
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
-from quadpend_train.cli.options import make_console, named_policies, named_scenarios
+from quadpend_gym.core.settings import Range
+from quadpend_train.cli.options import Episodes, Seed, make_console, named_policies, named_scenarios
 from quadpend_train.common.executors import executor
-from quadpend_train.common.limits import check_counts
 from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -20,15 +21,15 @@ _MOST_SENTENCES, _MOST_ROWS = 16, 40  # largest numbers that are printed; the fi
 def evaluate(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "adrc-matched"),
     scenarios: tuple[str, ...] = ("calm", "windy"),
-    episodes: int = 100,
-    seed: int = VALIDATION_SEED,
+    episodes: Episodes = 100,
+    seed: Seed = VALIDATION_SEED,
     out: Path = Path("results"),
     jobs: int = 1,
     cluster: str | None = None,
     cache: str = FOLDER,
     recompute: bool = False,
-    robustness: int = 0,
-    replay: int = 2,
+    robustness: Annotated[int, Range(0, 100_000)] = 0,
+    replay: Annotated[int, Range(0, 1000)] = 2,
     document: Path | None = None,
     vehicle: str | None = None,
     interface: str | None = None,
@@ -105,8 +106,8 @@ def evaluate(
 def compare(
     policies: tyro.conf.Positional[tuple[str, str]],
     scenarios: tuple[str, ...] = ("test",),
-    episodes: int = 200,
-    seed: int = VALIDATION_SEED,
+    episodes: Episodes = 200,
+    seed: Seed = VALIDATION_SEED,
     jobs: int = 1,
     cluster: str | None = None,
     cache: str = FOLDER,
@@ -138,7 +139,6 @@ def compare(
     from quadpend_train.evaluation.pairwise import compare_pair
     from quadpend_train.reports import tables
 
-    check_counts(episodes=episodes, seed=seed)
     run = executor(jobs, cluster)
     check_folder(cache)
     named, chosen = named_policies(policies), named_scenarios(scenarios, vehicle, interface)

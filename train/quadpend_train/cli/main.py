@@ -1,22 +1,24 @@
-"""The command `quadpend`: train, evaluate, compare and more. `python -m quadpend_train` is the same.
+"""The command `quadpend`: train, evaluate, watch and more. `python -m quadpend_train` is the same.
 
-This module and `commands` import no library at module level, so that `quadpend --help` starts at once.
+This module imports no library at module level, so that `quadpend --help` starts at once.
 """
 
+import errno
+import io
 import os
+import signal
 import sys
-import time
-from typing import NoReturn
+import threading
+from functools import partial
+from importlib import import_module
+from typing import Any, NamedTuple, NoReturn
 
-from quadpend_train.cli import commands
-from quadpend_train.cli.commands import COMMANDS, run
-from quadpend_train.common import interruption
-from quadpend_train.common.text import brief, print_everywhere
-
+_CACHED = "finished results are cached, and the same command continues"
+_SAVED = "finished trials are saved, and the same command continues"
 _EXTRAS = {
     "train": (
         *("tyro", "torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm", "rich", "matplotlib", "jinja2"),
-        *("optuna", "cmaes", "filelock", "fsspec", "markupsafe", "PIL"),
+        *("optuna", "cmaes", "filelock", "fsspec", "markupsafe", "PIL", "loky", "pandas"),
     ),
     "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
     "onnx": ("onnxruntime",),
@@ -25,6 +27,81 @@ _EXTRAS = {
 }
 _TRACEBACK = "--traceback"
 _LONGEST = 4000  # characters of a sentence
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_PATIENCE = 5.0  # s, after which an interrupted command ends in any case
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_received: list[int] = []  # signals that ended this command
+
+
+class Command(NamedTuple):
+    """A command of `quadpend`.
+
+    Attributes:
+        function: Module in this folder and name of the function, whose parameters are the options of the command.
+        summary: First line of the docstring of the function.
+        interrupted: What happens to the results after Ctrl-C, unless the interrupted function says it.
+    """
+
+    function: str
+    summary: str
+    interrupted: str = "the same command starts again"
+
+
+COMMANDS = {
+    "list": Command(
+        "listing.list_names", "List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors."
+    ),
+    "train": Command("training.train", "Train PPO, SAC, TQC or APG."),
+    "evaluate": Command(
+        "evaluation.evaluate", "Evaluate policies in the same episodes and compare them with the first policy.", _CACHED
+    ),
+    "compare": Command(
+        "evaluation.compare",
+        "Compare two policies: print in which scenarios each of them wins, by how much, and how certain that is.",
+        _CACHED,
+    ),
+    "watch": Command("watch.watch", "Show policies side by side in the same episode, in a window or in a file."),
+    "card": Command("cards.card", "Describe a policy: what it observes, how it was trained, and how good it is."),
+    "export": Command("training.export", "Convert a model to a policy file, which executes no code when loaded."),
+    "reproduce": Command(
+        "training.reproduce", "Train a learned policy again from its card, and report whether the weights are the same."
+    ),
+    "tune": Command(
+        "studies.tune",
+        "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",
+        _SAVED,
+    ),
+    "sweep": Command(
+        "studies.sweep",
+        "Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.",
+        _SAVED,
+    ),
+    "ablate": Command(
+        "studies.ablate", "Train with and without each part of a learner, and tabulate the differences.", _SAVED
+    ),
+    "situation": Command(
+        "studies.situation",
+        "Measure what a policy gains from observing its own situation, compared with the mean one.",
+        _CACHED,
+    ),
+    "vehicles": Command(
+        "result_pages.vehicles",
+        "Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.",
+        _CACHED,
+    ),
+    "tasks": Command(
+        "result_pages.tasks",
+        "Measure how well policies swing the pendulum up, carry a load, recover, or follow fast references.",
+        _CACHED,
+    ),
+    "bound": Command(
+        "bound.bound",
+        "Plan the best flight of each episode, with all wind known in advance, and measure the gap of policies to it.",
+        _SAVED,
+    ),
+    "wind": Command("studies.wind", "Plot models of wind, and the effects of sensors and actuators."),
+    "paper": Command("studies.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
+}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -36,26 +113,23 @@ def main(arguments: list[str] | None = None) -> None:
     is 130 after Ctrl-C, 143 after SIGTERM, and 141 if the reader of the output, such as ``head``, has closed it.
 
     Args:
-        arguments: Command and its options; None takes those of the process, which then ends at once after SIGINT or
-            SIGTERM, see `quadpend_train.common.interruption`.
+        arguments: Command and its options; None takes those of the process, which then also handles SIGTERM.
     """
-    print_everywhere()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # an encoding may lack a character
     if arguments is None:
-        interruption.end_at_signals()
-    else:
-        commands.started = time.perf_counter()
+        for number in _SIGNALS:
+            signal.signal(number, _interrupt)
     given = sys.argv[1:] if arguments is None else arguments
     command = [argument for argument in given if argument != _TRACEBACK]
-    interruption.advise(lambda: "".join(COMMANDS[name].interrupted for name in command[:1] if name in COMMANDS))
     try:
-        try:
-            run(command)
-        finally:
-            sys.stdout.flush()
-            interruption.wait_for_end()
-    except KeyboardInterrupt:
-        print(interruption.sentence(), file=sys.stderr)
-        sys.exit(130)
+        _run(command)
+        sys.stdout.flush()
+    except KeyboardInterrupt as interruption:
+        kept = [COMMANDS[name].interrupted for name in command[:1] if name in COMMANDS]
+        print(f"\nInterrupted: {str(interruption) or ''.join(kept)}", file=sys.stderr)
+        sys.exit(128 + (_received or [signal.SIGINT])[0])
     except BrokenPipeError:
         _discard_output()
         sys.exit(141)
@@ -69,8 +143,65 @@ def main(arguments: list[str] | None = None) -> None:
         _exit(sentence, 1 if type(error).__name__ == "CallsFailedError" else 2)
 
 
-def _discard_output() -> None:
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit
+def _interrupt(number: int, _: Any) -> None:
+    """Raise KeyboardInterrupt; where that is delayed or lost, such as in compiled code, end soon nevertheless."""
+    for other in _SIGNALS:
+        signal.signal(other, signal.SIG_IGN)
+    _received.append(number)
+    timer = threading.Timer(_PATIENCE, os._exit, [128 + number])
+    timer.daemon = True
+    timer.start()
+    raise KeyboardInterrupt
+
+
+def _overview() -> str:
+    """Return the text of `quadpend --help`."""
+    lines = "\n".join(f"  {name:<11}{command.summary}" for name, command in COMMANDS.items())
+    return f"""usage: quadpend COMMAND [OPTIONS]
+
+A spherical inverted pendulum on a quadrotor in the wind: train policies and compare them.
+
+commands:
+{lines}
+
+options:
+  --help     `quadpend COMMAND --help` describes the options of a command.
+  --version  Print the version.
+  --traceback
+             Print the Python traceback of an error, with any command.
+"""
+
+
+def _run(arguments: list[str]) -> None:
+    """Parse a command with its options, and execute it."""
+    name, *options = arguments or ["--help"]
+    if name in ("--help", "-h"):
+        print(_overview(), end="")
+    elif name == "--version":
+        from quadpend_gym import __version__
+
+        print(f"quadpend {__version__}")
+    elif name in COMMANDS:
+        _execute(name, options)
+    else:
+        from quadpend_gym.core.settings import suggest
+
+        raise ValueError(
+            f"there is no command {name!r}{suggest(name, COMMANDS)}; the commands are {', '.join(COMMANDS)}"
+        )
+
+
+def _execute(name: str, options: list[str]) -> None:
+    import tyro
+
+    from quadpend_train.cli.options import checked
+
+    module, function = COMMANDS[name].function.split(".")
+    found = import_module(f"quadpend_train.cli.{module}")
+    execute: Any = checked(getattr(found, function))
+    if name == "train":  # the settings file determines the defaults of the other options
+        execute = partial(execute, **found.default_settings(options))
+    tyro.cli(execute, prog=f"quadpend {name}", args=options)
 
 
 def _sentence(error: Exception) -> str:
@@ -82,22 +213,18 @@ def _sentence(error: Exception) -> str:
     from gymnasium.error import Error
 
     from quadpend_train.common.executors import CallsFailedError
-    from quadpend_train.common.paths import describe_os_error
+    from quadpend_train.common.text import brief
 
     if isinstance(error, CallsFailedError):
         return str(error)
-    if isinstance(error, OSError):
-        return describe_os_error(error)
+    if isinstance(error, OSError) and error.strerror:
+        path = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
+        kept = "; what was written before is kept" if error.errno in _FULL else ""
+        return f"a file cannot be read or written: {path}{error.strerror}{kept}"
     if isinstance(error, MemoryError):
-        return f"there is too little memory: ask for less, such as fewer episodes or sub-environments{_details(error)}"
-    if isinstance(error, RecursionError):
-        return "a file or a text in JSON is nested too deeply"
-    reported = (ValueError, TypeError, FloatingPointError, OverflowError, Error)
+        return "there is too little memory: ask for less, such as fewer episodes or sub-environments"
+    reported = (ValueError, TypeError, OSError, FloatingPointError, OverflowError, RecursionError, Error)
     return brief(error, _LONGEST) if isinstance(error, reported) else ""
-
-
-def _details(error: MemoryError) -> str:
-    return f" ({brief(error)})" if str(error) else ""
 
 
 def _exit(sentence: str, status: int) -> NoReturn:
@@ -107,3 +234,7 @@ def _exit(sentence: str, status: int) -> NoReturn:
     except OSError:  # the disk of the output is full
         _discard_output()
     sys.exit(status)
+
+
+def _discard_output() -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit

@@ -4,11 +4,42 @@ The options `--vehicle` and `--interface` apply to all scenarios of a command, s
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_args, get_type_hints
 
+from pydantic import TypeAdapter, ValidationError
+
+from quadpend_gym.core.settings import Range
 from quadpend_gym.scenarios import expand_sets, with_changes
+
+# Types of options with their ranges, which `checked` applies: a typing error must not use up the memory or the year.
+Episodes = Annotated[int, Range(1, 100_000)]
+Trials = Annotated[int, Range(1, 1_000_000)]
+Seed = Annotated[int, Range(0, 2**62)]
+
+
+def checked(function: Callable[..., None]) -> Callable[..., None]:
+    """Return the function of a command with a check of the options whose types declare a range."""
+    hints = get_type_hints(function, include_extras=True)
+    ranged = {name: hint for name, hint in hints.items() if any(isinstance(item, Range) for item in get_args(hint))}
+
+    @wraps(function)
+    def call(**options: Any) -> None:
+        for name in ranged.keys() & options.keys():
+            _check(name, ranged[name], options[name])
+        function(**options)
+
+    return call
+
+
+def _check(name: str, hint: Any, value: Any) -> None:
+    try:
+        TypeAdapter(hint).validate_python(value)
+    except ValidationError as error:
+        message = error.errors()[0]["msg"].replace("Input should", "must")
+        raise ValueError(f"{name} {message}, not {value}") from None
 
 
 def named_policies(policies: Sequence[str]) -> dict[str, str]:

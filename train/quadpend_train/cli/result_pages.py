@@ -6,6 +6,7 @@ starts quickly.
 
 import json
 from collections.abc import Callable
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,8 @@ import tyro
 from quadpend_baselines import CONTROLLERS
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.vehicles import VEHICLES
-from quadpend_train.common.executors import Executor, executor
-from quadpend_train.common.files import to_json_data, write_text
-from quadpend_train.common.limits import check_counts
-from quadpend_train.common.paths import writable_folder
+from quadpend_train.common.executors import executor
+from quadpend_train.common.files import to_json_data, writable_folder, write_text
 from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -64,7 +63,6 @@ def vehicles(
         raise ValueError(
             f"policies must have a classical controller for the parts other than leaderboard, not {policies}"
         )
-    check_counts(episodes=episodes, seed=seed)
     run = executor(jobs, cluster)
     if document:
         documents.check(document, [f"vehicles-{part}" for part in parts])
@@ -133,7 +131,6 @@ def tasks(
     from quadpend_train.studies import tasks as study
 
     _check_names((part,), tuple(study.PARTS), "part")
-    check_counts(episodes=episodes, seed=seed)
     run = executor(jobs, cluster)
     if document:
         documents.check(document, [f"tasks-{part}"])

@@ -2,20 +2,20 @@
 
 import re
 import shlex
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym.scenarios import expand_sets
-from quadpend_train.common.executors import Executor, FolderCall, run_folder_calls
-from quadpend_train.common.limits import check_counts
-from quadpend_train.common.paths import writable_folder
-from quadpend_train.evaluation.files import policy_files, scenario_files
+from quadpend_train.common.executors import run as run_calls
+from quadpend_train.common.files import writable_folder
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import train as training
-from quadpend_train.training.run_folder import POLICY, settings_file
+from quadpend_train.training.run_folder import POLICY, SETTINGS
 from quadpend_train.training.settings import TrainSettings, read_settings
+
+_MOST = 1000  # seeds
 
 
 def parse_seeds(text: str) -> list[int]:
@@ -28,9 +28,8 @@ def parse_seeds(text: str) -> list[int]:
     for part in text.split(","):
         found = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", part.strip())
         first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
-        if last < first:
+        if not first <= last < first + _MOST:
             raise ValueError(f"seeds must be numbers and ranges such as 0-4 or 0,2,5, not {text!r}")
-        check_counts(seeds=last - first + 1)
         seeds += range(first, last + 1)
     if len(set(seeds)) < len(seeds):
         raise ValueError(f"seeds must be different, not {text!r}")
@@ -44,7 +43,7 @@ def run_folder(out: Path, seed: int) -> Path:
 
 def begun(out: Path, seeds: list[int]) -> list[Path]:
     """Return the folders of the seeds that contain a run, finished or not."""
-    return [folder for seed in seeds if settings_file(folder := run_folder(out, seed)).is_file()]
+    return [folder for seed in seeds if (folder := run_folder(out, seed)).joinpath(SETTINGS).is_file()]
 
 
 def train_seeds(run: TrainSettings, seeds: list[int], out: Path, resume: bool, execute: Executor) -> list[Path]:
@@ -66,18 +65,13 @@ def train_seeds(run: TrainSettings, seeds: list[int], out: Path, resume: bool, e
     """
     writable_folder(out.parent)
     folders = {seed: run_folder(out, seed) for seed in seeds}
-    calls: dict[str, FolderCall] = {}
-    lines = []
-    names = expand_sets((*run.scenarios, *run.curriculum))
-    inputs = (*scenario_files(names), *(policy_files(run.start_from) if run.start_from else ()))
+    calls = {}
     for seed, folder in folders.items():
-        settings, state = replace(run, seed=seed), _state(folder, replace(run, seed=seed), resume)
-        lines.append(f"{folder}: {state}")
+        settings = replace(run, seed=seed)
+        print(f"{folder}: {_state(folder, settings, resume)}", flush=True)
         if not (folder / POLICY).is_file():
-            write = partial(training.train_or_resume, settings, progress=False)
-            calls[f"seed {seed}"] = FolderCall(write, folder, inputs, run.num_threads)
-    print("\n".join(lines), flush=True)
-    run_folder_calls(calls, execute, len(seeds), "seed", f"are in {out}-…")
+            calls[f"seed {seed}"] = partial(training.train_or_resume, settings, folder, progress=False)
+    run_calls(calls, execute, what="training", kept=f"are in {out}-…", finished=len(seeds) - len(calls))
     return list(folders.values())
 
 
@@ -87,7 +81,7 @@ def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
     Raises:
         ValueError: If it contains a run that cannot be used.
     """
-    if not (stored := settings_file(folder)).is_file():
+    if not (stored := folder / SETTINGS).is_file():
         return "a new run"
     limits: dict[str, Any] = dict.fromkeys(training.LIMITS, 0)
     if replace(read_settings(str(stored)), **limits) != replace(settings, **limits):

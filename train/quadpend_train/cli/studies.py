@@ -12,20 +12,18 @@ import tyro
 
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.scenarios import with_changes
-from quadpend_train.cli.options import make_console, named_model, named_scenarios
+from quadpend_train.cli.options import Episodes, Seed, Trials, make_console, named_model, named_scenarios
 from quadpend_train.common.executors import executor
-from quadpend_train.common.files import atomic_files, write_text
-from quadpend_train.common.limits import check_counts
-from quadpend_train.common.paths import writable_file, writable_folder
+from quadpend_train.common.files import writable_file, writable_folder, write_text
 from quadpend_train.evaluation.cache import FOLDER, check_folder
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 
 def tune(
     controllers: tyro.conf.Positional[tuple[str, ...]],
-    trials: int = 150,
-    episodes: int = 48,
-    seed: int = 0,
+    trials: Trials = 150,
+    episodes: Episodes = 48,
+    seed: Seed = 0,
     out: Path = Path("results/tune"),
     scenarios: tuple[str, ...] = ("training",),
     vehicle: str | None = None,
@@ -58,7 +56,6 @@ def tune(
     from quadpend_train.studies.search import tuning
 
     tuning.check_names(controllers)
-    check_counts(trials=trials, episodes=episodes, seed=seed)
     writable_folder(out)
     chosen = [with_changes(name, vehicle, interface) for name in scenarios]
     for name in controllers:
@@ -70,7 +67,7 @@ def tune(
 
 def sweep(
     settings: tyro.conf.Positional[str],
-    trials: int = 32,
+    trials: Trials = 32,
     seconds: float = 60.0,
     out: Path = Path("results/sweep"),
     space: Path | None = None,
@@ -78,7 +75,7 @@ def sweep(
     jobs: int = 1,
     cluster: str | None = None,
     eval_freq: int = 0,
-    seed: int = 0,
+    seed: Seed = 0,
 ) -> None:
     """Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.
 
@@ -108,7 +105,7 @@ def sweep(
     start = read_settings(settings)
     searched = study_of_settings.Sweep(start, search_space.read_space(space, start), seconds, eval_freq, seed)
     study_of_settings.check_options(searched, trials, jobs)
-    writable_folder(out, files=study_of_settings.FILES)
+    writable_folder(out)
     if cluster is None:
         study = study_of_settings.search(searched, trials, out, storage, jobs)
     else:
@@ -149,7 +146,6 @@ def ablate(
     from quadpend_train.common import documents
     from quadpend_train.studies import ablations
 
-    check_counts(seeds=seeds)
     run = executor(jobs, cluster)
     if cluster and (out.is_absolute() or ".." in out.parts):
         raise ValueError(f"with --cluster, out must be a relative path in the working directory, not {str(out)!r}")
@@ -166,8 +162,8 @@ def ablate(
 def situation(
     policy: tyro.conf.Positional[str],
     scenarios: tuple[str, ...] = ("uncertain", "lagged", "noisy", "dryden_severe", "upset"),
-    episodes: int = 100,
-    seed: int = VALIDATION_SEED,
+    episodes: Episodes = 100,
+    seed: Seed = VALIDATION_SEED,
     out: Path = Path("results/situation"),
     jobs: int = 1,
     cluster: str | None = None,
@@ -192,7 +188,6 @@ def situation(
     from quadpend_train.reports import figures
     from quadpend_train.studies import situation as study
 
-    check_counts(episodes=episodes, seed=seed)
     run = executor(jobs, cluster)
     if document:
         documents.check(document, ["situation"])
@@ -214,7 +209,7 @@ def wind(
     models: tyro.conf.Positional[tuple[str, ...]] = (),
     out: Path = Path("results/wind"),
     seconds: float = 10.0,
-    seed: int = 1,
+    seed: Seed = 1,
 ) -> None:
     """Plot models of wind, and the effects of sensors and actuators.
 
@@ -230,7 +225,6 @@ def wind(
 
     if not (1.0 <= seconds <= 3600.0):
         raise ValueError(f"seconds must be from 1 to 3600, not {seconds:g}")
-    check_counts(seed=seed)
     named = [named_model(model) for model in models] or list(model_plots.GALLERY.items())
     plain = [name.replace(":", "_").replace(".", "_") if is_factory(name) else name for name, _ in named]
     names = [name if name.isidentifier() else f"model_{number}" for number, name in enumerate(plain)]
@@ -255,8 +249,7 @@ def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
     from quadpend_baselines.paper import experiment, figures, figures_of_merit
 
     results = experiment.run(gains)
-    with atomic_files(out) as unfinished:
-        figures.draw(results, unfinished)
+    figures.draw(results, out)
     numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
     write_text(out / "merit.json", numbers + "\n")
     print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")

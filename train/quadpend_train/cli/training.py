@@ -15,10 +15,8 @@ from typing import Annotated, Any
 import tyro
 
 from quadpend_gym.scenarios import find_scenario, scenario_hash, with_changes
-from quadpend_train.cli import commands
-from quadpend_train.common import interruption
 from quadpend_train.common.executors import executor
-from quadpend_train.common.paths import writable_file, writable_folder
+from quadpend_train.common.files import writable_file, writable_folder
 from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
 
 DEFAULT_SETTINGS = "ppo"
@@ -53,13 +51,13 @@ def default_settings(options: Sequence[str]) -> dict[str, Any]:
     Args:
         options: Options of the command.
     """
-    from quadpend_train.training.run_folder import settings_file
+    from quadpend_train.training.run_folder import SETTINGS
 
     parser = argparse.ArgumentParser(prog="quadpend train", add_help=False, allow_abbrev=False)
     for option in ("--settings", "--algo", "--resume", "--start-from", "--seeds"):
         parser.add_argument(option, nargs="?")
     known = parser.parse_known_args(options)[0]
-    stored = settings_file(_any_run(Path(known.resume or ""), known.seeds))
+    stored = _any_run(Path(known.resume or ""), known.seeds) / SETTINGS
     if known.resume and known.settings:
         raise ValueError("--resume continues a run with its own settings: give no --settings with it")
     if known.resume and stored.is_file():
@@ -121,8 +119,6 @@ def train(
         )
     if resume and out != DEFAULT_OUT:
         raise ValueError("--resume continues a run in its own folder: give no --out with it")
-    parts = None if more_steps is None or not resume else finished_parts(resume)
-    interruption.advise(lambda: how_to_continue(resume or out, parts))
     if resume:
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
     typed = run.scenarios
@@ -138,13 +134,9 @@ def train(
     if more_steps is not None:
         if not resume:
             raise ValueError("--more-steps continues a finished run: give its folder with --resume")
-        path = training.extend(resume, more_steps, run, started=commands.started)
+        path = training.extend(resume, more_steps, run)
     else:
-        path = (
-            training.resume(resume, run, started=commands.started)
-            if resume
-            else training.train(run, writable_folder(out), started=commands.started)
-        )
+        path = training.resume(resume, run) if resume else training.train(run, writable_folder(out))
     card = MlpPolicy.load(path).card
     survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
     scenarios = card["settings"]["scenarios"] if resume else typed
@@ -172,29 +164,11 @@ def _train_seeds(
     chosen, start = seeds.parse_seeds(text), resume or out
     if resume and not seeds.begun(start, chosen):
         raise FileNotFoundError(f"{seeds.run_folder(start, chosen[0])} and the others contain no run")
-    interruption.advise(lambda: seeds.how_to_continue(start, text, jobs, cluster))
-    print(seeds.summary(seeds.train_seeds(run, chosen, start, resume is not None, executor(jobs, cluster))))
-
-
-def finished_parts(folder: Path) -> int:
-    """Return how many times the run in a folder has been continued."""
-    return len(list(folder.glob("policy_*.npz")))
-
-
-def how_to_continue(folder: Path, parts: int | None = None) -> str:
-    """Return how an interrupted training in a folder continues; empty if nothing has been written.
-
-    Args:
-        folder: Folder of the run.
-        parts: `finished_parts` before the command, if it continues a finished run for more timesteps.
-    """
-    if parts is not None and parts == finished_parts(folder):
-        return "the same command continues"
-    if not (folder / "settings.json").is_file():
-        return ""
-    if (folder / "policy.npz").is_file():
-        return f"the run in {folder} is finished"
-    return f"`quadpend train --resume {shlex.quote(str(folder))}` continues the run"
+    try:
+        folders = seeds.train_seeds(run, chosen, start, resume is not None, executor(jobs, cluster))
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(seeds.how_to_continue(start, text, jobs, cluster)) from None
+    print(seeds.summary(folders))
 
 
 def export(
@@ -247,7 +221,6 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
             raise ValueError(f"the scenario {name} has changed since {policy} was trained in it")
     start.check_reproducible(original.card, policy)
     settings = settings_of_card(original.card, policy)
-    interruption.advise(lambda: how_to_continue(out))
     reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
     if largest := weight_difference(original, reproduced):
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from quadpend_train.cli.options import named_policies, named_scenarios
-from quadpend_train.common.paths import writable_file
+from quadpend_train.common.files import writable_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 FORMATS = (".mp4", ".gif", ".webp", ".png")

@@ -1,1 +1,1 @@
-"""Files, provenance and names of version 0.1. All other subpackages use these modules."""
+"""Files, parallel calls, provenance and generated parts of documents. All other subpackages use these modules."""

@@ -1,34 +1,34 @@
-"""Executors run the calls of a study: in this process, in several processes, or on a Ray cluster.
+"""Run the calls of a study in this process, in several processes, or on a Ray cluster.
 
-All of them take calls by name and yield what the calls return, in the order in which they end. A call that fails by
-itself yields its exception and does not stop the others. So a study is the same on every executor, and
-`successes` reports what failed when everything else is done.
-
-A call for another machine consists of data only. It may have these attributes:
-
-- ``files()``: the files that it reads, besides the code;
-- ``elsewhere()``: the call to execute in its place on another machine;
-- ``cpus``: the number of processor cores that it uses.
+Executors have the interface of `concurrent.futures`. `run` takes calls by name. A call that fails does not stop the
+others and is named when they have ended, so a study gives the same results on every executor.
 """
 
+import os
+import pickle
 import re
-from collections.abc import Callable, Generator, Hashable, Iterable, Mapping
-from contextlib import closing
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from tqdm.auto import tqdm
 
 from quadpend_gym.core.factories import describe_error
-from quadpend_train.common.files import write_bytes
-from quadpend_train.common.limits import check_counts
-from quadpend_train.common.processes import call_in_processes
 from quadpend_train.common.text import brief
 
 Name = TypeVar("Name", bound=Hashable)
 _LONGEST = 400  # characters of the message of a failure
+_ADDRESS = re.compile(r"auto|local|(ray://)?[\w.-]+:\d+")
+_CALLS_OF_A_CORE = 4  # calls that are submitted to Ray at once, for each core of the cluster
 
 
 class Call(Protocol):
@@ -36,17 +36,6 @@ class Call(Protocol):
 
     def __call__(self) -> Any:
         """Return the result."""
-
-
-class Executor(Protocol):
-    """A function that runs calls."""
-
-    def __call__(self, calls: Mapping[Name, Call]) -> Generator[tuple[Name, Any], None, None]:
-        """Yield the names of calls with what they return or raise, as soon as they end.
-
-        Args:
-            calls: Functions that can be pickled, by any hashable name.
-        """
 
 
 class CallsFailedError(RuntimeError):
@@ -59,7 +48,7 @@ class CallsFailedError(RuntimeError):
         kept: What happened to the results of the others, such as "are cached".
     """
 
-    def __init__(self, failures: Mapping[Any, Exception], calls: int, what: str, kept: str) -> None:
+    def __init__(self, failures: Mapping[Any, BaseException], calls: int, what: str, kept: str) -> None:
         others = f"; the results of the others {kept}" if kept and calls > len(failures) else ""
         lines = [f"{len(failures)} of {calls} {what}s failed{others}:"]
         lines += [f"  {_text(name)}: {brief(_reason(error), _LONGEST)}" for name, error in failures.items()]
@@ -71,23 +60,14 @@ def _text(name: Any) -> str:
     return ", ".join(map(str, name)) if isinstance(name, tuple) else str(name)
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: BaseException) -> str:
     """Return type, message and place of an exception, also of one from another process."""
+    if isinstance(error, BrokenProcessPool):
+        return "its process was killed, perhaps for lack of memory: use fewer jobs"
+    error = getattr(error, "cause", None) or error  # Ray wraps it
     frames = re.findall(r'^  File "(.+)", line (\d+)', str(error.__cause__ or ""), re.MULTILINE)
-    place = f" ({Path(frames[-1][0]).name}, line {frames[-1][1]})" if frames and not error.__traceback__ else ""
-    return describe_error(error) + place
-
-
-def call_here(
-    calls: Mapping[Name, Call],
-) -> Generator[tuple[Name, Any], None, None]:
-    """Execute calls one after the other in this process, see `Executor`."""
-    for name, call in calls.items():
-        try:
-            result = call()
-        except Exception as error:  # own code may raise exceptions of any type
-            result = error
-        yield name, result
+    place = f" ({Path(frames[-1][0]).name}, line {frames[-1][1]})" if frames else ""
+    return f"{type(error).__name__}: {error}{place}" if frames else describe_error(error)
 
 
 def executor(jobs: int = 1, cluster: str | None = None) -> Executor:
@@ -95,125 +75,193 @@ def executor(jobs: int = 1, cluster: str | None = None) -> Executor:
 
     Args:
         jobs: Number of processes; 1 is this process.
-        cluster: Ray cluster, see `quadpend_train.common.ray_executor`; None: this machine, without Ray.
+        cluster: Ray cluster: ``auto`` (that of this machine), ``local`` (start one on this machine), ``HOST:PORT`` or
+            ``ray://HOST:PORT``; None: this machine, without Ray.
 
     Raises:
         ModuleNotFoundError: If there is a cluster and Ray is not installed.
-        ValueError: If `jobs` is out of range, or both are given.
+        ValueError: If `jobs` is below 1, both are given, or there is no such cluster.
     """
-    check_counts(jobs=jobs)
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1, not {jobs}")
     if cluster is None:
-        return call_here if jobs == 1 else partial(call_in_processes, processes=jobs)
+        return _ThisProcess() if jobs == 1 else _Processes(jobs)
     if jobs != 1:
         raise ValueError("the cluster decides how many jobs run at once: give no --jobs with --cluster")
-    from quadpend_train.common.ray_executor import RayExecutor
-
-    return RayExecutor(cluster)
+    return _Ray(cluster)
 
 
-def as_executor(jobs: "int | Executor") -> Executor:
-    """Return an executor, or that of a number of processes."""
-    return jobs if callable(jobs) else executor(jobs)
-
-
-def successes(
-    outcomes: Generator[tuple[Name, Any], None, None], what: str = "job", kept: str = ""
-) -> Generator[tuple[Name, Any], None, None]:
-    """Yield the results of calls that succeed, and name the others when all calls have ended.
+def run(
+    calls: Mapping[Name, Call],
+    jobs: int | Executor = 1,
+    *,
+    here: Mapping[Name, Call] | None = None,
+    done: Callable[[Name, Any], object] = lambda name, result: None,
+    what: str = "job",
+    kept: str = "",
+    finished: int = 0,
+) -> dict[Name, Any]:
+    """Run calls with a progress bar, and return their results by name.
 
     Args:
-        outcomes: What an executor yields.
-        what: What a call is, for the message.
-        kept: What happened to the results of the others, for the message.
+        calls: Functions without arguments that can be pickled.
+        jobs: Number of processes, or an executor.
+        here: Functions without arguments for this process only.
+        done: Called in this process with the name and the result of each call that succeeds, as soon as it ends.
+        what: What a call is, for the progress bar and the message about failures.
+        kept: What happened to the results of the others, for this message.
+        finished: Number of calls that the progress bar counts as finished from the beginning.
 
     Raises:
-        CallsFailedError: If calls failed.
+        CallsFailedError: If calls failed, when all others have ended.
     """
-    failures, calls = {}, 0
-    with closing(outcomes):
-        for name, outcome in outcomes:
-            calls += 1
-            if isinstance(outcome, Exception):
-                failures[name] = outcome
-            else:
-                yield name, outcome
+    pool, local = executor(jobs) if isinstance(jobs, int) else jobs, here or {}
+    total = len(calls) + len(local)
+    results: dict[Name, Any] = {}
+    failures: dict[Name, BaseException] = {}
+    with tqdm(total=total + finished, initial=finished, unit=what, leave=False) as bar:
+        try:
+            for part, where in ((calls, pool), (local, _ThisProcess())):
+                for name, future in _completed(part, where):
+                    if (error := future.exception()) is None:
+                        results[name] = future.result()
+                        done(name, results[name])
+                    else:
+                        failures[name] = error
+                    bar.update()
+        except BaseException:  # also an interruption: leave no process behind
+            pool.shutdown(cancel_futures=True)
+            raise
     if failures:
-        raise CallsFailedError(failures, calls, what, kept) from next(iter(failures.values()))
+        raise CallsFailedError(failures, total, what, kept) from next(iter(failures.values()))
+    return results
 
 
-class FolderCall(NamedTuple):
-    """A call that writes files into a folder.
+def _completed(calls: Mapping[Name, Call], pool: Executor) -> Iterator[tuple[Name, "Future[Any]"]]:
+    """Yield calls as they end. Only a few are submitted at once, so that results arrive while others wait."""
+    waiting = iter(calls.items())
+    running: dict[Future[Any], Name] = {}
+    while True:
+        for name, call in islice(waiting, getattr(pool, "ahead", 1) - len(running)):
+            running[pool.submit(call)] = name
+        if not running:
+            return
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            yield running.pop(future), future
 
-    Another machine writes them into a temporary folder, and returns them for `keep`.
 
-    Attributes:
-        write: Function of the folder. If it is interrupted, it continues with the files that it has written.
-        folder: The folder.
-        inputs: Other files that it reads.
-        cpus: Number of processor cores that it uses.
+class _ThisProcess(Executor):
+    """Make a call when it is submitted."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # own code may raise exceptions of any type
+            future.set_exception(error)
+        return future
+
+
+class _Processes(Executor):
+    """The processes of loky, which end with this process. A call whose process is killed fails alone."""
+
+    def __init__(self, jobs: int) -> None:
+        self.ahead = jobs
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        with _blocked_signals():
+            future: Future[Any] = self._pool().submit(_portable, partial(fn, *args, **kwargs))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._pool().shutdown(wait, kill_workers=cancel_futures)
+
+    def _pool(self) -> Any:
+        from loky import get_reusable_executor
+
+        return get_reusable_executor(self.ahead, initializer=_end_with_parent, initargs=(os.getpid(),))
+
+
+def _portable(call: Call) -> Any:
+    """Make a call in another process, and raise its exception as one that can be pickled."""
+    try:
+        return call()
+    except Exception as error:
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:
+            raise RuntimeError(f"{type(error).__name__}: {error}") from error
+        raise
+
+
+def _end_with_parent(parent: int) -> None:
+    """Let this process end when its parent was killed."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _blocked_signals() -> Iterator[None]:
+    """Block SIGINT, so that new processes inherit this: Ctrl-C reaches the main process, which ends the others."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from loky.backend import resource_tracker
+
+    resource_tracker.ensure_running()  # its start would unblock the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Ray(Executor):
+    """A Ray cluster whose machines share the working directory and the packages of this process.
+
+    A call whose worker or node dies is repeated by Ray.
     """
 
-    write: Callable[[Path], object]
-    folder: Path
-    inputs: tuple[Path, ...] = ()
-    cpus: int = 1
+    def __init__(self, address: str) -> None:
+        if not _ADDRESS.fullmatch(address):
+            raise ValueError(f"cluster must be auto, local, ray://HOST:PORT or HOST:PORT, not {address!r}")
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray sends nothing about this machine
+        import ray
 
-    def __call__(self) -> dict[str, bytes]:
-        """Write the files, and return none."""
-        self.write(self.folder)
-        return {}
+        variables = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        options = {"log_to_driver": False, "logging_level": "ERROR", "ignore_reinit_error": True}
+        try:
+            ray.init(address, runtime_env={"env_vars": variables}, **options)
+        except (OSError, RuntimeError) as error:
+            raise ValueError(f"there is no Ray cluster at {address}: {brief(error)}") from error
+        self._ray = ray
+        self._task = ray.remote(max_retries=2)(_call_in_folder)
+        self._running: dict[Future[Any], Any] = {}
 
-    def files(self) -> Iterable[Path]:
-        """Return the files that it reads, besides those in the folder."""
-        return self.inputs
+    @property
+    def ahead(self) -> int:
+        """Number of calls that are submitted at once."""
+        return max(int(_CALLS_OF_A_CORE * self._ray.cluster_resources().get("CPU", 1.0)), 1)
 
-    def elsewhere(self) -> Callable[[], dict[str, bytes]]:
-        """Return a call that returns the files, with those that the folder has now."""
-        return partial(_write_elsewhere, self.write, _contents(self.folder))
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
+        reference = self._task.remote(partial(fn, *args, **kwargs), os.getcwd(), sys.argv)
+        future: Future[Any] = reference.future()
+        self._running[future] = reference
+        future.add_done_callback(self._running.pop)
+        return future
 
-    def keep(self, files: Mapping[str, bytes]) -> None:
-        """Make the folder contain the files that another machine returned; without any, do nothing."""
-        for name, content in files.items():
-            (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(self.folder / name, content)
-        for name in set(_contents(self.folder)) - set(files) if files else ():
-            (self.folder / name).unlink()
-
-
-def run_folder_calls(calls: Mapping[Name, FolderCall], execute: Executor, total: int, unit: str, kept: str) -> None:
-    """Run trainings that write into folders, with a progress bar.
-
-    Args:
-        calls: The calls by name.
-        execute: Executor that runs them.
-        total: Number of all trainings, those included that need no call.
-        unit: What the progress bar counts.
-        kept: What happened to the files of finished trainings, for the message about failed ones.
-
-    Raises:
-        CallsFailedError: If trainings failed, when all others have ended.
-    """
-    with (
-        tqdm(total=total, initial=total - len(calls), unit=unit, leave=False) as bar,
-        closing(successes(execute(calls), "training", kept)) as done,
-    ):
-        for name, files in done:
-            calls[name].keep(files)
-            bar.update()
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        for reference in list(self._running.values()) if cancel_futures else ():
+            self._ray.cancel(reference, force=True)
 
 
-def _write_elsewhere(write: Callable[[Path], object], files: Mapping[str, bytes]) -> dict[str, bytes]:
-    with TemporaryDirectory() as temporary:
-        folder = Path(temporary, "folder")
-        for name, content in files.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(content)
-        write(folder)
-        return _contents(folder)
-
-
-def _contents(folder: Path) -> dict[str, bytes]:
-    """Return the files of a folder by their relative paths, in the order in which they were written; no hidden ones."""
-    files = [file for file in folder.rglob("*") if file.is_file() and not file.name.startswith(".")]
-    files.sort(key=lambda file: file.stat().st_mtime_ns)
-    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
+def _call_in_folder(call: Call, folder: str, command: list[str]) -> Any:
+    """Make a call in a worker of Ray, in the working directory and with the command line of the sender."""
+    os.chdir(folder)
+    sys.argv = command
+    return _portable(call)

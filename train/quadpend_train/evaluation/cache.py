@@ -22,8 +22,7 @@ import quadpend_baselines
 import quadpend_gym
 from quadpend_gym.core.source_hash import source_hash
 from quadpend_gym.scenarios import Scenario, scenario_hash
-from quadpend_train.common.files import atomic
-from quadpend_train.common.paths import writable_folder
+from quadpend_train.common.files import atomic, writable_folder
 from quadpend_train.common.provenance import versions
 from quadpend_train.common.text import brief
 from quadpend_train.evaluation.episodes import EpisodeResults

@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,9 +21,7 @@ from quadpend_gym.scenarios import (
     scenario_data,
     scenario_hash,
 )
-from quadpend_train.common.executors import Executor, as_executor
 from quadpend_train.common.files import atomic, to_json_data, write_text
-from quadpend_train.common.limits import check_counts
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, EpisodeResults
@@ -217,8 +216,6 @@ def compare(
     """
     if not policies or not scenarios:
         raise ValueError("policies and scenarios must each have at least one entry")
-    check_counts(episodes=episodes, seed=seed)
-    jobs = as_executor(jobs)
     compared = named_policies(policies)
     _check_training_seeds(compared)
     found = {name: _find_scenario(scenario) for name, scenario in _named_scenarios(scenarios).items()}

@@ -2,20 +2,16 @@
 
 import hashlib
 import json
-from collections.abc import Generator, Hashable, Mapping, Sequence
-from contextlib import closing
-from pathlib import Path
+from collections.abc import Hashable, Mapping, Sequence
+from concurrent.futures import Executor
 from typing import Any, NamedTuple, TypeVar
-
-from tqdm.auto import tqdm
 
 from quadpend_baselines import Policy
 from quadpend_gym.scenarios import Scenario, own_models
 from quadpend_gym.wind import WindFromFactory
-from quadpend_train.common.executors import Executor, as_executor, call_here, successes
+from quadpend_train.common.executors import Call, run
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
-from quadpend_train.evaluation.files import policy_files
 from quadpend_train.policies.loading import cache_fingerprints, load_policies
 
 Name = TypeVar("Name", bound=Hashable)
@@ -57,10 +53,6 @@ class Job(NamedTuple):
             policies.append(hashlib.sha256(options.encode()).hexdigest())
         return cache.key(policies, self.scenario, self.episodes, self.seed)
 
-    def files(self) -> list[Path]:
-        """Return the files of the policies, which another machine needs."""
-        return policy_files(self.policies) if isinstance(self.policies, str) else []
-
     def runs_elsewhere(self) -> bool:
         """Return whether another process can run the job: it consists of names and data only."""
         own = own_models(self.scenario)
@@ -94,25 +86,17 @@ def run_jobs(
         if cache_folder and (found := cache.load(cache_folder, key, jobs[name].scenario.steps)) is not None
     }
     missing = {name: job for name, job in jobs.items() if name not in results}
-    outcomes = _run_as_completed(missing, as_executor(processes))
-    with (
-        tqdm(total=len(jobs), initial=len(results), unit="job", leave=False) as bar,
-        closing(successes(outcomes, kept="are cached" if cache_folder else "")) as completed,
-    ):
-        for name, result in completed:
-            if cache_folder and name in keys:
-                if jobs[name].cache_key() != keys[name]:
-                    raise ValueError(
-                        f"{jobs[name].policies} has changed during its evaluation: wait until its training is finished"
-                    )
-                cache.save(cache_folder, keys[name], result)
-            results[name] = result
-            bar.update()
+
+    def save(name: Name, result: EpisodeResults) -> None:
+        if cache_folder and name in keys:
+            if jobs[name].cache_key() != keys[name]:
+                raise ValueError(
+                    f"{jobs[name].policies} has changed during its evaluation: wait until its training is finished"
+                )
+            cache.save(cache_folder, keys[name], result)
+
+    elsewhere: dict[Name, Call] = {name: job for name, job in missing.items() if job.runs_elsewhere()}
+    here: dict[Name, Call] = {name: job for name, job in missing.items() if name not in elsewhere}
+    kept = "are cached" if cache_folder else ""
+    results |= run(elsewhere, processes, here=here, done=save, kept=kept, finished=len(results))
     return {name: results[name] for name in jobs}
-
-
-def _run_as_completed(jobs: Mapping[Name, Job], executor: Executor) -> Generator[tuple[Name, Any], None, None]:
-    """Yield outcomes as soon as they are ready. The executor runs jobs of names and data, this process the others."""
-    remote = {name: job for name, job in jobs.items() if job.runs_elsewhere()}
-    yield from executor(remote)
-    yield from call_here({name: job for name, job in jobs.items() if name not in remote})

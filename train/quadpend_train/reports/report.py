@@ -1,11 +1,10 @@
 """Evaluate policies and write the whole report: the page with its replay, tables, figures and data."""
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from quadpend_train.common.executors import Executor, as_executor
-from quadpend_train.common.limits import check_counts
-from quadpend_train.common.paths import writable_folder
+from quadpend_train.common.files import writable_folder
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare, named_policies
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -73,9 +72,7 @@ def evaluate(
         ValueError: If a policy or a scenario is refused, see `compare`, a number is out of range, or a folder cannot
             be written.
     """
-    check_counts(episodes=episodes, seed=seed, replay=replay, robustness=robustness)
-    jobs = as_executor(jobs)
-    folder = writable_folder(Path(out), files=results.FILES)
+    folder = writable_folder(Path(out))
     if cache_folder:
         cache.check_folder(cache_folder)
     named = named_policies(policies)

@@ -9,6 +9,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.common import documents
-from quadpend_train.common.executors import Executor, FolderCall, as_executor, run_folder_calls
+from quadpend_train.common.executors import run as run_calls
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.provenance import versions
 from quadpend_train.evaluation.cache import code_stamp
@@ -210,14 +211,13 @@ def run(
         raise ValueError(
             f"there is no ablation {unknown[0]!r}{suggest(unknown[0], ABLATIONS)}; there are {', '.join(ABLATIONS)}"
         )
-    execute = as_executor(jobs)
     pairs = {(name, seed): settings_pair(ABLATIONS[name], seed) for name in names for seed in range(seeds)}
     runs = {
         (name, part, seed): settings
         for (name, seed), pair in pairs.items()
         for part, settings in zip(_PARTS, pair, strict=True)
     }
-    _train_all(runs, folder, execute)
+    _train_all(runs, folder, jobs)
     evaluations = {
         key: Job(
             str(run_folder(folder, settings) / POLICY),
@@ -227,7 +227,7 @@ def run(
         )
         for key, settings in runs.items()
     }
-    evaluated = run_jobs(evaluations, processes=execute)
+    evaluated = run_jobs(evaluations, processes=jobs)
     results = {}
     for name in names:
         without, added = (
@@ -266,15 +266,15 @@ def run_folder(folder: Path, settings: TrainSettings) -> Path:
     return folder / hashlib.sha256(key.encode()).hexdigest()[:16]
 
 
-def _train_all(runs: Mapping[Any, TrainSettings], folder: Path, execute: Executor) -> None:
+def _train_all(runs: Mapping[Any, TrainSettings], folder: Path, execute: int | Executor) -> None:
     """Make the runs of which `folder` has no finished one. Ablations can have runs in common."""
     names = {run_folder(folder, settings): name for name, settings in runs.items()}
     calls = {}
     for path, name in names.items():
         if not (path / POLICY).is_file():
             shutil.rmtree(path, ignore_errors=True)  # removes what an interrupted training left
-            calls[name] = FolderCall(partial(train, runs[name], progress=False), path, cpus=runs[name].num_threads)
-    run_folder_calls(calls, execute, len(names), "training", f"are in {folder}")
+            calls[name] = partial(train, runs[name], path, progress=False)
+    run_calls(calls, execute, what="training", kept=f"are in {folder}", finished=len(names) - len(calls))
 
 
 def _penalised_rmse(policy: MlpPolicy, scenario: str) -> Floats:

@@ -10,14 +10,13 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from tqdm.auto import tqdm
 
 import quadpend_baselines
 from quadpend_baselines import controller
@@ -32,7 +31,7 @@ from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.source_hash import source_hash
 from quadpend_gym.scenarios import Scenario, scenario_hash
-from quadpend_train.common.executors import Executor, as_executor, successes
+from quadpend_train.common.executors import run
 from quadpend_train.common.files import to_json_data
 from quadpend_train.evaluation.bound import (
     CLAIRVOYANT,
@@ -190,14 +189,12 @@ def plan(
     tasks = [Task(name, scenario, seed + k) for k in range(episodes) for name, scenario in scenarios.items()]
     missing = [task for task in tasks if recompute or not _is_current(task, stored)]
     calls = {(task.name, task.seed): partial(plan_episode, task) for task in missing}
-    with (
-        tqdm(total=len(tasks), initial=len(tasks) - len(missing), unit="episode", leave=False) as bar,
-        closing(successes(as_executor(jobs)(calls), "episode", f"are in {path}")) as planned,
-    ):
-        for _, episode in planned:
-            stored[episode.scenario, episode.seed] = episode
-            write_bound(path, [stored[place] for place in sorted(stored, key=lambda place: (place[0], place[1]))])
-            bar.update()
+
+    def save(place: tuple[str, int], episode: BoundEpisode) -> None:
+        stored[place] = episode
+        write_bound(path, [stored[place] for place in sorted(stored, key=lambda place: (place[0], place[1]))])
+
+    run(calls, jobs, done=save, what="episode", kept=f"are in {path}", finished=len(tasks) - len(missing))
     return by_scenario(list(stored.values()), list(scenarios), seed, episodes)
 
 

@@ -9,6 +9,7 @@ situation. It is not what a network would lose that has been trained without the
 
 import json
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,6 @@ from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import expand_sets, find_scenario
-from quadpend_train.common.executors import Executor
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.evaluation.cache import Folder
 from quadpend_train.evaluation.comparison import compare, differences

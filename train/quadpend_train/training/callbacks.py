@@ -16,7 +16,6 @@ from quadpend_train.policies.sb3_models import start_new_episodes
 from quadpend_train.training.environment import make_env, scenarios_at
 from quadpend_train.training.run_folder import CHECKPOINT
 from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings
-from quadpend_train.training.time_limit import TimeLimit
 from quadpend_train.training.validation import BEST, Score, validate, write_curve
 
 DIVERGED = (
@@ -86,18 +85,22 @@ class CheckpointSegments(BaseCallback):
 class StopConditions(BaseCallback):
     """Stop training for `max_seconds` or if it diverges, and freeze PPO's actor during the warm-up of the critic.
 
+    Args:
+        settings: The settings of the run.
+        end: Time at which training stops, as `time.perf_counter` returns it.
+
     Raises:
         FloatingPointError: If a weight is not finite.
     """
 
-    def __init__(self, settings: TrainSettings, limit: TimeLimit) -> None:
+    def __init__(self, settings: TrainSettings, end: float) -> None:
         super().__init__()
-        self.settings, self.limit = settings, limit
+        self.settings, self.end = settings, end
+        self.time_is_up = False
         self.rollouts = 0
 
     def _on_rollout_start(self) -> None:
         self.rollouts += 1
-        self.limit.start_rollout()
         if self.settings.algo not in REPLAY_ALGORITHMS or self.rollouts % _CHECK_INTERVAL == 0:
             self.check_finite()
         if warmup := self.settings.ppo.critic_warmup_steps if self.settings.algo == "ppo" else 0:
@@ -110,8 +113,8 @@ class StopConditions(BaseCallback):
             raise FloatingPointError(DIVERGED.format(self.num_timesteps))
 
     def _on_step(self) -> bool:
-        self.limit.step()
-        return not self.limit.stop()
+        self.time_is_up = time.perf_counter() >= self.end
+        return not self.time_is_up
 
 
 class EvaluationCallback(BaseCallback):
@@ -123,9 +126,9 @@ class EvaluationCallback(BaseCallback):
     before its checkpoint, writes the two files again, and repeats the later evaluations.
     """
 
-    def __init__(self, settings: TrainSettings, folder: Path, limit: TimeLimit) -> None:
+    def __init__(self, settings: TrainSettings, folder: Path) -> None:
         super().__init__()
-        self.settings, self.folder, self.limit = settings, folder, limit
+        self.settings, self.folder = settings, folder
         self.scores: list[Score] = []
         self.evaluation_seconds = 0.0
         self.stop = False
@@ -144,10 +147,7 @@ class EvaluationCallback(BaseCallback):
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq
         if every and self.num_timesteps >= (self.scores[-1].steps // every + 1 if self.scores else 0) * every:
-            if self.limit.stop(evaluations=1):
-                self.stop = True  # and evaluate at the end of training
-            else:
-                self.evaluate()
+            self.evaluate()
 
     def _on_training_end(self) -> None:
         if self.settings.eval_freq and (not self.scores or self.scores[-1].steps < self.num_timesteps):
@@ -170,7 +170,6 @@ class EvaluationCallback(BaseCallback):
                 self.logger.record(f"evaluation/{name}", value)
         self.stop = self._out_of_patience()
         self.evaluation_seconds += time.perf_counter() - start
-        self.limit.evaluated(time.perf_counter() - start)
 
     def _out_of_patience(self) -> bool:
         patience, scores = self.settings.patience, [score.penalised_rmse for score in self.scores]
@@ -198,6 +197,7 @@ class ProgressBar(BaseCallback):
     def __init__(self, settings: TrainSettings, evaluation: EvaluationCallback) -> None:
         super().__init__()
         self.settings, self.evaluation = settings, evaluation
+        self.bar: Any = None
 
     def _on_training_start(self) -> None:
         total = self.settings.total_timesteps
@@ -221,7 +221,11 @@ class ProgressBar(BaseCallback):
 
     def _on_training_end(self) -> None:
         self.bar.update(self.num_timesteps - self.bar.n)
-        self.bar.close()
+
+    def close(self) -> None:
+        """Leave the bar on the terminal as it is."""
+        if self.bar is not None:
+            self.bar.close()
 
     def _on_step(self) -> bool:
         return True

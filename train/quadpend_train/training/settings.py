@@ -13,7 +13,6 @@ from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.ranges import Range, check_fields
 from quadpend_gym.core.validation import check_int, from_plain, suggest
 from quadpend_gym.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
-from quadpend_train.common.version_0_1 import current_name, current_settings
 from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
 from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
 
@@ -285,7 +284,7 @@ def read_settings(name: str) -> TrainSettings:
         TypeError: If a setting has the wrong type.
         ValueError: If the file does not exist, or has an unknown setting or a value out of range.
     """
-    path = PRESETS / f"{current_name(name)}.toml"
+    path = PRESETS / f"{name}.toml"
     if not path.is_file():
         path = Path(name)
     if path.suffix == ".npz":
@@ -305,16 +304,13 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
     """Return training settings from a mapping; a setting that is missing has its default value.
 
     Args:
-        values: Settings by name, some or all. Names of version 0.1 are accepted too.
+        values: Settings by name, some or all.
         source: Where the settings come from, for error messages.
 
     Raises:
         TypeError: If a setting has the wrong type.
         ValueError: If a name is unknown or a value out of range.
     """
-    given, values = values, current_settings(values, source)
-    if given.keys() != values.keys():  # the files of version 0.1 have the tables of all algorithms
-        values = _used(values, values.get("algo", TrainSettings.algo))
     for name, kind in {"": TrainSettings, **_TABLES}.items():
         known = [item.name for item in fields(kind)]
         table = values.get(name, {}) if name else values

@@ -4,8 +4,7 @@ The files of a run folder:
 
 - ``settings.json``: all settings;
 - ``start.npz``: the policy that training starts from, if any;
-- ``provenance.json``: package versions, commit and machine;
-- ``.lock``: its lock is held while a process trains in the folder;
+- ``provenance.json``: command, commit, package versions and machine;
 - ``events*``: TensorBoard's event files;
 - ``checkpoint.zip``: the latest checkpoint, for SAC and TQC with ``buffer_*.pkl``; deleted when the run is finished;
 - ``curve.csv`` and ``best.npz``: scores and best policy, if the run is evaluated;
@@ -17,8 +16,8 @@ An interrupted run resumes from its latest checkpoint and gives the same policy 
 continues from its model, see `extend`.
 """
 
-import signal
-import threading
+import math
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,10 +27,9 @@ from typing import Any
 import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
-from quadpend_gym.core.validation import check_int
 from quadpend_gym.scenarios import check_own_models, expand_sets, find_scenario, scenario_hash
 from quadpend_train.common.files import atomic
-from quadpend_train.common.version_0_1 import provenance_file
+from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
 from quadpend_train.policies.mlp_policy import MlpPolicy
@@ -54,34 +52,21 @@ from quadpend_train.training.run_folder import (
     POLICY,
     PROVENANCE,
     SETTINGS,
-    begin_continuation,
-    complete_continuation,
     delete_checkpoint,
     locked,
     read_provenance,
     write_json,
-    write_provenance,
 )
 from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings, read_settings, to_mapping
-from quadpend_train.training.start import START, load_actor, start_policy
-from quadpend_train.training.time_limit import TimeLimit, TimeUpError
-from quadpend_train.training.validation import BEST, Score, restore_scores, validate
+from quadpend_train.training.start import START, load_actor, start_policy, start_provenance
+from quadpend_train.training.validation import BEST, Score, validate
 
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
-STOPPED = (
-    "max_seconds ended the training early, after {} of {} timesteps:"
-    " `quadpend train --resume {} --more-steps {}` continues it."
-)
 LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run is resumed
 
 
 def train(
-    settings: TrainSettings,
-    folder: Path,
-    *,
-    progress: bool = True,
-    callbacks: Sequence[BaseCallback] = (),
-    started: float | None = None,
+    settings: TrainSettings, folder: Path, *, progress: bool = True, callbacks: Sequence[BaseCallback] = ()
 ) -> Path:
     """Train a policy from scratch.
 
@@ -90,7 +75,6 @@ def train(
         folder: The folder of the run; it is created. See `resume` for a folder with an interrupted run.
         progress: Whether to show a progress bar.
         callbacks: Additional callbacks of Stable-Baselines3.
-        started: Time from which `max_seconds` is counted, as `time.perf_counter` returns it; None: this call.
 
     Returns:
         The path of the trained policy.
@@ -100,27 +84,20 @@ def train(
         FileExistsError: If the folder contains a run already.
         FloatingPointError: If training diverged.
     """
-    limit = TimeLimit(settings.max_seconds, started)
-    _check_empty(folder)
+    if (folder / SETTINGS).exists():
+        raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
+    end = _end(settings)
     model = _untrained_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        _check_empty(folder)
         if settings.start_from:
             start_policy(settings).save(folder / START)
-        write_provenance(folder, settings)
+        write_json(folder / PROVENANCE, {**provenance(), **start_provenance(settings)})
         write_json(folder / SETTINGS, to_mapping(settings))
-        return _begin(model, settings, folder, limit, progress, callbacks)
+        return _run(model, settings, folder, end, progress, callbacks)
 
 
-def _check_empty(folder: Path) -> None:
-    if (folder / SETTINGS).exists():
-        raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
-
-
-def resume(
-    folder: Path, settings: TrainSettings | None = None, *, progress: bool = True, started: float | None = None
-) -> Path:
+def resume(folder: Path, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
     """Continue an interrupted run from its latest checkpoint, or from scratch if it has none.
 
     Loading a checkpoint executes code that is in it: resume only runs whose source you trust.
@@ -129,7 +106,6 @@ def resume(
         folder: The folder of the run.
         settings: The settings of the run, in which only `LIMITS` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
-        started: Time from which `max_seconds` is counted, as `time.perf_counter` returns it; None: this call.
 
     Returns:
         The path of the trained policy.
@@ -137,53 +113,30 @@ def resume(
     Raises:
         BlockingIOError: If another process trains in the folder.
         FileNotFoundError: If the folder contains no run, or a finished one.
-        ValueError: If another setting is changed, or a file of a run of an earlier version is damaged.
+        ValueError: If another setting is changed.
         FloatingPointError: If training diverged.
     """
-    if not (folder / SETTINGS).is_file():
-        raise FileNotFoundError(f"{folder} contains no run")
+    stored = _stored_settings(folder)
     with locked(folder):
         if (folder / POLICY).is_file():
-            delete_checkpoint(folder)  # if the process was killed after it had written the policy
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
-        complete_continuation(folder)
-        settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings)
-        limit = TimeLimit(settings.max_seconds, started)
-        if not provenance_file(folder, PROVENANCE).is_file():  # a killed process of an earlier version wrote it last
-            write_provenance(folder, settings)
+        settings = _checked_limits(stored, settings, LIMITS)
+        end = _end(settings)
         if not (folder / CHECKPOINT).is_file():
-            return _begin(_untrained_model(settings, folder, folder / START), settings, folder, limit, progress)
-        torch.set_num_threads(settings.num_threads)
-        model = load_model(settings, make_env(settings), folder / CHECKPOINT)
-        restore_scores(model, settings, folder)
+            return _run(_untrained_model(settings, folder, folder / START), settings, folder, end, progress)
+        model = _load(settings, folder, CHECKPOINT)
         if settings.algo in REPLAY_ALGORITHMS:
             model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
-        return _learn(model, settings, folder, limit, progress)
+        return _run(model, settings, folder, end, progress)
 
 
 def train_or_resume(settings: TrainSettings, folder: Path, *, progress: bool = True) -> Path:
-    """Train a policy, or continue the interrupted run in the folder, see `train` and `resume`.
-
-    Args:
-        settings: The settings of the run.
-        folder: The folder of the run.
-        progress: Whether to show a progress bar.
-
-    Returns:
-        The path of the trained policy.
-    """
+    """Train a policy, or continue the interrupted run in the folder, see `train` and `resume`."""
     begun = (folder / SETTINGS).is_file()
     return resume(folder, settings, progress=progress) if begun else train(settings, folder, progress=progress)
 
 
-def extend(
-    folder: Path,
-    more_steps: int,
-    settings: TrainSettings | None = None,
-    *,
-    progress: bool = True,
-    started: float | None = None,
-) -> Path:
+def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
     """Continue a finished run for more timesteps, with its networks and the state of its optimizers.
 
     The run then has ``total_timesteps`` equal to its timesteps so far plus `more_steps`, and no ``patience``. The
@@ -198,39 +151,40 @@ def extend(
         more_steps: Number of timesteps.
         settings: The settings of the run, in which only ``max_seconds`` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
-        started: Time from which `max_seconds` is counted, as `time.perf_counter` returns it; None: this call.
 
     Returns:
         The path of the trained policy.
 
     Raises:
-        BlockingIOError: If another process trains in the folder.
         FileNotFoundError: If the folder contains no finished run.
-        FloatingPointError: If training diverged.
-        ValueError: If `more_steps` is not a whole number of at least 1, or another setting is changed.
+        ValueError: If `more_steps` is below 1, or another setting is changed.
     """
-    check_int(more_steps, "more_steps", 1)
-    if not (folder / SETTINGS).is_file():
-        raise FileNotFoundError(f"{folder} contains no run")
-    if not (folder / POLICY).is_file() or not (folder / MODEL).is_file():
+    if more_steps < 1:
+        raise ValueError(f"more_steps must be at least 1, not {more_steps}")
+    stored = _stored_settings(folder)
+    if not (folder / POLICY).is_file():
         raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
     with locked(folder):
-        settings = _checked_limits(read_settings(str(folder / SETTINGS)), settings, LIMITS[:1])
-        torch.set_num_threads(settings.num_threads)
-        model = load_model(settings, make_env(settings), folder / MODEL)
-        restore_scores(model, settings, folder)
+        settings = _checked_limits(stored, settings, LIMITS[:1])
+        model, made = _load(settings, folder, MODEL), read_provenance(folder)
         steps = model.num_timesteps
         if settings.algo in REPLAY_ALGORITHMS:
             model.learning_starts = steps + settings.sac.learning_starts
         save_checkpoint(model, folder)
-        new = replace(settings, total_timesteps=steps + more_steps, patience=0)
-        begin_continuation(folder, steps, to_mapping(new))
-    return resume(folder, progress=progress, started=started)
+        continued = [other for other in made.get("continued_at", []) if other != steps]
+        write_json(folder / PROVENANCE, {**made, "continued_at": [*continued, steps]})
+        write_json(folder / SETTINGS, to_mapping(replace(settings, total_timesteps=steps + more_steps, patience=0)))
+        (folder / POLICY).replace(folder / f"policy_{steps}.npz")  # the run is now an interrupted one
+    return resume(folder, progress=progress)
 
 
-def _checked_limits(
-    stored: TrainSettings, settings: TrainSettings | None, limits: Sequence[str] = LIMITS
-) -> TrainSettings:
+def _stored_settings(folder: Path) -> TrainSettings:
+    if not (folder / SETTINGS).is_file():
+        raise FileNotFoundError(f"{folder} contains no run")
+    return read_settings(str(folder / SETTINGS))
+
+
+def _checked_limits(stored: TrainSettings, settings: TrainSettings | None, limits: Sequence[str]) -> TrainSettings:
     """Return `settings`, or `stored` if there are none, after checking that they differ in `limits` only."""
     if settings is None:
         return stored
@@ -238,6 +192,17 @@ def _checked_limits(
         if name not in limits and getattr(settings, name) != value:
             raise ValueError(f"a continued run may change {' and '.join(limits)} only: {name} must be {value!r}")
     return settings
+
+
+def _end(settings: TrainSettings) -> float:
+    """Return the time at which `max_seconds` ends training, as `time.perf_counter` returns it."""
+    return time.perf_counter() + settings.max_seconds if settings.max_seconds else math.inf
+
+
+def _load(settings: TrainSettings, folder: Path, name: str) -> Any:
+    """Return the model of a run from its checkpoint or its final model."""
+    torch.set_num_threads(settings.num_threads)
+    return load_model(settings, make_env(settings), folder / name)
 
 
 def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
@@ -248,7 +213,7 @@ def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
         folder: The folder for TensorBoard's event files; None writes no event files.
     """
     model = _untrained_model(settings, folder)
-    _imitate(model, settings, TimeLimit(0.0))
+    _imitate(model, settings, math.inf)
     return model
 
 
@@ -272,97 +237,81 @@ def _untrained_model(settings: TrainSettings, folder: Path | None, start: Path |
     return model
 
 
-def _imitate(model: Any, settings: TrainSettings, limit: TimeLimit) -> None:
+def _imitate(model: Any, settings: TrainSettings, end: float) -> None:
     """Train the actor to imitate the base controller, if the settings say so.
 
     Imitation uses no rewards: its environment has no baseline copies.
     """
-    if settings.hybrid.imitation_timesteps:
-        hybrid = replace(settings.hybrid, baseline_relative_reward=False, failure_penalty=0.0)
-        env = make_env(replace(settings, hybrid=hybrid))
-        env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
-        limit.predict(export(model, **settings.policy_interface()), settings)
-        try:
-            error = dagger(model, env, settings, limit.check)
-        except TimeUpError:
-            print(f"The imitation of {settings.hybrid.base_controller} was stopped by max_seconds.")
-            return
-        print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
+    if not settings.hybrid.imitation_timesteps:
+        return
+
+    def check_time() -> None:
+        if time.perf_counter() >= end:
+            raise TimeoutError
+
+    hybrid = replace(settings.hybrid, baseline_relative_reward=False, failure_penalty=0.0)
+    env = make_env(replace(settings, hybrid=hybrid))
+    env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
+    try:
+        error = dagger(model, env, settings, check_time)
+    except TimeoutError:
+        print(f"The imitation of {settings.hybrid.base_controller} was stopped by max_seconds.")
+        return
+    print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
 
 
-def _begin(
+def _run(
     model: Any,
     settings: TrainSettings,
     folder: Path,
-    limit: TimeLimit,
+    end: float,
     progress: bool,
     callbacks: Sequence[BaseCallback] = (),
 ) -> Path:
-    """Imitate and learn. The first checkpoint of a run with imitation is the model after the imitation."""
-    if settings.hybrid.imitation_timesteps:
-        try:
-            _imitate(model, settings, limit)
-        except KeyboardInterrupt:
-            print(f"Interrupted during the imitation; `quadpend train --resume {folder}` starts it again.")
-            raise
-        save_checkpoint(model, folder)
-    return _learn(model, settings, folder, limit, progress, callbacks)
-
-
-def _interrupt(*_: Any) -> None:
-    raise KeyboardInterrupt
-
-
-def _handle_sigterm(handler: Any) -> Any:
-    """Set the handler of SIGTERM and return the previous one; only the main thread can, elsewhere nothing changes."""
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    return signal.signal(signal.SIGTERM, handler) if in_main_thread else None
+    """Imitate, learn, and write model and policy. After an imitation, the model is the first checkpoint."""
+    try:
+        if settings.hybrid.imitation_timesteps and not (folder / CHECKPOINT).is_file():
+            _imitate(model, settings, end)
+            save_checkpoint(model, folder)
+        return _learn(model, settings, folder, end, progress, callbacks)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"`quadpend train --resume {shlex.quote(str(folder))}` continues the run") from None
 
 
 def _learn(
-    model: Any,
-    settings: TrainSettings,
-    folder: Path,
-    limit: TimeLimit,
-    progress: bool,
-    callbacks: Sequence[BaseCallback] = (),
+    model: Any, settings: TrainSettings, folder: Path, end: float, progress: bool, callbacks: Sequence[BaseCallback]
 ) -> Path:
-    limit.predict(export(model, **settings.policy_interface()), settings)
-    steps, start = settings.total_timesteps - model.num_timesteps, time.perf_counter()
-    stop, evaluation = StopConditions(settings, limit), EvaluationCallback(settings, folder, limit)
+    steps, begin = settings.total_timesteps - model.num_timesteps, time.perf_counter()
+    stop, evaluation = StopConditions(settings, end), EvaluationCallback(settings, folder)
+    bar = ProgressBar(settings, evaluation)
     callbacks = [CheckpointSegments(settings, folder), stop, evaluation, RewardTerms(), *callbacks]
-    if progress:
-        callbacks.append(ProgressBar(settings, evaluation))
-    previous_handler = _handle_sigterm(_interrupt)
+    callbacks += [bar] if progress else []
     try:
         model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
         stop.check_finite()
-        if limit.stopped:
-            print(STOPPED.format(model.num_timesteps, settings.total_timesteps, folder, _missing(model, settings)))
-    except KeyboardInterrupt:
-        print(f"Interrupted after {model.num_timesteps} steps; `quadpend train --resume {folder}` continues the run.")
-        raise
     except ValueError as error:  # torch refuses a distribution whose parameters are not finite
         stop.check_finite()
         if "found invalid values" in str(error):
             raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
         raise
     finally:
-        _handle_sigterm(previous_handler)
+        bar.close()
+    if stop.time_is_up:
+        # A stopped run lacks at least a rollout, whose gradient steps it has not made.
+        missing = max(settings.total_timesteps - model.num_timesteps, settings.rollout_timesteps())
+        print(
+            f"max_seconds ended the training early, after {model.num_timesteps} of {settings.total_timesteps}"
+            f" timesteps: `quadpend train --resume {folder} --more-steps {missing}` continues it."
+        )
     with atomic(folder / MODEL) as unfinished:
         model.save(unfinished)
-    seconds = time.perf_counter() - start - evaluation.evaluation_seconds
+    seconds = time.perf_counter() - begin - evaluation.evaluation_seconds
     policy = _final_policy(model, settings, folder, evaluation.scores, seconds)
-    if limit.stopped:
+    if stop.time_is_up:
         policy.card["stopped_by"] = "max_seconds"
     policy.save(folder / POLICY)
     delete_checkpoint(folder)
     return folder / POLICY
-
-
-def _missing(model: Any, settings: TrainSettings) -> int:
-    """Return how many timesteps a stopped run lacks: at least a rollout, whose gradient steps it has not made."""
-    return max(settings.total_timesteps - int(model.num_timesteps), settings.rollout_timesteps())
 
 
 def _final_policy(

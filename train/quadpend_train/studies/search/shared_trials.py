@@ -24,8 +24,7 @@ from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from optuna.trial import FrozenTrial, TrialState
 from tqdm.auto import tqdm
 
-from quadpend_train.common.paths import writable_file
-from quadpend_train.common.processes import process_is_alive
+from quadpend_train.common.files import writable_file
 from quadpend_train.common.text import brief
 
 FINISHED = (TrialState.COMPLETE, TrialState.PRUNED)
@@ -148,7 +147,15 @@ def _is_lost(trial: FrozenTrial) -> bool:
     host, process = trial.user_attrs.get(_PROCESS, ("", 0))
     if host != socket.gethostname() or trial.user_attrs.get(_REPEATED):
         return False
-    return process == os.getpid() or not process_is_alive(process)
+    if process == os.getpid():
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:  # the process of another user
+        return False
+    return False
 
 
 def finished_trials(study: optuna.Study) -> list[FrozenTrial]:

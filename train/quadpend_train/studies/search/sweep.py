@@ -25,9 +25,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from quadpend_gym.core.validation import check_int, check_number
 from quadpend_gym.scenarios import expand_sets, find_scenario, scenario_hash
+from quadpend_train.common.executors import run
 from quadpend_train.common.files import toml_text, write_text
-from quadpend_train.common.limits import check_counts
-from quadpend_train.common.processes import call_in_processes
 from quadpend_train.common.text import brief
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.policies.mlp_policy import MlpPolicy
@@ -87,7 +86,6 @@ def check_options(sweep: Sweep, trials: int, jobs: int) -> None:
     Raises:
         ValueError: If one is out of range.
     """
-    check_counts(trials=trials, jobs=jobs, seed=sweep.seed)
     check_number(sweep.seconds, "seconds", 0.1, 1e9, "s")
     check_int(sweep.eval_freq, "eval_freq", 0)
 
@@ -114,9 +112,7 @@ def search(sweep: Sweep, trials: int, out: Path, storage: str | None = None, job
         _work(sweep, where, trials, out)
     else:
         calls = {number: partial(_work, sweep, where, trials, out, number == 0) for number in range(jobs)}
-        for _, outcome in call_in_processes(calls, jobs):
-            if isinstance(outcome, Exception):
-                raise outcome
+        run(calls, jobs, what="process")
     check_completed(study)
     return study
 

@@ -29,7 +29,6 @@ from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
 from quadpend_train.common.files import write_text
-from quadpend_train.common.limits import check_counts
 from quadpend_train.evaluation.cache import code_stamp
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
 from quadpend_train.studies.search.shared_trials import (
@@ -361,13 +360,12 @@ def tune(
     held_out = [base for base in (split_changes(item)[0] for item in scenarios) if base in HELD_OUT]
     if not scenarios or held_out:
         raise ValueError(f"scenarios must be at least one, and not {(held_out or ['test'])[0]!r}, which is held out")
-    check_counts(trials=trials, episodes=episodes)
     if len({(scenario.resolved_task.pendulum, pendulum_arm(scenario)) for scenario in _find_all(scenarios)}) > 1:
         raise ValueError(
             "scenarios must agree in the side of the pendulum, and in whether the error counts its direction"
             " (pendulum_first): tune for them apart"
         )
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = search(name, trials, episodes, seed, folder, scenarios, storage)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
     scenario = _find_all(scenarios)[0]
