@@ -9,12 +9,14 @@ start of the workers does not count: Ray keeps its workers between two studies, 
 import argparse
 import json
 import time
+from collections.abc import Mapping
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from statistics import median
 
 from quadpend_gym.scenarios import find_scenario
-from quadpend_train.common.executors import Executor, executor
+from quadpend_train.common.executors import Call, executor, run
 from quadpend_train.evaluation.jobs import Job
 
 SCENARIOS, POLICIES = ("calm", "windy", "noisy", "gusts"), ("flatness", "lqr", "adrc-paper", "ppo-gain-scheduling-0")
@@ -25,22 +27,17 @@ def cells(episodes: int) -> dict[tuple[str, str], Job]:
     return {(name, policy): Job(policy, find_scenario(name), episodes, 0) for name in SCENARIOS for policy in POLICIES}
 
 
-def seconds(run: Executor, calls: dict[tuple[str, str], Job]) -> float:
+def seconds(pool: Executor, calls: Mapping[tuple[str, str], Call]) -> float:
     """Return the time from the first result to the last one, s, so that the start of the workers does not count."""
-    outcomes = run(calls)
-    next(outcomes)
-    begin = time.perf_counter()
-    for name, outcome in outcomes:
-        if isinstance(outcome, Exception):
-            raise RuntimeError(f"{name} failed") from outcome
-    return time.perf_counter() - begin
+    ends: list[float] = []
+    run(calls, pool, done=lambda name, result: ends.append(time.perf_counter()))
+    return ends[-1] - ends[0]
 
 
 def measure(jobs: int, episodes: int, repetitions: int) -> dict[str, float]:
     """Return the median times of both executors, s, and the overhead of Ray."""
     import ray
 
-    ray_executor = executor(cluster="local")
     calls = cells(episodes)
     for call in calls.values():
         call()  # loads the kernels
@@ -49,11 +46,11 @@ def measure(jobs: int, episodes: int, repetitions: int) -> dict[str, float]:
         call()
     alone = (time.perf_counter() - begin) / len(calls)
     ray.init("local", num_cpus=jobs, include_dashboard=False, log_to_driver=False)
-    engines: dict[str, Executor] = {"processes": executor(jobs), "ray": ray_executor}
+    engines: dict[str, Executor] = {"processes": executor(jobs), "ray": executor(cluster="local")}
     measured: dict[str, list[float]] = {name: [] for name in engines}
     for repetition in range(repetitions + 1):
-        for name, run in engines.items():
-            found = seconds(run, calls)
+        for name, pool in engines.items():
+            found = seconds(pool, calls)
             if repetition:  # the first study loads the kernels in the workers of Ray
                 measured[name].append(found)
     times = {name: median(values) for name, values in measured.items()}

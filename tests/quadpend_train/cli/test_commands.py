@@ -1,4 +1,4 @@
-"""The command line: overview, lists, cards, errors in one sentence, paths checked before work, and interruptions."""
+"""The command line: overview, lists, cards, errors in one sentence, and paths checked before work."""
 
 import json
 import os
@@ -16,9 +16,7 @@ from quadpend_gym import __version__, actuators, sensors, wind
 from quadpend_gym.scenarios import SCENARIOS, SETS, find_scenario, scenario_hash, with_changes
 from quadpend_gym.tasks import TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES
-from quadpend_train.cli.commands import COMMANDS
-from quadpend_train.cli.main import main
-from quadpend_train.evaluation import jobs
+from quadpend_train.cli.main import COMMANDS, main
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import run_folder
@@ -262,21 +260,6 @@ def test_every_command_with_scenarios_takes_a_vehicle(
     monkeypatch.chdir(tmp_path)
     assert "there is no vehicle 'x5000' (did you mean 'x500'?)" in refused([*command, "--vehicle", "x5000"], capsys)
     assert "interface must be 'wrench', not 'rotors'" in refused([*command, "--interface", "rotors"], capsys)
-
-
-@pytest.mark.parametrize("command", [["evaluate"], ["compare", "flatness", "lqr"]], ids=" ".join)
-def test_an_interrupted_evaluation_says_that_the_same_command_continues(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(*_: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(jobs.Job, "__call__", interrupt)
-    with pytest.raises(SystemExit, match="130"):
-        main([*command, "--scenarios", "calm", "--episodes", "1"])
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert last == "Interrupted: finished results are cached, and the same command continues"
 
 
 def test_a_resumed_run_may_have_other_limits_only(

@@ -162,7 +162,7 @@ def test_faults_of_the_machine_are_one_sentence(
     def fail(*arguments: object) -> None:
         raise fault
 
-    monkeypatch.setattr("quadpend_train.cli.main.run", fail)
+    monkeypatch.setattr("quadpend_train.cli.main._run", fail)
     assert FAULTS[fault] in refused(["list"], capsys)
 
 

@@ -1,6 +1,8 @@
-"""A call that fails does not stop the others, and is named when they have ended."""
+"""Results do not depend on the executor, and a call that fails is named when the others have ended."""
 
-import shutil
+import os
+import signal
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,14 +11,10 @@ import pytest
 
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
-from quadpend_train.common.bundle import times, write_bundle
-from quadpend_train.common.executors import CallsFailedError, FolderCall, executor, successes
+from quadpend_train.common.executors import CallsFailedError, executor, run
 from quadpend_train.evaluation import cache
-from quadpend_train.evaluation.files import policy_files, scenario_files
 from quadpend_train.evaluation.jobs import Job, run_jobs
-from quadpend_train.policies.mlp_policy import SHIPPED
 from tests.helpers.own_code import write_module
-from tests.quadpend_train.common.test_processes import refuse, square
 
 BRIEF = Scenario(duration=0.2)
 FAILING = """
@@ -31,6 +29,67 @@ class Failing:
         return self.policy.predict(observation, state, episode_start, deterministic)
 def make(): return Failing()
 """
+
+
+def square(number: int) -> int:
+    return number**2
+
+
+def refuse(number: int) -> int:
+    raise ValueError(f"number must be even, not {number}")
+
+
+class UnpicklableError(Exception):
+    def __init__(self, first: int, second: int) -> None:
+        super().__init__("two arguments")
+
+
+def refuse_in_an_odd_way() -> None:
+    raise UnpicklableError(1, 2)
+
+
+def kill_itself() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.fixture(params=[1, 2, pytest.param("local", marks=pytest.mark.extras)], ids=["here", "processes", "Ray"])
+def pool(request: pytest.FixtureRequest) -> Executor:
+    if isinstance(request.param, int):
+        return executor(request.param)
+    pytest.importorskip("ray", reason="needs Ray: make check-extras, or pip install 'quadpend-gym[cluster]'")
+    return executor(cluster=request.param)
+
+
+def test_results_arrive_under_their_names_and_failures_are_named_at_the_end(pool: Executor) -> None:
+    calls: dict[Any, Any] = {number: partial(square, number) for number in range(7)}
+    assert run(calls, pool) == {number: number**2 for number in range(7)}
+    found: dict[Any, int] = {}
+    failing = {("a", 1): partial(refuse, 1), "odd": refuse_in_an_odd_way, **calls}
+    with pytest.raises(CallsFailedError) as raised:
+        run(failing, pool, here={"here": partial(square, 9)}, done=found.__setitem__, what="trial", kept="are kept")
+    head, *lines = str(raised.value).splitlines()
+    assert head == "2 of 10 trials failed; the results of the others are kept:"
+    assert any(line.startswith("  a, 1: ValueError: number must be even, not 1 (test_executors.py") for line in lines)
+    assert any("UnpicklableError: two arguments" in line for line in lines)
+    assert found == {**{number: number**2 for number in range(7)}, "here": 81}
+
+
+def test_a_killed_process_fails_its_call_only() -> None:
+    found: dict[Any, int] = {}
+    calls: dict[Any, Any] = {"big": kill_itself, **{number: partial(square, number) for number in range(5)}}
+    with pytest.raises(CallsFailedError, match="big: its process was killed, perhaps for lack of memory") as raised:
+        run(calls, 2, done=found.__setitem__)
+    assert found.keys() | raised.value.failures.keys() == calls.keys()
+    assert len(raised.value.failures) <= 2  # the calls that ran at that moment
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [((0, None), "jobs must be at least 1"), ((2, "auto"), "give no --jobs"), ((1, "nix"), "cluster must be auto")],
+)
+def test_wrong_numbers_and_clusters_are_refused(arguments: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        executor(*arguments)
 
 
 @pytest.mark.parametrize("processes", [1, 2])
@@ -53,104 +112,15 @@ def test_a_command_with_a_failing_policy_ends_with_status_1(
 ) -> None:
     module = write_module(tmp_path, monkeypatch, FAILING)
     with pytest.raises(SystemExit) as ended:
-        main(["compare", f"mine={module}:make", "lqr", "--scenarios", '{"duration": 0.2}', "--episodes", "2"])
+        main(["evaluate", f"mine={module}:make", "lqr", "--scenarios", '{"duration": 0.2}', "--episodes", "2"])
     assert ended.value.code == 1
     assert "mine: KeyError: 'no gain'" in capsys.readouterr().err
     assert len(list((tmp_path / cache.FOLDER).iterdir())) == 1
 
 
-def test_results_of_calls_arrive_before_the_failures_are_reported() -> None:
-    calls: dict[Any, Any] = {("a", 1): partial(refuse, 1), 2: partial(square, 2), 3: partial(refuse, 3)}
-    found = successes(executor()(calls), "trial", "are kept")
-    assert next(found) == (2, 4)
-    with pytest.raises(
-        CallsFailedError, match="2 of 3 trials failed; the results of the others are kept:\n  a, 1: Val"
-    ):
-        next(found)
-
-
-def fill(folder: Path) -> None:
-    folder.mkdir(exist_ok=True)
-    count = int((folder / "count").read_text()) if (folder / "count").exists() else 0
-    (folder / "count").write_text(str(count + 1))
-
-
-def test_a_folder_is_filled_here_or_elsewhere(tmp_path: Path) -> None:
-    call = FolderCall(fill, tmp_path / "run")
-    assert call() == {}
-    files = call.elsewhere()()
-    assert files == {"count": b"2"}
-    assert (tmp_path / "run/count").read_text() == "1"
-    call.keep(files)
-    assert (tmp_path / "run/count").read_text() == "2"
-    assert [path.name for path in (tmp_path / "run").iterdir()] == ["count"]
-
-
-@pytest.mark.parametrize("folder", ["memory://bucket/results", "file"])
-def test_a_cache_may_be_a_url(folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = f"file://{tmp_path}/new/cache" if folder == "file" else folder
-    cache.check_folder(folder)
-    jobs = {name: Job(name, BRIEF, 2, 0) for name in ("flatness", "lqr")}
-    first = run_jobs(jobs, folder)
-    monkeypatch.setattr("quadpend_train.evaluation.jobs.run_episodes", None)
-    for name, results in run_jobs(jobs, folder).items():
-        assert [array.tobytes() for array in results] == [array.tobytes() for array in first[name]]
-    local, remote = tmp_path / "local", cache._remote(folder, "name")
-    cache.save(local, "name", first["lqr"])
-    cache.save(folder, "name", first["lqr"])
-    assert remote is not None
-    assert len(remote[0].cat_file(remote[1])) == len((local / "name.npz").read_bytes())
-    remote[0].pipe_file(remote[1], b"nonsense")
-    with pytest.warns(UserWarning, match="damaged and its results are computed again"):
-        assert cache.load(folder, "name", BRIEF.steps) is None
-
-
-@pytest.mark.parametrize("folder", ["nix://bucket/cache", "file:///proc/nix"])
-def test_a_wrong_cache_is_refused(folder: str) -> None:
-    with pytest.raises(ValueError, match=r"cache must be a folder .*, not (nix://bucket/cache|file:///proc/nix)"):
-        cache.check_folder(folder)
-
-
-def test_a_bundle_has_the_code_and_the_files_under_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = write_module(tmp_path, monkeypatch, FAILING)
-    shutil.copytree(SHIPPED, tmp_path / "runs", ignore=lambda _, names: [n for n in names if n != "apg-0.npz"])
-    (tmp_path / "vehicle.toml").write_text("name = 'x'")
-    (tmp_path / "scene.toml").write_text("duration = 0.2")
-    files = [*policy_files(f"flatness,apg-1,{module}:make,runs/apg-0.npz"), *scenario_files(["calm", "scene.toml"])]
-    assert files == [Path("runs/apg-0.npz"), Path("scene.toml")]
-    bundle, other = tmp_path / "bundle", tmp_path / "other"
-    bundle.mkdir()
-    other.mkdir()
-    digest = write_bundle(bundle, files)
-    assert (bundle / "runs/apg-0.npz").read_bytes() == (SHIPPED / "apg-0.npz").read_bytes()
-    assert {f"{module}.py", "quadpend_gym", "quadpend_baselines", "quadpend_train", "tests"} <= {
-        path.name for path in bundle.iterdir()
-    }
-    assert "quadpend_train/common/bundle.py" in times(bundle)
-    assert write_bundle(other, files) == digest
-    (tmp_path / "scene.toml").write_text("duration = 0.3")
-    shutil.rmtree(other)
-    other.mkdir()
-    assert write_bundle(other, files) != digest
-
-
-def _rewrite(folder: Path) -> None:
-    (folder / "checkpoint").unlink()
-    (folder / "events").mkdir()
-    (folder / "events/log").write_text("log")
-    (folder / "policy").write_text("policy")
-
-
-def test_folder_becomes_that_of_the_other_machine(tmp_path: Path) -> None:
-    """Files in it, files that were deleted there, and files of subfolders."""
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / "settings").write_text("settings")
-    (folder / "checkpoint").write_text("checkpoint")
-    (folder / ".lock").write_text("")
-    call = FolderCall(_rewrite, folder)
-    files = call.elsewhere()()
-    assert list(files)[-1] == "policy"
-    call.keep(files)
-    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    assert names == {"settings", "events/log", "policy", ".lock"}
+@pytest.mark.parametrize("pool", [2, pytest.param("local", marks=pytest.mark.extras)], indirect=True)
+def test_results_of_episodes_do_not_depend_on_the_executor(pool: Executor) -> None:
+    jobs = {name: Job(name, BRIEF, 3, 0) for name in ("flatness", "lqr")}
+    here, there = run_jobs(jobs), run_jobs(jobs, processes=pool)
+    for name in jobs:
+        assert [array.tobytes() for array in here[name]] == [array.tobytes() for array in there[name]]

@@ -176,7 +176,7 @@ def test_run_that_cannot_go_on_is_refused(tmp_path: Path, capsys: pytest.Capture
     with pytest.raises(SystemExit):
         main(["train", "--more-steps", "10"])
     assert "--more-steps continues a finished run: give its folder with --resume" in capsys.readouterr().err
-    assert_refused(lambda: training.extend(tmp_path, 0), "more_steps must be .* at least 1, not 0", ValueError)
+    assert_refused(lambda: training.extend(tmp_path, 0), "more_steps must be at least 1, not 0", ValueError)
     (tmp_path / "policy.npz").rename(tmp_path / "away.npz")
     assert_refused(lambda: training.extend(tmp_path, 10), "is not finished: resume it without", FileNotFoundError)
     (tmp_path / "away.npz").rename(tmp_path / "policy.npz")

@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -179,6 +180,7 @@ class _Processes(Executor):
     def _pool(self) -> Any:
         from loky import get_reusable_executor
 
+        warnings.filterwarnings("ignore", "A worker was restarted")  # loky restarts those that keep much memory
         return get_reusable_executor(self.ahead, initializer=_end_with_parent, initargs=(os.getpid(),))
 
 
