@@ -8,8 +8,8 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
-from quadpend_gym.envs.reset_options import check_reset_options
-from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space, observed_columns
+from quadpend_gym.envs.reset_options import read_reset_options
+from quadpend_gym.envs.spaces import action_space, check_action, observation_space, observed_columns
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.scenario import Scenario, as_scenario
@@ -151,12 +151,9 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
             The first observation and the info.
 
         Raises:
-            TypeError: If an option has the wrong type.
             ValueError: If an option is unknown, or has a wrong shape or value.
         """
-        options = check_options(options, ("state", "reference"))
-        world = self.world
-        checked = check_reset_options(options.get("state"), options.get("reference"), 1, world.simulation, world.task)
+        checked = read_reset_options(options, ("state", "reference"), 1, self.scenario)
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             self.world.seed(_ROW, [self.np_random_seed])
@@ -179,7 +176,6 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
         Raises:
             ResetNeeded: If `reset` has not been called yet, or a wrapper has changed the simulation since then.
-            TypeError: If the action does not consist of numbers.
             ValueError: If the action has the wrong shape, is out of range or is not finite.
         """
         action = check_action(action, (ACTION_SIZE,)).reshape(1, ACTION_SIZE)

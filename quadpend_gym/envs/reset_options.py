@@ -6,15 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.validation import as_float_array
+from quadpend_gym.core.settings import suggest
 from quadpend_gym.physics.kernel import DIVERGENCE_LIMIT
 from quadpend_gym.physics.state import STATE_FIELDS
-from quadpend_gym.tasks import Task
+from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.trajectories import Trajectory, as_trajectory
-from quadpend_gym.vehicles import Simulation
 
-SHORTEST_DIRECTION = 1e-9  # of a direction before its normalisation
+_SHORTEST_DIRECTION = 1e-9  # of a direction before its normalisation
 
 
 class ResetOptions(NamedTuple):
@@ -32,53 +31,46 @@ class ResetOptions(NamedTuple):
 NO_OPTIONS = ResetOptions({}, ())
 
 
-def check_reset_options(state: Any, reference: Any, count: int, simulation: Simulation, task: Task) -> ResetOptions:
-    """Check the options of a reset before the reset changes anything.
+def read_reset_options(options: Mapping[str, Any] | None, known: Sequence[str], count: int, scenario: Scenario) -> Any:
+    """Return the `ResetOptions` of a reset, after checking them before the reset changes anything.
 
     Args:
-        state: A mapping from names in `STATE_FIELDS` to arrays of shape (3,) or (count, 3), or None.
-        reference: Anything that `as_trajectory` accepts, a sequence of `count` of these, or None.
+        options: ``state``: a mapping from names in `STATE_FIELDS` to arrays of shape (3,) or (count, 3).
+            ``reference``: anything that `as_trajectory` accepts, or a sequence of `count` of these.
+        known: Names of the options.
         count: Number of sub-environments that are reset.
-        simulation: Simulation settings, for `check_feasible`.
-        task: Its limits and its side, for `check_feasible`.
+        scenario: The scenario, for the check whether a reference can be flown.
 
     Raises:
-        TypeError: If `state` or `reference` has the wrong type.
-        ValueError: If `state` or `reference` has an unknown field, a wrong shape or a value out of range, or a
-            reference cannot be flown.
+        ValueError: If an option or a field is unknown, or a value has a wrong shape or cannot be flown.
     """
-    references = _check_references(reference, count)
-    for item in dict.fromkeys(references):
-        check_feasible(item, simulation, task.limits, task.side)
-    return ResetOptions(_check_state(state, count), references)
-
-
-def _check_state(state: Any, count: int) -> dict[str, Floats]:
-    if state is None:
-        return {}
-    if not isinstance(state, Mapping):
-        raise TypeError(f"options['state'] must be a mapping of state fields, not {state!r}")
-    checked = {}
-    for name, value in state.items():
-        if name not in STATE_FIELDS:
-            raise ValueError(f"options['state'] has no field {name!r}; the fields are {', '.join(STATE_FIELDS)}")
-        array = as_float_array(value, f"options['state'][{name!r}]").astype(np.float64)
-        if array.shape not in {(3,), (count, 3)}:
-            raise ValueError(f"options['state'][{name!r}] must have shape (3,) or ({count}, 3), not {array.shape}")
-        if not (np.abs(array) < DIVERGENCE_LIMIT).all():
-            raise ValueError(
-                f"options['state'][{name!r}] must be finite numbers between ±{DIVERGENCE_LIMIT:g}, not {array.tolist()}"
-            )
-        checked[name] = array
-    if "direction" in checked and (np.linalg.norm(checked["direction"], axis=-1) < SHORTEST_DIRECTION).any():
+    given = options or {}
+    if unknown := [name for name in given if name not in known]:
         raise ValueError(
-            f"options['state']['direction'] must not contain a zero vector or one shorter than {SHORTEST_DIRECTION:g},"
-            f" not {checked['direction'].tolist()}"
+            f"there is no option {unknown[0]!r}{suggest(unknown[0], known)}; the options are {', '.join(known)}"
         )
-    return checked
+    references = _references(given.get("reference"), count)
+    for item in dict.fromkeys(references):
+        check_feasible(item, scenario.simulation, scenario.task.limits, scenario.task.side)
+    state = {name: _field(name, value, count) for name, value in (given.get("state") or {}).items()}
+    return ResetOptions(state, references)
 
 
-def _check_references(reference: Any, count: int) -> tuple[Trajectory, ...]:
+def _field(name: str, value: Any, count: int) -> Floats:
+    if name not in STATE_FIELDS:
+        raise ValueError(f"options['state'] has no field {name!r}; the fields are {', '.join(STATE_FIELDS)}")
+    array = np.asarray(value, np.float64)
+    if array.shape not in {(3,), (count, 3)} or not (np.abs(array) < DIVERGENCE_LIMIT).all():
+        raise ValueError(
+            f"options['state'][{name!r}] must be numbers between ±{DIVERGENCE_LIMIT:g} of shape (3,) or ({count}, 3),"
+            f" not {array.tolist()}"
+        )
+    if name == "direction" and (np.linalg.norm(array, axis=-1) < _SHORTEST_DIRECTION).any():
+        raise ValueError(f"options['state']['direction'] must not be zero, not {array.tolist()}")
+    return array
+
+
+def _references(reference: Any, count: int) -> tuple[Trajectory, ...]:
     if reference is None:
         return ()
     if isinstance(reference, Sequence) and not isinstance(reference, str):

@@ -12,8 +12,8 @@ from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.envs.env import frames_per_second
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
-from quadpend_gym.envs.reset_options import check_reset_options
-from quadpend_gym.envs.spaces import action_space, check_action, check_options, observation_space, observed_columns
+from quadpend_gym.envs.reset_options import read_reset_options
+from quadpend_gym.envs.spaces import action_space, check_action, observation_space, observed_columns
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.scenario import as_scenario
@@ -96,17 +96,11 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             The observations of all sub-environments, shape (num_envs, 36), and the info.
 
         Raises:
-            TypeError: If an option has the wrong type.
-            ValueError: If a seed is not a non-negative integer, or if an option is unknown or has a wrong shape or
-                value.
+            ValueError: If a seed is not a non-negative integer, or an option is unknown or has a wrong value.
         """
-        options = check_options(options, ("state", "reference", "reset_mask"))
-        mask = self._check_mask(options.get("reset_mask"))
+        mask = self._mask((options or {}).get("reset_mask"))
         rows = np.flatnonzero(mask)
-        world = self.world
-        checked = check_reset_options(
-            options.get("state"), options.get("reference"), rows.size, world.simulation, world.task
-        )
+        checked = read_reset_options(options, ("state", "reference", "reset_mask"), rows.size, self.scenario)
         self._seed(seed, mask)
         self.world.start_episodes(rows, checked)
         self._ended &= ~mask
@@ -129,7 +123,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
         Raises:
             ResetNeeded: If a sub-environment has no running episode.
-            TypeError: If the actions do not consist of numbers.
             ValueError: If the actions have the wrong shape, or one of them is out of range or not finite.
         """
         actions = check_action(actions, (self.num_envs, ACTION_SIZE))
@@ -203,7 +196,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Booleans) -> None:
         """Seed the sub-environments of `mask` for which `seed` has a seed; draw seeds for those that never had one."""
-        seeds = self._check_seeds(seed)
+        seeds = self._seeds(seed)
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))
         given = np.array([item is not None for item in seeds])
@@ -211,31 +204,26 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         drawn = iter(self.np_random.integers(2**63, size=unseeded.sum()).tolist() if unseeded.any() else [])
         chosen = [next(drawn) if missing else item for item, missing in zip(seeds, unseeded, strict=True)]
         rows = np.flatnonzero(mask & (given | unseeded))
-        self.world.seed(rows, [int(chosen[row]) for row in rows])  # type: ignore[arg-type]
+        self.world.seed(rows, [int(chosen[row]) for row in rows])
         self._seeded[rows] = True
 
-    def _check_seeds(self, seed: Any) -> list[int | None]:
+    def _seeds(self, seed: Any) -> list[Any]:
+        """Return the seed of each sub-environment, or None."""
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, int | np.integer) and seed >= 0:
-            return [int(seed) + row for row in range(self.num_envs)]
-        if not isinstance(seed, Sequence | np.ndarray) or len(seed) != self.num_envs:
+        seeds = list(range(seed, seed + self.num_envs)) if isinstance(seed, int | np.integer) else list(seed)
+        if len(seeds) != self.num_envs or any(item is not None and item < 0 for item in seeds):
             raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
-        for row, item in enumerate(seed):
-            if item is not None and not (isinstance(item, int | np.integer) and item >= 0):
-                raise ValueError(
-                    f"seed of sub-environment {row} must be None or an integer of at least 0, not {item!r}"
-                )
-        return list(seed)
+        return seeds
 
-    def _check_mask(self, mask: Any) -> Booleans:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise ValueError(f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},), not {mask!r}")
-        if not mask.any():
-            raise ValueError("options['reset_mask'] must contain at least one True")
-        return mask.copy()
+    def _mask(self, mask: Any) -> Booleans:
+        """Return which sub-environments are reset."""
+        found = np.array(np.ones(self.num_envs, np.bool_) if mask is None else mask)
+        if found.dtype != np.bool_ or found.shape != (self.num_envs,) or not found.any():
+            raise ValueError(
+                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) with a True, not {mask!r}"
+            )
+        return found
 
     def _info(self, outcome: Floats, mask: Booleans) -> dict[str, Any]:
         """Return the info with Gymnasium's masks: ``_key`` is true where ``key`` holds a value."""

@@ -28,20 +28,27 @@ def _world(env: AnyEnv) -> World:
     return world
 
 
-def _add_wind(env: AnyEnv, wind: Any) -> None:
+def add_wind(env: AnyEnv, wind: Any) -> None:
+    """Add wind to the simulation of the innermost environment; the next reset applies it, as for the functions below.
+
+    A preset by its name is scaled for the vehicle, see `Scenario.wind`.
+    """
     world = _world(env)
     world.add_wind(wind_models(wind, world.simulation))
 
 
-def _add_sensors(env: AnyEnv, sensors: Any) -> None:
+def add_sensors(env: AnyEnv, sensors: Any) -> None:
+    """Add sensors to the simulation of the innermost environment."""
     _world(env).add_sensors(as_sensors(sensors))
 
 
-def _add_actuators(env: AnyEnv, actuators: Any) -> None:
+def add_actuators(env: AnyEnv, actuators: Any) -> None:
+    """Add actuators to the simulation of the innermost environment."""
     _world(env).add_actuators(as_actuators(actuators))
 
 
-def _draw_parameters(env: AnyEnv, ranges: Any) -> None:
+def draw_parameters(env: AnyEnv, ranges: Any) -> None:
+    """Let the innermost environment draw its physical parameters for each episode."""
     _world(env).draw_parameters(as_ranges(ranges))
 
 
@@ -50,18 +57,14 @@ class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Args:
         env: A QuadPendulum environment, wrapped or not.
-        wind: A model of `quadpend_gym.wind`, a sum of models, the name of a preset, or a mapping with a ``kind``.
-
-    Raises:
-        TypeError: If `env` is another environment, or `wind` is not a wind model.
-        ValueError: If `wind` has an unknown name, kind or setting, or a setting out of range.
+        wind: As the argument of `gymnasium.make`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], wind: Any) -> None:
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, wind=wind)
         gym.Wrapper.__init__(self, env)
-        _add_wind(env, wind)
+        add_wind(env, wind)
 
 
 class VectorWindWrapper(VectorWrapper):
@@ -70,30 +73,22 @@ class VectorWindWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any], wind: Any) -> None:
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        _add_wind(env, wind)
+        add_wind(env, wind)
 
 
 class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Compute the observation of `env` from measured states instead of the true ones.
-
-    The sensors of an outer wrapper are applied to the output of the sensors of an inner one. Reward, termination and
-    info do not change.
+    """Compute the observation of `env` from measured states; reward, termination and info do not change.
 
     Args:
-        env: A QuadPendulum environment, wrapped or not.
-        sensors: A model of `quadpend_gym.sensors`, a mapping with a ``kind``, or a list of these in the order in which
-            they are applied.
-
-    Raises:
-        TypeError: If `env` is another environment, or `sensors` are not sensor models.
-        ValueError: If a kind or setting is unknown, or a setting is out of range.
+        env: A QuadPendulum environment, wrapped or not. Its own sensors come before these.
+        sensors: As the argument of `gymnasium.make`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], sensors: Any) -> None:
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, sensors=sensors)
         gym.Wrapper.__init__(self, env)
-        _add_sensors(env, sensors)
+        add_sensors(env, sensors)
 
 
 class VectorSensorWrapper(VectorWrapper):
@@ -102,30 +97,22 @@ class VectorSensorWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any], sensors: Any) -> None:
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        _add_sensors(env, sensors)
+        add_sensors(env, sensors)
 
 
 class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Pass the actions through actuators before they act on `env`; ``info["command"]`` has the resulting command.
 
-    An action passes the actuators of an outer wrapper before those of an inner one.
-
     Args:
-        env: A QuadPendulum environment, wrapped or not.
-        actuators: A model of `quadpend_gym.actuators`, a mapping with a ``kind``, or a list of these in the order in
-            which an action passes them.
-
-    Raises:
-        TypeError: If `env` is another environment, or `actuators` are not actuator models.
-        ValueError: If a kind or setting is unknown, a setting is out of range, or the models do not fit together in
-            this order.
+        env: A QuadPendulum environment, wrapped or not. An action passes its own actuators after these.
+        actuators: As the argument of `gymnasium.make`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], actuators: Any) -> None:
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, actuators=actuators)
         gym.Wrapper.__init__(self, env)
-        _add_actuators(env, actuators)
+        add_actuators(env, actuators)
 
 
 class VectorActuatorWrapper(VectorWrapper):
@@ -134,27 +121,22 @@ class VectorActuatorWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any], actuators: Any) -> None:
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        _add_actuators(env, actuators)
+        add_actuators(env, actuators)
 
 
 class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Draw the physical parameters of each episode; ``info["parameters"]`` has the true values.
 
     Args:
-        env: A QuadPendulum environment, wrapped or not.
-        ranges: `ParameterRanges`, `Around` for ranges around the parameters of `env`, or a mapping of the fields of
-            either.
-
-    Raises:
-        TypeError: If `env` is another environment, or `ranges` is not of these types.
-        ValueError: If a parameter is unknown, a range is out of order, or `env` already has a `ParameterWrapper`.
+        env: A QuadPendulum environment, wrapped or not, whose parameters are not drawn yet.
+        ranges: As the argument `parameters` of `gymnasium.make`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:
         """Wrap `env`."""
         RecordConstructorArgs.__init__(self, ranges=ranges)
         gym.Wrapper.__init__(self, env)
-        _draw_parameters(env, ranges)
+        draw_parameters(env, ranges)
 
 
 class VectorParameterWrapper(VectorWrapper):
@@ -163,4 +145,4 @@ class VectorParameterWrapper(VectorWrapper):
     def __init__(self, env: VectorEnv[Any, Any, Any], ranges: Any) -> None:
         """Wrap `env`."""
         VectorWrapper.__init__(self, env)
-        _draw_parameters(env, ranges)
+        draw_parameters(env, ranges)
