@@ -12,19 +12,30 @@ from typing import Annotated, Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from quadpend_gym.actuators import as_actuators, check_chain
+from quadpend_gym.actuators import ActuatorsField, check_chain
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import Range, parse, settings
-from quadpend_gym.randomization import as_ranges
-from quadpend_gym.sensors import as_sensors, check_periods
-from quadpend_gym.tasks import ENVIRONMENTS, RewardWeights, as_task
+from quadpend_gym.randomization import Around, ParameterRanges, RangesField
+from quadpend_gym.sensors import SensorsField, check_periods
+from quadpend_gym.tasks import TASKS, RewardWeights, Task, TaskField
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation
 from quadpend_gym.vehicles.simulation import Interface, NamedVehicle
 from quadpend_gym.wind import PRESETS, Rescaled, as_wind
+from quadpend_gym.wind.base import WINDS
 
-_ENV_IDS = {task: env_id for env_id, task in ENVIRONMENTS.items()}
+
+def _named_or_models(wind: Any) -> tuple[Any, ...]:
+    """Return the names of presets in a wind as they are, and models in place of everything else."""
+    if isinstance(wind, str) and wind in PRESETS:
+        return () if PRESETS[wind] is None else (wind,)
+    if isinstance(wind, list | tuple):
+        return tuple(part for item in wind for part in _named_or_models(item))
+    return as_wind(wind)
+
+
+_WIND = WINDS.field(_named_or_models)
 
 
 @settings
@@ -53,14 +64,14 @@ class Scenario:
         description: Description in tables.
     """
 
-    task: Any = "track"
-    wind: Any = None
+    task: Annotated[Task, TaskField] = field(default_factory=lambda: TASKS["track"])
+    wind: Annotated[Any, _WIND] = ()
     vehicle: NamedVehicle = field(default_factory=lambda: VEHICLES["paper"])
     interface: Interface = "wrench"
     latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
-    sensors: Any = ()
-    actuators: Any = ()
-    parameters: Any = None
+    sensors: Annotated[Any, SensorsField] = ()
+    actuators: Annotated[Any, ActuatorsField] = ()
+    parameters: Annotated[ParameterRanges | Around, RangesField] | None = None
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, 10_000)] = 2
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0
@@ -70,12 +81,6 @@ class Scenario:
     description: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        set_field = object.__setattr__
-        set_field(self, "task", as_task(self.task))
-        set_field(self, "wind", _named_or_models(self.wind))
-        set_field(self, "sensors", as_sensors(self.sensors))
-        set_field(self, "actuators", as_actuators(self.actuators))
-        set_field(self, "parameters", None if self.parameters is None else as_ranges(self.parameters))
         if self.task.trajectory is not None:
             check_feasible(self.task.trajectory, self.simulation, self.task.limits, self.task.side)
         check_chain(self.actuators, self.simulation)
@@ -152,15 +157,6 @@ def wind_models(wind: Any, simulation: Simulation) -> tuple[Any, ...]:
         for item in _named_or_models(wind)
         for model in (_rescaled(as_wind(item), factors) if isinstance(item, str) else (item,))
     )
-
-
-def _named_or_models(wind: Any) -> tuple[Any, ...]:
-    """Return the names of presets in a wind as they are, and models in place of everything else."""
-    if isinstance(wind, str) and wind in PRESETS:
-        return () if PRESETS[wind] is None else (wind,)
-    if isinstance(wind, list | tuple):
-        return tuple(part for item in wind for part in _named_or_models(item))
-    return as_wind(wind)
 
 
 def _factors(old: Simulation, new: Simulation) -> tuple[float, tuple[float, float, float]]:
