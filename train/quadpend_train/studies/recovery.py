@@ -14,11 +14,12 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks import TASKS
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.settling import settling_times
 
 HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
-CALM, CALM_HOVER = Scenario(), Scenario("hover")
+CALM, CALM_HOVER = Scenario(), Scenario(TASKS["hover"])
 
 
 class RecoveryOutcome(IntEnum):

@@ -17,6 +17,7 @@ import numpy as np
 
 from quadpend_baselines import Policy
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks import TASKS
 from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.cache import Folder
@@ -241,7 +242,7 @@ def measure_robustness(
         for policy, members in policies.items()
         for value in axis.values
     }
-    hover = replace(base, task="hover")
+    hover = replace(base, task=TASKS["hover"])
     on_grids = {
         (name, policy): Job(members, hover, grid.x.values.size * grid.y.values.size, seed, grid.options())
         for name, grid in start_grids.items()

@@ -21,6 +21,7 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import UNPREDICTED
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
+from quadpend_gym.tasks import TASKS
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.common.files import to_json_data
@@ -97,7 +98,7 @@ def measure_recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int
     """
     jobs = {
         (line, vehicle, policy): Job(
-            policy, replace(vehicle_scenario(vehicle), task="hover"), grid.size, seed, grid.options()
+            policy, replace(vehicle_scenario(vehicle), task=TASKS["hover"]), grid.size, seed, grid.options()
         )
         for line, grid in START_LINES.items()
         for vehicle in vehicles
