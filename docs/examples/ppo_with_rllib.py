@@ -9,12 +9,12 @@ import argparse
 from pathlib import Path
 
 import torch
-from quadpend_train.policies.torch_policy import policy_from_torch
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module import RLModule
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 from quadpend_baselines import Policy
+from quadpend_train.policies.export import policy_from_torch
 
 
 def policy_from_checkpoint(checkpoint: Path) -> Policy:

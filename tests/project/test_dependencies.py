@@ -20,7 +20,7 @@ KNOWN = {**packages_distributions(), "tomli": ["tomli"], "griffe": ["mkdocstring
 EXTRAS = {
     "quadpend_gym": ("view",),
     "baselines": ("train", "mpc"),
-    "train": ("train", "view", "onnx", "mpc", "cluster"),
+    "train": ("train", "view", "mpc", "cluster"),
     "benchmarks": ("train", "view", "dev", "cluster"),
     "experiments": ("train", "view", "dev", "mpc"),
     "tests": ("train", "view", "dev", "docs", "cluster"),

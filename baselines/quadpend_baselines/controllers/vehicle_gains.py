@@ -98,7 +98,7 @@ def gains_for(name: str, simulation: Simulation | None = None) -> Any:
     Args:
         name: Key of `GAINS`.
         simulation: Nominal simulation; None: the default one. Simulations without a rigid vehicle have the gains
-            `GAINS`, and those with a negative rod length, see `swing.hanging`, have `HANGING_GAINS`. Others have
+            `GAINS`, and those with a negative rod length, see `controllers.hanging`, have `HANGING_GAINS`. Others have
             `RIGID_GAINS`, scaled from the vehicle for which these were tuned.
     """
     if simulation is not None and simulation.parameters.rod_length < 0.0:

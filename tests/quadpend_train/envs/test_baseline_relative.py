@@ -11,7 +11,6 @@ from quadpend_baselines import controller
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings
-from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, draw_actions, make_vec
 from tests.helpers.training import BRIEF
 
@@ -100,7 +99,3 @@ def test_fall_of_the_controller_alone_is_rewarded_and_a_fall_of_both_is_neutral(
     while not terminated.any():
         _, relative, terminated, *_ = env.step(NoThrust().predict(observation)[0])
         assert_array_equal(relative, 0.0)
-
-
-def test_reset_options_are_refused() -> None:
-    assert_refused(lambda: make_relative(2).reset(options={"state": {}}), "options must be empty", ValueError)

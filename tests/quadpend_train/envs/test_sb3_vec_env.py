@@ -46,12 +46,6 @@ def test_steps_equal_those_of_dummy_vec_env_with_monitors() -> None:
     assert ended > NUM_ENVS
 
 
-def test_info_is_empty_while_an_episode_goes_on() -> None:
-    env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
-    env.reset()
-    assert env.step(np.zeros((2, 4), np.float32))[3] == [{}, {}]
-
-
 def test_other_vector_environments_with_same_step_autoreset_are_accepted() -> None:
     cartpole = gym.make_vec(
         "CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
@@ -116,15 +110,6 @@ def test_means_cover_all_sub_environments_and_the_steps_since_the_last_call() ->
         assert means.pop("tracking_error") == pytest.approx(error)
         for name, value in means.items():
             assert value == pytest.approx(np.mean([info["reward_terms"][name] for info in step_infos]))
-    assert env.take_means() == {}
-
-
-def test_environments_without_reward_terms_have_no_means() -> None:
-    env = SB3VecEnv(
-        gym.make_vec("CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": "SameStep"})
-    )
-    env.reset()
-    env.step(np.ones(2, np.int64))
     assert env.take_means() == {}
 
 

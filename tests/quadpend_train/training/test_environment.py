@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_array_equal
-from quadpend_train.policies.adaptation import adapt_policy
 
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.envs.concatenated import worlds
@@ -48,7 +47,7 @@ def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, s
     )
     policy = mlp_policy(49 if mode == "residual_action" else 45, **settings.policy_interface())
     expected = observed_in_training(policy, settings, 40)
-    adapted, env = adapt_policy(policy, found := find_scenario(scenario)), found.make_vec(2, AutoresetMode.SAME_STEP)
+    adapted, env = policy.adapt(found := find_scenario(scenario)), found.make_vec(2, AutoresetMode.SAME_STEP)
     observation, memory, started = env.reset(seed=7)[0], None, np.ones(2, np.bool_)  # rows 2 and 3 of the training
     for seen in expected:
         action, memory = adapted.predict(observation, memory, started)

@@ -38,9 +38,9 @@ def evaluate(
     """Evaluate policies in the same episodes and compare them with the first policy.
 
     Args:
-        policies: Classical controllers (adrc-paper, …), run folders, policy files (.npz, .zip, .onnx), installed
-            plug-ins, or module:factory, a function of your own that returns a controller. NAME=POLICY gives a policy a
-            name; NAME=POLICY,POLICY,… combines the training seeds of one learner under a name.
+        policies: Classical controllers (adrc-paper, …), run folders, policy files (.npz, .zip), or
+            module:factory, a function of your own that returns a controller. NAME=POLICY gives a policy a name;
+            NAME=POLICY,POLICY,… combines the training seeds of one learner under a name.
         scenarios: Scenarios: names, TOML or JSON files, JSON, or module:factory, a function of your own that returns
             a wind or a Scenario. NAME=SCENARIO gives a scenario a name; "test" and "training" stand for all scenarios
             of these sets.

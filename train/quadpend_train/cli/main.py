@@ -21,7 +21,6 @@ _EXTRAS = {
         *("optuna", "cmaes", "filelock", "fsspec", "markupsafe", "PIL", "loky", "pandas"),
     ),
     "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
-    "onnx": ("onnxruntime",),
     "mpc": ("casadi",),
     "cluster": ("ray",),
 }
