@@ -51,12 +51,12 @@ windy = gym.make("QuadPendulum-v0", wind=wind)
 windy.reset(seed=1)
 print("Force of the wind on the quadrotor, N:", windy.step(np.zeros(4, np.float32))[-1]["disturbance"][:3].round(3))
 
-# %% 5. Noisy sensors and slow actuators: wrappers
+# %% 5. Noisy sensors and slow actuators
 from quadpend_gym.actuators import MotorLag
 from quadpend_gym.sensors import Noise
-from quadpend_gym.wrappers import ActuatorWrapper, SensorWrapper
 
-noisy = ActuatorWrapper(SensorWrapper(windy, Noise(position=0.002, direction=0.002)), MotorLag(0.02))
+noise = Noise(position=0.002, direction=0.002)
+noisy = gym.make("QuadPendulum-v0", wind=wind, sensors=noise, actuators=MotorLag(0.02))
 observation, info = noisy.reset(seed=1)
 measured = quadpend_gym.read_observation(observation, "tracking_error")
 print("True tracking error, m:", info["tracking_error"].round(4), " measured:", measured.round(4))

@@ -17,6 +17,7 @@ import gymnasium as gym
 from quadpend_gym.envs.env import QuadPendulumEnv
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.physics.state import Disturbance, State
+from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks import (
     ENVIRONMENTS,
     Limits,
@@ -61,6 +62,7 @@ __all__ = [
     "ReferenceSettings",
     "Rescaled",
     "RewardWeights",
+    "Scenario",
     "Simulation",
     "Sinusoid",
     "SinusoidTerm",

@@ -20,8 +20,9 @@ from quadpend_gym.sensors import SensorsField, check_periods
 from quadpend_gym.tasks import TASKS, RewardWeights, Task, TaskField
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
-from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation
-from quadpend_gym.vehicles.simulation import Interface, NamedVehicle
+from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation, Vehicle
+from quadpend_gym.vehicles.registry import VehicleField
+from quadpend_gym.vehicles.simulation import Interface
 from quadpend_gym.wind import PRESETS, Rescaled, as_wind
 from quadpend_gym.wind.base import WINDS
 
@@ -66,7 +67,7 @@ class Scenario:
 
     task: Annotated[Task, TaskField] = field(default_factory=lambda: TASKS["track"])
     wind: Annotated[Any, _WIND] = ()
-    vehicle: NamedVehicle = field(default_factory=lambda: VEHICLES["paper"])
+    vehicle: Annotated[Vehicle, VehicleField] = field(default_factory=lambda: VEHICLES["paper"])
     interface: Interface = "wrench"
     latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
     sensors: Annotated[Any, SensorsField] = ()

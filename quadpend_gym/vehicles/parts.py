@@ -3,10 +3,8 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator
-
 from quadpend_gym.core.files import read_toml
-from quadpend_gym.core.settings import Range, parse, settings, suggest
+from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
 
 PRESETS = read_toml(Path(__file__).with_name("presets.toml"))
 Axes = tuple[float, float, float]  # x, y, z
@@ -45,18 +43,14 @@ class Pole:
 POLES = {name: parse(Pole, data, f"poles.{name}") for name, data in PRESETS["poles"].items()}
 
 
-def as_pole(value: Any) -> Any:
-    """Return the pole of a name in `POLES`, and other values as they are.
-
-    Raises:
-        ValueError: If there is no such pole.
-    """
+def as_pole(value: Any) -> Pole:
+    """Return a `Pole` from itself, a mapping of its fields, or a name in `POLES`."""
     if isinstance(value, str) and value not in POLES:
         raise ValueError(f"there is no pole {value!r}{suggest(value, POLES)}; there are {', '.join(POLES)}")
-    return POLES[value] if isinstance(value, str) else value
+    return POLES[value] if isinstance(value, str) else parse(Pole, value, "pole")
 
 
-NamedPole = Annotated[Pole, BeforeValidator(as_pole)]  # a `Pole`, a mapping of its fields, or a name in `POLES`
+PoleField = Parsed(as_pole, lambda: Literal[tuple(POLES)] | Pole)  # annotation of a field that holds a pole
 
 
 @settings

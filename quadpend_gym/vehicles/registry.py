@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from quadpend_gym.core.files import read_toml
-from quadpend_gym.core.settings import parse, suggest
+from quadpend_gym.core.settings import Parsed, parse, suggest
 from quadpend_gym.vehicles.parts import PRESETS
 from quadpend_gym.vehicles.vehicle import Vehicle
 
@@ -34,6 +36,12 @@ def as_vehicle(value: Any) -> Vehicle:
             )
         return VEHICLES[value]
     return parse(Vehicle, value, "vehicle")
+
+
+# annotation of a field that holds a vehicle
+VehicleField = Parsed(
+    as_vehicle, lambda: Literal[tuple(VEHICLES)] | Annotated[str, Field(pattern=r"\.toml$")] | Vehicle
+)
 
 
 def _from_file(path: Path) -> Vehicle:

@@ -5,18 +5,16 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.vehicles.parameters import Parameters
-from quadpend_gym.vehicles.registry import VEHICLES, as_vehicle
+from quadpend_gym.vehicles.registry import VEHICLES, VehicleField
 from quadpend_gym.vehicles.vehicle import Vehicle, torque_limits
 
 CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
 INTERFACES = ("wrench", "rotors", "body_rates")
 Interface = Literal["wrench", "rotors", "body_rates"]
-NamedVehicle = Annotated[Vehicle, BeforeValidator(as_vehicle)]  # anything that `as_vehicle` takes
 _MOST_SUBSTEPS = 10_000
 _MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
 # Largest rate at which linear drag slows a motion, times the length of a substep. The drag of the rotors is constant
@@ -39,7 +37,7 @@ class Simulation:
             need it. Environments have ``"upright"``.
     """
 
-    vehicle: NamedVehicle = field(default_factory=lambda: VEHICLES["paper"])
+    vehicle: Annotated[Vehicle, VehicleField] = field(default_factory=lambda: VEHICLES["paper"])
     interface: Interface = "wrench"
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, _MOST_SUBSTEPS)] = 2

@@ -12,7 +12,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.vehicles.parameters import Parameters
-from quadpend_gym.vehicles.parts import Axes, Drag, NamedPole, RateLoop, Rotors
+from quadpend_gym.vehicles.parts import Axes, Drag, Pole, PoleField, RateLoop, Rotors
 
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
 _LARGEST_GYRATION = 3.0  # radius of gyration per distance of the outermost rotor; 1 if all mass is at that distance
@@ -43,7 +43,7 @@ class Vehicle:
 
     mass: Annotated[float, Range(1e-3, 1e3, "kg")]
     inertia: Annotated[Axes | tuple[Axes, Axes, Axes], Range(-1e6, 1e6, "kg·m²")]
-    pole: NamedPole
+    pole: Annotated[Pole, PoleField]
     name: str = "own"
     attitude: Literal["rigid", "euler"] = "rigid"
     pivot: Annotated[Axes, Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)
