@@ -9,12 +9,12 @@ its misprints corrected or, if the name of the case says so, as printed or match
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from gymnasium.vector import AutoresetMode
 from matplotlib.figure import Figure
 
 from quadpend_baselines.controllers.adrc import ADRC
@@ -28,6 +28,7 @@ from quadpend_gym.wrappers import VectorSensorWrapper
 
 EPISODES, SEED, STEPS = 50, 0, 1000
 STEADY_FORCE = 0.1  # N
+COLOURS = ("#0072B2", "#D55E00", "#009E73")
 PAPER, MATCHED = ADRC_GAINS["paper"], ADRC_GAINS["matched"]
 COLUMNS = {
     "survival (%)": "{:.0f}",
@@ -69,17 +70,14 @@ def cases() -> Iterator[Case]:
     ):
         gains = replace(MATCHED, horizontal=ObserverGains(switching=switching, layer=layer))
         yield Case("observer", f"matched, {name}", gains, wind=OrnsteinUhlenbeck(0.3))
-    for noise in (0.0, 1e-4, 1e-3):
-        for w in (500.0, 100.0, 50.0, 30.0, 15.0, 10.0):
-            gains = replace(PAPER, **dict.fromkeys(("luenberger", "horizontal", "vertical"), ObserverGains(w)))
-            name = f"ω_n = {w:g} rad/s, noise {1e3 * noise:g} mm and mrad"
-            yield Case("noise", name, gains, noise=noise, x=w, line=1e3 * noise)
-    for w in (7.0, 5.0):
-        for torque in (2.0, 5.0, 10.0):
-            for off in (0.1, 0.2, 0.4, 0.8):
-                gains = replace(MATCHED, horizontal_bandwidth=w)
-                name = f"matched, ω_nc = {w:g} rad/s, {torque:g} N·m, start {off:g} m off"
-                yield Case("torque limit", name, gains, torque=torque, offset=off, x=off, line=torque, dash=w)
+    for noise, w in product((0.0, 1e-4, 1e-3), (500.0, 100.0, 50.0, 30.0, 15.0, 10.0)):
+        gains = replace(PAPER, **dict.fromkeys(("luenberger", "horizontal", "vertical"), ObserverGains(w)))
+        name = f"ω_n = {w:g} rad/s, noise {1e3 * noise:g} mm and mrad"
+        yield Case("noise", name, gains, noise=noise, x=w, line=1e3 * noise)
+    for w, torque, off in product((7.0, 5.0), (2.0, 5.0, 10.0), (0.1, 0.2, 0.4, 0.8)):
+        gains = replace(MATCHED, horizontal_bandwidth=w)
+        name = f"matched, ω_nc = {w:g} rad/s, {torque:g} N·m, start {off:g} m off"
+        yield Case("torque limit", name, gains, torque=torque, offset=off, x=off, line=torque, dash=w)
     yield Case("remedy", "matched, σ = 0.6 N, 10 N·m", MATCHED, wind=OrnsteinUhlenbeck(0.6), torque=10.0)
     slow = replace(MATCHED, horizontal_bandwidth=5.0)
     yield Case("remedy", "matched, σ = 0.6 N, ω_nc = 5 rad/s", slow, wind=OrnsteinUhlenbeck(0.6))
@@ -95,13 +93,13 @@ def cases() -> Iterator[Case]:
 def simulate(case: Case, steps: int = STEPS, settling: int = STEPS // 2) -> dict[str, Any]:
     """Return the row of a case; the settled RMSE is that of the surviving episodes after `settling` steps."""
     simulation = Simulation(vehicle=replace(VEHICLES["paper"], torque=(case.torque, 1.0)))
-    parts = {"task": "hover", "vehicle": simulation.vehicle, "wind": case.wind}
-    env: Any = QuadPendulumVectorEnv(EPISODES, **parts, autoreset_mode=AutoresetMode.SAME_STEP, max_episode_steps=steps)
+    parts: dict[str, Any] = {"task": "hover", "vehicle": simulation.vehicle, "wind": case.wind}
+    env: Any = QuadPendulumVectorEnv(EPISODES, max_episode_steps=steps, autoreset_mode="SameStep", **parts)
     if case.noise:
         env = VectorSensorWrapper(env, Noise(position=case.noise, euler=case.noise, direction=case.noise))
     options = {"state": {"position": (case.offset, 0.0, 2.0)}} if case.offset else None
-    duration, survived = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
-    errors, torques = np.full((steps, EPISODES, 3), np.nan), []
+    duration, survived, torques = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_), []
+    errors = np.full((steps, EPISODES, 3), np.nan)
     for index, step in enumerate(rollout(case.controller(case.gains, simulation), env, SEED, options)):
         duration[step.active] += simulation.period
         torques.append(step.memory.command[step.active, 1:3] ** 2)
@@ -137,22 +135,14 @@ def draw(table: pd.DataFrame, path: Path) -> None:
         ("noise", "survival (%)", "noise {0:g} mm, mrad", "$ω_n$ of the observers (rad/s)", {"xscale": "log"}),
         ("torque limit", "survival (%)", "$ω_{{nc}}$ = {1:g}, {0:g} N·m", "offset of the start (m)", {}),
         ("wind", "settled RMSE (mm)", "mismatch share {0:g}", "fluctuating wind, σ (N)", {"yscale": "log"}),
-        (
-            "frequency",
-            "settled RMSE (mm)",
-            "mismatch share {0:g}",
-            "frequency of a force of 0.3 N (rad/s)",
-            {"yscale": "log"},
-        ),
+        ("frequency", "settled RMSE (mm)", "mismatch share {0:g}", "force of 0.3 N, ω (rad/s)", {"yscale": "log"}),
     )
     for axis, (group, metric, label, x, scales) in zip(figure.subplots(2, 2).ravel(), panels, strict=True):
         chosen = table[table.group == group].sort_values("x")
         colours, dashes = sorted(chosen.line.unique()), sorted(chosen.dash.unique())
         for (line, dash), points in chosen.groupby(["line", "dash"]):
-            i = colours.index(line)
-            style = ("o-", "s-", "^-")[i] if dash == dashes[0] else ("o--", "s--", "^--")[i]
-            colour = ("#0072B2", "#D55E00", "#009E73")[i]
-            axis.plot(points.x, points[metric], style, color=colour, markersize=4, label=label.format(line, dash))
+            i, style = colours.index(line), "-" if dash == dashes[0] else "--"
+            axis.plot(points.x, points[metric], "os^"[i] + style, color=COLOURS[i], label=label.format(line, dash))
         axis.set(xlabel=x, ylabel=metric, title=group, **scales)
         axis.grid(alpha=0.3)
         axis.legend(frameon=False, fontsize=7)

@@ -1,1 +1,0 @@
-"""Controllers of a pendulum below the quadrotor: a hanging load, and the swing-up."""
