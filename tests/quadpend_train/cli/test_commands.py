@@ -135,12 +135,6 @@ def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> 
     assert "quadpend evaluate ppo-gain-scheduling-0 flatness" in text
 
 
-def test_card_names_the_input_scales(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    mlp_policy(3 * 36, input_scales=[8.0, 64.0]).save(tmp_path / "policy.npz")
-    main(["card", str(tmp_path / "policy.npz")])
-    assert "108 → 8 → 6 → 4, relu, input scales 8, 64" in capsys.readouterr().out
-
-
 def test_card_as_json_is_the_card(capsys: pytest.CaptureFixture[str]) -> None:
     main(["card", "ppo-gain-scheduling-0", "--json"])
     assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-gain-scheduling-0").card
@@ -177,30 +171,6 @@ def test_unknown_names_are_refused_with_the_most_similar_one(
     arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert sentence in refused(arguments, capsys)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (["evaluate", "--out"], "out must be a folder that can be written, not"),
-        (["evaluate", "--cache"], "cache must be a folder that can be written, not"),
-        (["compare", "flatness", "lqr", "--cache"], "cache must be a folder that can be written, not"),
-        (["tune", "lqr", "--out"], "out must be a folder that can be written, not"),
-        (["ablate", "--out"], "out must be a folder that can be written, not"),
-        (["wind", "--out"], "out must be a folder that can be written, not"),
-        (["paper", "--out"], "out must be a folder that can be written, not"),
-        (["train", "--out"], "out must be a folder that can be written, not"),
-        (["reproduce", "ppo-gain-scheduling-0", "--out"], "out must be a folder that can be written, not"),
-        (["watch", "flatness", "--out"], "the folder of out must be a folder that can be written, not"),
-    ],
-    ids=lambda item: " ".join(item) if isinstance(item, list) else "",
-)
-def test_paths_that_cannot_be_written_are_refused_before_any_episode(
-    arguments: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").touch()
-    assert sentence in refused([*arguments, str(tmp_path / "file" / "x.png")], capsys)
 
 
 def test_missing_extras_are_named_in_one_sentence(tmp_path: Path) -> None:
