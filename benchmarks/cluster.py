@@ -17,14 +17,15 @@ from statistics import median
 
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common.executors import Call, executor, run
-from quadpend_train.evaluation.jobs import Job
+from quadpend_train.evaluation.jobs import Job, load_learner
 
 SCENARIOS, POLICIES = ("calm", "windy", "noisy", "gusts"), ("flatness", "lqr", "adrc-paper", "ppo-gain-scheduling-0")
 
 
 def cells(episodes: int) -> dict[tuple[str, str], Job]:
     """Return the cells of the study."""
-    return {(name, policy): Job(policy, find_scenario(name), episodes, 0) for name in SCENARIOS for policy in POLICIES}
+    found, learners = {name: find_scenario(name) for name in SCENARIOS}, {name: load_learner(name) for name in POLICIES}
+    return {(name, policy): Job(learners[policy], found[name], episodes, 0) for name in found for policy in learners}
 
 
 def seconds(pool: Executor, calls: Mapping[tuple[str, str], Call]) -> float:

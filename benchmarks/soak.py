@@ -23,10 +23,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from experiments.pages import fill
 from quadpend_gym import QuadPendulumEnv
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common import executors
-from quadpend_train.common.documents import fill
 from quadpend_train.common.files import toml_text
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.policies.mlp_policy import MlpPolicy

@@ -81,8 +81,7 @@ settings = hybrid.card["settings"]
 print("Trained in", settings["scenarios"], "for", settings["total_timesteps"], "timesteps")
 
 # %% 9. A comparison of policies in the same episodes
-from quadpend_train.evaluation.comparison import compare
-from quadpend_train.reports.tables import markdown
+from quadpend_train import evaluate
 
 policies = {
     "adrc": "adrc-paper",
@@ -90,8 +89,8 @@ policies = {
     "mine": str(FOLDER / "mine.zip"),
     "hybrid": "ppo-gain-scheduling-0",
 }
-comparison = compare(policies, {"calm": "calm", "windy": "windy"}, episodes=10, cache_folder=FOLDER / "cache")
-print(markdown(comparison))
+report = evaluate(policies, ["calm", "windy"], FOLDER / "results", episodes=10, cache_folder=FOLDER / "cache")
+print((FOLDER / "results/comparison.md").read_text())
 
 # %% 10. A video of two policies side by side
 from quadpend_train.cli.watch import VideoOptions, watch

@@ -71,7 +71,8 @@ def cases() -> Iterator[Case]:
         gains = replace(MATCHED, horizontal=ObserverGains(switching=switching, layer=layer))
         yield Case("observer", f"matched, {name}", gains, wind=OrnsteinUhlenbeck(0.3))
     for noise, w in product((0.0, 1e-4, 1e-3), (500.0, 100.0, 50.0, 30.0, 15.0, 10.0)):
-        gains = replace(PAPER, **dict.fromkeys(("luenberger", "horizontal", "vertical"), ObserverGains(w)))
+        observer = ObserverGains(w)
+        gains = replace(PAPER, luenberger=observer, horizontal=observer, vertical=observer)
         name = f"ω_n = {w:g} rad/s, noise {1e3 * noise:g} mm and mrad"
         yield Case("noise", name, gains, noise=noise, x=w, line=1e3 * noise)
     for w, torque, off in product((7.0, 5.0), (2.0, 5.0, 10.0), (0.1, 0.2, 0.4, 0.8)):

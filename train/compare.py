@@ -3,7 +3,7 @@
     python train/compare.py ppo.zip     # about half a minute
 
 Writes the policy beside the model (`ppo.npz`): a file that executes no code when it is loaded, and that the command
-`quadpend compare` and `quadpend evaluate` accept. Loading the model itself executes code that is in it: compare only
+`quadpend evaluate` accepts. Loading the model itself executes code that is in it: compare only
 models whose source you trust.
 """
 

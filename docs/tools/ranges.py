@@ -5,6 +5,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
+from experiments.pages import fill
 from quadpend_gym import Limits, Reference, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.settings import declared
@@ -15,7 +16,6 @@ from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
 from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Vehicle
 from quadpend_gym.wind import KINDS as WINDS
-from quadpend_train.common import documents
 from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
 from quadpend_train.training.settings import HybridSettings, TrainSettings
 
@@ -60,4 +60,4 @@ def tables() -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    documents.fill(PAGE, tables())
+    fill(PAGE, tables())

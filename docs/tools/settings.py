@@ -6,8 +6,8 @@ from pathlib import Path
 
 import griffe
 
+from experiments.pages import fill
 from quadpend_gym.core.files import read_mapping
-from quadpend_train.common import documents
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module
@@ -66,4 +66,4 @@ def tables() -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    documents.fill(PAGE, tables())
+    fill(PAGE, tables())

@@ -3,8 +3,8 @@
 import math
 from pathlib import Path
 
+from experiments.pages import fill
 from quadpend_gym.vehicles import POLES, VEHICLES, Vehicle
-from quadpend_train.common import documents
 
 DOCS = Path(__file__).parents[1]
 PICTURE, PAGE = DOCS / "vehicles.svg", DOCS / "vehicles.md"
@@ -175,4 +175,4 @@ def tables() -> dict[str, str]:
 
 if __name__ == "__main__":
     PICTURE.write_text(picture(), encoding="utf-8")
-    documents.fill(PAGE, tables())
+    fill(PAGE, tables())

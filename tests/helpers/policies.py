@@ -1,10 +1,10 @@
 """Policies of known quality and synthetic results, for tests of comparisons."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from quadpend_baselines import ADRC
 from quadpend_gym.core.arrays import Floats32
@@ -12,11 +12,12 @@ from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
+from quadpend_train.common.provenance import provenance
+from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
+from quadpend_train.evaluation.jobs import Learner
+from quadpend_train.evaluation.table import rows
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
-from quadpend_train.studies.perturbations import PERTURBATION_AXES
-from quadpend_train.studies.recovery import START_GRIDS, StartGrid
-from quadpend_train.studies.robustness import Robustness, measure_robustness
 
 _ERROR_X = OBSERVATION_FIELDS["tracking_error"].start
 
@@ -78,6 +79,18 @@ def synthetic_results(rmse: Any, survived: Any = True) -> EpisodeResults:
     )
 
 
+def synthetic_comparison(duration: float = 10.0, **policies: list[EpisodeResults]) -> Comparison:
+    """Return a comparison of synthetic results: a list for each policy, with one entry for each scenario s0, s1, …"""
+    found = {(f"s{i}", name): item for name, items in policies.items() for i, item in enumerate(items)}
+    found = dict(sorted(found.items(), key=lambda item: item[0][0]))  # by scenario, as `compare` orders them
+    table = pd.concat([rows(*cell, results) for cell, results in found.items()], ignore_index=True)
+    first = next(iter(found.values()))
+    table.attrs = {"provenance": provenance(), "episodes": first.survived.shape[1], "seed": 0}
+    learners = {name: Learner([ADRC()] * len(items[0].survived), None) for name, items in policies.items()}
+    scenarios = {name: Scenario(duration=duration) for name, _ in found}
+    return Comparison(table, {cell: results.error for cell, results in found.items()}, scenarios, learners)
+
+
 ESTIMATE_ONLY = {"kind": "estimate_only", "base_controller": "flatness"}
 RESIDUAL_ACTION = {"kind": "residual_action", "base_controller": "flatness", "action_scale": 1.0}
 BANDWIDTH_SCHEDULING = {"kind": "bandwidth_scheduling", "base_controller": "flatness", "action_scale": 1.0}
@@ -101,22 +114,3 @@ def card(**fields: Any) -> dict[str, Any]:
 def mlp_policy(inputs: int, seed: int = 0, **fields: Any) -> MlpPolicy:
     """A policy with two small hidden layers and `fields` on its card."""
     return MlpPolicy(layers(inputs, 8, 6, 4, seed=seed), card(**fields))
-
-
-AXES = {
-    "tilt": replace(PERTURBATION_AXES["tilt"], values=(0.0, 1.0)),
-    "mass": replace(PERTURBATION_AXES["mass"], values=(0.8, 1.0, 1.5)),
-}
-
-
-def small_grid() -> StartGrid:
-    """The grid over tilt and tilt rate with 5 × 5 starts."""
-    grid = START_GRIDS["tilt_rate"]
-    x, y = (axis._replace(values=axis.values[::6]) for axis in (grid.x, grid.y))
-    return replace(grid, x=x, y=y)
-
-
-def brief_robustness(duration: float) -> Robustness:
-    """The robustness of two ADRC controllers on two axes and one grid, from episodes of `duration` seconds."""
-    policies = {"one": [ADRC("paper")], "other": [ADRC("matched")]}
-    return measure_robustness(policies, AXES, {"tilt_rate": small_grid()}, episodes=8, base=Scenario(duration=duration))

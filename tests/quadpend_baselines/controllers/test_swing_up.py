@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from experiments.recovery import settling_times
 from quadpend_baselines import controller
 from quadpend_baselines.controllers.swing_up import Phase, read_plan
 from quadpend_baselines.policy.protocol import to_command
@@ -17,7 +18,6 @@ from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.wrappers import OutputFeedbackWrapper
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.evaluation.settling import settling_times
 
 
 def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> None:
@@ -38,7 +38,7 @@ def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> Non
 def times_to_upright(name: str, episodes: int) -> Floats:
     """Return the time after which pendulum and position stay at the goal, s; nan if they do not."""
     results = run_episodes([controller("swing-up")], name, episodes, 1_000_000)
-    return settling_times(results, 0.01)
+    return settling_times(results.survived, results.error, 0.01)
 
 
 @pytest.mark.parametrize(("name", "share"), [("swing_up", 0.99), ("swing_up_breeze", 0.95)])

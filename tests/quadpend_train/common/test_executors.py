@@ -13,7 +13,7 @@ from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.common.executors import CallsFailedError, executor, run
 from quadpend_train.evaluation import cache
-from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.jobs import Job, load_learner, run_jobs
 from tests.helpers.own_code import write_module
 
 BRIEF = Scenario(duration=0.2)
@@ -98,7 +98,7 @@ def test_a_failing_policy_is_named_and_the_other_results_are_cached(
 ) -> None:
     module = write_module(tmp_path, monkeypatch, FAILING)
     policies = {"mine": f"{module}:make", "flatness": "flatness", "lqr": "lqr"}
-    jobs = {("calm", name): Job(policy, BRIEF, 2, 0) for name, policy in policies.items()}
+    jobs = {("calm", name): Job(load_learner(policy), BRIEF, 2, 0) for name, policy in policies.items()}
     with pytest.raises(CallsFailedError) as raised:
         run_jobs(jobs, tmp_path / "cache", processes=processes)
     first, second = str(raised.value).splitlines()
@@ -120,7 +120,7 @@ def test_a_command_with_a_failing_policy_ends_with_status_1(
 
 @pytest.mark.parametrize("pool", [2, pytest.param("local", marks=pytest.mark.extras)], indirect=True)
 def test_results_of_episodes_do_not_depend_on_the_executor(pool: Executor) -> None:
-    jobs = {name: Job(name, BRIEF, 3, 0) for name in ("flatness", "lqr")}
+    jobs = {name: Job(load_learner(name), BRIEF, 3, 0) for name in ("flatness", "lqr")}
     here, there = run_jobs(jobs), run_jobs(jobs, processes=pool)
     for name in jobs:
         assert [array.tobytes() for array in here[name]] == [array.tobytes() for array in there[name]]

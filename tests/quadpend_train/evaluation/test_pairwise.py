@@ -1,29 +1,24 @@
 """Pairwise comparisons find known differences, and equal policies have no winner."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
-from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.pairwise import compare_all_pairs, compare_pair, episodes_needed
-from quadpend_train.reports.tables import episodes_note, leaderboard_note, leaderboard_table, verdicts
-from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_results
+from quadpend_train.reports.tables import episodes_note, leaderboard_note, leaderboard_rows, verdicts
+from tests.helpers.policies import BiasedADRC, NoisyADRC, ZeroThrust, synthetic_comparison, synthetic_results
 from tests.helpers.scenarios import shorten_scenarios
 
 
-def compared(**policies: list[EpisodeResults]) -> Comparison:
-    """A comparison of synthetic results: a list for each policy, with one entry for each scenario."""
-    number = len(next(iter(policies.values())))
-    names = [f"s{i}" for i in range(number)]
-    results = {(names[i], policy): given[i] for policy, given in policies.items() for i in range(number)}
-    return Comparison(tuple(policies), {name: Scenario() for name in names}, 200, 0, results, {})
+def compared(**policies: list[EpisodeResults]) -> pd.DataFrame:
+    """The table of synthetic results."""
+    return synthetic_comparison(**policies).table
 
 
 def test_a_known_difference_is_significant_and_in_its_interval() -> None:
@@ -58,12 +53,12 @@ def test_equal_policies_have_no_winner(monkeypatch: pytest.MonkeyPatch) -> None:
     shorten_scenarios(monkeypatch, 3.0)
     same = compare({"one": "adrc-paper", "two": "adrc-paper"}, ["calm", "windy"], 10)
     assert (
-        compare_pair(same, "one", "two")
+        compare_pair(same.table, "one", "two")
         .sentence()
         .startswith("one is not distinguishable from two in 2 (calm, windy); overall")
     )
     noisy = compare({"one": [NoisyADRC(1)], "two": [NoisyADRC(2)]}, ["calm", "windy", "gusts"], 20)
-    assert compare_pair(noisy, "one", "two").undecided == ["calm", "windy", "gusts"]
+    assert compare_pair(noisy.table, "one", "two").undecided == ["calm", "windy", "gusts"]
 
 
 def test_equal_policies_rarely_win_any_of_many_scenarios() -> None:
@@ -146,14 +141,14 @@ def test_the_leaderboard_orders_policies_of_known_quality(monkeypatch: pytest.Mo
     shorten_scenarios(monkeypatch, 3.0)
     policies = {"biased": [BiasedADRC(0.03)], "unbiased": [BiasedADRC(0.0)], "falling": [ZeroThrust()]}
     comparison = compare(policies, ["calm", "hover"], 20)
-    assert compare_pair(comparison, "unbiased", "biased").won == ["calm", "hover"]
-    first, second, last = leaderboard(comparison)
+    assert compare_pair(comparison.table, "unbiased", "biased").won == ["calm", "hover"]
+    first, second, last = leaderboard(comparison.table)
     assert (first.policy, second.policy, last.policy) == ("unbiased", "biased", "falling")
     assert (first.wins, second.wins, last.wins) == (4, 2, 0)
     assert (first.losses, second.losses, last.losses) == (0, 2, 4)
     assert last.penalised_rmse == (1000.0, 1000.0, 1000.0)
     assert last.worst_survival.value == 0.0
-    assert leaderboard_table([first, second, last]).row_count == 3
+    assert len(leaderboard_rows([first, second, last])) == 1 + 3
 
 
 def test_all_scenarios_have_the_same_weight_in_the_leaderboard() -> None:
@@ -180,17 +175,17 @@ def test_a_win_of_a_learner_needs_good_training_seeds() -> None:
     assert compare_pair(compared(a=[steady], b=[other]), "a", "b").results["s0"].winner == 1
 
 
-def test_the_compare_command_prints_one_sentence(
+def test_evaluate_says_in_one_sentence_which_of_two_policies_is_better(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shorten_scenarios(monkeypatch, 5.0)
-    options: Any = ["--scenarios", "calm", "steady", "--episodes", "10", "--cache", str(tmp_path)]
-    main(["compare", "adrc-paper", "mine=adrc-matched", *options])
+    options = ["--scenarios", "calm", "steady", "--episodes", "10", "--cache", str(tmp_path), "--replay", "0"]
+    main(["evaluate", "adrc-paper", "mine=adrc-matched", *options, "--out", str(tmp_path / "out")])
     printed = " ".join(capsys.readouterr().out.split())
-    assert printed.startswith(
+    assert (
         "mine beats adrc-paper in 1 of 2 scenarios (steady), loses in none and is not distinguishable in 1 (calm);"
         " overall, its penalised RMSE is lower by"
-    )
+    ) in printed
     assert "Holm" in printed
 
 
@@ -202,23 +197,22 @@ def test_too_few_episodes_are_said_in_words() -> None:
     for episodes in (5, needed - 1, needed):
         base, lead = np.linspace(0.1, 0.2, episodes), np.linspace(0.009, 0.011, episodes)  # Wilcoxon's ties are slow
         results = {"worse": base + lead, "better": base, "best": base - 1.01 * lead}
-        three = compared(**{name: [synthetic_results(values)] * 6 for name, values in results.items()})
-        three = replace(three, episodes=episodes)
-        assert (leaderboard(three)[0].wins > 0) == (episodes == needed)
+        three = synthetic_comparison(**{name: [synthetic_results(values)] * 6 for name, values in results.items()})
+        assert (leaderboard(three.table)[0].wins > 0) == (episodes == needed)
         note = f"{episodes} episodes are too few for wins by RMSE with 36 tests: use at least {needed} episodes."
         assert leaderboard_note(three) == (note if episodes < needed else "")
         assert episodes_note(three).startswith(f"The 95 % intervals are from {episodes} episodes") == (episodes < 50)
     for falls in (0, 1, 4, 5):
         survived = np.arange(60) >= falls
         cells = [synthetic_results([0.1] * 60)._replace(survived=survived[None])] * 7
-        many = replace(compared(one=cells), episodes=60)
+        many = synthetic_comparison(one=cells)
         names = ", ".join(f"one in {scenario}" for scenario in list(many.scenarios)[:5])
         note = f"Few falls (1 to 4): {names} and 2 more. There, the 95 % interval"
         assert episodes_note(many).startswith(note) == (falls in (1, 4))
         assert not episodes_note(many) or falls in (1, 4)
     seeds = synthetic_results([0.1] * 60)._replace(survived=np.tile(np.arange(60) >= 1, (2, 1)))
-    assert episodes_note(replace(compared(one=[seeds]), episodes=60)) == ""
-    few = compared(first=[synthetic_results([0.1] * 5)], other=[synthetic_results([0.2] * 5)])
+    assert episodes_note(synthetic_comparison(one=[seeds])) == ""
+    few = synthetic_comparison(first=[synthetic_results([0.1] * 5)], other=[synthetic_results([0.2] * 5)])
     (verdict,) = verdicts(few)
     assert verdict.endswith("; 5 episodes are too few to show a difference, use at least 10.")
-    assert "; 5 episodes are too few to show a difference" in compare_pair(few, "first", "other").sentence()
+    assert "; 5 episodes are too few to show a difference" in compare_pair(few.table, "first", "other").sentence()

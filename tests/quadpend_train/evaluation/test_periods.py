@@ -12,15 +12,13 @@ from quadpend_baselines.controllers.mppi import Mppi
 from quadpend_baselines.gains import MppiGains
 from quadpend_baselines.hybrid.fallback import update_anomaly_score
 from quadpend_gym import Simulation
-from quadpend_gym.actuators import ActionDelay
 from quadpend_gym.scenarios import Scenario, scenario_hash
-from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.leaderboard import leaderboard
+from quadpend_train.evaluation.table import cells
 from quadpend_train.reports import html_page, tables
 from quadpend_train.reports.replay import record_replay
-from quadpend_train.studies.perturbations import PERTURBATION_AXES
 from quadpend_train.studies.search import tuning
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings
@@ -50,17 +48,17 @@ def test_a_controller_has_the_same_measures_at_any_control_period() -> None:
 
 
 def test_the_settled_rmse_is_that_of_the_second_half_of_an_episode(comparison: Comparison) -> None:
-    for (name, _), results in comparison.results.items():
-        steps = comparison.scenarios[name].steps
-        assert results.error.shape == (1, 2, steps)
-        assert (results.steps == steps).all()
-        second_half = results.error[..., steps // 2 :].astype(np.float64)
-        np.testing.assert_allclose(results.settled_rmse, np.sqrt(np.mean(second_half**2, axis=-1)), rtol=1e-5)
+    for cell, values in cells(comparison.table).items():
+        steps, error = comparison.scenarios[cell[0]].steps, comparison.errors[cell]
+        assert error.shape == (1, 2, steps)
+        assert (values["steps"] == steps).all()
+        second_half = error[..., steps // 2 :].astype(np.float64)
+        np.testing.assert_allclose(values["settled_rmse"], np.sqrt(np.mean(second_half**2, axis=-1)), rtol=1e-5)
 
 
 def test_a_report_shows_scenarios_with_different_periods_and_durations(comparison: Comparison, tmp_path: Path) -> None:
-    standings = leaderboard(comparison)
-    replay = record_replay(comparison, standings, POLICIES, 1)
+    standings = leaderboard(comparison.table)
+    replay = record_replay(comparison, standings, 1)
     assert replay is not None
     scenes = {name: scenes[0] for name, scenes in replay["scenarios"].items()}
     assert [scene["duration"] for scene in scenes.values()] == pytest.approx([1.0, 0.5, 0.06])
@@ -68,17 +66,9 @@ def test_a_report_shows_scenarios_with_different_periods_and_durations(compariso
     assert [scene["start"] for scene in scenes.values()] == [0.01, 0.005, 0.02]
     figure = tables.plot(comparison)
     assert [axis.get_xlim()[1] for axis in figure.axes[:3]] == pytest.approx([1.0, 0.5, 0.06])
-    html_page.write(comparison, standings, None, tmp_path / "report.html")
+    html_page.write(comparison, standings, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert all(text in page for text in ("0.5&nbsp;s", "200&nbsp;Hz", "0.06&nbsp;s", "50&nbsp;Hz"))
-
-
-def test_cached_results_of_another_duration_are_not_used(comparison: Comparison, tmp_path: Path) -> None:
-    results = comparison.results["200 Hz", "adrc"]
-    cache.save(tmp_path, "mine", results)
-    assert cache.load(tmp_path, "mine", 100) is not None
-    with pytest.warns(UserWarning, match="the shapes of its arrays do not match"):
-        assert cache.load(tmp_path, "mine", 1000) is None
 
 
 def test_a_policy_trained_at_200_hz_flies_there_and_at_the_default_period(tmp_path: Path) -> None:
@@ -116,14 +106,6 @@ def test_tuning_scores_a_controller_in_scenarios_of_another_period(tmp_path: Pat
     assert all(survival == 100.0 and rmse < 150.0 for survival, rmse in scores.values())
     with pytest.raises(ValueError, match="scenarios must be at least one, and not 'test'"):
         tuning.tune("lqr", 1, 1, 0, tmp_path, ("test",))
-
-
-def test_perturbations_are_in_seconds_and_relative_to_the_nominal_vehicle() -> None:
-    base = Scenario(simulation=Simulation({"bob_mass": 0.1}, period=0.005), duration=3.0)  # type: ignore[arg-type]
-    delayed = PERTURBATION_AXES["delay"].scenario(20.0, base)
-    assert delayed.actuators == (ActionDelay(4),)
-    assert (delayed.simulation, delayed.duration) == (base.simulation, 3.0)
-    assert PERTURBATION_AXES["mass"].scenario(1.5, base).parameters.bob_mass == pytest.approx((0.15, 0.15))
 
 
 def test_controllers_keep_their_time_constants_at_any_control_period() -> None:

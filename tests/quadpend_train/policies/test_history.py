@@ -56,7 +56,7 @@ def test_a_model_of_plain_sb3_with_a_history_flies_as_behind_the_wrapper(
 def test_it_is_compared_with_a_controller(tmp_path: Path) -> None:
     trained(PPO, [HISTORY], tmp_path / "model.zip", n_steps=4, batch_size=8)
     found = compare(["flatness", str(tmp_path / "model.zip")], {"brief": Scenario(duration=0.2)}, 2)
-    assert len(found.results) == 2
+    assert len(found.summaries) == 2
 
 
 def test_a_function_may_have_a_history() -> None:

@@ -12,7 +12,7 @@ from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.evaluation.jobs import Job
+from quadpend_train.evaluation.jobs import Job, load_learner
 from quadpend_train.policies.conversion import PROTOCOL
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from tests.helpers.own_code import write_module
@@ -142,7 +142,7 @@ def test_a_class_that_derives_from_policy_can_say_what_it_estimates(module: str)
 
 def test_results_of_an_own_policy_are_cached_only_with_a_fingerprint(module: str) -> None:
     def key(policies: Any) -> str | None:
-        return Job(policies, SCENARIOS["calm"], 5, 0).cache_key()
+        return Job(load_learner(policies), SCENARIOS["calm"], 5, 0).key()
 
     assert key(f"{module}:Hover,adrc-paper") is None
     assert key(f"{module}:Lqr") == key([load_policy(f"{module}:Lqr")])

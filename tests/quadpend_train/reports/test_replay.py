@@ -16,10 +16,11 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.tasks import EPISODE_STEPS
-from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.jobs import load_learner
 from quadpend_train.evaluation.leaderboard import leaderboard
 from quadpend_train.evaluation.recording import Recording, record_episode
+from quadpend_train.evaluation.table import cells
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.reports.html_page import style, write
 from quadpend_train.reports.replay import (
@@ -30,20 +31,16 @@ from quadpend_train.reports.replay import (
     encode,
     record_replay,
     sampled_steps,
-    section,
 )
 from tests.helpers.browser import Browser, start
-from tests.helpers.policies import synthetic_results
+from tests.helpers.policies import synthetic_comparison, synthetic_results
 
 NAMES = {"paper": "adrc-paper", "matched": "adrc-matched"}
 
 
 def constructed(rmse: dict[str, Any]) -> Comparison:
     """A comparison with the given penalised RMSE (m) in one scenario."""
-    results = {("calm", name): synthetic_results(values) for name, values in rmse.items()}
-    known: dict[str, list[str]] = {name: [] for name in rmse}
-    scenarios, episodes = {"calm": Scenario(duration=0.5)}, results["calm", next(iter(rmse))].rmse.shape[1]
-    return Comparison(tuple(rmse), scenarios, episodes, 0, results, known)
+    return synthetic_comparison(0.5, **{name: [synthetic_results(values)] for name, values in rmse.items()})
 
 
 def decoded(data: dict[str, Any]) -> Floats:
@@ -56,19 +53,19 @@ def decoded(data: dict[str, Any]) -> Floats:
 
 
 def policies_of(comparison: Comparison) -> list[str]:
-    return choose_policies(comparison, leaderboard(comparison))
+    return choose_policies(comparison, leaderboard(comparison.table))
 
 
-def replay_of(comparison: Comparison, policies: dict[str, str], count: int) -> dict[str, Any] | None:
-    return record_replay(comparison, leaderboard(comparison), policies, count)
+def replay_of(comparison: Comparison, count: int) -> dict[str, Any]:
+    data = record_replay(comparison, leaderboard(comparison.table), count)
+    assert data is not None
+    return data
 
 
 @pytest.fixture(scope="module")
 def replayed() -> tuple[Comparison, dict[str, Any]]:
     comparison = compare(NAMES, ["windy", "storm"], episodes=4)
-    data = record_replay(comparison, leaderboard(comparison), NAMES, 2)
-    assert data is not None
-    return comparison, data
+    return comparison, replay_of(comparison, 2)
 
 
 def test_the_replay_contains_the_first_policy_and_the_two_best_others() -> None:
@@ -79,41 +76,37 @@ def test_the_replay_contains_the_first_policy_and_the_two_best_others() -> None:
 
 def test_the_replay_contains_policies_given_as_objects() -> None:
     comparison = compare({"object": ADRC(), "name": "adrc-paper"}, {"calm": Scenario(duration=0.5)}, episodes=1)
-    data = record_replay(comparison, leaderboard(comparison), {"object": [ADRC()], "name": "adrc-paper"}, 1)
-    assert data is not None
+    data = replay_of(comparison, 1)
     one, other = data["scenarios"]["calm"][0]["episodes"]
     assert one == other
 
 
 def test_the_median_episode_comes_first_and_then_the_hardest() -> None:
     comparison = constructed({"a": [0.1, 0.5, 0.2, 0.3, 0.9], "b": [0.1, 0.4, 0.2, 0.8, 0.1]})  # mean: 10 45 20 55 50
-    chosen = choose_episodes(comparison, "calm", ["a", "b"], 4)
+    chosen = choose_episodes(comparison, "s0", ["a", "b"], 4)
     assert [choice.episode for choice in chosen] == [1, 3, 4, 2]
     assert [choice.title for choice in chosen] == ["typical", "hardest", "hardest no. 2", "hardest no. 3"]
-    assert choose_episodes(comparison, "calm", ["a"], 1) == [("typical", 3)]
+    assert choose_episodes(comparison, "s0", ["a"], 1) == [("typical", 3)]
 
 
 def test_of_equal_episodes_the_first_is_chosen_and_none_twice() -> None:
     fallen = constructed({"a": [1.0, 1.0, 1.0, 1.0]})
     titles = ["typical", "hardest", "hardest no. 2", "hardest no. 3"]
-    assert choose_episodes(fallen, "calm", ["a"], 9) == list(zip(titles, [1, 0, 2, 3], strict=True))
-    assert choose_episodes(constructed({"a": [0.1]}), "calm", ["a"], 2) == [("typical", 0)]
+    assert choose_episodes(fallen, "s0", ["a"], 9) == list(zip(titles, [1, 0, 2, 3], strict=True))
+    assert choose_episodes(constructed({"a": [0.1]}), "s0", ["a"], 2) == [("typical", 0)]
 
 
 def test_the_first_training_seed_of_a_learner_is_shown_and_labelled() -> None:
     comparison = constructed({"a": [[0.1, 0.2, 0.3], [0.3, 0.9, 0.1]]})
-    assert [choice.episode for choice in choose_episodes(comparison, "calm", ["a"], 2)] == [1, 2]
-    data = replay_of(comparison, {"a": "ppo-gain-scheduling-1,ppo-gain-scheduling-0"}, 1)
-    assert data is not None
-    assert [policy["name"] for policy in data["policies"]] == ["a, seed 1"]
+    assert [choice.episode for choice in choose_episodes(comparison, "s0", ["a"], 2)] == [1, 2]
+    comparison.learners["a"] = load_learner("ppo-gain-scheduling-1,ppo-gain-scheduling-0")
+    assert [policy["name"] for policy in replay_of(comparison, 1)["policies"]] == ["a, seed 1"]
 
 
 def test_policies_have_the_same_style_as_in_the_legend_of_the_page() -> None:
     """The policies have the indices 0, 9 and 7, of which 0 and 7 have the same colour."""
     comparison = constructed({f"p{place}": [{9: 0.1, 7: 0.2}.get(place, 0.9)] for place in range(10)})
-    data = replay_of(comparison, dict.fromkeys(comparison.policies, "lqr"), 1)
-    assert data is not None
-    looks = [(policy["colour"], policy["dashes"]) for policy in data["policies"]]
+    looks = [(policy["colour"], policy["dashes"]) for policy in replay_of(comparison, 1)["policies"]]
     assert looks == [style(0), style(9), style(7)]
     assert style(0)[0] == style(7)[0]
     assert style(0)[1] != style(7)[1]
@@ -130,11 +123,11 @@ def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison
         for scene in scenes:
             episode = scene["seed"] - comparison.seed
             for policy, run in zip(NAMES, scene["episodes"], strict=True):
-                results = comparison.results[name, policy]
-                error, steps = decoded(run)[:, -1], int(results.steps[0, episode])
-                exact = results.error[0, episode, sampled_steps(steps, 0.01)]
+                values = cells(comparison.table)[name, policy]
+                error, steps = decoded(run)[:, -1], int(values["steps"][0, episode])
+                exact = comparison.errors[name, policy][0, episode, sampled_steps(steps, 0.01)]
                 np.testing.assert_allclose(error, exact, atol=0.51 * run["scales"][-1] + 1e-7)
-                assert run["fell"] == (None if results.survived[0, episode] else pytest.approx(0.01 * steps))
+                assert run["fell"] == (None if values["survived"][0, episode] else pytest.approx(0.01 * steps))
     assert any(run["fell"] for scene in data["scenarios"]["storm"] for run in scene["episodes"])
 
 
@@ -169,19 +162,10 @@ def test_missing_values_differ_from_zero() -> None:
     assert len(base64.b64decode(data["samples"])) == 3 * 3 * 2
 
 
-def test_the_option_replay_sets_the_number_of_episodes(tmp_path: Path) -> None:
-    command = ["evaluate", "adrc-paper", "--scenarios", '{"duration": 0.5}', "--episodes", "2", "--out", str(tmp_path)]
-    command += ["--cache", str(tmp_path / "cache")]
-    for count in (0, 1):
-        main([*command, "--replay", str(count)])
-        page = (tmp_path / "report.html").read_text(encoding="utf-8")
-        assert page.count("typical") == page.count('<section id="replay">') == count
-
-
 @pytest.fixture(scope="module")
 def page(replayed: tuple[Comparison, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     folder = tmp_path_factory.mktemp("browser")
-    write(replayed[0], leaderboard(replayed[0]), None, folder / "report.html", [section(replayed[1])])
+    write(replayed[0], leaderboard(replayed[0].table), folder / "report.html", replayed[1])
     with closing(start(folder / "profile")) as browser:
         browser.open(folder / "report.html")
         yield browser
@@ -337,33 +321,6 @@ def test_the_view_has_the_screens_resolution_follows_the_theme_and_prints_the_st
     assert page.messages() == []
 
 
-def test_a_black_policy_a_distant_reference_and_strong_wind_are_visible(
-    page: Browser, replayed: tuple[Comparison, dict[str, Any]], tmp_path: Path
-) -> None:
-    """On this page, policy A is black, 30 m away from the reference, and in wind 100 times as strong as a storm."""
-    data = json.loads(json.dumps(replayed[1]))
-    data["policies"][0] |= {"colour": "currentColor", "dashes": "5 3"}
-    runs = data["scenarios"]["storm"][0]["episodes"]
-    values = decoded(runs[1])
-    values[:, 0] += 30.0
-    values[:, 9:15] *= 100.0
-    runs[0] = {"fell": None, **encode(values)}
-    write(replayed[0], leaderboard(replayed[0]), None, tmp_path / "page.html", [section(data)])
-    page.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
-    page.open(tmp_path / "page.html")
-    page.run(choice("two", 2) + ";" + choice("scenario", 1))
-    for scheme, black, slate in (("light", "#1b1f24", "#52677e"), ("dark", "#e4e8ec", "#a3b8cd")):
-        page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-        page.run("replay.seek(5)")
-        ink, wind = pixels(page, black), pixels(page, slate)
-        assert min(ink) < 0.03, "an arrow points to the reference of the bob"
-        assert np.sum(np.abs(ink - 0.5) < 0.1) > 50, "the bob is in the middle"
-        assert len(wind) > 50
-        assert 0.1 < min(wind) < max(wind) < 0.9
-    assert float(shown(page, "one")[2]) > 50.0
-    assert page.messages() == []
-
-
 RECORD = """(() => {
     const pen = CanvasRenderingContext2D.prototype, {fillText, stroke, lineTo} = pen;
     window.labels = [], window.plumb = []; let end;
@@ -386,9 +343,7 @@ def test_labels_of_the_error_curves_do_not_overlap_and_shadows_are_in_the_pictur
     data = json.loads(json.dumps(replayed[1]))
     for scene in (scene for scenes in data["scenarios"].values() for scene in scenes):
         scene |= {"duration": duration, "start": duration / 1000.0, "rate": 250.0 / duration}
-    part = section(data)
-    text = f"<!DOCTYPE html><head>{part.style}</head><body><section id=replay>{part.content}</section>"
-    (tmp_path / "page.html").write_text(text, encoding="utf-8")
+    write(replayed[0], leaderboard(replayed[0].table), tmp_path / "page.html", data)
     page.call("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=False)
     page.open(tmp_path / "page.html")
     page.run(choice("two", 0) + ";" + RECORD)

@@ -54,11 +54,6 @@ COMMANDS = {
     "evaluate": Command(
         "evaluation.evaluate", "Evaluate policies in the same episodes and compare them with the first policy.", _CACHED
     ),
-    "compare": Command(
-        "evaluation.compare",
-        "Compare two policies: print in which scenarios each of them wins, by how much, and how certain that is.",
-        _CACHED,
-    ),
     "watch": Command("watch.watch", "Show policies side by side in the same episode, in a window or in a file."),
     "card": Command("cards.card", "Describe a policy: what it observes, how it was trained, and how good it is."),
     "export": Command("training.export", "Convert a model to a policy file, which executes no code when loaded."),
@@ -75,31 +70,7 @@ COMMANDS = {
         "Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.",
         _SAVED,
     ),
-    "ablate": Command(
-        "studies.ablate", "Train with and without each part of a learner, and tabulate the differences.", _SAVED
-    ),
-    "situation": Command(
-        "studies.situation",
-        "Measure what a policy gains from observing its own situation, compared with the mean one.",
-        _CACHED,
-    ),
-    "vehicles": Command(
-        "result_pages.vehicles",
-        "Measure how well policies fly real vehicles: in wind, from large tilts, and as flown in an experiment.",
-        _CACHED,
-    ),
-    "tasks": Command(
-        "result_pages.tasks",
-        "Measure how well policies swing the pendulum up, carry a load, recover, or follow fast references.",
-        _CACHED,
-    ),
-    "bound": Command(
-        "bound.bound",
-        "Plan the best flight of each episode, with all wind known in advance, and measure the gap of policies to it.",
-        _SAVED,
-    ),
-    "wind": Command("studies.wind", "Plot models of wind, and the effects of sensors and actuators."),
-    "paper": Command("studies.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
+    "paper": Command("paper.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
 }
 
 

@@ -1,4 +1,4 @@
-"""Helpers of several commands: parse NAME=POLICY, NAME=SCENARIO and NAME=MODEL, and make a console for tables.
+"""Helpers of several commands: ranges of options, NAME=POLICY and NAME=SCENARIO, and a console for tables.
 
 The options `--vehicle` and `--interface` apply to all scenarios of a command, see `Scenario.with_vehicle`.
 """
@@ -6,13 +6,12 @@ The options `--vehicle` and `--interface` apply to all scenarios of a command, s
 import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
-from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
 from quadpend_gym.core.settings import Range
-from quadpend_gym.scenarios import expand_sets, with_changes
+from quadpend_gym.scenarios import Scenario, find_scenarios
 
 # Types of options with their ranges, which `checked` applies: a typing error must not use up the memory or the year.
 Episodes = Annotated[int, Range(1, 100_000)]
@@ -59,35 +58,19 @@ def named_policies(policies: Sequence[str]) -> dict[str, str]:
 
 def named_scenarios(
     scenarios: Sequence[str], vehicle: str | None = None, interface: str | None = None
-) -> dict[str, str]:
-    """Return scenarios by name, with the members of sets in place of the sets. Duplicates count once.
+) -> dict[str, Scenario]:
+    """Return scenarios by name, with the members of sets in place of the sets.
 
     Args:
-        scenarios: Scenarios, sets of them, or NAME=SCENARIO.
+        scenarios: Scenarios, sets of them, or NAME=SCENARIO, see `find_scenarios`.
         vehicle: Vehicle of all scenarios, the name of a preset or a TOML file; None: their own.
         interface: Command interface of all scenarios; None: their own.
-
-    Raises:
-        ValueError: If two different scenarios have the same name.
     """
-    label = Path(vehicle).stem if vehicle else None
-    pairs = [
-        (with_changes(name, label, interface), with_changes(value, vehicle, interface))
-        for name, value in map(named_model, expand_sets(scenarios))
-    ]
-    if len(dict(pairs)) < len(set(pairs)):
-        raise ValueError("two scenarios have the same name: give each its own, as NAME=SCENARIO")
-    return dict(pairs)
-
-
-def named_model(model: str) -> tuple[str, str]:
-    """Return the name and the value of MODEL or NAME=MODEL; the name of a file is its stem.
-
-    Args:
-        model: Name of a preset or scenario, path of a file, or JSON.
-    """
-    name, value = _split_name(model)
-    return (Path(value).stem if name == value and not value.lstrip().startswith("{") else name), value
+    found = find_scenarios(scenarios)
+    if vehicle is None and interface is None:
+        return found
+    changed = {name: scenario.with_vehicle(vehicle, interface) for name, scenario in found.items()}
+    return {scenario.name or name: scenario for name, scenario in changed.items()}
 
 
 def _split_name(text: str) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""The commands of the studies: `tune`, `ablate`, `situation`, `wind` and `paper`.
+"""The commands that search: `tune` and `sweep`.
 
 The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
 `quadpend --help` starts quickly.
@@ -10,13 +10,9 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_gym.core.factories import is_factory
 from quadpend_gym.scenarios import with_changes
-from quadpend_train.cli.options import Episodes, Seed, Trials, make_console, named_model, named_scenarios
-from quadpend_train.common.executors import executor
-from quadpend_train.common.files import writable_file, writable_folder, write_text
-from quadpend_train.evaluation.cache import FOLDER, check_folder
-from quadpend_train.evaluation.episodes import VALIDATION_SEED
+from quadpend_train.cli.options import Episodes, Seed, Trials
+from quadpend_train.common.files import writable_folder
 
 
 def tune(
@@ -123,133 +119,3 @@ def sweep(
     best = shlex.quote(str(out / study_of_settings.BEST))
     print(f"Written: {', '.join(str(out / name) for name in study_of_settings.FILES)}")
     print(f"Train with these settings: quadpend train --settings {best}")
-
-
-def ablate(
-    names: tyro.conf.Positional[tuple[str, ...]] = (),
-    seeds: int = 3,
-    out: Path = Path("runs/ablations"),
-    jobs: int = 1,
-    cluster: str | None = None,
-    document: Path | None = None,
-) -> None:
-    """Train with and without each part of a learner, and tabulate the differences.
-
-    Args:
-        names: Ablations, see train/quadpend_train/studies/ablations.py; the default is all of them.
-        seeds: Number of training seeds, counted from 0.
-        out: Folder for the runs and for ablations.json. Finished runs in it are not repeated.
-        jobs: Number of processes; the results do not depend on it.
-        cluster: Ray cluster that trains and evaluates instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
-        document: Markdown file in which to update the part "ablations".
-    """
-    from quadpend_train.common import documents
-    from quadpend_train.studies import ablations
-
-    run = executor(jobs, cluster)
-    if cluster and (out.is_absolute() or ".." in out.parts):
-        raise ValueError(f"with --cluster, out must be a relative path in the working directory, not {str(out)!r}")
-    if document and names:
-        raise ValueError("a document needs all ablations: give no names with --document")
-    if document:
-        documents.check(document, ["ablations"])
-    writable_folder(out)
-    outcomes = ablations.run(out, seeds, names or tuple(ablations.ABLATIONS), run)
-    if document:
-        ablations.document(outcomes, document)
-
-
-def situation(
-    policy: tyro.conf.Positional[str],
-    scenarios: tuple[str, ...] = ("uncertain", "lagged", "noisy", "dryden_severe", "upset"),
-    episodes: Episodes = 100,
-    seed: Seed = VALIDATION_SEED,
-    out: Path = Path("results/situation"),
-    jobs: int = 1,
-    cluster: str | None = None,
-    cache: str = FOLDER,
-    document: Path | None = None,
-) -> None:
-    """Measure what a policy gains from observing its own situation, compared with the mean one.
-
-    Args:
-        policy: A policy trained with hybrid.situation = true, as in evaluate; several training seeds count as one.
-        scenarios: Scenarios, as in evaluate.
-        episodes: Episodes in each scenario.
-        seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
-        out: Folder for situation.md (the table), situation.json (its numbers) and situation.png.
-        jobs: Number of processes; the results do not depend on it.
-        cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
-        cache: Folder or URL (s3://…) of cached results of the policy; only missing results are computed.
-        document: Markdown file in which to update the part "situation".
-    """
-    from quadpend_train.common import documents
-    from quadpend_train.common.provenance import provenance
-    from quadpend_train.reports import figures
-    from quadpend_train.studies import situation as study
-
-    run = executor(jobs, cluster)
-    if document:
-        documents.check(document, ["situation"])
-    writable_folder(out)
-    check_folder(cache)
-    measured = study.measure(policy, named_scenarios(scenarios), episodes, seed, cache, run)
-    table, made = study.markdown(measured), provenance()
-    study.save(measured, {**made, "episodes": episodes, "seed": seed}, out / "situation.json")
-    write_text(out / "situation.md", table + "\n")
-    figures.write_png(figures.interval_figure(study.gains(measured), study.LABEL), out / "situation.png")
-    if document:
-        command = f"`{shlex.join(made['command'])}`: {episodes} episodes in each scenario, seeds from {seed}."
-        documents.fill(document, {"situation": f"{command}\n\n{table}"})
-    make_console().print(table, highlight=False, markup=False)
-    print(f"Written: {out}/situation.md, situation.json, situation.png")
-
-
-def wind(
-    models: tyro.conf.Positional[tuple[str, ...]] = (),
-    out: Path = Path("results/wind"),
-    seconds: float = 10.0,
-    seed: Seed = 1,
-) -> None:
-    """Plot models of wind, and the effects of sensors and actuators.
-
-    Args:
-        models: Presets or kinds of wind, kinds of sensors or actuators, JSON with a kind and its settings, or a
-            scenario file or module:factory of your own, whose wind is plotted. NAME=MODEL gives a model a name. The
-            default is one model of each kind, as in docs/models.md.
-        out: Folder for the figures, one PNG file for each model.
-        seconds: Length of the time series, s.
-        seed: Seed of the episode in the time series.
-    """
-    from quadpend_train.reports import model_plots
-
-    if not (1.0 <= seconds <= 3600.0):
-        raise ValueError(f"seconds must be from 1 to 3600, not {seconds:g}")
-    named = [named_model(model) for model in models] or list(model_plots.GALLERY.items())
-    plain = [name.replace(":", "_").replace(".", "_") if is_factory(name) else name for name, _ in named]
-    names = [name if name.isidentifier() else f"model_{number}" for number, name in enumerate(plain)]
-    if len(set(names)) < len(names):
-        raise ValueError("two models have the same name: give each its own, as NAME=MODEL")
-    writable_folder(out)
-    for name in names:
-        writable_file(out / f"{name}.png")
-    for name, (_, model) in zip(names, named, strict=True):
-        model_plots.draw(name, model, seconds, seed, out / f"{name}.png")
-        print(f"Written: {out / name}.png")
-
-
-def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
-    """Repeat the experiment of the paper and draw its Figures 4 to 10.
-
-    Args:
-        gains: Gains of the controller: "paper" or "matched".
-        out: Folder for the figures (PNG, SVG) and merit.json.
-    """
-    writable_folder(out)
-    from quadpend_baselines.paper import experiment, figures, figures_of_merit
-
-    results = experiment.run(gains)
-    figures.draw(results, out)
-    numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
-    write_text(out / "merit.json", numbers + "\n")
-    print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")

@@ -80,16 +80,17 @@ def watch(
             the torque limits; wind velocities stay.
         interface: What the actions command in the scenario: wrench, rotors or body_rates.
     """
-    from quadpend_gym.scenarios import check_own_models, find_scenario
+    from quadpend_gym.scenarios import check_own_models
     from quadpend_gym.viewer import check_pygame
     from quadpend_train.policies.check import check_policy
     from quadpend_train.policies.loading import load_policies
 
     if not 1 <= len(policies) <= 3:
         raise ValueError(f"policies must be one to three, not {len(policies)}")
-    chosen = list(named_scenarios(scenarios, vehicle, interface).values())
+    chosen = named_scenarios(scenarios, vehicle, interface)
     if len(chosen) != 1:
         raise ValueError(f"scenarios must be one scenario to watch, not {len(chosen)}: {', '.join(chosen)}")
+    (shown, found), *_ = chosen.items()
     check_pygame()
     if video.out:
         writable_file(video.out)
@@ -97,13 +98,12 @@ def watch(
     from quadpend_train.reports.side_by_side import SideBySideView
     from quadpend_train.reports.video import write_video
 
-    found = find_scenario(chosen[0])
     loaded = [(name, load_policies(policy)) for name, policy in named_policies(policies).items()]
     if several := [name for name, seeds in loaded if len(seeds) > 1]:
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")
-    check_own_models(chosen[0], found)
+    check_own_models(shown, found)
     for name, seeds in loaded:
-        check_policy(name, seeds[0], chosen[0], found)
+        check_policy(name, seeds[0], shown, found)
     screen = _open_window(video.size) if video.out is None else None
     period = found.simulation.period
     recordings = [record_episode(name, seeds[0], found, seed) for name, seeds in loaded]

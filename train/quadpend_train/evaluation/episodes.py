@@ -90,7 +90,7 @@ def run_episodes(
 
 def pendulum_arm(scenario: Scenario) -> float:
     """Return the length by which the error counts a wrong direction of the pendulum, m: that of the rod, or 0."""
-    counts = scenario.resolved_task.reward.pendulum_first > 0.0
+    counts = scenario.task.reward.pendulum_first > 0.0
     return scenario.simulation.parameters.rod_length if counts else 0.0
 
 

@@ -1,69 +1,78 @@
-"""Run the evaluations of a study: load cached results, and run the missing evaluations with an executor."""
+"""Run many evaluations: load cached results, and run the missing ones with an executor."""
 
-import hashlib
-import json
 from collections.abc import Hashable, Mapping, Sequence
 from concurrent.futures import Executor
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from quadpend_baselines import Policy
 from quadpend_gym.scenarios import Scenario, own_models
-from quadpend_gym.wind import WindFromFactory
-from quadpend_train.common.executors import Call, run
+from quadpend_train.common.executors import run
 from quadpend_train.evaluation import cache
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
+from quadpend_train.policies.conversion import as_policy
 from quadpend_train.policies.loading import cache_fingerprints, load_policies
 
 Name = TypeVar("Name", bound=Hashable)
 
 
-class Job(NamedTuple):
-    """One evaluation of a policy in a scenario: the arguments of `run_episodes`.
+class Learner(NamedTuple):
+    """The training seeds of one learner, or one controller.
 
     Attributes:
-        policies: A name for `load_policies`, or a list of policies. Policies that are given as objects run in this
-            process, and their results are cached only if they have a `fingerprint`.
+        policies: One policy for each training seed.
+        fingerprints: A text for each policy that determines what it does; None if one of them has none.
+    """
+
+    policies: list[Policy]
+    fingerprints: list[str] | None
+
+
+def load_learner(value: str | Policy | Sequence[Policy]) -> Learner:
+    """Load policies by name, see `load_policies`, or take policies, models of Stable-Baselines3 or torch modules."""
+    if isinstance(value, str):
+        return Learner(load_policies(value), cache_fingerprints(value))
+    policies = [as_policy(item) for item in (value if isinstance(value, list | tuple) else [value])]
+    return Learner(policies, cache_fingerprints(policies))
+
+
+class Job(NamedTuple):
+    """One evaluation: the arguments of `run_episodes`.
+
+    Attributes:
+        learner: Policies to run.
         scenario: Scenario of the episodes.
         episodes: Number of episodes.
         seed: Seed of the first episode.
         options: Options of the environment's reset.
     """
 
-    policies: str | Sequence[Policy]
+    learner: Learner
     scenario: Scenario
     episodes: int
     seed: int
     options: dict[str, Any] | None = None
 
     def __call__(self) -> EpisodeResults:
-        """Load the policies and run the episodes."""
-        policies = load_policies(self.policies) if isinstance(self.policies, str) else self.policies
-        return run_episodes(policies, self.scenario, self.episodes, self.seed, self.options)
+        """Run the episodes."""
+        return run_episodes(self.learner.policies, *self[1:])
 
-    def cache_key(self) -> str | None:
-        """Return the name under which the results are cached, see `cache.key`.
+    def key(self) -> str | None:
+        """Return the name under which the results are cached.
 
-        None if they are not cached: a policy has no fingerprint, or the scenario has own models.
+        None if they are not cached: a policy has no fingerprint, or the scenario has models of the user's own code.
         """
-        policies = cache_fingerprints(self.policies)
-        if policies is None or own_models(self.scenario):
+        if self.learner.fingerprints is None or own_models(self.scenario):
             return None
-        if self.options is not None:
-            options = json.dumps(self.options, sort_keys=True, default=lambda array: array.tolist())
-            policies.append(hashlib.sha256(options.encode()).hexdigest())
-        return cache.key(policies, self.scenario, self.episodes, self.seed)
+        return cache.key(self.learner.fingerprints, *self[1:])
 
-    def runs_elsewhere(self) -> bool:
-        """Return whether another process can run the job: it consists of names and data only."""
-        own = own_models(self.scenario)
-        return isinstance(self.policies, str) and all(isinstance(model, WindFromFactory) for model in own)
+    def is_cached(self, folder: Path | None) -> bool:
+        """Return whether a folder has cached results of this job, damaged or not."""
+        return folder is not None and (key := self.key()) is not None and (folder / f"{key}.npz").exists()
 
 
 def run_jobs(
-    jobs: Mapping[Name, Job],
-    cache_folder: cache.Folder | None = None,
-    recompute: bool = False,
-    processes: int | Executor = 1,
+    jobs: Mapping[Name, Job], cache_folder: Path | None = None, recompute: bool = False, processes: int | Executor = 1
 ) -> dict[Name, EpisodeResults]:
     """Run all jobs and return their results, which do not depend on `processes`.
 
@@ -74,29 +83,19 @@ def run_jobs(
         processes: Number of processes, or an executor.
 
     Raises:
-        CallsFailedError: If jobs fail, for example since a policy is unknown or does not fit its scenario. The results
-            of the others are cached.
-        ValueError: If the file of a policy changes while the job runs, or the executor cannot run the jobs.
+        CallsFailedError: If jobs fail, when all others have ended and are cached.
     """
-    keys = {name: key for name, job in jobs.items() if cache_folder and (key := job.cache_key())}
-    cached = {} if recompute else keys
-    results = {
-        name: found
-        for name, key in cached.items()
-        if cache_folder and (found := cache.load(cache_folder, key, jobs[name].scenario.steps)) is not None
-    }
+    keys = {name: job.key() if cache_folder else None for name, job in jobs.items()}
+    results = {}
+    for name, key in keys.items():
+        if cache_folder and key and not recompute and (found := cache.load(cache_folder, key)) is not None:
+            results[name] = found
     missing = {name: job for name, job in jobs.items() if name not in results}
 
     def save(name: Name, result: EpisodeResults) -> None:
-        if cache_folder and name in keys:
-            if jobs[name].cache_key() != keys[name]:
-                raise ValueError(
-                    f"{jobs[name].policies} has changed during its evaluation: wait until its training is finished"
-                )
-            cache.save(cache_folder, keys[name], result)
+        if cache_folder and (key := keys[name]):
+            cache.save(cache_folder, key, result)
 
-    elsewhere: dict[Name, Call] = {name: job for name, job in missing.items() if job.runs_elsewhere()}
-    here: dict[Name, Call] = {name: job for name, job in missing.items() if name not in elsewhere}
     kept = "are cached" if cache_folder else ""
-    results |= run(elsewhere, processes, here=here, done=save, kept=kept, finished=len(results))
+    results |= run(missing, processes, done=save, kept=kept, finished=len(results))
     return {name: results[name] for name in jobs}

@@ -3,10 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.pairwise import compare_all_pairs
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
+from quadpend_train.evaluation.table import Values, cells, names
 
 
 class LeaderboardRow(NamedTuple):
@@ -36,27 +37,28 @@ class LeaderboardRow(NamedTuple):
     losses: int | None
 
 
-def leaderboard(comparison: Comparison) -> list[LeaderboardRow]:
+def leaderboard(table: pd.DataFrame) -> list[LeaderboardRow]:
     """Return the rows of all policies, ordered by the mean penalised RMSE, the smallest first."""
-    wins, losses = dict.fromkeys(comparison.policies, 0), dict.fromkeys(comparison.policies, 0)
-    for (first, second), pair in compare_all_pairs(comparison).items():
+    policies, found = names(table, "policy"), cells(table)
+    wins, losses = dict.fromkeys(policies, 0), dict.fromkeys(policies, 0)
+    for (first, second), pair in compare_all_pairs(table).items():
         wins[first] += len(pair.won)
         losses[first] += len(pair.lost)
         wins[second] += len(pair.lost)
         losses[second] += len(pair.won)
-    rows = [_row(comparison, policy, wins[policy], losses[policy]) for policy in comparison.policies]
-    return sorted(rows, key=lambda row: row.penalised_rmse.value)
+    by_policy = {policy: {s: values for (s, name), values in found.items() if name == policy} for policy in policies}
+    lines = [_row(policy, results, wins[policy], losses[policy]) for policy, results in by_policy.items()]
+    return sorted(lines, key=lambda row: row.penalised_rmse.value)
 
 
-def _row(comparison: Comparison, policy: str, wins: int, losses: int) -> LeaderboardRow:
-    results = {name: comparison.results[name, policy] for name in comparison.scenarios}
-    survived = {name: result.survived for name, result in results.items()}
+def _row(policy: str, results: dict[str, Values], wins: int, losses: int) -> LeaderboardRow:
+    survived = {name: values["survived"] for name, values in results.items()}
     worst = min(survived, key=lambda name: float(survived[name].mean()))
     survival = mean(np.mean(list(survived.values()), axis=0)).clipped(0.0, 1.0)
     pooled = proportion(np.stack(list(survived.values())).reshape(1, -1))
     return LeaderboardRow(
         policy,
-        mean(np.mean([result.penalised_rmse for result in results.values()], axis=0)).not_negative().scaled(1000.0),
+        mean(np.mean([values["penalised_rmse"] for values in results.values()], axis=0)).not_negative().scaled(1000.0),
         survival.widened(pooled).scaled(100.0),
         proportion(survived[worst]).scaled(100.0),
         worst,

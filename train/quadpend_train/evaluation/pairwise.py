@@ -20,10 +20,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_train.evaluation.comparison import Comparison
-from quadpend_train.evaluation.episodes import EpisodeResults
 from quadpend_train.evaluation.statistics import (
     CONFIDENCE,
     Interval,
@@ -33,9 +32,8 @@ from quadpend_train.evaluation.statistics import (
     p_value,
     paired_proportion,
     probability_of_improvement,
-    unpaired_probability_of_improvement,
-    wilcoxon,
 )
+from quadpend_train.evaluation.table import Values, cells, names
 
 _MIN_COMMON_SURVIVALS = 10  # fewest common survived episodes for which the RMSE is tested
 _MAX_LISTED = 5  # largest number of scenarios that a sentence names
@@ -55,9 +53,7 @@ class ScenarioResult(NamedTuple):
             3/n.
         p_survival: p-value of equal survival, corrected by Holm's method.
         p_rmse: p-value of equal `rmse`, corrected; 1 if there are fewer than 10 episodes that both survived.
-        p_wilcoxon: p-value of Wilcoxon's signed-rank test on the penalised RMSE, for information; not corrected.
         improvement: Probability that the first policy has the smaller penalised RMSE in an episode.
-        unpaired_improvement: The same probability over all pairs of episodes, as in rliable.
     """
 
     winner: int
@@ -66,9 +62,7 @@ class ScenarioResult(NamedTuple):
     penalised_rmse: Interval
     p_survival: float
     p_rmse: float
-    p_wilcoxon: float
     improvement: Interval
-    unpaired_improvement: float
 
     def reversed(self) -> "ScenarioResult":
         """Return the result with the policies in the opposite order."""
@@ -79,7 +73,6 @@ class ScenarioResult(NamedTuple):
             rmse=self.rmse.negated(),
             penalised_rmse=self.penalised_rmse.negated(),
             improvement=Interval(1.0 - value, 1.0 - high, 1.0 - low),
-            unpaired_improvement=1.0 - self.unpaired_improvement,
         )
 
 
@@ -189,14 +182,14 @@ def _number(value: float, largest: float) -> str:
     return f"{value:.{0 if largest >= 20.0 else 1 if largest >= 1.0 else 2}f}"
 
 
-def compare_pair(comparison: Comparison, first: str, second: str) -> PairwiseComparison:
-    """Compare two policies of a comparison in its scenarios; the tests of this pair are corrected together."""
-    return _compare_pairs(comparison, [(first, second)])[first, second]
+def compare_pair(table: pd.DataFrame, first: str, second: str) -> PairwiseComparison:
+    """Compare two policies of a table of results in its scenarios; the tests of this pair are corrected together."""
+    return _compare_pairs(table, [(first, second)])[first, second]
 
 
-def compare_all_pairs(comparison: Comparison) -> dict[tuple[str, str], PairwiseComparison]:
-    """Compare all pairs of a comparison's policies; the tests of all pairs are corrected together."""
-    return _compare_pairs(comparison, list(itertools.combinations(comparison.policies, 2)))
+def compare_all_pairs(table: pd.DataFrame) -> dict[tuple[str, str], PairwiseComparison]:
+    """Compare all pairs of the policies of a table of results; the tests of all pairs are corrected together."""
+    return _compare_pairs(table, list(itertools.combinations(names(table, "policy"), 2)))
 
 
 @lru_cache(maxsize=64)
@@ -214,53 +207,48 @@ def episodes_needed(tests: int, seeds: int = 1) -> int:
     return next(n for n in numbers if tests * p_value(np.ones((seeds, n))) < 1.0 - CONFIDENCE)
 
 
-def _compare_pairs(
-    comparison: Comparison, pairs: Sequence[tuple[str, str]]
-) -> dict[tuple[str, str], PairwiseComparison]:
-    episodes = {
-        (pair, name): (comparison.results[name, pair[0]], comparison.results[name, pair[1]])
-        for pair in pairs
-        for name in comparison.scenarios
-    }
-    p_values = [p for both in episodes.values() for p in _p_values(*both)]
+def _compare_pairs(table: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> dict[tuple[str, str], PairwiseComparison]:
+    found, scenarios = cells(table), names(table, "scenario")
+    both = {(pair, name): (found[name, pair[0]], found[name, pair[1]]) for pair in pairs for name in scenarios}
+    p_values = [p for values in both.values() for p in _p_values(*values)]
     corrected = iter(holm(p_values))
-    results = {key: _scenario_result(*both, next(corrected), next(corrected)) for key, both in episodes.items()}
-    differences = {key: 1000.0 * _penalised_rmse_difference(*both) for key, both in episodes.items()}
+    results = {key: _scenario_result(*values, next(corrected), next(corrected)) for key, values in both.items()}
+    differences = {key: 1000.0 * _penalised_rmse_difference(*values) for key, values in both.items()}
     return {
         pair: PairwiseComparison(
             *pair,
-            {name: results[pair, name] for name in comparison.scenarios},
-            {name: differences[pair, name] for name in comparison.scenarios},
-            episodes_needed(len(p_values), max(len(differences[pair, name]) for name in comparison.scenarios)),
+            {name: results[pair, name] for name in scenarios},
+            {name: differences[pair, name] for name in scenarios},
+            episodes_needed(len(p_values), max(len(differences[pair, name]) for name in scenarios)),
         )
         for pair in pairs
     }
 
 
-def _p_values(first: EpisodeResults, second: EpisodeResults) -> tuple[float, float]:
+def _p_values(first: Values, second: Values) -> tuple[float, float]:
     """p-values of equal survival and of equal RMSE, not corrected."""
     rmse = _rmse_difference(first, second)
     enough = np.sum(~np.isnan(rmse).all(axis=0)) >= _MIN_COMMON_SURVIVALS
-    return p_proportion(first.survived, second.survived), p_value(rmse) if enough else 1.0
+    return p_proportion(first["survived"], second["survived"]), p_value(rmse) if enough else 1.0
 
 
-def _rmse_difference(first: EpisodeResults, second: EpisodeResults) -> Floats:
+def _rmse_difference(first: Values, second: Values) -> Floats:
     """Difference of the RMSE in the episodes that both survived, m; nan in the others; shape (s, n)."""
-    return np.asarray(np.where(first.survived & second.survived, first.rmse - second.rmse, np.nan))
+    return np.asarray(np.where(first["survived"] & second["survived"], first["rmse"] - second["rmse"], np.nan))
 
 
-def _penalised_rmse_difference(first: EpisodeResults, second: EpisodeResults) -> Floats:
+def _penalised_rmse_difference(first: Values, second: Values) -> Floats:
     """Difference of the penalised RMSE, m, shape (s, n)."""
-    return first.penalised_rmse - second.penalised_rmse
+    return np.asarray(first["penalised_rmse"] - second["penalised_rmse"])
 
 
-def _scenario_result(first: EpisodeResults, second: EpisodeResults, p_survival: float, p_rmse: float) -> ScenarioResult:
-    survival, rmse = paired_proportion(first.survived, second.survived), mean(_rmse_difference(first, second))
+def _scenario_result(first: Values, second: Values, p_survival: float, p_rmse: float) -> ScenarioResult:
+    survival = paired_proportion(first["survived"], second["survived"])
+    rmse = mean(_rmse_difference(first, second))
     if p_survival < 1.0 - CONFIDENCE:
         winner = np.sign(survival.value)
     else:
         winner = -np.sign(rmse.value) if p_rmse < 1.0 - CONFIDENCE else 0.0
-    penalised = first.penalised_rmse, second.penalised_rmse
     return ScenarioResult(
         int(winner),
         survival.scaled(100.0),
@@ -268,7 +256,5 @@ def _scenario_result(first: EpisodeResults, second: EpisodeResults, p_survival: 
         mean(_penalised_rmse_difference(first, second)).scaled(1000.0),
         p_survival,
         p_rmse,
-        wilcoxon(_penalised_rmse_difference(first, second)),
-        probability_of_improvement(*penalised),
-        unpaired_probability_of_improvement(*penalised),
+        probability_of_improvement(first["penalised_rmse"], second["penalised_rmse"]),
     )

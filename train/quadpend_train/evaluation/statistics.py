@@ -247,15 +247,6 @@ def _wilson(share: float, number: int) -> Interval:
     return Interval(share, float(centre - half), float(centre + half)).clipped(0.0, 1.0)
 
 
-def unpaired_probability_of_improvement(values: Floats, others: Floats) -> float:
-    """Probability of improvement over all pairs of a value and an other value, also of different episodes.
-
-    This is the definition of rliable: 1 − U / (number of pairs), with U of Mann and Whitney.
-    """
-    above = stats.mannwhitneyu(values, others, axis=None, method="asymptotic").statistic
-    return float(1.0 - above / (values.size * others.size))
-
-
 def p_value(differences: Floats) -> float:
     """p-value of the hypothesis that the mean difference is zero, two-sided, shape (s, n).
 
@@ -327,16 +318,6 @@ def p_proportion(successes: Booleans, others: Booleans) -> float:
         return p_value(_with_additional_episodes(successes.astype(np.float64) - others))
     gained, lost = int(np.sum(successes & ~others)), int(np.sum(~successes & others))
     return float(min(1.0, 2.0 * stats.binom.cdf(min(gained, lost), gained + lost, 0.5)))
-
-
-def wilcoxon(differences: Floats) -> float:
-    """p-value of Wilcoxon's signed-rank test, two-sided, on differences of shape (s, n).
-
-    The test uses the mean difference over the seeds of each episode. It is about ranks, not about the mean, and about
-    these seeds, not about the population of seeds.
-    """
-    paired = differences.mean(axis=0)
-    return float(stats.wilcoxon(paired).pvalue) if paired.any() else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

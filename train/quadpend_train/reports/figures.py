@@ -2,15 +2,11 @@
 
 import io
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import figure_text
-from quadpend_train.evaluation.statistics import Interval
 
 # Colours of Okabe and Ito, which people with colour-vision deficiencies can distinguish.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -85,53 +81,16 @@ def set_log_scale(axis: Any, low: float, high: float) -> None:
     """
     axis.set_yscale("log")
     axis.set_ylim(0.8 * low, 1.25 * high)
-    _set_log_ticks(axis.yaxis, (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,))
+    set_log_ticks(axis.yaxis, (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,))
 
 
-def _set_log_ticks(scale: Any, multiples: tuple[float, ...]) -> None:
+def set_log_ticks(scale: Any, multiples: tuple[float, ...]) -> None:
     """Label a logarithmic scale at multiples of the powers of ten."""
     from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
     scale.set_major_locator(LogLocator(subs=multiples, numticks=12))
     scale.set_major_formatter(StrMethodFormatter("{x:g}"))
     scale.set_minor_locator(NullLocator())
-
-
-def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log: bool = False) -> Any:
-    """Return a figure with a line of points and intervals for each row, one point for each series.
-
-    Args:
-        rows: Intervals by the names of row and series; all rows have the same series. Series i has the colour of
-            policy i.
-        label: Label of the horizontal axis.
-        log: Whether the horizontal scale is logarithmic; otherwise a line marks zero.
-    """
-    names = list(next(iter(rows.values())))
-    figure = new_figure(7.0, 0.9 + (0.14 + 0.11 * len(names)) * len(rows))
-    ((axis,),) = add_axes(figure, 1, 1)
-    for i, name in enumerate(names):
-        values, low, high = np.array([row[name] for row in rows.values()]).T
-        height = np.arange(len(rows)) + (i - 0.5 * (len(names) - 1)) * 0.7 / len(names)
-        axis.errorbar(
-            values,
-            height,
-            xerr=[values - low, high - values],
-            fmt="o",
-            markersize=4,
-            color=colour(i),
-            label=figure_text(name),
-        )
-    axis.set_yticks(range(len(rows)), [figure_text(name) for name in rows])
-    axis.invert_yaxis()
-    axis.set_xlabel(label)
-    if log:
-        axis.set_xscale("log")
-        _set_log_ticks(axis.xaxis, (1.0, 2.0, 5.0))
-    else:
-        axis.axvline(0.0, color="#888888", linewidth=0.8)
-    axis.grid(axis="x", color="#dddddd", linewidth=0.5)
-    figure.legend(loc="outside upper center", ncols=min(len(names), 4), frameon=False)
-    return figure
 
 
 def add_legend(figure: Any, names: tuple[str, ...]) -> None:

@@ -8,48 +8,31 @@ import datetime
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from quadpend_train.common.files import to_json_data, write_text
-from quadpend_train.evaluation.comparison import METRICS, Comparison
+from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.reports import figures, robustness_plots
-from quadpend_train.reports.tables import COLUMNS, draw_errors, episodes_note, leaderboard_note
-from quadpend_train.studies.robustness import Robustness, format_tolerated_range
+from quadpend_train.evaluation.table import METRICS, cells, differences
+from quadpend_train.reports import figures
+from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, leaderboard_note
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
 _LIGHTEST, _DARKEST = 10.0, 1000.0  # penalised RMSE of the lightest and of the darkest cells, mm
 
 
-class Section(NamedTuple):
-    """An additional section of the page.
-
-    Attributes:
-        id: Id of the element.
-        title: Heading.
-        content: HTML, in which names must be escaped.
-        style: HTML for the head of the page.
-    """
-
-    id: str
-    title: str
-    content: Markup
-    style: Markup = Markup("")
-
-
 def write(
     comparison: Comparison,
     standings: Sequence[LeaderboardRow],
-    robustness: Robustness | None,
     path: Path,
-    sections: Sequence[Section] = (),
+    replay: dict[str, Any] | None = None,
     title: str = "Comparison of policies for a pendulum on a quadrotor",
     date: str | None = None,
 ) -> None:
@@ -58,53 +41,11 @@ def write(
     Args:
         comparison: Comparison to report.
         standings: Leaderboard of the comparison.
-        robustness: Robustness of the same policies in the same order, or None.
         path: HTML file.
-        sections: Sections to insert after the pairwise comparisons.
+        replay: Data of `quadpend_train.reports.replay.record_replay`, or None.
         title: Title of the page.
         date: Date on the page; None is today in UTC.
-
-    Raises:
-        ValueError: If `robustness` has other policies than `comparison`.
     """
-    if robustness and robustness.policies != comparison.policies:
-        raise ValueError(
-            f"robustness must be of {', '.join(comparison.policies)}, not {', '.join(robustness.policies)}"
-        )
-    first, *others = comparison.policies
-    text = (
-        environment()
-        .get_template("report.html")
-        .render(
-            title=title,
-            date=date or datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
-            comparison=comparison,
-            provenance=comparison.provenance(),
-            policies=comparison.policies,
-            styles=[style(i) for i in range(len(comparison.policies))],
-            smallest_rmse={name: _smallest_rmse(comparison, name) for name in comparison.scenarios},
-            standings=standings,
-            note=leaderboard_note(comparison),
-            episodes_note=episodes_note(comparison),
-            pairs=[compare_pair(comparison, other, first) for other in others],
-            metrics={name: METRICS[name] for name in COLUMNS},
-            errors={name: _svg(_error_figure(comparison, name), f"error-{name}") for name in comparison.scenarios},
-            robustness=robustness,
-            axes=_axes(robustness),
-            maps=_maps(robustness),
-            outcomes=list(robustness_plots.OUTCOMES.values()),
-            scale=robustness_plots.colour_scale(),
-            longest=robustness_plots.LONGEST,
-            sections=sections,
-            data=embedded(_data(comparison, standings, robustness)),
-        )
-    )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, text)
-
-
-def environment() -> Environment:
-    """Return a Jinja environment for the templates of this package."""
     jinja = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
@@ -113,7 +54,47 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     jinja.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "format_number": format_number}
-    return jinja
+    first, *others = comparison.policies
+    text = jinja.get_template("report.html").render(
+        title=title,
+        date=date or datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
+        comparison=comparison,
+        provenance=comparison.table.attrs["provenance"],
+        policies=comparison.policies,
+        styles=[style(i) for i in range(len(comparison.policies))],
+        smallest_rmse={name: _smallest_rmse(comparison, name) for name in comparison.scenarios},
+        standings=standings,
+        note=leaderboard_note(comparison),
+        episodes_note=episodes_note(comparison),
+        pairs=[compare_pair(comparison.table, other, first) for other in others],
+        metrics={name: METRICS[name] for name in METRIC_COLUMNS},
+        errors={name: _error_figure(comparison, name) for name in comparison.scenarios},
+        replay=embedded(replay) if replay else None,
+        data=embedded({"comparison": as_data(comparison), "leaderboard": [to_json_data(row) for row in standings]}),
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, text)
+
+
+def as_data(comparison: Comparison) -> dict[str, Any]:
+    """Return provenance, metrics and differences from the first policy as data for JSON."""
+    values, first = cells(comparison.table), comparison.policies[0]
+    return {
+        **comparison.table.attrs,
+        "units": {name: metric.unit for name, metric in METRICS.items()},
+        "results": {
+            scenario: {
+                policy: {
+                    "metrics": to_json_data(comparison.summaries[scenario, policy]),
+                    "differences_from_first": to_json_data(
+                        differences(values[scenario, policy], values[scenario, first])
+                    ),
+                }
+                for policy in comparison.policies
+            }
+            for scenario in comparison.scenarios
+        },
+    }
 
 
 def estimate(interval: Interval) -> Markup:
@@ -148,50 +129,7 @@ def _smallest_rmse(comparison: Comparison, scenario: str) -> float:
     return min(comparison.summaries[scenario, policy]["penalised_rmse"].value for policy in comparison.policies)
 
 
-def _svg(figure: Any, name: str) -> Markup:
-    return Markup(figures.to_svg(figure, name))
-
-
-def _axes(robustness: Robustness | None) -> list[tuple[str, list[str], Markup]]:
-    """Return label, tolerated range of each policy, and figure of every perturbation axis."""
-    if not robustness:
-        return []
-    return [
-        (
-            axis.label,
-            [format_tolerated_range(axis, robustness.curves[name, policy]) for policy in robustness.policies],
-            _svg(robustness_plots.axis_figure(robustness, name), f"axis-{name}"),
-        )
-        for name, axis in robustness.axes.items()
-    ]
-
-
-def _maps(robustness: Robustness | None) -> list[tuple[str, list[tuple[float, Markup]]]]:
-    """Return the title of every grid of starts and, for each policy, the share of recovered starts and the figure."""
-    if not robustness:
-        return []
-    return [
-        (
-            grid.title,
-            [
-                (recovery.recovered, _svg(robustness_plots.map_figure(grid, recovery), f"map-{name}-{policy}"))
-                for policy in robustness.policies
-                for recovery in (robustness.recovery_maps[name, policy],)
-            ],
-        )
-        for name, grid in robustness.start_grids.items()
-    ]
-
-
-def _error_figure(comparison: Comparison, scenario: str) -> Any:
+def _error_figure(comparison: Comparison, scenario: str) -> Markup:
     figure = figures.new_figure(3.8, 2.5)
     draw_errors(figures.add_axes(figure, 1, 1)[0, 0], comparison, scenario)
-    return figure
-
-
-def _data(comparison: Comparison, standings: Sequence[LeaderboardRow], robustness: Robustness | None) -> dict[str, Any]:
-    return {
-        "comparison": comparison.as_data(),
-        "leaderboard": [to_json_data(row) for row in standings],
-        "robustness": robustness.as_data() if robustness else None,
-    }
+    return Markup(figures.to_svg(figure, f"error-{scenario}"))

@@ -7,6 +7,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_train.common.text import figure_text
+from quadpend_train.evaluation.jobs import Learner
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import figures
 
@@ -14,15 +15,11 @@ from quadpend_train.reports import figures
 Curves = Mapping[str, Sequence[Floats]]
 
 
-def collect(policies: Mapping[str, Sequence[Any]]) -> dict[str, list[Floats]]:
-    """Return the learning curves of those policies that were evaluated during their training.
-
-    Args:
-        policies: Policies by name; the training seeds of one learner are under one name.
-    """
+def collect(learners: Mapping[str, Learner]) -> dict[str, list[Floats]]:
+    """Return the learning curves of those learners that were evaluated during their training."""
     found: dict[str, list[Floats]] = {}
-    for name, seeds in policies.items():
-        cards = [policy.card for policy in seeds if isinstance(policy, MlpPolicy)]
+    for name, learner in learners.items():
+        cards = [policy.card for policy in learner.policies if isinstance(policy, MlpPolicy)]
         curves = [np.array(card["curve"]) for card in cards if len(card.get("curve", ())) > 1]
         if curves:
             found[name] = curves

@@ -7,23 +7,21 @@ times the scale of the channel is the value. The arrays are concatenated and enc
 """
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from markupsafe import Markup
 from tqdm.auto import tqdm
 
-from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.viewer.shape import PAPER_SHAPE, Shape
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.recording import Recording, record_episode
-from quadpend_train.policies.loading import load_policies
+from quadpend_train.evaluation.table import cells
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.reports.html_page import Section, embedded, environment, style
+from quadpend_train.reports.html_page import style
 
 SAMPLE_PERIOD = 0.04  # s, rounded to whole control periods
 # Channels of a sample and their numbers of components: m, rad, unit vector, N, N, N, m; all vectors in the world frame.
@@ -69,57 +67,44 @@ def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], 
         policies: Names of the policies.
         count: Number of episodes.
     """
-    rmse = np.mean([comparison.results[scenario, policy].penalised_rmse[0] for policy in policies], axis=0)
+    values = cells(comparison.table)
+    rmse = np.mean([values[scenario, policy]["penalised_rmse"][0] for policy in policies], axis=0)
     typical = int(np.argsort(rmse, kind="stable")[(len(rmse) - 1) // 2])
     hardest = [episode for episode in np.argsort(-rmse, kind="stable").tolist() if episode != typical]
     titles = ["hardest", *(f"hardest no. {number}" for number in range(2, len(hardest) + 1))]
     return [Choice("typical", typical), *map(Choice, titles, hardest)][:count]
 
 
-def record_replay(
-    comparison: Comparison,
-    standings: Sequence[LeaderboardRow],
-    policies: Mapping[str, str | Sequence[Policy]],
-    count: int,
-) -> dict[str, Any] | None:
+def record_replay(comparison: Comparison, standings: Sequence[LeaderboardRow], count: int) -> dict[str, Any] | None:
     """Run the chosen episodes again, and return their recordings as data for JSON, or None if `count` is 0.
 
     Args:
-        comparison: Comparison of the episodes.
+        comparison: Comparison of the episodes. Of a learner with several training seeds the first is recorded.
         standings: Leaderboard of the comparison.
-        policies: Policies by their names in the comparison, each as a name for `load_policies` or as a list of
-            policies, of which the first is recorded.
         count: Episodes of each scenario.
     """
     if not count:
         return None
     names = choose_policies(comparison, standings)
-    given = {name: policies[name] for name in names}
-    loaded = {name: load_policies(policy) if isinstance(policy, str) else policy for name, policy in given.items()}
+    chosen = {name: comparison.learners[name].policies for name in names}
     choices = {name: choose_episodes(comparison, name, names, count) for name in comparison.scenarios}
     scenarios: dict[str, list[dict[str, Any]]] = {}
     with tqdm(total=len(names) * sum(map(len, choices.values())), unit="recording", leave=False) as bar:
-        for scenario, chosen in choices.items():
-            for title, episode in chosen:
-                recordings, settings = [], comparison.scenarios[scenario]
-                seed = comparison.seed + episode
-                for name, seeds in loaded.items():
-                    recordings.append(record_episode(name, seeds[0], settings, seed))
+        for name, episodes in choices.items():
+            scenario = comparison.scenarios[name]
+            for title, episode in episodes:
+                recordings, seed = [], comparison.seed + episode
+                for policy, seeds in chosen.items():
+                    recordings.append(record_episode(policy, seeds[0], scenario, seed))
                     bar.update()
-                data = _episode_data(recordings, settings)
-                scenarios.setdefault(scenario, []).append({"title": title, "seed": seed, **data})
+                data = _episode_data(recordings, scenario)
+                scenarios.setdefault(name, []).append({"title": title, "seed": seed, **data})
     return {
-        "policies": [_appearance(name, seeds, comparison.policies.index(name)) for name, seeds in loaded.items()],
+        "policies": [_appearance(name, seeds, comparison.policies.index(name)) for name, seeds in chosen.items()],
         "missing": MISSING,
         "channels": CHANNELS,
         "scenarios": scenarios,
     }
-
-
-def section(data: dict[str, Any]) -> Section:
-    """Return the page's section for the data that `record_replay` returns."""
-    template: Any = environment().get_template("replay.html").module
-    return Section("replay", "Replay", Markup(template.content(embedded(data))), Markup(template.style()))
 
 
 def encode(values: Floats) -> dict[str, Any]:
@@ -160,7 +145,7 @@ def _episode_data(recordings: list[Recording], scenario: Scenario) -> dict[str, 
         "start": period,
         "duration": scenario.steps * period,
         "rod_length": first.rod_length,
-        "side": scenario.resolved_task.side,
+        "side": scenario.task.side,
         "shape": shape_data(first.shape),
         "reference": encode(reference),
         "episodes": episodes,

@@ -1,18 +1,19 @@
 """Evaluate policies and write the whole report: the page with its replay, tables, figures and data."""
 
+import json
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from quadpend_train.common.files import writable_folder
-from quadpend_train.evaluation import cache
-from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare, named_policies
+from quadpend_train.common.files import writable_folder, write_text
+from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
-from quadpend_train.policies.loading import load_policies, policy_names
-from quadpend_train.reports import learning_curves, results, tables
+from quadpend_train.evaluation.table import summary_table
+from quadpend_train.reports import figures, html_page, learning_curves, tables
 from quadpend_train.reports.replay import record_replay
-from quadpend_train.studies.robustness import Robustness, measure_robustness
+
+FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
 
 
 @dataclass(frozen=True)
@@ -20,16 +21,14 @@ class Report:
     """What `evaluate` found and wrote; as text, it is one sentence for each scenario and policy.
 
     Attributes:
-        comparison: Metrics and episodes of every policy in every scenario.
+        comparison: Table of all episodes, with the metrics of every policy in every scenario.
         leaderboard: The policies in the order of their mean penalised RMSE.
-        robustness: Robustness of the policies, if it was measured.
         folder: Folder of the files.
         files: Names of the files, `report.html` first.
     """
 
     comparison: Comparison
     leaderboard: list[LeaderboardRow]
-    robustness: Robustness | None
     folder: Path
     files: list[str]
 
@@ -45,9 +44,8 @@ def evaluate(
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
     jobs: int | Executor = 1,
-    cache_folder: cache.Folder | None = None,
+    cache_folder: Path | str | None = None,
     recompute: bool = False,
-    robustness: int = 0,
     replay: int = 2,
 ) -> Report:
     """Run policies through the same episodes, compare them with the first one, and write the report into a folder.
@@ -57,14 +55,12 @@ def evaluate(
     Args:
         policies: Policies, by name or as objects, see `quadpend_train.evaluation.comparison.compare`.
         scenarios: Scenarios, by name or as objects, see the same function.
-        out: Folder for report.html, comparison.json, .csv, .md and .png, and figures of robustness; it is created.
+        out: Folder for the files; it is created.
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         jobs: Number of processes, or an executor of `quadpend_train.common.executors`; the results do not depend on it.
         cache_folder: Folder of cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results.
-        robustness: Number of episodes at each value of the perturbation axes; 0 omits the robustness. Of a learner with
-            several training seeds, the first is evaluated.
         replay: Number of episodes of each scenario that the page can replay; 0 omits the replay.
 
     Raises:
@@ -74,26 +70,32 @@ def evaluate(
     """
     folder = writable_folder(Path(out))
     if cache_folder:
-        cache.check_folder(cache_folder)
-    named = named_policies(policies)
-    comparison = compare(named, scenarios, episodes, seed, cache_folder, recompute, jobs)
-    measured = None
-    if robustness:
-        first_seeds = {
-            name: policy_names(members)[0] if isinstance(members, str) else members[:1]
-            for name, members in named.items()
-        }
-        measured = measure_robustness(
-            first_seeds,
-            episodes=robustness,
-            seed=seed,
-            cache_folder=cache_folder,
-            recompute=recompute,
-            jobs=jobs,
-            base=next(iter(comparison.scenarios.values())),
-        )
-    standings = leaderboard(comparison)
-    loaded = {name: load_policies(item) if isinstance(item, str) else item for name, item in named.items()}
-    recordings = record_replay(comparison, standings, loaded, replay)
-    files = results.write(comparison, standings, measured, folder, learning_curves.collect(loaded), recordings)
-    return Report(comparison, standings, measured, folder, files)
+        writable_folder(Path(cache_folder), "cache")
+    comparison = compare(policies, scenarios, episodes, seed, cache_folder, recompute, jobs)
+    standings = leaderboard(comparison.table)
+    return Report(comparison, standings, folder, write(comparison, standings, folder, replay))
+
+
+def write(comparison: Comparison, standings: list[LeaderboardRow], folder: Path, replay: int = 0) -> list[str]:
+    """Write all files of a comparison, and return their names.
+
+    Args:
+        comparison: Comparison to write.
+        standings: Leaderboard of the comparison.
+        folder: Folder for the files.
+        replay: As for `evaluate`.
+    """
+    provenance = f"# {json.dumps(comparison.table.attrs)}\n"
+    for name, table in (("comparison", summary_table(comparison.summaries)), ("episodes", comparison.table)):
+        write_text(folder / f"{name}.csv", provenance + table.to_csv(index=False, lineterminator="\n"))
+    write_text(folder / "comparison.md", tables.markdown(comparison, standings))
+    data = json.dumps(html_page.as_data(comparison), indent=1, allow_nan=False)
+    write_text(folder / "comparison.json", data + "\n")
+    pictures = {"comparison.png": tables.plot(comparison)}
+    if curves := learning_curves.collect(comparison.learners):
+        pictures["learning.png"] = learning_curves.draw(curves)
+    for name, figure in pictures.items():
+        figures.write_png(figure, folder / name)
+    recordings = record_replay(comparison, standings, replay)
+    html_page.write(comparison, standings, folder / "report.html", recordings)
+    return list(dict.fromkeys([*FILES, *pictures]))

@@ -28,7 +28,7 @@ from quadpend_gym.scenarios import expand_sets, find_scenario, scenario_hash
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import toml_text, write_text
 from quadpend_train.common.text import brief
-from quadpend_train.evaluation.cache import code_stamp
+from quadpend_train.evaluation.cache import code_hash
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.studies.search import shared_trials
 from quadpend_train.studies.search.search_space import Space, start_values, suggest_values, with_values
@@ -76,7 +76,7 @@ class Sweep(NamedTuple):
         space = {name: distribution_to_json(item) for name, item in self.space.items()}
         names = expand_sets((*self.start.scenarios, *self.start.curriculum))
         hashes = [scenario_hash(find_scenario(name)) for name in names]
-        key = json.dumps([to_mapping(self.trial_start), space, self.seed, hashes, code_stamp()])
+        key = json.dumps([to_mapping(self.trial_start), space, self.seed, hashes, code_hash()])
         return f"{self.start.algo}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 
 

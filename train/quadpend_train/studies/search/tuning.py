@@ -29,7 +29,7 @@ from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, scenario_hash, split_changes
 from quadpend_train.common.files import write_text
-from quadpend_train.evaluation.cache import code_stamp
+from quadpend_train.evaluation.cache import code_hash
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
 from quadpend_train.studies.search.shared_trials import (
     TrialSampler,
@@ -257,7 +257,7 @@ def _space_and_start(name: str, scenarios: Sequence[str]) -> tuple[dict[str, Sea
 def _study_name(name: str, episodes: int, seed: int, scenarios: Sequence[str]) -> str:
     """Return a name that differs for searches whose losses differ."""
     hashes = [scenario_hash(scenario) for scenario in _find_all(scenarios)]
-    key = json.dumps([name, episodes, seed, _space_and_start(name, scenarios)[0], hashes, code_stamp()])
+    key = json.dumps([name, episodes, seed, _space_and_start(name, scenarios)[0], hashes, code_hash()])
     return f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 
 

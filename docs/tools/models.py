@@ -1,9 +1,11 @@
-"""Figures of wind, sensor and actuator models.
+"""Draw the figures of docs/models.md: ``python -m docs.tools.models``, with seed 1.
 
+With arguments, such as ``dryden``, JSON with a kind or ``mine:MyWind``, only these models are drawn, into results/wind.
 A wind is drawn as a time series, a histogram and a spectrum beside its theory. Sensors and actuators are drawn as a
 signal before and after the model.
 """
 
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -94,7 +96,7 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
     elif name in PRESETS:
         return "wind", as_wind(name)
     elif is_factory(name) or Path(name).suffix in (".toml", ".json"):
-        return "wind", find_scenario(name).wind.models
+        return "wind", find_scenario(name).wind_models
     else:
         data = {"kind": name}
     for category, (kinds, as_models) in _CATEGORIES.items():
@@ -265,3 +267,17 @@ _DRAW: dict[str, Callable[[Any, tuple[Any, ...], float, int], None]] = {
     "sensors": _draw_sensors,
     "actuators": _draw_actuators,
 }
+
+
+def main() -> None:
+    """Draw all models of the page, or those that are named on the command line."""
+    named = {f"model_{i}" if not name.isidentifier() else name: name for i, name in enumerate(sys.argv[1:])}
+    folder = Path("results/wind") if named else Path(__file__).parents[1] / "models"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, model in (named or GALLERY).items():
+        draw(name, model, 10.0, 1, folder / f"{name}.png")
+        print(f"Written: {folder / name}.png")
+
+
+if __name__ == "__main__":
+    main()

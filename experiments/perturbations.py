@@ -1,4 +1,4 @@
-"""Perturbation axes, on which the robustness of policies is measured.
+"""Perturbation axes, on which `experiments.robustness` measures policies.
 
 Each axis is one kind of perturbation with values of increasing size. At its nominal value, the scenario is
 `QuadPendulum-v0` in calm air, or hover if the start is perturbed. Vehicle, control period and duration are those of a
@@ -12,13 +12,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from experiments.recovery import CALM, HOVER_HEIGHT
 from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Noise
 from quadpend_gym.wind import Constant, Drawn, Dryden, StillAir
-from quadpend_train.studies.recovery import CALM, HOVER_HEIGHT
 
 _GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)  # rad; its multiples are evenly distributed on the circle
 _MILLI = 0.001

@@ -1,4 +1,6 @@
-"""What observing the situation is worth: policies compared with themselves while the situation is the mean one.
+"""Part of docs/results.md on the situation: what `apg` gains from observing its own situation instead of the mean one.
+
+    python -m experiments.situation --jobs 2      # 200 episodes in each scenario, seeds from 1000000
 
 A policy that observes the situation (`quadpend_baselines.hybrid.situation`) can act differently in noise, wind and calm
 air. Here it is compared, in the same episodes, with the same network that observes the mean situation instead: at each
@@ -7,48 +9,32 @@ time, because the observer is still settling.) So the difference is what the net
 situation. It is not what a network would lose that has been trained without the situation.
 """
 
-import json
-from collections.abc import Mapping
-from concurrent.futures import Executor
 from copy import copy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, options, write_data
 from quadpend_baselines.hybrid import EstimateOnly, HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import expand_sets, find_scenario
-from quadpend_train.common.files import to_json_data, write_text
-from quadpend_train.evaluation.cache import Folder
-from quadpend_train.evaluation.comparison import compare, differences
+from quadpend_train.common.files import write_text
+from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.jobs import load_learner
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.policies.loading import load_policies
+from quadpend_train.evaluation.table import cells, differences
 from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.reports import figures
 from quadpend_train.training.environment import concatenate_scenarios
 
+POLICY = "apg"
+SCENARIOS = ("uncertain", "lagged", "noisy", "dryden_severe", "upset")
 EPISODES_OF_MEAN = 32  # of each training scenario
-LABEL = "RMSE with the own situation minus RMSE with the mean situation (mm)"
-_HELD = "mean situation"
-
-
-def adaptive_policies(name: str) -> list[MlpPolicy]:
-    """Return the policies (training seeds) with a name, see `load_policies`.
-
-    Raises:
-        ValueError: If one of them does not observe the situation.
-    """
-    adaptive = []
-    for policy in load_policies(name):
-        hybrid = policy.hybrid if isinstance(policy, MlpPolicy) else None
-        if not isinstance(policy, MlpPolicy) or not isinstance(hybrid, EstimateOnly) or not hybrid.situation:
-            raise ValueError(f"{name} does not observe the situation: train with hybrid.situation = true")
-        adaptive.append(policy)
-    return adaptive
+FOLDER = DOCS / "situation"
 
 
 def mean_situation(policy: MlpPolicy) -> Floats32:
@@ -72,7 +58,6 @@ class MeanSituation(EstimateOnly):
     table: Floats32
 
     def __init__(self, hybrid: EstimateOnly, table: Floats32) -> None:
-        """Take the base controller of the hybrid."""
         super().__init__(hybrid.base_controller, situation=True)
         object.__setattr__(self, "table", table)  # the settings of a hybrid are frozen
 
@@ -84,38 +69,26 @@ class MeanSituation(EstimateOnly):
         return seen, memory
 
 
-def with_mean_situation(policy: MlpPolicy) -> MlpPolicy:
-    """Return a policy that observes the mean situation of its training scenarios, see `mean_situation`."""
-    other, hybrid = copy(policy), policy.hybrid
-    assert isinstance(hybrid, EstimateOnly)
-    other.hybrid = MeanSituation(hybrid, mean_situation(policy))
+def with_mean_situation(policy: Any) -> MlpPolicy:
+    """Return a policy that observes the mean situation of its training scenarios."""
+    other: MlpPolicy = copy(policy)
+    assert isinstance(policy.hybrid, EstimateOnly)
+    other.hybrid = MeanSituation(policy.hybrid, mean_situation(policy))
     return other
 
 
-def measure(
-    name: str, scenarios: Mapping[str, Any], episodes: int, seed: int, cache: Folder | None, jobs: int | Executor
-) -> dict[str, dict[str, Interval]]:
-    """Return the metrics of the policy, of the policy with the mean situation, and their differences, by scenario.
-
-    Args:
-        name: Name of the policy, see `load_policies`.
-        scenarios: Scenarios by name, as for `compare`.
-        episodes: Number of episodes in each scenario.
-        seed: Seed of the first episode.
-        cache: Folder of cached results of the policy.
-        jobs: Number of processes, or an executor.
-    """
-    policies = adaptive_policies(name)
-    held: Any = [with_mean_situation(policy) for policy in policies]
-    adaptive = compare({name: name}, scenarios, episodes, seed, cache, jobs=jobs)
-    constant = compare({_HELD: held}, scenarios, episodes, seed)
-    out = {}
-    for scenario in adaptive.scenarios:
-        results, other = adaptive.results[scenario, name], constant.results[scenario, _HELD]
-        difference = differences(results, other)
-        out[scenario] = {
-            "adaptive": adaptive.summaries[scenario, name]["penalised_rmse"],
-            "held": constant.summaries[scenario, _HELD]["penalised_rmse"],
+def measure(name: str, scenarios: tuple[str, ...], episodes: int, seed: int, jobs: int) -> dict[str, Any]:
+    """Return the penalised RMSE of both policies and their differences, by scenario."""
+    held: Any = [with_mean_situation(policy) for policy in load_learner(name).policies]
+    own = compare([name], scenarios, episodes, seed, CACHE, jobs=jobs)
+    mean = compare({name: held}, scenarios, episodes, seed)
+    values, others = cells(own.table), cells(mean.table)
+    out: dict[str, dict[str, Interval]] = {}
+    for cell in values:
+        difference = differences(values[cell], others[cell])
+        out[cell[0]] = {
+            "adaptive": own.summaries[cell]["penalised_rmse"],
+            "held": mean.summaries[cell]["penalised_rmse"],
             "penalised_rmse": difference["penalised_rmse"],
             "rmse": difference["rmse_of_survivors"],
             "survival": difference["survival"],
@@ -123,7 +96,7 @@ def measure(
     return out
 
 
-def markdown(measured: Mapping[str, Mapping[str, Interval]]) -> str:
+def markdown(measured: dict[str, Any]) -> str:
     """Return a Markdown table with a line for each scenario."""
     headings = ["scenario", "adaptive (mm)", "mean situation (mm)"]
     headings += ["difference (mm)", "where both survive (mm)", "survival (points)"]
@@ -131,13 +104,19 @@ def markdown(measured: Mapping[str, Mapping[str, Interval]]) -> str:
     return markdown_table(headings, rows)
 
 
-def gains(measured: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str, Interval]]:
-    """Return the differences for the figure, in mm, by scenario; their axis has the label `LABEL`."""
+def main() -> None:
+    """Measure, and write the folder and the part of the page."""
+    given = options(__doc__, 200)
+    measured = measure(POLICY, SCENARIOS, given.episodes, given.seed, given.jobs)
     shown = {"all episodes, a fall counts as 1 m": "penalised_rmse", "episodes that both survive": "rmse"}
-    return {scenario: {label: row[key] for label, key in shown.items()} for scenario, row in measured.items()}
+    rows = {scenario: {label: row[key] for label, key in shown.items()} for scenario, row in measured.items()}
+    label = "RMSE with the own situation minus RMSE with the mean situation (mm)"
+    figures.write_png(interval_figure(rows, label), FOLDER / "situation.png")
+    write_text(FOLDER / "situation.md", markdown(measured) + "\n")
+    write_data(FOLDER / "situation.json", measured, episodes=given.episodes, seed=given.seed)
+    text = f"{made_by('situation', given.episodes, given.seed)}\n\n{markdown(measured)}"
+    fill(DOCS / "results.md", {"situation": text})
 
 
-def save(measured: Mapping[str, Mapping[str, Interval]], provenance: Mapping[str, Any], path: Path) -> None:
-    """Write the numbers as JSON: penalised RMSE and differences in mm, survival in percentage points."""
-    data = {"provenance": provenance, "results": to_json_data(measured)}
-    write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+if __name__ == "__main__":
+    main()

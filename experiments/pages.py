@@ -1,0 +1,91 @@
+"""What the experiments share: their options, and the generated parts of the pages of docs/."""
+
+import argparse
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quadpend_train.common.files import to_json_data, write_text
+from quadpend_train.common.provenance import provenance
+from quadpend_train.common.text import figure_text
+from quadpend_train.evaluation.episodes import TEST_SEED
+from quadpend_train.evaluation.statistics import Interval
+from quadpend_train.reports import figures
+
+DOCS = Path(__file__).parents[1] / "docs"
+CACHE = Path("results/cache")
+
+
+def options(description: str | None, episodes: int) -> argparse.Namespace:
+    """Return the options of a script: ``episodes``, ``seed`` and ``jobs``."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=episodes, help="episodes in each scenario")
+    parser.add_argument("--seed", type=int, default=TEST_SEED, help="seed of the first episode")
+    parser.add_argument("--jobs", type=int, default=2, help="number of processes; the results do not depend on it")
+    return parser.parse_args()
+
+
+def fill(path: Path, parts: Mapping[str, str]) -> None:
+    """Replace the text between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the rest of the file does not change.
+
+    Args:
+        path: Markdown file.
+        parts: New texts by name.
+
+    Raises:
+        ValueError: If the file does not contain the comments of a part exactly once.
+    """
+    text = path.read_text(encoding="utf-8")
+    for name, part in parts.items():
+        pattern = re.compile(rf"(<!-- begin {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.DOTALL)
+        pieces = pattern.split(text)
+        if len(pieces) != 4:
+            raise ValueError(f"{path} must contain <!-- begin {name} --> … <!-- end {name} --> exactly once")
+        before, begin, end, after = pieces
+        text = f"{before}{begin}\n{part.strip()}\n\n{end}{after}"
+    write_text(path, text)
+
+
+def made_by(experiment: str, episodes: int, seed: int) -> str:
+    """Return the line above a table: the command, the number of episodes and the seed of the first one."""
+    return f"`python -m experiments.{experiment}`: {episodes} episodes in each scenario, seeds from {seed}."
+
+
+def write_data(path: Path, results: Any, **more: Any) -> None:
+    """Write numbers as JSON, with their provenance."""
+    data = {"provenance": provenance(), **more, "results": to_json_data(results)}
+    write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+
+
+def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log: bool = False) -> Any:
+    """Return a figure with a line of points and intervals for each row, one point for each series.
+
+    Args:
+        rows: Intervals by the names of row and series; all rows have the same series.
+        label: Label of the horizontal axis.
+        log: Whether the horizontal scale is logarithmic; otherwise a line marks zero.
+    """
+    names = list(next(iter(rows.values())))
+    figure = figures.new_figure(7.0, 0.9 + (0.14 + 0.11 * len(names)) * len(rows))
+    ((axis,),) = figures.add_axes(figure, 1, 1)
+    for i, name in enumerate(names):
+        values, low, high = np.array([row[name] for row in rows.values()]).T
+        height = np.arange(len(rows)) + (i - 0.5 * (len(names) - 1)) * 0.7 / len(names)
+        ends = [values - low, high - values]
+        style = {"fmt": "o", "markersize": 4, "color": figures.colour(i), "label": figure_text(name)}
+        axis.errorbar(values, height, xerr=ends, **style)
+    axis.set_yticks(range(len(rows)), [figure_text(name) for name in rows])
+    axis.invert_yaxis()
+    axis.set_xlabel(label)
+    if log:
+        axis.set_xscale("log")
+        figures.set_log_ticks(axis.xaxis, (1.0, 2.0, 5.0))
+    else:
+        axis.axvline(0.0, color="#888888", linewidth=0.8)
+    axis.grid(axis="x", color="#dddddd", linewidth=0.5)
+    figure.legend(loc="outside upper center", ncols=min(len(names), 4), frameon=False)
+    return figure

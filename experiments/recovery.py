@@ -1,0 +1,150 @@
+"""Recovery maps: the starts from which a policy returns to hover in calm air (its region of attraction).
+
+An episode has settled if its error is below 5 cm during the last second; the settling time is the time after which the
+error stays below. An episode recovers if it settles. A grid is symmetric about hover. It sets two quantities of the
+start; all others are those of hover, and nothing is random. `experiments.robustness` draws the maps, and
+`experiments.vehicles` and `experiments.tasks` use the settling times.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_gym.core.arrays import Booleans, Floats, Integers
+from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks import TASKS
+from quadpend_train.evaluation.episodes import EpisodeResults
+
+HOVER_HEIGHT = 2.0  # m, of the hover point above the origin
+SETTLED_ERROR = 0.05  # m
+REST = 1.0  # s at the end of an episode, during which the error must be below `SETTLED_ERROR`
+CALM, CALM_HOVER = Scenario(), Scenario(TASKS["hover"])
+
+
+def settling_times(survived: Booleans, error: Any, period: float) -> Floats:
+    """Return the time after which the error stays below `SETTLED_ERROR`, s, shape (s, n).
+
+    It is nan for an episode that has not settled: after a fall, or if the error is not below the limit during the last
+    second, or during the whole of a shorter episode.
+
+    Args:
+        survived: Whether the episodes were survived, shape (s, n).
+        error: Error after each step, m, shape (s, n, T).
+        period: Control period, s.
+    """
+    outside = ~(error < SETTLED_ERROR)
+    steps = outside.shape[-1]
+    last = np.where(outside.any(axis=-1), steps - np.argmax(outside[..., ::-1], axis=-1), 0)  # steps until it stays
+    settled = survived & (last <= max(steps - round(REST / period), 0))
+    return np.where(settled, period * last, np.nan)
+
+
+class Outcome(IntEnum):
+    """How an episode ended."""
+
+    FELL = 0
+    UNSETTLED = 1  # survived, but away from the hover point
+    RECOVERED = 2
+
+
+class GridAxis(NamedTuple):
+    """One axis of a grid of starts, with ascending values."""
+
+    title: str
+    unit: str
+    values: Floats
+
+
+@dataclass(frozen=True)
+class StartGrid:
+    """A grid of starts.
+
+    Attributes:
+        title: Title of the map.
+        x: Horizontal axis.
+        y: Vertical axis.
+        start: Function from values on x and y, shapes (n,), to fields of the state (`quadpend_gym.physics.state`). The
+            other fields are those of hover.
+    """
+
+    title: str
+    x: GridAxis
+    y: GridAxis
+    start: Callable[[Floats, Floats], dict[str, Floats]]
+
+    @property
+    def size(self) -> int:
+        """Number of starts."""
+        return self.x.values.size * self.y.values.size
+
+    def options(self) -> dict[str, Any]:
+        """Return the options of `reset` for all starts, line by line from the lowest y, with x varying fastest."""
+        x, y = (values.ravel() for values in np.meshgrid(self.x.values, self.y.values))
+        hover = {"position": (0.0, 0.0, HOVER_HEIGHT), "direction": (0.0, 0.0, 1.0)}
+        rest = dict.fromkeys(("velocity", "euler", "euler_rate", "direction_rate"), (0.0, 0.0, 0.0))
+        return {"state": {**rest, **hover, **self.start(x, y)}}
+
+
+class RecoveryMap(NamedTuple):
+    """Outcomes of all starts of a grid, and the times to recover, s, nan where it does not; shape (s, ny, nx)."""
+
+    outcome: Integers
+    time: Floats
+
+    @property
+    def recovered(self) -> float:
+        """Share of recovered starts over all training seeds."""
+        return float(np.mean(self.outcome == Outcome.RECOVERED))
+
+
+def classify(results: EpisodeResults, grid: StartGrid, period: float) -> RecoveryMap:
+    """Return the outcomes of the episodes of a grid, in the order of `StartGrid.options`."""
+    time = settling_times(results.survived, results.error, period)
+    outcome = np.where(np.isnan(time), np.where(results.survived, Outcome.UNSETTLED, Outcome.FELL), Outcome.RECOVERED)
+    shape = (len(outcome), grid.y.values.size, grid.x.values.size)
+    return RecoveryMap(outcome.reshape(shape), time.reshape(shape))
+
+
+def largest_recovered(found: RecoveryMap, values: Floats) -> float:
+    """Return the largest of ascending values such that a policy recovers from all up to it; nan if there is none."""
+    fails = (found.outcome != Outcome.RECOVERED).reshape(-1, values.size).any(axis=0)
+    count = int(fails.argmax()) if fails.any() else values.size
+    return float(values[count - 1]) if count else np.nan
+
+
+def _in_xz_plane(x: Floats, z: Floats) -> Floats:
+    return np.column_stack([x, np.zeros_like(x), z])
+
+
+def _tilted(angle: Floats) -> Floats:
+    """Return directions of a pendulum that is tilted by `angle` (rad) towards x, shape (n, 3)."""
+    return _in_xz_plane(np.sin(angle), np.cos(angle))
+
+
+def _tilt_and_rate(angle: Floats, rate: Floats) -> dict[str, Floats]:
+    return {"direction": _tilted(angle), "direction_rate": _in_xz_plane(rate * np.cos(angle), -rate * np.sin(angle))}
+
+
+def _tilt_and_offset(angle: Floats, offset: Floats) -> dict[str, Floats]:
+    return {"direction": _tilted(angle), "position": _in_xz_plane(offset, np.full_like(offset, HOVER_HEIGHT))}
+
+
+_TILT = GridAxis("initial tilt", "rad", np.linspace(-0.7, 0.7, 25))
+_TILT_RATE = GridAxis("initial tilt rate", "rad/s", np.linspace(-4.0, 4.0, 25))
+_OFFSET = GridAxis("initial x of the quadrotor", "m", np.linspace(-1.5, 1.5, 25))
+START_GRIDS = {
+    "tilt_rate": StartGrid("Tilt and tilt rate", _TILT, _TILT_RATE, _tilt_and_rate),
+    "tilt_offset": StartGrid("Tilt and offset", _TILT, _OFFSET, _tilt_and_offset),
+}
+# From hover outwards: one quantity grows, and the other one is zero.
+_GROWING_TILT, _GROWING_RATE = np.radians(np.arange(60.0)), np.radians(np.arange(0.0, 300.0, 5.0))
+_NONE = np.zeros(1)
+START_LINES = {
+    "tilt": StartGrid("Tilt", _TILT._replace(values=_GROWING_TILT), _TILT_RATE._replace(values=_NONE), _tilt_and_rate),
+    "tilt_rate": StartGrid(
+        "Tilt rate", _TILT._replace(values=_NONE), _TILT_RATE._replace(values=_GROWING_RATE), _tilt_and_rate
+    ),
+}

@@ -1,0 +1,102 @@
+"""docs/results.md and the table of the README: learned policies and classical controllers in all test scenarios.
+
+    python -m experiments.results --jobs 2      # 200 episodes in each scenario, seeds from 1000000; half an hour
+
+It also writes docs/results/ (tables, figures, report.html), docs/hover/, and docs/results/sample.csv: three episodes of
+each policy in each scenario, which a test flies again. `python -m experiments.demo` makes the table of a minute of
+training on the same page, `experiments.robustness`, `situation`, `ablations` and `bound` the other parts.
+"""
+
+import shutil
+from pathlib import Path
+
+import pandas as pd
+
+from experiments import bound
+from experiments.pages import CACHE, DOCS, fill, made_by, options
+from quadpend_baselines.gains import TUNED
+from quadpend_gym.scenarios import SETS
+from quadpend_train.common.files import write_text
+from quadpend_train.common.text import markdown_text
+from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.episodes import TEST_SEED
+from quadpend_train.evaluation.formatting import format_number, markdown_table
+from quadpend_train.evaluation.leaderboard import leaderboard
+from quadpend_train.evaluation.pairwise import compare_pair
+from quadpend_train.reports import report, tables
+
+LEARNED = ("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling")
+CLASSICAL = (
+    *("dual-mode", "flatness", "mppi", "lqi", "lqr", "adrc-matched", "adrc-tuned", "adrc-linear", "adrc-paper"),
+)
+SAMPLE = DOCS / "results/sample.csv"
+SAMPLED = 3  # episodes of a cell
+SLOW = {"mppi": ("windy",)}  # scenarios of policies that take long
+PAIRS = 3  # pairwise comparisons on the page, of the best policy with the next ones
+
+
+def sample() -> pd.DataFrame:
+    """Fly the first episodes of each policy in each scenario; of a learner, the first training seed."""
+    flown = []
+    for name in (*LEARNED, *CLASSICAL):
+        policy = f"{name}-0" if name in LEARNED else name
+        flown.append(compare({name: policy}, SLOW.get(name, SETS["test"]), SAMPLED, TEST_SEED).table)
+    return pd.concat(flown, ignore_index=True)
+
+
+def write_sample(path: Path = SAMPLE) -> None:
+    """Write the sample as CSV; floats with all their digits."""
+    columns = ["scenario", "policy", "episode", "survived", "steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
+    write_text(path, sample()[columns].to_csv(index=False, lineterminator="\n"))
+
+
+def matrix(comparison: Comparison) -> str:
+    """Return a Markdown table of the penalised RMSE in mm, with one line for each scenario.
+
+    The smallest value of a scenario is bold. Survival follows in parentheses where it is below 100 %.
+    """
+    rows = []
+    for scenario in comparison.scenarios:
+        summaries = [comparison.summaries[scenario, policy] for policy in comparison.policies]
+        smallest = min(summary["penalised_rmse"].value for summary in summaries)
+        row = [scenario]
+        for summary in summaries:
+            rmse, survival = summary["penalised_rmse"].value, summary["survival"].value
+            number = f"**{format_number(rmse)}**" if rmse == smallest else format_number(rmse)
+            row.append(number if survival == 100.0 else f"{number} ({survival:.3g} %)")
+        rows.append(row)
+    return markdown_table(["scenario", *comparison.policies], rows)
+
+
+def tuning() -> str:
+    """Return a Markdown table with the tuning command and the score of each policy whose gains were tuned."""
+    rows = [[name, f"`{TUNED[name].command}`", format_number(TUNED[name].score)] for name in CLASSICAL if name in TUNED]
+    return markdown_table(["controller", "found by", "score (mm)"], rows)
+
+
+def main() -> None:
+    """Evaluate, and write the folders and the page."""
+    given = options(__doc__, 200)
+    comparison = compare((*LEARNED, *CLASSICAL), ["test"], given.episodes, given.seed, CACHE, jobs=given.jobs)
+    standings = leaderboard(comparison.table)
+    report.write(comparison, standings, DOCS / "results")
+    planned = bound.read(bound.FOLDER / "bound.csv", list(comparison.scenarios), 8, given.seed)
+    best, *others = (row.policy for row in standings)
+    sentences = [compare_pair(comparison.table, best, other).sentence() for other in others[:PAIRS]]
+    parts = {
+        "provenance": made_by("results", given.episodes, given.seed),
+        "tuning": tuning(),
+        "leaderboard": tables.leaderboard_markdown(standings, bound.bound_row(planned, comparison, best)),
+        "pairwise": "\n".join(f"- {markdown_text(sentence)}" for sentence in sentences),
+        "matrix": matrix(comparison),
+    }
+    fill(DOCS / "results.md", parts)
+    hover = compare(("dual-mode", "flatness", "adrc-paper", *LEARNED), ["hover", "hover_windy"], 200, given.seed, CACHE)
+    report.write(hover, leaderboard(hover.table), DOCS / "hover")
+    for folder in (DOCS / "results", DOCS / "hover"):  # too large for the repository
+        shutil.move(folder / "episodes.csv", Path("results") / f"{folder.name}_episodes.csv")
+    write_sample()
+
+
+if __name__ == "__main__":
+    main()

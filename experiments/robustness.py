@@ -1,0 +1,238 @@
+"""Robustness part of docs/results.md: survival and error under growing perturbations, and recovery maps.
+
+    python -m experiments.robustness --jobs 2                         # the policies of docs/results.md, an hour
+    python -m experiments.robustness flatness mine=mine:make --out results/robustness
+
+50 episodes at each value, seeds from 1000000. At every value of an axis all policies run through the same episodes:
+starts, references, headings and noise are common, only the size of the perturbation differs. The tolerance limit is the
+value at which survival first falls below 90 %, interpolated linearly; the ends of its interval come in the same way
+from the ends of the interval of the survival.
+"""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from experiments.pages import CACHE, DOCS, fill, write_data
+from experiments.perturbations import PERTURBATION_AXES, PerturbationAxis
+from experiments.recovery import CALM_HOVER, START_GRIDS, Outcome, RecoveryMap, StartGrid, classify
+from experiments.results import CLASSICAL, LEARNED
+from quadpend_train.common.text import figure_text
+from quadpend_train.evaluation.episodes import TEST_SEED
+from quadpend_train.evaluation.formatting import markdown_table
+from quadpend_train.evaluation.jobs import Job, load_learner, run_jobs
+from quadpend_train.evaluation.statistics import Interval
+from quadpend_train.evaluation.table import summarise, values_of
+from quadpend_train.reports import figures
+
+TOLERATED_SURVIVAL = 90.0  # %
+OUTCOMES = {Outcome.FELL: ("fell", "#c9c9c9"), Outcome.UNSETTLED: ("survived, not settled", "#D55E00")}
+LONGEST = 6.0  # s, end of the colour scale of the recovery times
+Curve = list[dict[str, Interval]]  # metrics at each value of an axis
+
+
+class Robustness(NamedTuple):
+    """Metrics by the names of axis and policy, and recovery maps by those of grid and policy."""
+
+    axes: Mapping[str, PerturbationAxis]
+    grids: Mapping[str, StartGrid]
+    curves: dict[tuple[str, str], Curve]
+    maps: dict[tuple[str, str], RecoveryMap]
+
+    @property
+    def policies(self) -> list[str]:
+        """Names of the policies."""
+        return list(dict.fromkeys(policy for _, policy in self.curves))
+
+
+def measure(
+    policies: Mapping[str, Any],
+    episodes: int,
+    seed: int = TEST_SEED,
+    axes: Mapping[str, PerturbationAxis] = PERTURBATION_AXES,
+    grids: Mapping[str, StartGrid] = START_GRIDS,
+    **settings: Any,
+) -> Robustness:
+    """Evaluate every policy at all values of every axis and from all starts of every grid.
+
+    Args:
+        policies: Policies by name, as for `load_learner`.
+        episodes: Number of episodes at each value of an axis.
+        seed: Seed of the first episode.
+        axes: Perturbation axes by name.
+        grids: Grids of starts by name.
+        settings: Further arguments of `run_jobs`.
+    """
+    learners = {name: load_learner(policy) for name, policy in policies.items()}
+    jobs: dict[Any, Job] = {
+        (name, policy, value): Job(learner, axis.scenario(value), episodes, seed, axis.options(value, episodes, seed))
+        for name, axis in axes.items()
+        for policy, learner in learners.items()
+        for value in axis.values
+    }
+    jobs |= {
+        (name, policy): Job(learner, CALM_HOVER, grid.size, seed, grid.options())
+        for name, grid in grids.items()
+        for policy, learner in learners.items()
+    }
+    results = run_jobs(jobs, **settings)
+    curves = {
+        (name, policy): [summarise(values_of(results[name, policy, value])) for value in axis.values]
+        for name, axis in axes.items()
+        for policy in learners
+    }
+    maps = {
+        (name, policy): classify(results[name, policy], grid, CALM_HOVER.simulation.period)
+        for name, grid in grids.items()
+        for policy in learners
+    }
+    return Robustness(axes, grids, curves, maps)
+
+
+class Limit(NamedTuple):
+    """Value at which survival falls below `TOLERATED_SURVIVAL`; nan if it is the nominal one, the last one if never."""
+
+    value: float
+    reached: bool
+
+
+def tolerance_limit(values: Sequence[float], survival: Sequence[float]) -> Limit:
+    """Return the limit for survivals, %, at values from the nominal one outwards."""
+    below = [share < TOLERATED_SURVIVAL for share in survival]
+    if below[0]:
+        return Limit(np.nan, True)
+    if not any(below):
+        return Limit(values[-1], False)
+    i = below.index(True)
+    fraction = (survival[i - 1] - TOLERATED_SURVIVAL) / (survival[i - 1] - survival[i])
+    return Limit(values[i - 1] + fraction * (values[i] - values[i - 1]), True)
+
+
+def tolerated_range(axis: PerturbationAxis, curve: Curve) -> str:
+    """Return the tolerance limits of an axis and their intervals as text, in the unit of the axis.
+
+    Examples: ``0.4 [0.3, 0.5]``; ``> 0.6`` if all values are tolerated; ``–`` if the nominal value is not. If the
+    nominal value is not the first one, the lower limit stands first: ``0.8 [0.7, 0.9] to > 2``.
+    """
+    nominal, texts = axis.values.index(axis.nominal), []
+    for sign, outwards in (("<", slice(nominal, None, -1)), (">", slice(nominal, None))):
+        if sign == "<" and not nominal:
+            continue
+        shares = np.array([point["survival"] for point in curve])[outwards].T
+        found = [tolerance_limit(axis.values[outwards], share.tolist()) for share in shares]
+        estimate, low, high = (_limit_text(limit, sign) for limit in found)
+        low, high = (low, high) if sign == ">" else (high, low)
+        texts.append(f"{estimate} [{low}, {high}]" if found[1].reached else estimate)
+    return " to ".join(texts)
+
+
+def _limit_text(limit: Limit, sign: str) -> str:
+    if np.isnan(limit.value):
+        return "–"
+    return f"{limit.value:.2g}" if limit.reached else f"{sign} {limit.value:g}"
+
+
+def markdown(found: Robustness) -> str:
+    """Return the table of the tolerated range on each axis and of the share of recovered starts on each grid."""
+    rows = [
+        [axis.label, *(tolerated_range(axis, found.curves[name, policy]) for policy in found.policies)]
+        for name, axis in found.axes.items()
+    ]
+    for name, grid in found.grids.items():
+        shares = (f"{100.0 * found.maps[name, policy].recovered:.0f}" for policy in found.policies)
+        rows.append([f"{grid.title.lower()}: recovered (%)", *shares])
+    return markdown_table(["", *found.policies], rows)
+
+
+def draw_axis(survival: Any, rmse: Any, axis: PerturbationAxis, curves: Mapping[str, Curve]) -> None:
+    """Draw survival and penalised RMSE of policies along one axis."""
+    for i, curve in enumerate(curves.values()):
+        for part, name in ((survival, "survival"), (rmse, "penalised_rmse")):
+            middle, low, high = np.array([point[name] for point in curve]).T
+            figures.draw_curve(part, i, axis.values, low, middle, high)
+        rmse.plot(axis.values, middle, ".", color=figures.colour(i), markersize=4)
+    survival.axhline(TOLERATED_SURVIVAL, color="#888888", linewidth=0.8, linestyle=":")
+    survival.set(ylabel="survival (%)", ylim=(-3.0, 103.0))
+    rmse.set(ylabel="penalised RMSE (mm)", xlabel=axis.label)
+    for part in (survival, rmse):
+        if axis.scale == "symlog":
+            part.set_xscale("symlog", linthresh=axis.values[1], linscale=0.4)
+            part.set_xticks(axis.values, [f"{value:g}" for value in axis.values], fontsize=8)
+            part.minorticks_off()
+        part.set_xlim(axis.values[0], axis.values[-1])
+        part.grid(alpha=0.25)
+
+
+def draw_curves(found: Robustness) -> Any:
+    """Return a figure of all axes, three beside each other, which share the scale of the RMSE."""
+    rows = -(-len(found.axes) // 3)
+    figure = figures.new_figure(10.8, 3.4 * rows + 0.4)
+    axes = figures.add_axes(figure, 2 * rows, 3)
+    values = np.array([point["penalised_rmse"] for curve in found.curves.values() for point in curve])
+    for i, (name, axis) in enumerate(found.axes.items()):
+        survival, rmse = axes[2 * (i // 3), i % 3], axes[2 * (i // 3) + 1, i % 3]
+        draw_axis(survival, rmse, axis, {policy: found.curves[name, policy] for policy in found.policies})
+        figures.set_log_scale(rmse, float(values[values > 0.0].min()), float(values.max()))
+    for part in axes.ravel():
+        part.set_axis_on() if part.has_data() else part.set_axis_off()
+    figures.add_legend(figure, tuple(found.policies))
+    return figure
+
+
+def draw_maps(found: Robustness, name: str) -> Any:
+    """Return a figure of the recovery maps of all policies on one grid of starts."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    grid, columns = found.grids[name], min(len(found.policies), 4)
+    rows = -(-len(found.policies) // columns)
+    figure = figures.new_figure(2.7 * columns + 0.8, 2.6 * rows + 0.5)
+    axes = figures.add_axes(figure, rows, columns, sharex=True, sharey=True)
+    ends = [(v[0] - 0.5 * (v[1] - v[0]), v[-1] + 0.5 * (v[1] - v[0])) for v in (grid.x.values, grid.y.values)]
+    style: Any = {"origin": "lower", "aspect": "auto", "extent": [*ends[0], *ends[1]], "interpolation": "none"}
+    background = ListedColormap([colour for _, colour in OUTCOMES.values()])
+    for axis, policy in zip(axes.ravel(), found.policies, strict=False):
+        outcome, time = (array[0] for array in found.maps[name, policy])
+        axis.imshow(outcome >= Outcome.UNSETTLED, cmap=background, vmin=0, vmax=1, **style)
+        image = axis.imshow(np.ma.masked_invalid(time), cmap="viridis_r", vmin=0.0, vmax=LONGEST, **style)
+        axis.locator_params(nbins=5)
+        axis.set(xlabel=f"{grid.x.title} ({grid.x.unit})", ylabel=f"{grid.y.title} ({grid.y.unit})")
+        share = 100.0 * found.maps[name, policy].recovered
+        axis.set_title(f"{figure_text(policy)}: {share:.0f} %", fontsize=9)
+        axis.label_outer()
+    for axis in axes.ravel()[len(found.policies) :]:
+        axis.set_axis_off()
+    figure.colorbar(image, ax=axes, label="time to recover (s)", shrink=0.7)
+    handles = [Patch(color=colour, label=label) for label, colour in OUTCOMES.values()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
+    return figure
+
+
+def main() -> None:
+    """Measure, draw, and fill the page if its policies were measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("policies", nargs="*", help="NAME=POLICY or POLICY, as in quadpend evaluate")
+    parser.add_argument("--episodes", type=int, default=50)
+    parser.add_argument("--out", type=Path, default=DOCS / "results")
+    parser.add_argument("--jobs", type=int, default=2)
+    given = parser.parse_args()
+    # Of a learner with several training seeds, the first is measured.
+    published = {**{name: f"{name}-0" for name in LEARNED}, **{name: name for name in CLASSICAL}}
+    named = {text.partition("=")[0]: text.rpartition("=")[2] for text in given.policies}
+    found = measure(named or published, given.episodes, cache_folder=CACHE, processes=given.jobs)
+    given.out.mkdir(parents=True, exist_ok=True)
+    figures.write_png(draw_curves(found), given.out / "curves.png")
+    for name in found.grids:
+        figures.write_png(draw_maps(found, name), given.out / f"{name}.png")
+    curves = {f"{axis}, {policy}": curve for (axis, policy), curve in found.curves.items()}
+    write_data(given.out / "robustness.json", curves, episodes=given.episodes, seed=TEST_SEED)
+    if not named:
+        fill(DOCS / "results.md", {"robustness": markdown(found)})
+    print(markdown(found))
+
+
+if __name__ == "__main__":
+    main()

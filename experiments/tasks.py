@@ -1,0 +1,186 @@
+"""docs/tasks-results.md: how well policies solve the other tasks of the paper's vehicle.
+
+    python -m experiments.tasks --jobs 2      # 200 episodes in each scenario, seeds from 1000000
+
+- swing-up and recovery: how often and how soon episodes settle, see `experiments.recovery`;
+- load (a hanging pendulum) and agile (fast references): the tracking error; agile also over the peak acceleration.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from experiments.pages import CACHE, DOCS, fill, options
+from experiments.perturbations import Fields, PerturbationAxis
+from experiments.recovery import settling_times
+from experiments.robustness import draw_axis
+from quadpend_baselines.modelling.equivalent import body_command, reference_trajectory
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.scenarios import SCENARIOS, Scenario
+from quadpend_gym.tasks.references import Reference
+from quadpend_train.common.files import write_text
+from quadpend_train.evaluation.comparison import Comparison, compare
+from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.statistics import Interval, mean, proportion
+from quadpend_train.evaluation.table import Cell, cells
+from quadpend_train.reports import figures
+
+FOLDER = DOCS / "tasks-results"
+SOON = 5.0  # s
+SETTLING = {
+    "settled": "settled (%)",
+    "settled_soon": f"within {SOON:g} s (%)",
+    "penalised_time": "penalised time (s)",
+    "settled_rmse": "RMSE of the second half (mm)",
+}
+TRACKING = {
+    "survival": "survival (%)",
+    "penalised_rmse": "penalised RMSE (mm)",
+    "settled_rmse": "RMSE of the second half (mm)",
+    "largest_tilt": "largest tilt (°)",
+}
+
+
+class Part(NamedTuple):
+    """A part of the page: a set of scenarios, the policies, and the metrics of the table with their headings."""
+
+    scenarios: str
+    policies: tuple[str, ...]
+    columns: dict[str, str]
+
+
+PARTS = {
+    "swing-up": Part("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), SETTLING),
+    "load": Part("test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
+    "recovery": Part("test-recovery", ("swing-up", "ppo-recovery", "sac-recovery"), SETTLING),
+    "agile": Part("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),
+}
+
+
+def settling(found: Comparison, cell: Cell) -> dict[str, Interval]:
+    """Return how often and how soon episodes settle; one that has not settled counts with its full duration."""
+    scenario = found.scenarios[cell[0]]
+    time = settling_times(cells(found.table)[cell]["survived"], found.errors[cell], scenario.simulation.period)
+    return {
+        "settled": proportion(~np.isnan(time)).scaled(100.0),
+        "settled_soon": proportion(time <= SOON).scaled(100.0),
+        "penalised_time": mean(np.where(np.isnan(time), scenario.duration, time)).clipped(0.0, scenario.duration),
+    }
+
+
+def table(found: Comparison, columns: dict[str, str]) -> str:
+    """Return the metrics of a part as a Markdown table."""
+    rows = []
+    for cell, summary in found.summaries.items():
+        shown = summary | (settling(found, cell) if "settled" in columns else {})
+        rows.append([*cell, *(format_interval(shown[name]) for name in columns)])
+    return markdown_table(["scenario", "policy", *columns.values()], rows)
+
+
+def _fast_references(acceleration: float, _: Any) -> Fields:
+    task = SCENARIOS["agile_windy"].task
+    references = replace(task.references, acceleration=(acceleration, acceleration))
+    return {"task": replace(task, references=references)}
+
+
+_ACCELERATIONS = (1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0)
+ACCELERATION = PerturbationAxis(
+    "peak acceleration of the reference", "m/s²", _ACCELERATIONS, _fast_references, nominal=1.0
+)
+
+
+class Feasible(NamedTuple):
+    """Shares, from 0 to 1, of references whose feedforward is within the limits of thrust, of torques, of both."""
+
+    thrust: float
+    torques: float
+    both: float
+
+
+def feasible_shares(acceleration: float, episodes: int, seed: int) -> Feasible:
+    """Return the shares of the references of an acceleration whose feedforward is within the limits of the command.
+
+    The feedforward is computed at 500 points over the duration of an episode. The limits of tilt do not count.
+    """
+    scenario = ACCELERATION.scenario(acceleration)
+    env = scenario.make_vec(episodes, AutoresetMode.DISABLED)
+    env.reset(seed=seed)
+    references = env.unwrapped.world.reference  # type: ignore[attr-defined]
+    scale = scenario.simulation.command_scale
+    time = np.linspace(0.0, scenario.duration, 500)
+    commands = np.array([feedforward_command(reference, time, scenario) for reference in references])
+    within = np.all(np.abs(commands - scale * [1.0, 0.0, 0.0, 0.0]) <= scale, axis=1)
+    return Feasible(*(float(np.mean(np.all(within[:, part], axis=1))) for part in np.s_[:1, 1:, :]))
+
+
+def feedforward_command(reference: Floats, time: Floats, scenario: Scenario) -> Floats:
+    """Return the feedforward of the flatness-based controller in calm air: thrust (N) and torques (N·m), shape (k, 4).
+
+    Equations (1) to (5) of `quadpend_baselines.modelling.flat_outputs` are exact on circles. Elsewhere they leave out
+    the vertical acceleration of the bob relative to the quadrotor.
+    """
+    derivatives = Reference.from_array(reference).derivatives(time)
+    none = np.zeros((len(time), DISTURBANCE_SIZE))
+    state, command = reference_trajectory(derivatives[:, 2:, :3], derivatives[:, :3, 3], none, scenario.simulation)
+    return body_command(state, command, none, scenario.simulation)
+
+
+def acceleration_table(found: Comparison, feasible: Sequence[Feasible]) -> str:
+    """Return the penalised RMSE over the acceleration as Markdown, with the survival where it is below 100 %."""
+
+    def flight(summary: dict[str, Interval]) -> str:
+        error, survival = format_interval(summary["penalised_rmse"]), summary["survival"].value
+        return error if survival == 100.0 else f"{error} ({survival:.3g} %)"
+
+    rows = [
+        [
+            name,
+            *(f"{100.0 * share:.0f}" for share in shares),
+            *(flight(found.summaries[name, p]) for p in found.policies),
+        ]
+        for name, shares in zip(found.scenarios, feasible, strict=True)
+    ]
+    headings = [ACCELERATION.label, "thrust within limits (%)", "torques within limits (%)", "both (%)"]
+    return markdown_table([*headings, *found.policies], rows)
+
+
+def acceleration_figure(found: Comparison, feasible: Sequence[Feasible]) -> Any:
+    """Return a figure of survival and penalised RMSE over the acceleration, beside what the limits permit."""
+    figure = figures.new_figure(7.5, 5.2)
+    (survival,), (rmse,) = figures.add_axes(figure, 2, 1, sharex=True)
+    curves = {policy: [found.summaries[name, policy] for name in found.scenarios] for policy in found.policies}
+    draw_axis(survival, rmse, ACCELERATION, curves)
+    values = np.array([summary["penalised_rmse"] for summary in found.summaries.values()])
+    figures.set_log_scale(rmse, float(values[values > 0.0].min()), float(values.max()))
+    for name, line in (("thrust", "--"), ("torques", "-.")):
+        shares = [100.0 * getattr(item, name) for item in feasible]
+        label = f"references with {name} within limits"
+        survival.plot(ACCELERATION.values, shares, color="#777777", linestyle=line, label=label)
+    survival.set_ylabel("survival, share of references (%)", fontsize=8)
+    survival.legend(frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    figures.add_legend(figure, found.policies)
+    return figure
+
+
+def main() -> None:
+    """Evaluate all parts, and fill the page."""
+    given = options(__doc__, 200)
+    for name, part in PARTS.items():
+        found = compare(part.policies, [part.scenarios], given.episodes, given.seed, CACHE, jobs=given.jobs)
+        text = table(found, part.columns)
+        if name == "agile":
+            faster = {f"{value:g}": ACCELERATION.scenario(value) for value in ACCELERATION.values}
+            found = compare(part.policies, faster, given.episodes, given.seed, CACHE, jobs=given.jobs)
+            feasible = [feasible_shares(value, given.episodes, given.seed) for value in ACCELERATION.values]
+            text += "\n\n" + acceleration_table(found, feasible)
+            figures.write_png(acceleration_figure(found, feasible), FOLDER / "agile.png")
+        write_text(FOLDER / f"{name}.md", text + "\n")
+        fill(DOCS / "tasks-results.md", {f"tasks-{name}": text})
+
+
+if __name__ == "__main__":
+    main()

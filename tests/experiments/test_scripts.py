@@ -1,0 +1,155 @@
+"""The scripts measure what their pages say, in brief runs."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from docs.tools import models
+from experiments import ablations, situation, tasks, vehicles
+from experiments.pages import fill
+from quadpend_baselines import CONTROLLERS
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE
+from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
+from quadpend_gym.tasks.feasibility import demand
+from quadpend_gym.tasks.references import Reference
+from quadpend_gym.vehicles import VEHICLES
+from quadpend_train.evaluation.comparison import compare
+from quadpend_train.policies.loading import shipped_policies
+from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
+from quadpend_train.training.settings import to_mapping
+from tests.helpers.policies import synthetic_comparison, synthetic_results
+from tests.helpers.sources import ROOT
+
+
+def test_a_part_of_a_page_is_replaced_and_the_rest_stays(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# Title\n<!-- begin a -->\nold\n<!-- end a -->\nend\n")
+    fill(page, {"a": r"new \1"})
+    assert page.read_text() == "# Title\n<!-- begin a -->\n\nnew \\1\n\n<!-- end a -->\nend\n"
+    with pytest.raises(ValueError, match="must contain <!-- begin b -->"):
+        fill(page, {"b": "text"})
+
+
+def test_episodes_that_fall_or_end_away_have_not_settled() -> None:
+    error = [[0.1] * 200 + [0.01] * 800, [0.1] * 600 + [0.01] * 400, [0.01] * 950 + [0.1] + [0.01] * 49, [0.1] * 1000]
+    results = synthetic_results(np.ones(4), [True, True, True, False])._replace(error=np.array([error], np.float32))
+    found = tasks.settling(synthetic_comparison(one=[results]), ("s0", "one"))
+    assert found["settled"].value == pytest.approx(50.0)
+    assert found["settled_soon"].value == pytest.approx(25.0)
+    assert found["penalised_time"].value == pytest.approx((2.0 + 6.0 + 10.0 + 10.0) / 4)
+    assert found["penalised_time"].high == 10.0
+
+
+def test_every_part_has_scenarios_and_policies_of_the_package() -> None:
+    known = {*CONTROLLERS, *shipped_policies()}
+    assert all(SCENARIOS[name] for part in tasks.PARTS.values() for name in SETS[part.scenarios])
+    assert all(policy in known for part in tasks.PARTS.values() for policy in part.policies)
+
+
+def test_references_are_feasible_up_to_the_acceleration_that_the_thrust_allows() -> None:
+    assert tasks.feasible_shares(1.0, 20, 0) == (1.0, 1.0, 1.0)
+    assert tasks.feasible_shares(17.5, 20, 0).both == 0.0  # twice the hover thrust: g √3 = 17 m/s² on a wide circle
+    found = tasks.feasible_shares(14.0, 50, 0)
+    assert 0.0 < found.torques < found.thrust < 1.0
+
+
+def test_two_derivations_of_the_thrust_agree_on_circles() -> None:
+    scenario = tasks.ACCELERATION.scenario(8.0)
+    circle, times = Reference.circle(1.5, np.sqrt(8.0 / 1.5)), np.linspace(0.0, 3.0, 50)
+    thrust = demand(circle, scenario.simulation.parameters, times).thrust
+    found = tasks.feedforward_command(circle.as_array(), times, scenario)
+    np.testing.assert_allclose(found[:, 0], thrust, rtol=1e-9)
+
+
+def test_the_table_and_the_figure_of_fast_references_have_a_line_for_each_acceleration(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    axis = replace(tasks.ACCELERATION, values=(1.0, 4.0))
+    monkeypatch.setattr(tasks, "ACCELERATION", axis)
+    scenarios = {f"{value:g}": replace(axis.scenario(value), duration=1.0) for value in axis.values}
+    found = compare(["flatness"], scenarios, 2)
+    feasible = [tasks.feasible_shares(value, 2, 0) for value in axis.values]
+    lines = tasks.acceleration_table(found, feasible).splitlines()
+    assert [line.split(" | ")[:2] for line in lines[2:]] == [["| 1", "100"], ["| 4", "100"]]
+    assert len(tasks.acceleration_figure(found, feasible).axes) == 2
+    assert "| flatness |" in tasks.table(found, tasks.TRACKING)
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_the_wind_has_its_share_of_the_weight_on_every_vehicle(vehicle: str) -> None:
+    scenario = vehicles.windy_scenario(vehicle)
+    (model,) = scenario.wind_models
+    force = np.linalg.norm(np.broadcast_to(model.force, 3))
+    assert force == pytest.approx(vehicles.WIND_SHARE * VEHICLES[vehicle].weight)
+    assert scenario.simulation == vehicles.calm_scenario(vehicle).simulation
+
+
+def test_the_table_of_vehicles_has_two_lines_for_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vehicles, "CACHE", tmp_path)
+    lines = vehicles.presets(("lqr",), ("paper",), 1, 0, 1).splitlines()
+    assert [line.split(" | ")[:2] for line in lines[2:]] == [["| paper", "calm air"], ["| paper", "wind"]]
+
+
+ONE_SETTING = ("deso", "kalman", "gsde", "residual-action-relative-reward", "gain-scheduling-relative-reward")
+
+
+@pytest.mark.parametrize("name", ablations.ABLATIONS)
+def test_the_two_trainings_of_an_ablation_differ(name: str) -> None:
+    without, added = (to_mapping(settings) for settings in ablations.settings_pair(ablations.ABLATIONS[name], 4))
+    assert without != added
+    assert without["seed"] == added["seed"] == 4
+    if name in ONE_SETTING:
+        without, added = ({**settings, "hybrid": None, **settings["hybrid"]} for settings in (without, added))
+        assert sum(without[key] != added[key] for key in without) == 1
+
+
+def test_the_published_table_has_a_row_for_every_ablation() -> None:
+    text = (ROOT / "docs/results.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"<!-- begin ablations -->\n(.*?)<!-- end ablations -->", text, re.DOTALL)
+    published = [line.strip("| ").split(" | ")[:2] for line in table.strip().splitlines()[2:]]
+    named = [*(item[:2] for item in ablations.ABLATIONS.values()), (ablations.CONSTANT, ablations.CONSTANT_SCENARIO)]
+    none = np.zeros((2, 2))
+    assert published == [ablations.row(part, scenario, none, none)[:2] for part, scenario in named]
+
+
+def adaptive_policy() -> MlpPolicy:
+    random, size = np.random.default_rng(0), 45 + SITUATION_SIZE
+    layers = [
+        (0.1 * random.normal(size=shape).astype(np.float32), np.zeros(shape[1], np.float32))
+        for shape in ((2 * size, 5), (5, 4))
+    ]
+    hybrid = {"kind": "estimate_only", "base_controller": "flatness", "situation": True}
+    card = {"format": FORMAT, "activation": "tanh", "squashed": False, "hybrid": hybrid, "input_scales": [8.0]}
+    card |= {"action_repeat": 1, "history": 1, "history_actions": 0, "settings": {"scenarios": ["windy"]}}
+    return MlpPolicy(layers, card)
+
+
+def test_a_policy_with_the_mean_situation_acts_as_it_would_in_that_situation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(situation, "EPISODES_OF_MEAN", 2)
+    policy = adaptive_policy()
+    other = situation.with_mean_situation(policy)
+    assert isinstance(other.hybrid, situation.MeanSituation)
+    assert other.hybrid.table[-1, 6] > 0.1  # N, of the wind
+    observation = np.random.default_rng(1).normal(scale=0.1, size=(3, 36)).astype(np.float32)
+    memory = None
+    for step in range(3):
+        seen, _ = policy.hybrid.observe(observation, memory and memory.hybrid, np.full(3, memory is None))  # type: ignore[union-attr]
+        seen[:, -SITUATION_SIZE:] = other.hybrid.table[step]
+        action, memory = other.predict(observation, memory)
+        np.testing.assert_array_equal(action, policy.forward(seen))
+
+
+def test_scenarios_of_the_situation_are_known() -> None:
+    assert all(isinstance(SCENARIOS[name], Scenario) for name in situation.SCENARIOS)
+
+
+def test_models_of_all_kinds_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "_SPECTRUM_SECONDS", 45.0)
+    for name in ("dryden", "gusts", "noise", "rotors"):
+        models.draw(name, models.GALLERY[name], 1.0, 1, tmp_path / f"{name}.png")
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000

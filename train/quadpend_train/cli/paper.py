@@ -1,0 +1,23 @@
+"""The command `paper`. The parameters of the function are the options of the command."""
+
+import json
+from pathlib import Path
+
+from quadpend_train.common.files import writable_folder, write_text
+
+
+def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
+    """Repeat the experiment of the paper and draw its Figures 4 to 10.
+
+    Args:
+        gains: Gains of the controller: "paper" or "matched".
+        out: Folder for the figures (PNG, SVG) and merit.json.
+    """
+    writable_folder(out)
+    from quadpend_baselines.paper import experiment, figures, figures_of_merit
+
+    results = experiment.run(gains)
+    figures.draw(results, out)
+    numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
+    write_text(out / "merit.json", numbers + "\n")
+    print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")

@@ -1,0 +1,149 @@
+"""The table of results: one row for each episode, and the metrics that are computed from its columns.
+
+The columns `KEYS` name an episode, and those of `COLUMNS` hold its values in SI units, see
+`quadpend_train.evaluation.episodes.EpisodeResults`. The attribute `attrs` of the table holds the provenance.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from quadpend_train.evaluation.episodes import EpisodeResults
+from quadpend_train.evaluation.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
+
+Cell = tuple[str, str]  # names of a scenario and of a policy
+Values = dict[str, Any]  # arrays of shape (training seeds, episodes) by the name of the column
+KEYS = ("scenario", "policy", "training_seed", "episode")
+
+
+class Column(NamedTuple):
+    """A column of the table.
+
+    Attributes:
+        unit: Unit of the reported values; empty if there is none.
+        better: 1 if larger values are better, -1 if smaller values are better.
+        factor: Factor from the SI units of the table to `unit`.
+    """
+
+    unit: str
+    better: int
+    factor: float = 1.0
+
+
+COLUMNS = {
+    "survived": Column("%", 1, 100.0),
+    "steps": Column("", 1),
+    "rmse": Column("mm", -1, 1000.0),
+    "penalised_rmse": Column("mm", -1, 1000.0),
+    "settled_rmse": Column("mm", -1, 1000.0),
+    "largest_tilt": Column("°", -1, 180.0 / np.pi),
+    "effort": Column("", -1),
+    "return": Column("", 1),
+}
+
+
+class Metric(NamedTuple):
+    """An estimate over the episodes of one policy in one scenario.
+
+    Attributes:
+        column: Column of its values, which determines unit and direction.
+        estimate: Function from values of shape (s, n) to an interval.
+    """
+
+    column: str
+    estimate: Callable[[Any], Interval] = mean
+
+    @property
+    def unit(self) -> str:
+        """Unit of the metric."""
+        return COLUMNS[self.column].unit
+
+    @property
+    def factor(self) -> float:
+        """Factor from the SI units of the table to the unit of the metric."""
+        return COLUMNS[self.column].factor
+
+
+METRICS = {
+    "survival": Metric("survived", proportion),
+    "penalised_rmse": Metric("penalised_rmse"),
+    "iqm": Metric("penalised_rmse", interquartile_mean),
+    "rmse_of_survivors": Metric("rmse"),
+    "settled_rmse": Metric("settled_rmse"),
+    "largest_tilt": Metric("largest_tilt"),
+    "effort": Metric("effort"),
+    "return": Metric("return"),
+}
+
+
+def values_of(results: EpisodeResults) -> Values:
+    """Return the columns of one policy in one scenario as arrays of shape (s, n)."""
+    return {name: getattr(results, "episode_return" if name == "return" else name) for name in COLUMNS}
+
+
+def rows(scenario: str, policy: str, results: EpisodeResults) -> pd.DataFrame:
+    """Return the rows of one policy in one scenario, by training seed and episode."""
+    seed, episode = (index.ravel() for index in np.indices(results.survived.shape))
+    values = {name: array.ravel() for name, array in values_of(results).items()}
+    return pd.DataFrame({"scenario": scenario, "policy": policy, "training_seed": seed, "episode": episode, **values})
+
+
+def cells(table: pd.DataFrame) -> dict[Cell, Values]:
+    """Return the columns of each policy in each scenario as arrays of shape (s, n), in the order of the table."""
+    found = {}
+    for cell, part in table.groupby(["scenario", "policy"], sort=False):
+        shape = part["training_seed"].nunique(), -1
+        found[cell] = {name: part[name].to_numpy().reshape(shape) for name in COLUMNS}
+    return found
+
+
+def names(table: pd.DataFrame, key: str) -> list[str]:
+    """Return the names of the scenarios or of the policies in the order of the table."""
+    return list(dict.fromkeys(table[key]))
+
+
+def summarise(values: Values) -> dict[str, Interval]:
+    """Return every metric of `METRICS` in its unit, with its 95 % interval.
+
+    ``rmse_of_survivors`` and ``settled_rmse`` are means over the survived episodes. ``penalised_rmse`` is the mean over
+    all episodes, and ``iqm`` is its interquartile mean. No metric is negative.
+    """
+    return {
+        name: metric.estimate(_values(name, values)).not_negative().scaled(metric.factor)
+        for name, metric in METRICS.items()
+    }
+
+
+def differences(values: Values, others: Values) -> dict[str, Interval]:
+    """Return the difference of every metric between two policies in the same episodes, with its paired 95 % interval.
+
+    ``iqm`` is the interquartile mean of the differences. ``rmse_of_survivors`` and ``settled_rmse`` are means over the
+    episodes that both survived.
+
+    Args:
+        values: Values of the policy.
+        others: Values to subtract, of one policy or of as many training seeds as `values` has.
+    """
+    out = {"survival": paired_proportion(values["survived"], others["survived"])}
+    for name, metric in METRICS.items():
+        if name != "survival":
+            out[name] = metric.estimate(_values(name, values) - _values(name, others))
+    return {name: value.scaled(METRICS[name].factor) for name, value in out.items()}
+
+
+def summary_table(summaries: dict[Cell, dict[str, Interval]]) -> pd.DataFrame:
+    """Return all metrics as a table with a row for each scenario, policy and metric."""
+    columns = ["scenario", "policy", "metric", "value", "low", "high", "unit"]
+    lines = [
+        (*cell, name, *interval, METRICS[name].unit)
+        for cell, summary in summaries.items()
+        for name, interval in summary.items()
+    ]
+    return pd.DataFrame(lines, columns=columns)
+
+
+def _values(metric: str, values: Values) -> Any:
+    found = values[METRICS[metric].column]
+    return np.where(values["survived"], found, np.nan) if metric == "rmse_of_survivors" else found
