@@ -14,6 +14,7 @@ from quadpend_gym import (
     PaperGusts,
     QuadPendulumEnv,
     QuadPendulumVectorEnv,
+    Simulation,
     Sinusoid,
     Task,
 )
@@ -41,21 +42,26 @@ AT_REST = {
 }
 
 
-def make(**kwargs: Any) -> gym.Env[Any, Any]:
+def parts(simulation: Simulation) -> dict[str, Any]:
+    """Return the fields of a simulation as arguments of an environment."""
+    return {name: getattr(simulation, name) for name in ("vehicle", "interface", "period", "substeps", "latency")}
+
+
+def make(simulation: Simulation | None = None, **kwargs: Any) -> gym.Env[Any, Any]:
     """Return the tracking environment with Gymnasium's own wrappers."""
-    return gym.make("QuadPendulum-v0", **kwargs)
+    return gym.make("QuadPendulum-v0", **(parts(simulation) if simulation else {}), **kwargs)
 
 
 def make_unwrapped(**kwargs: Any) -> QuadPendulumEnv:
-    """Return the tracking environment without wrappers and without a time limit."""
+    """Return the tracking environment without wrappers."""
     env = make(**kwargs).unwrapped
     assert isinstance(env, QuadPendulumEnv)
     return env
 
 
-def make_vec(num_envs: int, **kwargs: Any) -> QuadPendulumVectorEnv:
+def make_vec(num_envs: int, simulation: Simulation | None = None, **kwargs: Any) -> QuadPendulumVectorEnv:
     """Return the native vector environment of the tracking task."""
-    env = gym.make_vec("QuadPendulum-v0", num_envs=num_envs, **kwargs)
+    env = gym.make_vec("QuadPendulum-v0", num_envs, **(parts(simulation) if simulation else {}), **kwargs)
     assert isinstance(env, QuadPendulumVectorEnv)
     return env
 

@@ -57,7 +57,7 @@ def random_vehicle(seed: int, with_rotors: bool = False, **fields: Any) -> Vehic
         "torque": (10.0, 10.0),
         "rate_loop": RateLoop(0.1),
     }
-    return Vehicle(f"random-{seed}", float(mass), **{**given, **fields})
+    return Vehicle(float(mass), **{**given, **fields})
 
 
 def rotors_of(vehicle: Vehicle) -> Rotors:
@@ -92,7 +92,7 @@ class Flight:
     @property
     def pole_position(self) -> Floats:
         """Centre of mass of the pole, m, world frame, shape (n, 3)."""
-        vehicle = self.simulation.rigid_vehicle
+        vehicle = self.simulation.vehicle
         pivot = self.named.position + self.attitude.apply(vehicle.pivot)
         return np.asarray(pivot + vehicle.pole.length * self.named.direction)
 
@@ -157,7 +157,7 @@ def accelerations(flight: Flight, wrench: Floats, disturbance: Floats, momentum:
         momentum: Angular momentum of the propellers, N·m·s.
     """
     s, simulation = flight.named, flight.simulation
-    vehicle, p = simulation.rigid_vehicle, simulation.parameters
+    vehicle, p = simulation.vehicle, simulation.parameters
     motion = np.concatenate([flight.memory[0, :ROTOR_THRUST], s.direction[0], s.direction_rate[0]])
     inputs, out = np.concatenate([wrench, disturbance, [momentum]]), np.empty((9, 1))
     _derivative(p.as_array(), pack_rigid(simulation), motion, inputs, out)

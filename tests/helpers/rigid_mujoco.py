@@ -72,7 +72,7 @@ class Engine:
     """MuJoCo simulation of both bodies; the quadrotor is body 1, the pole body 2."""
 
     def __init__(self, flight: Flight, timestep: float) -> None:
-        self.vehicle = flight.simulation.rigid_vehicle
+        self.vehicle = flight.simulation.vehicle
         self.model = mujoco.MjModel.from_xml_string(describe(self.vehicle, timestep))
         self.data = mujoco.MjData(self.model)
         s, memory, data = flight.named, flight.memory[0], self.data
@@ -105,7 +105,7 @@ class Engine:
 
 def command_of(action: Floats, simulation: Simulation) -> Floats:
     """Return thrust and torques (N, N·m), or the thrusts of the rotors (N), that an action commands."""
-    vehicle = simulation.rigid_vehicle
+    vehicle = simulation.vehicle
     if vehicle.rotors is None:
         x, y, _ = vehicle.pivot
         weight = vehicle.pole.mass * vehicle.gravity

@@ -29,7 +29,7 @@ BAD_ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
     "unknown task": ({"task": "swim"}, "no task 'swim'; the tasks are track, hover"),
     "unknown field of a task": ({"task": {"limits": {"angle": 1}}}, "limits has no field 'angle'"),
     "unknown wind": ({"wind": "gale"}, "no wind 'gale'; there are calm, breeze, windy, storm"),
-    "wind of an unknown kind": ({"wind": {"kind": "storm"}}, "no kind 'storm'"),
+    "wind of an unknown kind": ({"wind": {"kind": "gale"}}, "'gale'.*constant, sinusoid"),
     "render mode": ({"render_mode": "ansi"}, "render_mode must .* not 'ansi'"),
 }
 

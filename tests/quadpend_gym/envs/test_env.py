@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env as check_with_gymnasium
 from numpy.testing import assert_allclose, assert_array_equal
 from stable_baselines3.common.env_checker import check_env as check_with_sb3
 
-from quadpend_gym import OBSERVATION_FIELDS, Parameters, Reference, read_observation
+from quadpend_gym import OBSERVATION_FIELDS, PAPER, Reference, read_observation
 from quadpend_gym.physics.state import STATE_FIELDS
 from tests.helpers.envs import (
     AT_REST,
@@ -33,8 +33,7 @@ MOVING = Reference(
     frequency=(1.0, 2.0, 1.5, 0.7),
     phase=(0.1, 0.2, 0.3, 0.4),
 )
-PARAMETERS = Parameters()
-ROD = PARAMETERS.rod_length
+ROD = PAPER.rod_length
 
 
 @pytest.mark.filterwarnings("error")
@@ -97,7 +96,7 @@ def test_thrust_is_hover_thrust_times_one_plus_action(thrust: float) -> None:
     env = make_unwrapped()
     env.reset(seed=0, options={"state": AT_REST})
     env.step((thrust, 0.0, 0.0, 0.0))
-    assert_allclose(env.state.velocity, (0.0, 0.0, thrust * PARAMETERS.gravity * 0.01), atol=1e-12)
+    assert_allclose(env.state.velocity, (0.0, 0.0, thrust * PAPER.gravity * 0.01), atol=1e-12)
 
 
 @pytest.mark.parametrize(("component", "full_torque"), [(1, 5.0), (2, 5.0), (3, 1.0)])

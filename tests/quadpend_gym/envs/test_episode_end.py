@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadpend_gym import Constant, Limits, QuadPendulumVectorEnv, Reference, Task
+from quadpend_gym import Constant, Limits, Reference, Task
 from tests.helpers.envs import AT_REST, ENDLESS, make, make_unwrapped, make_vec, run_actions
 
 HANGING = {"direction": (0.0, 0.0, -1.0)}
@@ -101,6 +101,9 @@ def test_an_episode_can_be_terminated_and_truncated_by_the_same_step(env: Any) -
     assert endings(env(max_episode_steps=steps), steps)[-1] == (True, True)
 
 
-def test_a_vector_env_without_a_time_limit_never_truncates() -> None:
-    env = QuadPendulumVectorEnv(2, task=ENDLESS, max_episode_steps=None)
-    assert endings(env, 1100) == [(False, False)] * 1100
+@pytest.mark.parametrize("env", [make, lambda **kwargs: make_vec(2, **kwargs)], ids=["single", "vector"])
+@pytest.mark.parametrize("period", [0.005, 0.04])
+def test_an_episode_lasts_its_seconds_at_any_control_period(env: Any, period: float) -> None:
+    steps = round(2.0 / period)
+    flags = endings(env(task=ENDLESS, period=period, duration=2.0), steps)
+    assert flags == [(False, False)] * (steps - 1) + [(False, True)]

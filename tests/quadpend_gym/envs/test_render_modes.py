@@ -150,7 +150,7 @@ def test_a_render_mode_survives_json() -> None:
 
 @pytest.mark.parametrize("period", [0.01, 0.02, 0.004])
 def test_render_fps_is_the_control_rate(period: float) -> None:
-    for env in (make(simulation={"period": period}), make_vec(2, simulation={"period": period})):
+    for env in (make(period=period), make_vec(2, period=period)):
         assert env.metadata["render_fps"] == round(1.0 / period)
     assert QuadPendulumEnv.metadata["render_fps"] == 100
 

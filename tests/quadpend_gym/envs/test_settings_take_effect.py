@@ -8,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_gym import (
-    Actuators,
     Constant,
     Drawn,
     Dryden,
@@ -16,15 +15,14 @@ from quadpend_gym import (
     Limits,
     OrnsteinUhlenbeck,
     PaperGusts,
-    Parameters,
     ReferenceSettings,
     RewardWeights,
-    Simulation,
     Sinusoid,
     StartSettings,
     Task,
     VonKarman,
 )
+from quadpend_gym.vehicles import VEHICLES, Drag
 from tests.helpers.envs import draw_actions, make_unwrapped, make_vec, run_actions
 
 REFERENCES = {
@@ -44,8 +42,16 @@ REFERENCES = {
 STARTS = {field.name: 0.2 for field in fields(StartSettings)} | {"pendulum_angle": (0.2, 0.3)}
 LIMITS = {"pendulum_angle": 0.1, "body_angle": 0.1, "tracking_error": 0.1, "ground": 2.4}
 WEIGHTS = {field.name: 1.0 for field in fields(RewardWeights)}
-PARAMETERS = {field.name: 1.5 * getattr(Parameters(), field.name) for field in fields(Parameters)}
-ACTUATORS = {field.name: 0.5 * getattr(Actuators(), field.name) for field in fields(Actuators)}
+PAPER = VEHICLES["paper"]
+VEHICLE = {
+    "mass": 0.7,
+    "inertia": (0.15, 0.15, 0.15),
+    "gravity": 9.0,
+    "torque": (4.0, 0.5),
+    "pole": replace(PAPER.pole, mass=0.3),
+    "pole length": replace(PAPER.pole, length=0.4, extent=0.4),
+}
+DRAG = {"pole": replace(PAPER.pole, drag_area=0.01), "drag": Drag(0.1)}  # in moving air only
 MOVING_AIR = Constant(velocity=(3.0, 2.0, 1.0))  # drag areas have no effect in still air
 LOADS = {"force": 0.5, "bob_force": 0.5, "torque": 0.5, "velocity": 5.0}
 GUST = Gusts(velocity=(5.0, 0.0, 0.0), pause=(0.0, 0.1), length=(0.1, 0.2))
@@ -92,17 +98,16 @@ def test_every_setting_of_a_task_has_an_effect(default: bytes, part: str, kind: 
     assert run(task=Task(**{part: kind(**{name: value})})) != default
 
 
-@pytest.mark.parametrize(("name", "value"), PARAMETERS.items())
-def test_every_physical_parameter_has_an_effect(default: bytes, name: str, value: float) -> None:
-    simulation = Simulation(Parameters(**{name: value}))
-    effect_in_still_air = run(simulation=simulation) != default
-    assert effect_in_still_air != name.endswith("drag_area")
-    assert run(simulation=simulation, wind=MOVING_AIR) != run(wind=MOVING_AIR)
+@pytest.mark.parametrize(("name", "value"), VEHICLE.items())
+def test_every_number_of_the_vehicle_has_an_effect(default: bytes, name: str, value: Any) -> None:
+    assert run(vehicle=replace(PAPER, **{name.split()[0]: value})) != default
 
 
-@pytest.mark.parametrize(("name", "value"), ACTUATORS.items())
-def test_every_actuator_limit_has_an_effect(default: bytes, name: str, value: float) -> None:
-    assert run(simulation=Simulation(actuators=Actuators(**{name: value}))) != default
+@pytest.mark.parametrize(("name", "value"), DRAG.items())
+def test_drag_has_an_effect_in_moving_air_only(default: bytes, name: str, value: Any) -> None:
+    vehicle = replace(PAPER, **{name: value})
+    assert run(vehicle=vehicle) == default
+    assert run(vehicle=vehicle, wind=MOVING_AIR) != run(wind=MOVING_AIR)
 
 
 @pytest.mark.parametrize(
@@ -119,13 +124,13 @@ def test_every_setting_of_a_wind_has_an_effect(model: Any, name: str, value: Any
         (STARTS, StartSettings),
         (LIMITS, Limits),
         (WEIGHTS, RewardWeights),
-        (PARAMETERS, Parameters),
-        (ACTUATORS, Actuators),
         *((changes, type(model)) for model, changes in WINDS),
     ],
 )
 def test_tables_of_settings_are_complete(table: dict[str, Any], kind: Any) -> None:
-    assert table.keys() == {field.name for field in fields(kind) if field.init} - WITHOUT_EFFECT.get(kind, set())
+    assert table.keys() == {field.name for field in fields(kind) if field.name != "kind"} - WITHOUT_EFFECT.get(
+        kind, set()
+    )
 
 
 def test_reward_weights_are_relative() -> None:

@@ -6,11 +6,12 @@ import gymnasium as gym
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from quadpend_gym import Actuators, Limits, OrnsteinUhlenbeck, Parameters, ReferenceSettings, Simulation, Task
+from quadpend_gym import Limits, OrnsteinUhlenbeck, ReferenceSettings, Task
+from quadpend_gym.sensors import Noise
 from tests.helpers.envs import WINDY, assert_same, draw_actions, make, make_vec, run_actions
 
 TASK = Task(references=ReferenceSettings(hover=0.0, height=(3.0, 4.0)), limits=Limits(tracking_error=0.5))
-SIMULATION = Simulation(Parameters(bob_mass=0.3), Actuators(yaw_torque=2.0), period=0.02, substeps=3)
+LOOP = {"vehicle": "hummingbird", "interface": "body_rates", "latency": 0.02, "period": 0.02, "substeps": 3}
 SETTINGS: dict[str, dict[str, Any]] = {
     "defaults": {},
     "a wind": {"wind": OrnsteinUhlenbeck(force=(0.1, 0.2, 0.3))},
@@ -19,10 +20,10 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "a task by name": {"task": "hover"},
     "a task": {"task": TASK},
     "a task as a mapping": {"task": {"references": {"height": [3.0, 4.0]}, "start": {"position": 0.5}}},
-    "a simulation": {"simulation": SIMULATION},
-    "a simulation as a mapping": {"simulation": {"parameters": {"bob_mass": 0.3}, "period": 0.02}},
+    "a vehicle and its loop": LOOP,
+    "a scenario": {"scenario": "noisy"},
     "a time limit": {"max_episode_steps": 7},
-    "all": {"wind": WINDY, "task": TASK, "simulation": SIMULATION, "max_episode_steps": 7},
+    "all": {"wind": WINDY, "task": TASK, **LOOP, "max_episode_steps": 7},
 }
 settings = pytest.mark.parametrize("kwargs", SETTINGS.values(), ids=SETTINGS.keys())
 
@@ -53,16 +54,11 @@ def test_vector_spec_survives_json(kwargs: dict[str, Any], mode: str) -> None:
 
 
 def test_mappings_and_objects_make_the_same_environment() -> None:
-    objects = make(task=TASK, simulation=SIMULATION, wind=OrnsteinUhlenbeck(force=0.2))
+    objects = make(task=TASK, wind=OrnsteinUhlenbeck(force=0.2), sensors=Noise(position=0.01))
     mappings = make(
         task={"references": {"hover": 0.0, "height": [3.0, 4.0]}, "limits": {"tracking_error": 0.5}},
-        simulation={
-            "parameters": {"bob_mass": 0.3},
-            "actuators": {"yaw_torque": 2.0},
-            "period": 0.02,
-            "substeps": 3,
-        },
         wind={"kind": "ornstein_uhlenbeck", "force": 0.2},
+        sensors={"kind": "noise", "position": 0.01},
     )
     assert_same(mappings.reset(seed=0), objects.reset(seed=0))
     actions = draw_actions(0, 10)

@@ -39,7 +39,7 @@ def test_the_outputs_are_the_euler_angles_and_rates_of_the_attitude() -> None:
 
 
 def test_the_yaw_is_continuous_over_several_turns() -> None:
-    top = Vehicle("top", 1.0, (0.02, 0.02, 0.03), Pole(1e-5, 0.01), torque=(1.0, 1.0))
+    top = Vehicle(1.0, (0.02, 0.02, 0.03), Pole(1e-5, 0.01), torque=(1.0, 1.0))
     flight = start(Simulation(vehicle=top, period=0.1, substeps=10), at_rest())
     flight.memory[:, BODY_RATE:ROTOR_THRUST] = 0.0, 0.0, -7.0
     for step in range(1, 31):

@@ -1,16 +1,18 @@
 """Wind exerts drag on both bodies by their velocity relative to the air; without a wind velocity there is no drag."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import PAPER, Constant, Disturbance, Parameters, Simulation
+from quadpend_gym import PAPER, Constant, Disturbance, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import energy
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import DISTURBANCE_FIELDS, DISTURBANCE_SIZE
+from quadpend_gym.vehicles import VEHICLES
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec
 from tests.helpers.wind import EXAMPLES, every_kind
 
@@ -54,7 +56,7 @@ def test_the_velocity_of_the_bob_includes_the_rotation_of_the_rod() -> None:
     # With a rod of 0.45 m that points along x and rotates about z, the bob moves along y.
     disturbance = disturbance_at_rest(
         STILL_AIR,
-        Simulation(Parameters(rod_length=0.45)),
+        Simulation(replace(VEHICLES["paper"], pole=replace(VEHICLES["paper"].pole, length=0.45, extent=0.45))),
         direction=(1.0, 0.0, 0.0),
         direction_rate=(0.0, 2.0, 0.0),
         velocity=(0.0, 0.1, 0.0),

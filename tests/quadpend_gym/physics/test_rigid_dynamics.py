@@ -23,7 +23,7 @@ LIGHT = Pole(1e-5, 0.01)  # a pole that an attitude hardly notices, at the body'
 
 def free_body(inertia: tuple[float, float, float], **fields: Any) -> Vehicle:
     """Return a body without rotors whose pole is on its centre of mass, so that the pole has no effect on it."""
-    return Vehicle("free", 1.0, inertia, LIGHT, torque=(1.0, 1.0), **fields)
+    return Vehicle(1.0, inertia, LIGHT, torque=(1.0, 1.0), **fields)
 
 
 def spinning(vehicle: Vehicle, rate: tuple[float, float, float], period: float, substeps: int) -> Flight:
@@ -35,19 +35,19 @@ def spinning(vehicle: Vehicle, rate: tuple[float, float, float], period: float, 
 
 def spin_momentum(flight: Flight) -> Floats:
     """Return the angular momentum of the body about its centre of mass, N·m·s, world frame, shape (n, 3)."""
-    inertia = flight.simulation.rigid_vehicle.inertia_matrix
+    inertia = flight.simulation.vehicle.inertia_matrix
     return np.asarray(flight.attitude.apply(flight.body_rate @ inertia))
 
 
 def kinetic_energy_of_spin(flight: Flight) -> Floats:
     """Return ½ ω·I ω in J, shape (n,)."""
     rate = flight.body_rate
-    return np.asarray(0.5 * np.sum(rate * (rate @ flight.simulation.rigid_vehicle.inertia_matrix), axis=-1))
+    return np.asarray(0.5 * np.sum(rate * (rate @ flight.simulation.vehicle.inertia_matrix), axis=-1))
 
 
 def energy(flight: Flight) -> Floats:
     """Return the kinetic plus potential energy of body and pole in J, shape (n,)."""
-    v, s = flight.simulation.rigid_vehicle, flight.named
+    v, s = flight.simulation.vehicle, flight.named
     velocity = pole_velocity(flight)
     height = v.mass * s.position[:, 2] + v.pole.mass * flight.pole_position[:, 2]
     return np.asarray(
@@ -61,7 +61,7 @@ def energy(flight: Flight) -> Floats:
 
 def pole_velocity(flight: Flight) -> Floats:
     """Return the velocity of the pole's centre of mass, m/s, world frame, shape (n, 3)."""
-    v, s = flight.simulation.rigid_vehicle, flight.named
+    v, s = flight.simulation.vehicle, flight.named
     return np.asarray(
         s.velocity + flight.attitude.apply(np.cross(flight.body_rate, v.pivot)) + v.pole.length * s.direction_rate
     )
@@ -203,11 +203,11 @@ def test_propellers_turn_against_their_yaw_torque_and_make_a_spinning_body_prece
 def test_near_hover_a_rigid_body_moves_as_the_papers_model_to_second_order() -> None:
     p = UNEQUAL
     pole, inertia = Pole(p.bob_mass, p.rod_length), (p.inertia_roll, p.inertia_pitch, p.inertia_yaw)
-    vehicle = Vehicle("paper-like", p.quadrotor_mass, inertia, pole, torque=(5.0, 1.0), gravity=p.gravity)
+    vehicle = Vehicle(p.quadrotor_mass, inertia, pole, torque=(5.0, 1.0), gravity=p.gravity)
     simulation = Simulation(vehicle=vehicle, period=0.4, substeps=200)
     rest, deviation = at_rest(ROWS), random_states(ROWS, 4)
     actions, disturbance = np.random.default_rng(4).uniform(-1.0, 1.0, (ROWS, 4)), random_disturbances(ROWS, 4)
-    parameters = replace(p, quadrotor_drag_area=0.0, bob_drag_area=0.0)
+    parameters = p._replace(quadrotor_drag_area=0.0, bob_drag_area=0.0)
     sizes, errors = np.array([0.004, 0.002, 0.001]), []
     for size in sizes:
         state = rest + size * deviation

@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from quadpend_gym import Disturbance, Parameters, State
-from quadpend_gym.physics import parameters
 from quadpend_gym.physics.state import DISTURBANCE_FIELDS, DISTURBANCE_SIZE, STATE_FIELDS, STATE_SIZE
+from quadpend_gym.vehicles import parameters
 
 LAYOUTS = pytest.mark.parametrize(
     ("view", "fields", "size"),

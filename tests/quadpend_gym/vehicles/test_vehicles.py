@@ -9,27 +9,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from quadpend_gym import vehicles
 from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.vehicles import (
     POLES,
     VEHICLES,
-    Parameters,
     RateLoop,
     Vehicle,
     as_vehicle,
     hover_thrusts,
     mixing,
-    poles,
     torque_limits,
 )
 
 WITH_ROTORS = [name for name, vehicle in VEHICLES.items() if vehicle.rotors]
-PRESETS = Path(poles.__file__).with_name("presets.toml").read_text(encoding="utf-8")
-
-
-def test_the_papers_vehicle_has_the_default_parameters() -> None:
-    assert VEHICLES["paper"].parameters == Parameters()
-    assert VEHICLES["paper"].attitude == "euler"
+PRESETS = Path(vehicles.__file__).with_name("presets.toml").read_text(encoding="utf-8")
 
 
 def test_each_number_of_a_preset_has_a_comment_on_its_line() -> None:
@@ -96,7 +90,7 @@ def test_a_pole_beside_the_centre_of_mass_is_held_by_a_torque() -> None:
 
 def test_a_vehicle_may_have_a_full_inertia_and_be_given_as_plain_data() -> None:
     matrix = [[0.003, 1e-4, 0.0], [1e-4, 0.0032, 0.0], [0.0, 0.0, 0.0055]]
-    vehicle = Vehicle("mine", 0.5, matrix, "hehn", torque=[0.4, 0.08])  # type: ignore[arg-type]
+    vehicle = Vehicle(0.5, matrix, "hehn", torque=[0.4, 0.08])  # type: ignore[arg-type]
     assert_allclose(vehicle.inertia_matrix, matrix)
     assert vehicle.pole is POLES["hehn"]
     assert vehicle.rate_loop == RateLoop()
@@ -106,7 +100,7 @@ def test_a_vehicle_may_have_a_full_inertia_and_be_given_as_plain_data() -> None:
 def test_a_toml_file_is_a_vehicle_with_the_name_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("mass = 1.0\ninertia = [0.01, 0.01, 0.018]\npole = 'tube-1m'\ntorque = [1.0, 0.2]\n")
-    expected = Vehicle("mine", 1.0, (0.01, 0.01, 0.018), POLES["tube-1m"], torque=(1.0, 0.2))
+    expected = Vehicle(1.0, (0.01, 0.01, 0.018), POLES["tube-1m"], "mine", torque=(1.0, 0.2))
     assert as_vehicle(str(path)) == as_vehicle(path) == expected
 
 

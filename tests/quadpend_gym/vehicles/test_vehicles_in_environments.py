@@ -6,27 +6,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
 from numpy.testing import assert_allclose
 
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.cli.main import main
-from tests.quadpend_gym.vehicles.test_bad_vehicles import GOOD, changed
+from tests.quadpend_gym.vehicles.test_bad_vehicles import changed
 
 ID = "quadpend_gym:QuadPendulum-v0"
-
-
-@pytest.mark.parametrize("settings", [lambda path: {"vehicle": path}, lambda path: {"simulation": {"vehicle": path}}])
-def test_the_specification_of_an_environment_has_the_vehicle_in_place_of_its_file(
-    settings: Any, tmp_path: Path
-) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(GOOD)
-    env: Any = gym.make(ID, **settings(str(path)))
-    path.unlink()
-    again: Any = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert again.unwrapped.world.simulation == env.unwrapped.world.simulation
-    assert again.unwrapped.world.simulation.vehicle.name == "mine"
 
 
 def test_the_picture_shows_the_thrust_that_the_rotors_have_reached() -> None:
