@@ -27,7 +27,7 @@ controller's action, by ten, because the base controller keeps these values smal
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import fields
+from dataclasses import asdict
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -95,7 +95,7 @@ class Hybrid:
         if not isinstance(self.base_controller, str):
             raise ValueError(f"only a base_controller with a name can be written as data, not {self.base_controller!r}")
         values: Any = self
-        return {"kind": self.kind, **{item.name: getattr(values, item.name) for item in fields(values)}}
+        return {"kind": self.kind, **asdict(values)}
 
     def observation_size(self, size: int) -> int:
         """Return the size of the policy's observation if the environment's observation has `size` numbers."""

@@ -91,15 +91,6 @@ def test_zero_residual_is_the_base_controller_alone(name: str, outputs: bool) ->
     assert np.sum([part[2] | part[3] for part in runs[0][1]]) >= 12
 
 
-def test_zero_action_keeps_the_nominal_bandwidths() -> None:
-    runs = [
-        run_policy(policy, make_vec(6, wind="windy", **SAME_STEP, **SHORT), 70)
-        for policy in (controller("flatness"), HybridPolicy(BandwidthScheduling("flatness", 2.0)))
-    ]
-    assert_allclose(runs[1][0], runs[0][0], atol=1e-12)
-    assert_array_equal([part[0] for part in runs[1][1]], [part[0] for part in runs[0][1]])
-
-
 @observers
 def test_residual_is_scaled_added_and_clipped(name: str) -> None:
     observation, _ = make_vec(4).reset(seed=0)

@@ -23,7 +23,6 @@ from quadpend_baselines.hybrid import (
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.controllers import HybridPolicy, constant, run_policy
 from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make, make_vec, run_actions
 from tests.helpers.wrappers import HISTORY, OUTPUTS, SENSORS, SHORT, WIND, Layers, make_wrapped, make_wrapped_vec
 
@@ -35,14 +34,6 @@ HYBRIDS: dict[str, Make] = {
     "residual, flatness": lambda: ResidualAction("flatness", 0.3),
     "residual, lqi": lambda: ResidualAction("lqi", 0.3),
     "scheduling": lambda: BandwidthScheduling("flatness", 1.0),
-}
-SIZES = {
-    "estimate, adrc": 45,
-    "estimate, flatness": 45,
-    "residual, adrc": 49,
-    "residual, flatness": 49,
-    "residual, lqi": 49,
-    "scheduling": 45,
 }
 LAYERS: dict[str, Layers] = {"plain": [WIND], "sensors and outputs": [WIND, SENSORS, OUTPUTS]}
 BRIEF = {**SHORT, "max_episode_steps": 9}
@@ -97,60 +88,6 @@ def test_vector_wrapper_equals_wrapped_single_environments(hybrid: Make, layers:
             mask = {"reset_mask": over}
             assert_array_equal(env.reset(options=mask)[0], theirs.reset(options=mask)[0])
     assert ended.min() >= 2
-
-
-@all_hybrids
-def test_final_observation_belongs_to_the_ended_episode(hybrid: Make) -> None:
-    """It equals the observation without the end of the episode, so the base controller has kept its memory."""
-    short = wrap(make_vec(3, wind="windy", max_episode_steps=15, autoreset_mode="SameStep"), hybrid)
-    long = wrap(make_vec(3, wind="windy", max_episode_steps=None, autoreset_mode="Disabled"), hybrid)
-    assert_array_equal(short.reset(seed=0)[0], long.reset(seed=0)[0])
-    for action in 0.1 * draw_actions(0, 15, 3):
-        observation, _, _, truncated, info = short.step(action)
-        expected = long.step(action)[0]
-    assert truncated.all()
-    assert_array_equal(np.stack(info["final_obs"]), expected)
-    assert (observation != expected).any(axis=1).all()
-
-
-@one_of_each
-def test_partial_reset_keeps_the_other_base_controllers(hybrid: Make) -> None:
-    env, untouched = (wrap(make_vec(3, wind="windy"), hybrid) for _ in range(2))
-    env.reset(seed=0), untouched.reset(seed=0)
-    actions = 0.2 * draw_actions(0, 6, 3)
-    seen = run_actions(env, actions)[-1][0]
-    run_actions(untouched, actions)
-    mask = np.array([False, True, False])
-    begun, _ = env.reset(options={"reset_mask": mask})
-    assert_array_equal(begun[~mask], seen[~mask])
-    after, beside = run_actions(env, actions)[-1][0], run_actions(untouched, actions)[-1][0]
-    assert_array_equal(after[~mask], beside[~mask])
-    assert (after[mask] != beside[mask]).any()
-
-
-@all_hybrids
-@inner_layers
-def test_wrapped_environment_equals_the_hybrid_on_the_plain_environment(hybrid: Make, layers: Layers) -> None:
-    agent = constant(0.02, -0.01, 0.03, 0.1)
-    plain = make_wrapped_vec(3, layers, autoreset_mode="SameStep", **SHORT)
-    policy = HybridPolicy(hybrid(), agent)
-    _, results = run_policy(policy, plain, 30)
-    env = wrap(make_wrapped_vec(3, layers, autoreset_mode="SameStep", **SHORT), hybrid)
-    observation, _ = env.reset(seed=5)
-    for seen, expected in zip(policy.seen, results, strict=True):
-        assert_array_equal(observation, seen)
-        observation, *rest, _ = env.step(agent(observation))
-        assert_same(rest, list(expected[1:4]))
-
-
-@pytest.mark.parametrize("name", HYBRIDS)
-def test_observation_spaces_have_the_sizes_of_the_table(name: str) -> None:
-    for outputs in (False, True):
-        inner = make_wrapped([OUTPUTS] if outputs else [])
-        expected = SIZES[name]
-        if outputs and "adrc" in name:
-            expected -= 9  # ADRC does not estimate the whole state
-        assert wrap(inner, HYBRIDS[name]).observation_space.shape == (expected,)
 
 
 def test_a_base_controller_with_a_name_is_designed_for_the_environment_and_an_object_is_not() -> None:

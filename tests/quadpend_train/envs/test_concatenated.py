@@ -8,10 +8,7 @@ import pytest
 from gymnasium.vector import VectorEnv
 from numpy.testing import assert_array_equal
 
-from quadpend_baselines import controller
-from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv, worlds
-from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, draw_actions, make_vec, run_actions
 from tests.helpers.wrappers import (
@@ -88,20 +85,6 @@ def test_rows_equal_the_rows_of_the_parts(seed: Any) -> None:
     assert partly > 0  # episodes ended in some parts and not in others
 
 
-def test_unseeded_resets_continue_the_episodes_of_the_parts() -> None:
-    concatenated, others = ConcatenatedVectorEnv(parts()), parts()
-    concatenated.reset(seed=5)
-    for env, rows in zip(others, SLICES, strict=True):
-        env.reset(seed=5 + rows.start)
-    for _ in range(2):
-        actions = draw_actions(0, 5, ROWS)
-        run_actions(concatenated, actions)
-        for env, rows in zip(others, SLICES, strict=True):
-            run_actions(env, actions[:, rows])
-        again = np.concatenate([env.reset()[0] for env in others])
-        assert_array_equal(concatenated.reset()[0], again)
-
-
 def test_reset_options_reach_every_part() -> None:
     concatenated = ConcatenatedVectorEnv(parts())
     concatenated.reset(seed=0, options={"state": {"position": [0.0, 0.0, 2.5]}})
@@ -109,50 +92,6 @@ def test_reset_options_reach_every_part() -> None:
         assert_array_equal(env.unwrapped.state.position, [[0.0, 0.0, 2.5]] * env.num_envs)  # type: ignore[attr-defined]
     with pytest.raises(ValueError, match="wrong"):
         concatenated.reset(options={"wrong": 1})
-
-
-@pytest.mark.parametrize("name", ["adrc-matched", "flatness"])
-def test_rollout_equals_the_rollouts_in_the_parts(name: str) -> None:
-    together = list(rollout(controller(name), ConcatenatedVectorEnv(parts()), 20))
-    separate = [
-        list(rollout(controller(name), env, 20 + rows.start)) for env, rows in zip(parts(), SLICES, strict=True)
-    ]
-    assert len(together) == max(map(len, separate))
-    for rows, steps in zip(SLICES, separate, strict=True):
-        for number, step in enumerate(together):
-            if number >= len(steps):
-                assert not step.active[rows].any()
-                continue
-            expected, active = steps[number], steps[number].active
-            assert_array_equal(step.active[rows], active)
-            for field in RolloutStep._fields[1:]:
-                if field != "memory":
-                    assert_array_equal(getattr(step, field)[rows][active], getattr(expected, field)[active])
-
-
-def test_sb3_adapter_equals_the_adapters_of_the_parts() -> None:
-    env = SB3VecEnv(ConcatenatedVectorEnv(parts()), 0.01)
-    plain = [SB3VecEnv(part, 0.01) for part in parts()]
-    env.seed(3)
-    for part, rows in zip(plain, SLICES, strict=True):
-        part.seed(3 + rows.start)
-    assert_array_equal(env.reset(), np.concatenate([part.reset() for part in plain]))
-    for actions in biased_actions(40, ROWS):
-        observation, reward, over, infos = env.step(actions)
-        results = [part.step(actions[rows]) for part, rows in zip(plain, SLICES, strict=True)]
-        assert_array_equal(observation, np.concatenate([step[0] for step in results]))
-        assert_array_equal(reward, np.concatenate([step[1] for step in results]))
-        assert_array_equal(over, np.concatenate([step[2] for step in results]))
-        for info, expected in zip(infos, [info for step in results for info in step[3]], strict=True):
-            assert info.keys() == expected.keys()
-            if info:
-                assert_array_equal(info["terminal_observation"], expected["terminal_observation"])
-                assert info["TimeLimit.truncated"] == expected["TimeLimit.truncated"]
-                assert info["episode"]["r"] == expected["episode"]["r"]
-    means, shares = env.take_means(), [part.take_means() for part in plain]
-    for name, value in means.items():
-        counts = [part.num_envs for part in plain]
-        assert value == pytest.approx(np.average([share[name] for share in shares], weights=counts))
 
 
 def make_two(**kwargs: Any) -> VectorEnv[Any, Any, Any]:

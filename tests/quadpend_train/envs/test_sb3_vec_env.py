@@ -46,16 +46,6 @@ def test_steps_equal_those_of_dummy_vec_env_with_monitors() -> None:
     assert ended > NUM_ENVS
 
 
-def test_other_vector_environments_with_same_step_autoreset_are_accepted() -> None:
-    cartpole = gym.make_vec(
-        "CartPole-v1", 2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
-    )
-    env = SB3VecEnv(cartpole)
-    env.reset()
-    ends = [env.step(np.ones(2, np.int64)) for _ in range(30)]
-    assert any("episode" in info for _, _, _, infos in ends for info in infos)
-
-
 def test_reward_scale_does_not_change_episode_statistics() -> None:
     plain, scaled = (
         SB3VecEnv(QuadPendulumVectorEnv(2, max_episode_steps=3, autoreset_mode="SameStep"), scale)

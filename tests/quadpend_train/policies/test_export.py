@@ -157,7 +157,9 @@ def test_algorithm_of_another_library_is_found_beside_its_policies(
         "class TheirAlgorithm(PPO):\n    def predict(self, observation, *_, **__):\n"
         "        return np.full((len(observation), 4), 0.25, np.float32), None\n"
     )
-    module = __import__(write_module(tmp_path, monkeypatch, code))
+    name = write_module(tmp_path, monkeypatch, code)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = __import__(name)
     module.TheirAlgorithm(module.TheirPolicy, env(), device="cpu", **ROLLOUT).save(tmp_path / "model.zip")
     policy: Any = load_policy(str(tmp_path / "model.zip"))
     assert isinstance(policy.model, module.TheirAlgorithm)
