@@ -1,11 +1,11 @@
 """The fallback reduces the policy's action where actuators are late or the pendulum leans far."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose
 
 from quadpend_baselines.hybrid import BandwidthScheduling, Hybrid, HybridMemory, ResidualAction
@@ -57,7 +57,7 @@ def test_leaning_pendulum_raises_the_score_which_decays_by_one_percent_a_step() 
 
 def anomaly_scores(scenario: str) -> Floats:
     """Anomaly scores over two seconds of eight episodes, shape (200, 8)."""
-    env = find_scenario(scenario).make_vec(8, AutoresetMode.SAME_STEP, 200)
+    env = replace(find_scenario(scenario), duration=2.0).make_vec(8)
     steps = rollout(HybridPolicy(scheduling()), env, VALIDATION_SEED)
     return np.array([step.memory.anomaly_score for step in steps])
 
