@@ -5,6 +5,7 @@ with rotors and a loop on board. Both have the same methods. They compute a batc
 `quadpend_gym.physics.dynamics` and `quadpend_gym.physics.rigid_body`.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,7 +20,7 @@ from quadpend_gym.physics.rigid_kernel import (
     advance_rigid,
     rigid_from_state,
 )
-from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, THRUST
 from quadpend_gym.vehicles import Simulation
 
 
@@ -31,9 +32,12 @@ class EulerPlant:
 
     Attributes:
         memory_size: Numbers of a vehicle besides its state: 0.
+        torque_in_world: Whether the torque of a disturbance is a vector of the world frame; else it is about the φ, θ
+            and ψ axes.
     """
 
     memory_size = 0
+    torque_in_world = False
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
@@ -73,8 +77,11 @@ class EulerPlant:
         switch: int = 0,
     ) -> None:
         """Advance states, shape (n, 18), in place by one control period; see `RigidPlant.advance`."""
-        period, substeps = self.simulation.period, self.simulation.substeps
-        advance(state, self.command(action), disturbance, parameters, period, substeps)
+        self.advance_under(self.command(action), state, disturbance, parameters)
+
+    def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:
+        """Advance states in place under thrust (N) and torques (N·m) that act at once, shape (n, 4)."""
+        advance(state, command, disturbance, parameters, self.simulation.period, self.simulation.substeps)
 
 
 class RigidPlant:
@@ -86,9 +93,11 @@ class RigidPlant:
     Attributes:
         memory_size: Numbers of a vehicle besides its state: quaternion, body rate and rotor thrusts, see
             `quadpend_gym.physics.rigid_kernel`.
+        torque_in_world: As for `EulerPlant`.
     """
 
     memory_size = RIGID_SIZE
+    torque_in_world = True
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
@@ -154,6 +163,14 @@ class RigidPlant:
             action_before,
             switch,
         )
+
+    def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:
+        """Advance states in place under thrust (N) and torques (N·m) that act at once, shape (n, 4)."""
+        vehicle = replace(self.simulation.vehicle, rotors=None, torque=self.simulation.torque_limits)
+        direct = RigidPlant(replace(self.simulation, vehicle=vehicle, interface="wrench", latency=0.0))
+        hover = np.eye(COMMAND_SIZE)[THRUST] * self.simulation.parameters.hover_thrust
+        action = (command - hover) / direct.simulation.command_scale
+        direct.advance(state, direct.initial_memory(state), action, disturbance, parameters)
 
     def _hovering(self, rows: int) -> Floats:
         return self.initial_memory(np.zeros((rows, STATE_SIZE)))

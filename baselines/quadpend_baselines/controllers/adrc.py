@@ -73,6 +73,7 @@ from quadpend_baselines.modelling.planar import rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action, to_command
 from quadpend_gym import Parameters, Simulation, read_observation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbance, State
 
@@ -189,7 +190,7 @@ class ADRC(Controller):
     @property
     def _needs_plant(self) -> bool:
         """Whether the actions depend on the vehicle's attitude and rotors, or on the commands under way."""
-        return self.simulation.is_rigid or self._prediction.memory_size > 0
+        return plant_of(self.simulation).memory_size > 0 or self._prediction.memory_size > 0
 
     def _predicted_action(
         self, observation: Floats32, measurement: AdrcMeasurement, estimate: Floats, before: Any, started: Booleans

@@ -46,6 +46,7 @@ from quadpend_baselines.modelling.linear_model import (
 from quadpend_baselines.policy.protocol import select_rows
 from quadpend_gym import Simulation, read_observation
 from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, FORCE, STATE_SIZE, State
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE, OBSERVATION_SIZE, REFERENCE_START
@@ -171,7 +172,7 @@ class Estimator:
         correction = np.einsum("nij,nj->ni", gain, rotate_state(innovation[:, STATE_COLUMNS], -yaw)[:, measured])
         state[:, STATE_COLUMNS] += rotate_state(correction[:, :MODEL_STATE_SIZE], yaw)
         disturbance[:, DISTURBANCE_COLUMNS] += rotate_disturbance(
-            correction[:, MODEL_STATE_SIZE:], yaw, self.simulation.is_rigid
+            correction[:, MODEL_STATE_SIZE:], yaw, plant_of(self.simulation).torque_in_world
         )
         project_direction(state)
         disturbance[:, DISTURBANCE_COLUMNS] = np.clip(

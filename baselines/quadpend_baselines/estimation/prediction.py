@@ -16,12 +16,11 @@ import numpy as np
 
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.modelling.planar import limit_norm
-from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.parameters import BOB_MASS, QUADROTOR_MASS
-from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
+from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import State
 
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
@@ -91,9 +90,7 @@ class Prediction:
             state: The states.
             thrusts: Rotor thrusts, N, shape (n, 4); None: those at hover.
         """
-        if not self.simulation.is_rigid:
-            return np.empty((len(state), 0))
-        rigid = rigid_from_state(state, self.simulation)
+        rigid = plant_of(self.simulation).initial_memory(state)
         if thrusts is not None:
             rigid[:, ROTOR_THRUST:] = thrusts
         return rigid
@@ -110,19 +107,13 @@ class Prediction:
     def _advance(self, estimate: Estimate, action: Floats32, simulation: Simulation) -> Estimate:
         """Advance by the period of `simulation`, which may differ from the control period."""
         action, memory = self.loop.act(action, estimate.loop[:, : self.loop.memory_size], simulation)
-        state, rigid = estimate.state.copy(), estimate.rigid
+        state, rigid, switch = estimate.state.copy(), estimate.rigid.copy(), self._latency[1]
         parameters = np.tile(self.simulation.parameters.as_array(), (len(state), 1))
         parameters[:, MASSES] *= estimate.mass_ratio[:, np.newaxis]
-        if simulation.is_rigid:
-            rigid, switch = rigid.copy(), self._latency[1]
-            before = np.ascontiguousarray(estimate.loop[:, -4:]) if switch else None
-            acting = action.astype(np.float64)
-            advance_rigid(state, rigid, acting, estimate.disturbance, parameters, simulation, before, switch)
-            if switch:
-                memory = np.concatenate([memory, action], axis=1)
-        else:
-            command = to_command(action, simulation)
-            advance(state, command, estimate.disturbance, parameters, simulation.period, simulation.substeps)
+        before = np.ascontiguousarray(estimate.loop[:, -4:]) if switch else None
+        plant_of(simulation).advance(state, rigid, action, estimate.disturbance, parameters, before, switch)
+        if switch:
+            memory = np.concatenate([memory, action], axis=1)
         s = State(state)
         for order, derivative in enumerate(np.moveaxis(estimate.reference, 1, 0), 2):
             s.position[:] -= simulation.period**order / factorial(order) * derivative

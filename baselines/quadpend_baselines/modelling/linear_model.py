@@ -14,7 +14,6 @@ The model leaves out the vertical force on the bob because measurements cannot d
 the quadrotor.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +21,7 @@ import numpy as np
 from quadpend_baselines.modelling.planar import rotate
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.rigid_kernel import advance_rigid, rigid_from_state
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import (
     BOB_FORCE,
     COMMAND_SIZE,
@@ -75,24 +73,10 @@ def linearise(simulation: Simulation) -> LinearModel:
     disturbance = np.zeros((len(steps), DISTURBANCE_SIZE))
     disturbance[:, DISTURBANCE_COLUMNS] = model_disturbance
     parameters = np.tile(simulation.parameters.as_array(), (len(steps), 1))
-    if simulation.is_rigid:
-        _advance_without_lag(state, command, disturbance, parameters, simulation)
-    else:
-        advance(state, command, disturbance, parameters, simulation.period, simulation.substeps)
+    plant_of(simulation).advance_under(command, state, disturbance, parameters)
     plus, minus = np.split(state[:, STATE_COLUMNS], 2)
     jacobian = ((plus - minus) / (2.0 * _STEP)).T
     return LinearModel(*np.split(jacobian, np.cumsum(sizes)[:-1], axis=1))
-
-
-def _advance_without_lag(
-    state: Floats, command: Floats, disturbance: Floats, parameters: Floats, simulation: Simulation
-) -> None:
-    """Advance states in place by one period in which thrust and torques, as deviations from hover, act at once."""
-    vehicle = replace(simulation.vehicle, rotors=None, torque=simulation.torque_limits)
-    direct = replace(simulation, vehicle=vehicle, interface="wrench", latency=0.0)
-    hover = np.eye(COMMAND_SIZE)[THRUST] * simulation.parameters.hover_thrust
-    action = (command - hover) / direct.command_scale
-    advance_rigid(state, rigid_from_state(state, direct), action, disturbance, parameters, direct)
 
 
 def rotate_state(x: Floats, yaw: Floats) -> Floats:
