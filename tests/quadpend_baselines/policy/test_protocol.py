@@ -7,12 +7,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines import controller
 from quadpend_baselines.policy.protocol import replace_rows, to_action, to_command
-from quadpend_gym import Actuators, Parameters, Simulation
+from quadpend_gym import PAPER, Simulation
+from tests.helpers.controllers import simulation_of
 from tests.helpers.envs import assert_same, draw_actions, make_vec
 
 
 def test_to_action_inverts_to_command_exactly() -> None:
-    for simulation in (Simulation(), Simulation(Parameters(bob_mass=0.3), Actuators(yaw_torque=2.0))):
+    for simulation in (Simulation(), simulation_of(PAPER._replace(bob_mass=0.3), (5.0, 2.0))):
         actions = draw_actions(0, 50)
         command = to_command(actions, simulation)
         thrust = simulation.parameters.hover_thrust
