@@ -48,7 +48,7 @@ soak: .venv/.installed  ## docs/soak.md: everything for an hour on two cores
 docs: .venv/.installed  ## build the documentation site in site/; a broken link or a missing reference is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-EXPERIMENTS := $(filter-out __init__,$(basename $(notdir $(wildcard experiments/*.py))))
+EXPERIMENTS := $(basename $(notdir $(shell grep -l __main__ experiments/*.py)))
 results: .venv/.installed  ## the published pages of results; EXPERIMENTS=name runs only experiments/name.py
 	$(foreach name,$(EXPERIMENTS),$(BIN)/python -m experiments.$(name) &&) true
 

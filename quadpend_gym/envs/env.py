@@ -12,7 +12,8 @@ from quadpend_gym.envs.reset_options import read_reset_options
 from quadpend_gym.envs.spaces import action_space, check_action, observation_space, observed_columns
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
-from quadpend_gym.scenarios.scenario import Scenario, as_scenario
+from quadpend_gym.scenarios.library import as_scenario
+from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _METADATA = {"render_modes": ["human", "rgb_array"], "render_fps": round(1.0 / CONTROL_PERIOD)}

@@ -6,9 +6,9 @@ tasks. They also name sets of scenarios: ``training`` and others that begin so, 
 are held out, such as ``test``.
 """
 
-from quadpend_gym.scenarios.library import find_scenarios, held_out, shipped
+from quadpend_gym.scenarios.library import as_scenario, find_scenarios, held_out, shipped
 from quadpend_gym.scenarios.own_models import check_own_models, own_models
-from quadpend_gym.scenarios.scenario import Scenario, as_scenario, scenario_data, scenario_hash
+from quadpend_gym.scenarios.scenario import Scenario, scenario_data, scenario_hash
 from quadpend_gym.scenarios.transitional import (
     HELD_OUT,
     SCENARIOS,

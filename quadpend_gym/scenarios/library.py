@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory
 from quadpend_gym.core.files import parse_mapping, read_mapping
@@ -80,6 +81,24 @@ def find_scenario(name: str | Scenario) -> Scenario:
         names = ", ".join(scenario.name for scenario in found)
         raise ValueError(f"{name!r} is a set of scenarios: choose one of {names}")
     return found[0]
+
+
+def as_scenario(value: Any, **parts: Any) -> Scenario:
+    """Return a scenario.
+
+    Args:
+        value: A `Scenario`, its name or any other text that `find_scenario` takes, a mapping of its fields, or None for
+            the default one.
+        parts: Fields that replace those of the scenario; None leaves a field as it is.
+    """
+    if isinstance(value, str):
+        value = find_scenario(value)
+    given = {name: part for name, part in parts.items() if part is not None}
+    if value is None or isinstance(value, Mapping):
+        return parse(Scenario, {**(value or {}), **given}, "scenario")
+    if not isinstance(value, Scenario):
+        raise ValueError(f"scenario must be a Scenario, its name or a mapping of its fields, not {value!r}")
+    return replace(value, **given) if given else value
 
 
 def _scenarios(text: str) -> list[Scenario]:

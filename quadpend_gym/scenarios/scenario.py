@@ -4,7 +4,6 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import field, fields, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -14,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from quadpend_gym.actuators import ActuatorsField, check_chain
 from quadpend_gym.core.models import to_plain_data
-from quadpend_gym.core.settings import Range, parse, settings
+from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.randomization import Around, ParameterRanges, RangesField
 from quadpend_gym.sensors import SensorsField, check_periods
 from quadpend_gym.tasks import TASKS, RewardWeights, Task, TaskField
@@ -169,26 +168,6 @@ def _factors(old: Simulation, new: Simulation) -> tuple[float, tuple[float, floa
 def _rescaled(models: tuple[Any, ...], factors: tuple[float, tuple[float, float, float]]) -> tuple[Any, ...]:
     same = {factors[0], *factors[1]} == {1.0}
     return models if same else tuple(Rescaled(model, *factors) for model in models)
-
-
-def as_scenario(value: Any, **parts: Any) -> Scenario:
-    """Return a scenario.
-
-    Args:
-        value: A `Scenario`, its name or any other text that `find_scenario` takes, a mapping of its fields, or None for
-            the default one.
-        parts: Fields that replace those of the scenario; None leaves a field as it is.
-    """
-    if isinstance(value, str):
-        from quadpend_gym.scenarios.library import find_scenario
-
-        value = find_scenario(value)
-    given = {name: part for name, part in parts.items() if part is not None}
-    if value is None or isinstance(value, Mapping):
-        return parse(Scenario, {**(value or {}), **given}, "scenario")
-    if not isinstance(value, Scenario):
-        raise ValueError(f"scenario must be a Scenario, its name or a mapping of its fields, not {value!r}")
-    return replace(value, **given) if given else value
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
