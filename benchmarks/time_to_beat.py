@@ -1,23 +1,18 @@
-"""Training time until a policy reaches a goal: wall-clock time and environment steps, over several training seeds.
+"""docs/time_to_beat.md: training time until a policy reaches a goal, over several training seeds.
 
-Run it by ``python -m benchmarks.time_to_beat --out docs/time_to_beat.json``. During a training, the
-deterministic policy is evaluated at regular intervals, in episodes that no training uses. The time excludes these
-evaluations. The goals are:
+    python -m benchmarks.time_to_beat      # five training seeds; about half an hour
+
+During a training, the deterministic policy is evaluated at regular intervals, in episodes that no training uses; the
+time excludes these evaluations, imports and compilation. A run is evaluated many times and could reach a goal by
+chance, so a goal counts only if the same policy also reaches it in a second block of episodes. The goals:
 
 - balanced: the policy survives 95 % of the episodes in wind.
-- paper: its penalised RMSE in wind, which counts a fall as 1 m, is smaller than that of the paper's ADRC in the same
-  episodes.
-- classical: its penalised RMSE is smaller than that of `flatness` over all training scenarios, by a
-  paired 95 % interval that excludes zero, and it survives at least as many episodes.
+- paper: its penalised RMSE in wind is smaller than that of the paper's ADRC in the same episodes.
+- classical: its penalised RMSE is smaller than that of `flatness` over all training scenarios, by a paired 95 %
+  interval that excludes zero, and it survives at least as many episodes.
 
-A run is evaluated many times and could reach a goal by chance. A goal therefore counts only if the same policy also
-reaches it in a second block of episodes. The first two goals are measured in one training of a PPO policy that
-observes the estimates of the flatness-based controller and first imitates this controller (settings ``fast``), the
-first one also without imitation (settings ``ppo-alone``). The third is measured with a hybrid (settings
-``ppo-gain-scheduling``), which is close to its base controller, ``flatness``, from the start. The time
-includes making the environment and imitation, and excludes imports and compilation. The steps are control steps of
-the policy. They include those of the imitation and exclude those of the baseline copies of a baseline-relative
-reward.
+The steps are control steps of the policy, with those of imitation and without those of the baseline copies of a
+baseline-relative reward.
 """
 
 import argparse
@@ -34,10 +29,12 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from benchmarks import speed
+from experiments.pages import DOCS
 from quadpend_baselines import Policy, controller
 from quadpend_gym.scenarios import SETS
-from quadpend_train.common.files import to_json_data
+from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
+from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.statistics import mean
 from quadpend_train.policies.export import export
 from quadpend_train.training.settings import TrainSettings, read_settings
@@ -49,14 +46,7 @@ Check = Callable[[Policy], bool]  # whether a policy reaches a goal in one block
 
 
 class Goal(NamedTuple):
-    """A goal of a training.
-
-    Attributes:
-        settings: Name of the training settings, see `quadpend_train.training.settings`.
-        interval: Environment steps between two evaluations.
-        target: Time in which the goal should be reached, s.
-        make_check: Function that takes the seed of a block of episodes and returns the check in that block.
-    """
+    """Settings of the training, environment steps between two evaluations, target (s), and the check of a block."""
 
     settings: str
     interval: int
@@ -65,12 +55,7 @@ class Goal(NamedTuple):
 
 
 class GoalTime(NamedTuple):
-    """When a training reached a goal; both numbers are infinite if it did not.
-
-    Attributes:
-        seconds: Wall-clock time, s.
-        steps: Control steps.
-    """
+    """Wall-clock time, s, and control steps until a training reached a goal; infinite if it did not."""
 
     seconds: float
     steps: float
@@ -165,64 +150,36 @@ def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, 
 
 
 def markdown(times: dict[str, list[GoalTime]], rate: float) -> str:
-    """Format medians and ranges over the training seeds as a Markdown page.
+    """Return medians and ranges over the training seeds as a page; `rate` is PPO's environment steps per second."""
 
-    Args:
-        times: Results of `measure`.
-        rate: PPO's environment steps per second on this machine.
-    """
-    lines = [
-        "# Time to beat",
-        "",
-        f"{max(map(len, times.values()))} training seeds; each result is confirmed in a second block of {EPISODES}"
-        " episodes. `python -m benchmarks.time_to_beat` measures this on your machine.",
-        "[`time_to_beat.py`](../benchmarks/time_to_beat.py) defines the goals.",
-        f"{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `ppo`.",
-        "",
-        "| goal | settings | seconds, median [range] | steps, median [range] | target |",
-        "|---|---|---|---|---|",
-    ]
+    def median(values: Any, form: str) -> str:
+        return f"{np.median(values):{form}} [{values.min():{form}}, {values.max():{form}}]"
+
+    rows = []
     for name, runs in times.items():
-        seconds, steps = (np.array(values) for values in zip(*runs, strict=True))
-        goal = GOALS[name]
-        lines.append(
-            f"| {name} | `{goal.settings}` | {_median_and_range(seconds, '.1f')}"
-            f" | {_median_and_range(steps / 1e6, '.2f')} M | ≤ {goal.target:.0f} s |"
-        )
-    return "\n".join(lines) + "\n"
+        seconds, steps = np.array(runs).T
+        goal, spent = GOALS[name], f"{median(steps / 1e6, '.2f')} M"
+        rows.append([name, f"`{goal.settings}`", median(seconds, ".1f"), spent, f"≤ {goal.target:.0f} s"])
+    headings = ["goal", "settings", "seconds, median [range]", "steps, median [range]", "target"]
+    return f"""# Time to beat
 
+{max(map(len, times.values()))} training seeds; each result is confirmed in a second block of {EPISODES} episodes.
+[`time_to_beat.py`](../benchmarks/time_to_beat.py) defines the goals; `python -m benchmarks.time_to_beat` measures them.
+{platform.machine()}, one process; PPO makes {rate / 1e3:.0f} k steps/s on it with the settings `ppo`.
 
-def _median_and_range(values: Any, form: str) -> str:
-    return f"{np.median(values):{form}} [{values.min():{form}}, {values.max():{form}}]"
-
-
-def run(out: Path | None, seeds: int) -> None:
-    """Measure, print the results, and write them to a file.
-
-    Args:
-        out: JSON file; a Markdown page is written beside it. None writes nothing.
-        seeds: Number of training seeds.
-    """
-    times = measure(seeds)
-    rate = speed.measure_training(rounds=3)["PPO on QuadPendulum-v0 in wind"]
-    text = markdown(times, rate)
-    print(text)
-    if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        data = {"steps_per_second": rate, "reached": times}
-        out.write_text(json.dumps(to_json_data(data), indent=1) + "\n", encoding="utf-8")
-        out.with_suffix(".md").write_text(text, encoding="utf-8")
+{markdown_table(headings, rows)}
+"""
 
 
 def main() -> None:
-    """Read the command line and run the benchmark."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.time_to_beat", description="Measure training time.")
-    parser.add_argument("--out", type=Path, help="JSON file for the results, with a Markdown page beside it")
-    parser.add_argument("--seeds", type=int, default=5, help="number of training seeds, counted from 0 (default: 5)")
-    arguments = parser.parse_args()
-    if arguments.seeds < 1:
-        parser.error(f"argument --seeds must be at least 1, not {arguments.seeds}")
-    run(arguments.out, arguments.seeds)
+    """Measure, and write the page and its data."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5, help="number of training seeds, counted from 0")
+    times = measure(parser.parse_args().seeds)
+    rate = speed.measure_training(rounds=3)["PPO on QuadPendulum-v0 in wind"]
+    data = {"steps_per_second": rate, "reached": times}
+    write_text(DOCS / "time_to_beat.json", json.dumps(to_json_data(data), indent=1) + "\n")
+    write_text(DOCS / "time_to_beat.md", markdown(times, rate))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
 """Perturbation axes, on which `experiments.robustness` measures policies.
 
 Each axis is one kind of perturbation with values of increasing size. At its nominal value, the scenario is
-`QuadPendulum-v0` in calm air, or hover if the start is perturbed. Vehicle, control period and duration are those of a
-base scenario. The wind model draws the heading of a wind; the heading of a perturbed start is a function of the
-episode's seed.
+`QuadPendulum-v0` in calm air, or hover if the start is perturbed. The wind model draws the heading of a wind; the
+heading of a perturbed start is a function of the episode's seed.
 """
 
 from collections.abc import Callable
@@ -13,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 
 from experiments.recovery import CALM, HOVER_HEIGHT
-from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import Scenario
@@ -33,7 +31,7 @@ class PerturbationAxis:
         title: Name of the quantity that is varied.
         unit: Unit of the values; empty for factors.
         values: Values of the quantity, ascending.
-        fields: Function from a value and the nominal simulation to the changed fields of the scenario.
+        fields: Function from a value to the changed fields of the scenario.
         start: Function from a value and headings (rad, shape (n,)) to fields of the state
             (`quadpend_gym.physics.state`). The environment draws the other fields. None: it draws all fields.
         nominal: Value without a perturbation, one of `values`. If it is not the first one, the perturbation grows in
@@ -44,7 +42,7 @@ class PerturbationAxis:
     title: str
     unit: str
     values: tuple[float, ...]
-    fields: Callable[[float, Simulation], Fields]
+    fields: Callable[[float], Fields]
     start: Callable[[float, Floats], dict[str, Floats]] | None = None
     nominal: float = 0.0
     scale: Literal["linear", "symlog"] = "linear"
@@ -54,9 +52,9 @@ class PerturbationAxis:
         """Title and unit."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
-    def scenario(self, value: float, base: Scenario = CALM) -> Scenario:
-        """Return `base` with the perturbation of a value, which no controller knows."""
-        return replace(base, **self.fields(value, base.simulation), loop_known=False)
+    def scenario(self, value: float) -> Scenario:
+        """Return calm air with the perturbation of a value, which no controller knows."""
+        return replace(CALM, **self.fields(value), loop_known=False)
 
     def options(self, value: float, episodes: int, seed: int) -> dict[str, Any] | None:
         """Return the options of `reset` at a value, for `episodes` consecutive seeds from `seed` on."""
@@ -79,39 +77,39 @@ def _displaced(distance: float, heading: Floats) -> dict[str, Floats]:
     return {"position": _cylindrical(distance, heading, HOVER_HEIGHT)}
 
 
-def _hover(_: float, simulation: Simulation) -> Fields:
+def _hover(_: float) -> Fields:
     return {"task": "hover"}
 
 
-def _steady_force(force: float, simulation: Simulation) -> Fields:
+def _steady_force(force: float) -> Fields:
     return {"wind": Drawn(Constant((1.0, 0.0, 0.0)), strength=(force, force))}
 
 
-def _turbulence(speed: float, simulation: Simulation) -> Fields:
+def _turbulence(speed: float) -> Fields:
     return {"wind": Drawn(Dryden(speed)) if speed else StillAir()}
 
 
-def _sensor_noise(size: float, simulation: Simulation) -> Fields:
+def _sensor_noise(size: float) -> Fields:
     """White noise of `size` mm on positions and mrad on angles, and of 10 × `size` mm/s and mrad/s on their rates."""
     error, rate = 0.001 * size, 0.01 * size
     return {"sensors": Noise(error, rate, error, rate, error, rate) if size else ()}
 
 
-def _action_delay(delay: float, simulation: Simulation) -> Fields:
+def _action_delay(delay: float) -> Fields:
     """Delay in ms, rounded to whole control periods."""
-    steps = round(_MILLI * delay / simulation.period)
+    steps = round(_MILLI * delay / CALM.period)
     return {"actuators": ActionDelay(steps) if steps else ()}
 
 
-def _motor_lag(time_constant: float, simulation: Simulation) -> Fields:
+def _motor_lag(time_constant: float) -> Fields:
     return {"actuators": MotorLag(_MILLI * time_constant) if time_constant else ()}
 
 
-def _parameter_factor(*names: str) -> Callable[[float, Simulation], Fields]:
+def _parameter_factor(*names: str) -> Callable[[float], Fields]:
     """Return a function from a factor to true parameters that are the nominal ones times the factor."""
 
-    def fields(factor: float, simulation: Simulation) -> Fields:
-        values = {name: factor * getattr(simulation.parameters, name) for name in names}
+    def fields(factor: float) -> Fields:
+        values = {name: factor * getattr(CALM.simulation.parameters, name) for name in names}
         return {"parameters": {name: (value, value) for name, value in values.items()}}
 
     return fields

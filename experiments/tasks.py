@@ -81,7 +81,7 @@ def table(found: Comparison, columns: dict[str, str]) -> str:
     return markdown_table(["scenario", "policy", *columns.values()], rows)
 
 
-def _fast_references(acceleration: float, _: Any) -> Fields:
+def _fast_references(acceleration: float) -> Fields:
     task = SCENARIOS["agile_windy"].task
     references = replace(task.references, acceleration=(acceleration, acceleration))
     return {"task": replace(task, references=references)}

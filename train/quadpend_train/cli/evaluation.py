@@ -13,7 +13,7 @@ from quadpend_train.cli.options import Episodes, Seed, make_console, named_polic
 from quadpend_train.common.executors import executor
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
-_MOST_SENTENCES, _MOST_ROWS = 16, 40  # largest numbers that are printed; the files contain all of them
+_MOST_ROWS = 40  # of the table on the terminal; the files contain all of them
 
 
 def evaluate(
@@ -80,10 +80,8 @@ def evaluate(
         pair = compare_pair(comparison.table, *reversed(comparison.policies))
         title = f"{pair.first} minus {pair.second}, 95 % intervals, p corrected by Holm's method"
         console.print(tables.terminal_table(title, tables.pairwise_rows(pair)))
-        console.print(pair.sentence(), highlight=False)
-    elif len(sentences := tables.verdicts(comparison)) <= _MOST_SENTENCES:
-        for sentence in sentences:
-            console.print(f"• {sentence}", highlight=False)
+    for sentence in tables.sentences(comparison):
+        console.print(f"• {sentence}", highlight=False)
     if len(comparison.policies) > 1:
         title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
         console.print(tables.terminal_table(title, tables.leaderboard_rows(made.leaderboard)))

@@ -64,17 +64,6 @@ class ScenarioResult(NamedTuple):
     p_rmse: float
     improvement: Interval
 
-    def reversed(self) -> "ScenarioResult":
-        """Return the result with the policies in the opposite order."""
-        value, low, high = self.improvement
-        return self._replace(
-            winner=-self.winner,
-            survival=self.survival.negated(),
-            rmse=self.rmse.negated(),
-            penalised_rmse=self.penalised_rmse.negated(),
-            improvement=Interval(1.0 - value, 1.0 - high, 1.0 - low),
-        )
-
 
 @dataclass(frozen=True)
 class PairwiseComparison:
@@ -115,17 +104,18 @@ class PairwiseComparison:
     def sentence(self) -> str:
         """Return one sentence: who wins which scenarios, and by how much; the policy with more wins is the subject."""
         won, lost, undecided = self.won, self.lost, self.undecided
+        subject, other, sign = self.first, self.second, 1.0
         if len(lost) > len(won):
-            return self.reversed().sentence()
+            won, lost, subject, other, sign = lost, won, other, subject, -1.0
         parts = []
         if won:
-            parts.append(f"beats {self.second} in {len(won)} of {_scenarios(len(self.results))}{_listed(won)}")
+            parts.append(f"beats {other} in {len(won)} of {_scenarios(len(self.results))}{_listed(won)}")
             parts.append(f"loses in {len(lost) or 'none'}{_listed(lost)}")
         if undecided:
-            other = "" if won else f" from {self.second}"
-            parts.append(f"is not distinguishable{other} in {len(undecided)}{_listed(undecided)}")
+            whom = "" if won else f" from {other}"
+            parts.append(f"is not distinguishable{whom} in {len(undecided)}{_listed(undecided)}")
         few = f"; {self.too_few}" if undecided and self.too_few else ""
-        return f"{self.first} {_joined(parts)}; overall, its penalised RMSE is {self._overall_difference()}{few}."
+        return f"{subject} {_joined(parts)}; overall, its penalised RMSE is {self._overall_difference(sign)}{few}."
 
     @property
     def too_few(self) -> str:
@@ -136,30 +126,23 @@ class PairwiseComparison:
         few = "1 episode is" if episodes == 1 else f"{episodes} episodes are"
         return f"{few} too few to show a difference, use at least {self.episodes_needed}"
 
-    def reversed(self) -> "PairwiseComparison":
-        """Return the comparison with the policies in the opposite order."""
-        return PairwiseComparison(
-            self.second,
-            self.first,
-            {name: result.reversed() for name, result in self.results.items()},
-            {name: -difference for name, difference in self.rmse_differences.items()},
-            self.episodes_needed,
-        )
-
-    def _overall_difference(self) -> str:
+    def _overall_difference(self, sign: float) -> str:
         """Return the mean difference of the penalised RMSE over all scenarios, which have equal weights, as text.
 
         The mean over the won scenarios alone would be biased, because they were selected by the difference.
+
+        Args:
+            sign: 1 for the difference of the first policy from the second, −1 for the opposite.
         """
-        difference = mean(np.mean(list(self.rmse_differences.values()), axis=0))
+        difference = mean(sign * np.mean(list(self.rmse_differences.values()), axis=0))
         lower = difference.value <= 0.0
         value, low, high = difference.negated() if lower else difference
-        improvement = np.mean([result.improvement.value for result in self.results.values()])
+        better = np.mean([result.improvement.value for result in self.results.values()])
         return (
             f"{'lower' if lower else 'higher'} by {_number(value, high)} mm"
             f"{' on average' if len(self.results) > 1 else ''},"
             f" 95 % interval {_number(low, high)} to {_number(high, high)};"
-            f" probability of improvement {improvement:.2f}"
+            f" probability of improvement {better if sign > 0.0 else 1.0 - better:.2f}"
         )
 
 

@@ -18,11 +18,10 @@ from quadpend_train.common.files import to_json_data, write_text
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
-from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import METRICS, cells, differences
 from quadpend_train.reports import figures
-from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, leaderboard_note
+from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, leaderboard_note, sentences
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
 _LIGHTEST, _DARKEST = 10.0, 1000.0  # penalised RMSE of the lightest and of the darkest cells, mm
@@ -54,7 +53,6 @@ def write(
         lstrip_blocks=True,
     )
     jinja.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "format_number": format_number}
-    first, *others = comparison.policies
     text = jinja.get_template("report.html").render(
         title=title,
         date=date or datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
@@ -66,7 +64,7 @@ def write(
         standings=standings,
         note=leaderboard_note(comparison),
         episodes_note=episodes_note(comparison),
-        pairs=[compare_pair(comparison.table, other, first) for other in others],
+        sentences=sentences(comparison),
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},
         errors={name: _error_figure(comparison, name) for name in comparison.scenarios},
         replay=embedded(replay) if replay else None,

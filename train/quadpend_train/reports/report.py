@@ -18,7 +18,7 @@ FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "e
 
 @dataclass(frozen=True)
 class Report:
-    """What `evaluate` found and wrote; as text, it is one sentence for each scenario and policy.
+    """What `evaluate` found and wrote; as text, it is one sentence for each policy but the first.
 
     Attributes:
         comparison: Table of all episodes, with the metrics of every policy in every scenario.
@@ -33,7 +33,7 @@ class Report:
     files: list[str]
 
     def __str__(self) -> str:
-        return "\n".join([*tables.verdicts(self.comparison), f"Written: {self.folder}/{', '.join(self.files)}"])
+        return "\n".join([*tables.sentences(self.comparison), f"Written: {self.folder}/{', '.join(self.files)}"])
 
 
 def evaluate(

@@ -12,8 +12,7 @@ from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
-from quadpend_train.evaluation.pairwise import PairwiseComparison, ScenarioResult, compare_pair, episodes_needed
-from quadpend_train.evaluation.statistics import Interval
+from quadpend_train.evaluation.pairwise import PairwiseComparison, compare_pair, episodes_needed
 from quadpend_train.evaluation.table import METRICS, cells
 from quadpend_train.reports import figures
 
@@ -30,7 +29,9 @@ Rows = list[Sequence[str]]  # cells of the headings, and then of each row
 
 def metric_rows(comparison: Comparison) -> Rows:
     """Return all metrics of all policies with their 95 % intervals."""
-    headings = [f"{name.replace('_', ' ')}{_unit(METRICS[name].unit)}" for name in METRIC_COLUMNS]
+    headings = [
+        f"{name.replace('_', ' ')}{f' ({METRICS[name].unit})' if METRICS[name].unit else ''}" for name in METRIC_COLUMNS
+    ]
     return [
         ["scenario", "policy", *headings],
         *(
@@ -94,14 +95,14 @@ def terminal_table(title: str, rows: Rows) -> Table:
 
 
 def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str:
-    """Return a Markdown page: the table of all metrics, a sentence for each policy and scenario, and the leaderboard.
+    """Return a Markdown page: the table of all metrics, a sentence for each policy, and the leaderboard.
 
     Args:
         comparison: Comparison to describe.
         standings: Leaderboard of the comparison.
     """
     parts = [_markdown(metric_rows(comparison)), episodes_note(comparison)]
-    parts.append("\n".join(f"- {markdown_text(sentence)}" for sentence in verdicts(comparison)))
+    parts.append("\n".join(f"- {markdown_text(sentence)}" for sentence in sentences(comparison)))
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         parts += [leaderboard_markdown(standings), leaderboard_note(comparison)]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -150,32 +151,10 @@ def leaderboard_note(comparison: Comparison) -> str:
     return f"{few} too few for wins by RMSE with {tests} tests: use at least {needed} episodes."
 
 
-def verdicts(comparison: Comparison) -> list[str]:
-    """Return one sentence for each scenario and policy: whether it beats the first policy, and by how much."""
+def sentences(comparison: Comparison) -> list[str]:
+    """Return one sentence for each policy but the first: in which scenarios it beats the first, and by how much."""
     first, *others = comparison.policies
-    pairs = [compare_pair(comparison.table, policy, first) for policy in others]
-    return [_verdict(scenario, pair, pair.results[scenario]) for scenario in comparison.scenarios for pair in pairs]
-
-
-def _verdict(scenario: str, pair: PairwiseComparison, result: ScenarioResult) -> str:
-    beats = f"{pair.first} beats {pair.second}"
-    loses = f"{pair.first} loses to {pair.second}"
-    neither = f"{pair.first} and {pair.second} show no significant difference"
-    few = f"; {pair.too_few}" if result.winner == 0 and pair.too_few else ""
-    return (
-        f"In {scenario}, {[neither, beats, loses][result.winner]}: RMSE where both survive"
-        f" {_describe(result.rmse, 'mm')}, survival {_describe(result.survival, 'points')}{few}."
-    )
-
-
-def _describe(difference: Interval, unit: str) -> str:
-    """Return how much higher or lower the first policy's value is, such as "lower by 2.00 mm [-1.00, 5.00]"."""
-    value = difference.value
-    if np.isnan(value):
-        return "unknown"
-    word = "lower" if value < 0.0 else "higher" if value > 0.0 else "different"
-    amount, _, ends = format_interval(difference.negated() if value < 0.0 else difference).partition(" ")
-    return f"{word} by {amount} {unit} {ends}"
+    return [compare_pair(comparison.table, policy, first).sentence() for policy in others]
 
 
 def plot(comparison: Comparison) -> Any:
@@ -215,7 +194,3 @@ def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
     figures.set_log_scale(axis, max(lowest, _SMALLEST), 1000.0 * FALL_ERROR)
     axis.grid(alpha=0.25)
     axis.set(xlim=(0.0, period * length), xlabel="time (s)", ylabel="tracking error (mm)")
-
-
-def _unit(unit: str) -> str:
-    return f" ({unit})" if unit else ""
