@@ -61,20 +61,6 @@ def test_equal_policies_have_no_winner(monkeypatch: pytest.MonkeyPatch) -> None:
     assert compare_pair(noisy.table, "one", "two").undecided == ["calm", "windy", "gusts"]
 
 
-def test_equal_policies_rarely_win_any_of_many_scenarios() -> None:
-    """The probability of at least one false win in 16 scenarios is at most 5 %."""
-    random = np.random.default_rng(1)
-    false_wins = 0
-    for _ in range(20):
-        base = random.normal(0.1, 0.03, (16, 50))
-        one, two = (
-            [synthetic_results(x + random.normal(0.0, 0.01, 50), random.random(50) < 0.9) for x in base]
-            for _ in range(2)
-        )
-        false_wins += len(compare_pair(compared(a=one, b=two), "a", "b").undecided) < 16
-    assert false_wins <= 4
-
-
 @pytest.mark.parametrize("rate", [0.0025, 0.005])
 def test_a_rare_fall_by_chance_decides_nothing(rate: float) -> None:
     """Equal policies fall rarely and in different episodes. A fall counts as 1 m, a thousand times the other errors."""

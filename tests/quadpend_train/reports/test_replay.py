@@ -89,13 +89,6 @@ def test_the_median_episode_comes_first_and_then_the_hardest() -> None:
     assert choose_episodes(comparison, "s0", ["a"], 1) == [("typical", 3)]
 
 
-def test_of_equal_episodes_the_first_is_chosen_and_none_twice() -> None:
-    fallen = constructed({"a": [1.0, 1.0, 1.0, 1.0]})
-    titles = ["typical", "hardest", "hardest no. 2", "hardest no. 3"]
-    assert choose_episodes(fallen, "s0", ["a"], 9) == list(zip(titles, [1, 0, 2, 3], strict=True))
-    assert choose_episodes(constructed({"a": [0.1]}), "s0", ["a"], 2) == [("typical", 0)]
-
-
 def test_the_first_training_seed_of_a_learner_is_shown_and_labelled() -> None:
     comparison = constructed({"a": [[0.1, 0.2, 0.3], [0.3, 0.9, 0.1]]})
     assert [choice.episode for choice in choose_episodes(comparison, "s0", ["a"], 2)] == [1, 2]
@@ -110,10 +103,6 @@ def test_policies_have_the_same_style_as_in_the_legend_of_the_page() -> None:
     assert looks == [style(0), style(9), style(7)]
     assert style(0)[0] == style(7)[0]
     assert style(0)[1] != style(7)[1]
-
-
-def test_every_fourth_step_and_the_last_are_stored() -> None:
-    assert [sampled_steps(steps, 0.01).tolist() for steps in (1, 2, 9, 10)] == [[0], [0, 1], [0, 4, 8], [0, 4, 8, 9]]
 
 
 def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison, dict[str, Any]]) -> None:
@@ -228,18 +217,6 @@ def test_play_advances_time_and_pause_stops_it(page: Browser) -> None:
     assert page.run("replay.time") == 10.0
 
 
-def test_the_time_slider_changes_the_picture_and_back(page: Browser) -> None:
-    page.run("replay.seek(2)")
-    first, curves = page.run(PICTURE), page.run(CURVES)
-    scrub = "document.getElementById('replay-scrub')"
-    page.run(f"{scrub}.value = 4; {scrub}.dispatchEvent(new Event('input'))")
-    assert page.run("replay.time") == 4.0
-    assert page.run(PICTURE) != first
-    assert page.run(CURVES) != curves
-    page.run("replay.seek(2)")
-    assert page.run(PICTURE) == first
-
-
 def test_the_table_shows_the_recorded_numbers(page: Browser, replayed: tuple[Comparison, dict[str, Any]]) -> None:
     """The times are that of a sample and the middle between two samples."""
     samples = decoded(replayed[1]["scenarios"]["windy"][0]["episodes"][0])
@@ -304,21 +281,6 @@ def test_the_view_rotates_and_zooms_and_the_page_still_scrolls(page: Browser) ->
     assert len(set(pictures)) == len(pictures)
     page.run(f"{view}.dispatchEvent(new MouseEvent('dblclick'))")
     assert page.run(PICTURE) == pictures[0]
-
-
-def test_the_view_has_the_screens_resolution_follows_the_theme_and_prints_the_start(page: Browser) -> None:
-    page.run("replay.seek(2)")
-    light = page.run(PICTURE)
-    page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
-    page.wait(f"{PICTURE} !== {json.dumps(light)}")
-    page.run("window.dispatchEvent(new Event('beforeprint'))")
-    assert page.run("replay.time") == 0.0
-    page.run("window.dispatchEvent(new Event('afterprint'))")
-    page.call("Emulation.setEmulatedMedia", features=[])
-    page.call("Emulation.setDeviceMetricsOverride", width=400, height=800, deviceScaleFactor=2, mobile=True)
-    page.wait("(view => view.width === 2 * view.clientWidth)(document.getElementById('replay-view'))")
-    assert page.run("document.documentElement.scrollWidth") <= 400
-    assert page.messages() == []
 
 
 RECORD = """(() => {
