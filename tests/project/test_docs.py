@@ -25,7 +25,8 @@ def test_every_link_has_a_target(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     links = re.findall(r"\]\((?!https?:)([^)#\s]+)(?:#[^)]*)?\)", text)
     links += re.findall(r"^\[[^\]]+\]: (\S+)$", text, re.MULTILINE)
-    assert [link for link in links if not (page.parent / link).exists()] == []
+    made = ("schemas/",)  # written by `make docs`
+    assert [link for link in links if not link.startswith(made) and not (page.parent / link).exists()] == []
 
 
 def test_every_equation_of_the_paper_has_one_row_in_order() -> None:
