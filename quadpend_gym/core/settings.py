@@ -34,7 +34,12 @@ from typing_extensions import dataclass_transform
 
 Settings = TypeVar("Settings")
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
-_PARTS = {"tuple": "items_schema", "union": "choices", "nullable": "schema"}  # of a schema of pydantic
+_PARTS = {
+    "tuple": "items_schema",
+    "union": "choices",
+    "nullable": "schema",
+    "function-before": "schema",
+}  # of a schema of pydantic
 _PARTS |= {"function-after": "schema", "function-before": "schema"}
 _LONGEST = 200  # characters of a value in a sentence
 

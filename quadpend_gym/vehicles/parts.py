@@ -3,12 +3,16 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from pydantic import BeforeValidator
+
 from quadpend_gym.core.files import read_toml
 from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
 
 PRESETS = read_toml(Path(__file__).with_name("presets.toml"))
 Axes = tuple[float, float, float]  # x, y, z
-Position = Axes | tuple[float, float]  # (x, y) means z = 0
+Position = Annotated[  # (x, y) means z = 0
+    Axes, BeforeValidator(lambda value: (*value, 0.0)[:3], json_schema_input_type=Axes | tuple[float, float])
+]
 
 
 @settings
@@ -75,7 +79,6 @@ class Rotors:
     thrust_coefficient: Annotated[float | None, Range(1e-12, 1.0, "N·s²/rad²")] = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "positions", tuple((*position, 0.0)[:3] for position in self.positions))
         if self.thrust[0] > self.thrust[1]:
             raise ValueError(f"rotors.thrust must be (lowest, highest), not {self.thrust}")
         if self.thrust_coefficient is None and self.inertia > 0.0:

@@ -25,7 +25,7 @@ from quadpend_gym.physics.vectors import axpy, load, scale, store
 from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Vehicle
 from tests.helpers.physics import random_states
 
-SPINS = (1, -1, 1, -1)
+SPINS: Any = (1, -1, 1, -1)
 
 
 def random_inertia(rng: np.random.Generator, mass: float) -> tuple[tuple[float, ...], ...]:
@@ -41,7 +41,8 @@ def random_rotors(rng: np.random.Generator, weight: float) -> Rotors:
     corners = 0.2 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     positions = np.column_stack([corners + rng.uniform(-0.03, 0.03, (4, 2)), rng.uniform(-0.05, 0.05, 4)])
     lag = float(rng.uniform(0.02, 0.1))
-    return Rotors(tuple(map(tuple, positions.tolist())), SPINS, (0.02 * weight, 0.625 * weight), 0.02, lag)
+    places: Any = tuple(map(tuple, positions.tolist()))
+    return Rotors(places, SPINS, (0.02 * weight, 0.625 * weight), 0.02, lag)
 
 
 def random_vehicle(seed: int, with_rotors: bool = False, **fields: Any) -> Vehicle:

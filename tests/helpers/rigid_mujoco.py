@@ -5,6 +5,8 @@ either a thrust and torques in the body frame or four rotors with their places, 
 propeller inertia and one time constant of a rotor.
 """
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -139,7 +141,7 @@ def rigid_position_errors(
         timestep: Step of MuJoCo, s.
         forces: Standard deviations of the disturbances, N and N·m, shape (9,).
     """
-    interface = "wrench" if vehicle.rotors is None else "rotors"
+    interface: Any = "wrench" if vehicle.rotors is None else "rotors"
     simulations = {n: Simulation(vehicle=vehicle, interface=interface, period=period, substeps=n) for n in substeps}
     flights = {number: start_tumbling(simulation, 1, seed) for number, simulation in simulations.items()}
     simulation, rng = simulations[substeps[0]], np.random.default_rng([5, seed])
