@@ -42,24 +42,17 @@ LARGEST_GROWTH = 1.0  # MB for each million steps
 NOISE, STEPS_NOISE = 10.0, 50.0  # MB that the allocator may keep; of random steps, whose environments differ in size
 LONGEST_STEP = 1.0  # s of processor time, for up to 1024 sub-environments
 _EXPECTED = ".*(the wind pushes with up to|the trajectory (needs|reaches))"  # warnings about settings, not about steps
-LONGEST_SENTENCE = 2000  # characters
 _WARM_UP = 100  # configurations, after which all compiled code is loaded
 ROWS = (1, 7, 64, 1024, 4096)
 SCENARIO = {"wind": [{"kind": "gusts", "force": 1.0}, {"kind": "constant"}], "duration": 4.0, "period": 0.02}
 
 
 class Outcome(NamedTuple):
-    """What a part of the soak did in one process.
+    """What a part of the soak did in one process."""
 
-    Attributes:
-        done: Number of steps, environments, timesteps or files.
-        findings: Descriptions of what went wrong.
-        growth: Growth of the memory, MB.
-    """
-
-    done: int
-    findings: list[str]
-    growth: float
+    done: int  # number of steps, environments, timesteps or files
+    findings: list[str]  # descriptions of what went wrong
+    growth: float  # of the memory, MB
 
 
 def resident() -> float:
@@ -76,12 +69,7 @@ def grown(growth: float, steps: int, noise: float = NOISE) -> list[str]:
 
 
 def fly(seed: int, steps: int) -> int:
-    """Make random steps with random settings, and return their number; an AssertionError is a finding.
-
-    Args:
-        seed: Seed of the settings and of the actions.
-        steps: Largest number of steps of each sub-environment.
-    """
+    """Make up to `steps` random steps of each sub-environment with random settings, and return how many were made."""
     random, done, end = np.random.default_rng([5, seed]), 0, time.thread_time() + SECONDS_OF_A_CONFIGURATION
     env = random_scenario(random).make_vec(int(random.choice(ROWS)))
     env.reset(seed=seed)
@@ -188,8 +176,8 @@ def read_damaged(kind: str, seed: int) -> None:
         try:
             READ[kind](path)
         except (ValueError, TypeError, OSError) as error:  # what the command line prints as one sentence
-            if not 0 < len(str(error)) < LONGEST_SENTENCE:
-                raise RuntimeError("the refusal is no sentence") from error
+            if not str(error):
+                raise RuntimeError("the refusal is empty") from error
 
 
 def _fly_policy(path: Path) -> None:

@@ -22,8 +22,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import run_folder
 from quadpend_train.training import train as training
 from quadpend_train.training.settings import PRESETS
-from tests.helpers.policies import card, layers, mlp_policy
-from tests.helpers.scenarios import shorten_scenarios
+from tests.helpers.policies import card, layers
 from tests.helpers.sources import ROOT
 from tests.helpers.training import BRIEF
 from tests.quadpend_gym.vehicles.test_bad_vehicles import GOOD
@@ -140,18 +139,6 @@ def test_card_as_json_is_the_card(capsys: pytest.CaptureFixture[str]) -> None:
     assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-gain-scheduling-0").card
 
 
-def test_card_describes_a_classical_controller_and_an_exported_policy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(["card", "flatness"])
-    assert "position_bandwidth=5.18" in capsys.readouterr().out
-    main(["card", "adrc-paper", "--json"])
-    assert json.loads(capsys.readouterr().out)["gains"]["horizontal_bandwidth"] == 7.0
-    mlp_policy(36).save(tmp_path / "exported.npz")
-    main(["card", str(tmp_path / "exported.npz")])
-    assert "network that acts alone" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -201,14 +188,6 @@ def test_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> 
     printed = capsys.readouterr().err
     assert printed.startswith("Traceback")
     assert "\nquadpend: there is no policy 'nix'" in printed
-
-
-def test_a_vehicle_applies_to_all_scenarios_of_a_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shorten_scenarios(monkeypatch, 0.6)
-    options = ["--episodes", "2", "--vehicle", "crazyflie", "--cache", str(tmp_path)]
-    main(["evaluate", "lqr", "--scenarios", "calm", "steady", *options, "--replay", "0", "--out", str(tmp_path)])
-    results = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
-    assert list(results["scenarios"]) == ["calm · crazyflie", "steady · crazyflie"]
 
 
 @pytest.mark.parametrize("command", [["evaluate"], ["train"], ["watch"], ["tune", "lqr"]], ids=lambda c: c[0])

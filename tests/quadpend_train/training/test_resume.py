@@ -101,13 +101,6 @@ def test_resumed_run_equals_an_uninterrupted_run(
         assert not list(folder.glob("checkpoint*")) + list(folder.glob("buffer*")) + list(folder.glob("unfinished*"))
 
 
-def test_checkpoints_are_saved_every_save_freq_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    saved_at: list[int] = []
-    monkeypatch.setattr(callbacks, "save_checkpoint", lambda model, folder: saved_at.append(model.num_timesteps))
-    train_policy(replace(BRIEF, save_freq=512, total_timesteps=2048), tmp_path)
-    assert saved_at == [512, 1024, 1536]
-
-
 def test_interrupted_run_resumes_from_its_latest_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         interrupt_at(800, patch)

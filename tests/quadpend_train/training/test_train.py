@@ -14,16 +14,15 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from quadpend_gym import RewardWeights, Simulation
+from quadpend_gym import RewardWeights
 from quadpend_gym.scenarios import find_scenario, scenario_hash
-from quadpend_train.evaluation import episodes
 from quadpend_train.evaluation.episodes import TEST_SEED, VALIDATION_SEED, run_episodes
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weight_difference
 from quadpend_train.training import callbacks, dagger, validation
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model
 from quadpend_train.training.callbacks import first_seed
-from quadpend_train.training.environment import make_env, scenarios_at
+from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings, from_mapping, read_settings
 from quadpend_train.training.validation import read_curve, validate
 from tests.helpers.bad_input import assert_refused
@@ -161,23 +160,6 @@ def test_validation_gives_the_metrics_of_run_episodes() -> None:
     assert validate(policy, settings) == (results.survived.mean(), results.penalised_rmse.mean())
 
 
-def test_base_controller_has_the_same_simulation_in_training_and_validation(monkeypatch: pytest.MonkeyPatch) -> None:
-    simulations: list[Simulation] = []
-    rollout = episodes.rollout
-
-    def record_simulation(policy: Any, *args: Any) -> Any:
-        simulations.append(policy.hybrid.base_controller.simulation)
-        return rollout(policy, *args)
-
-    monkeypatch.setattr(episodes, "rollout", record_simulation)
-    heavy = json.dumps({**json.loads(SHORT), "simulation": {"parameters": {"bob_mass": 0.35}}})
-    settings = replace(BRIEF, hybrid=RESIDUAL, scenarios=(heavy,))
-    model = training.initial_model(settings, None)
-    validate(training.export(model, **settings.policy_interface()), settings)
-    assert model.get_env().env.hybrid.base_controller.simulation == find_scenario(heavy).simulation
-    assert simulations == [find_scenario(heavy).simulation]
-
-
 def test_tensorboard_has_reward_terms_and_evaluations(tmp_path: Path) -> None:
     for name, settings in (("ppo", EVALUATED), ("sac", replace(SAC_BRIEF, eval_freq=128))):
         train_policy(settings, tmp_path / name)
@@ -214,12 +196,6 @@ def test_diverged_run_ends_with_an_error_and_without_a_policy(settings: TrainSet
     assert not (tmp_path / "policy.npz").exists()
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
-def test_learning_rate_that_is_far_too_high_diverges(algo: str, tmp_path: Path) -> None:
-    settings = replace(BRIEF if algo == "ppo" else BRIEF_SAC, algo=algo, learning_rate=1e6, final_learning_rate=1e6)
-    assert_refused(lambda: train_policy(settings, tmp_path), "training diverged within", FloatingPointError)
-
-
 def test_only_the_critic_learns_during_its_warm_up(tmp_path: Path) -> None:
     states: dict[int, dict[str, Any]] = {}
 
@@ -234,12 +210,6 @@ def test_only_the_critic_learns_during_its_warm_up(tmp_path: Path) -> None:
         trained_early = not torch.equal(first, states[512][name])
         assert trained_early == ("value" in name), name
         assert not torch.equal(states[512][name], states[768][name]), name
-
-
-def test_stages_of_the_curriculum_come_in_order() -> None:
-    settings = replace(BRIEF, scenarios=(SHORT,), curriculum=("calm", "breeze", OTHER), curriculum_steps=300)
-    stages = [scenarios_at(settings, steps) for steps in (0, 99, 100, 199, 200, 299, 300, 10**6)]
-    assert stages == [("calm",)] * 2 + [("breeze",)] * 2 + [(settings.curriculum[2],)] * 2 + [settings.scenarios] * 2
 
 
 @pytest.mark.parametrize("save_freq", [256, 1_000_000])
@@ -353,29 +323,6 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
     env.reset()
     _, reward, _, _ = env.step(np.tile(np.float32([0.5, 0.0, 0.0, 0.0]), (16, 1)))
     np.testing.assert_allclose(reward, 0.5 / 1.25, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"scenarios": ("calm", "output_feedback")}, "same observation space"),
-        (
-            {"hybrid": {"base_controller": "lqr", "mode": "bandwidth_scheduling"}},
-            "only the flatness-based controller has",
-        ),
-        (
-            {"hybrid": {"base_controller": "lqr", "mode": "residual_action", "action_scale": 4.0}},
-            "action_scale .* not 4.0",
-        ),
-        ({"hybrid": RESIDUAL, "scenarios": json.dumps({"history": 2})}, "36 or 27 numbers"),
-        ({"hybrid": RESIDUAL, "scenarios": ROTORS}, "with rotors as actuators"),
-        ({"hybrid": RESIDUAL, "curriculum": (ROTORS,), "curriculum_steps": 256}, "with rotors as actuators"),
-    ],
-    ids=str,
-)
-def test_run_that_cannot_start_creates_no_folder(changes: Any, message: str, tmp_path: Path) -> None:
-    assert_refused(lambda: train_policy(replace(BRIEF, **changes), tmp_path / "run"), message, (ValueError, TypeError))
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

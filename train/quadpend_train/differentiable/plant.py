@@ -72,7 +72,7 @@ class Plant:
         self._chains = [scenario.actuators for scenario in scenarios]
         self._scale = torch.as_tensor(self.simulation.command_scale, dtype=dtype)
         self._hover = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=dtype)
-        moves_air = [float(any(model.moves_air for model in scenario.wind.models)) for scenario in scenarios]
+        moves_air = [float(any(model.moves_air for model in scenario.wind_models)) for scenario in scenarios]
         self._moves_air = torch.tensor(moves_air, dtype=dtype).repeat_interleave(self._share)[:, None]
         self.memory_size = max(sum(int(model.memory_size) for model in chain) for chain in self._chains)
 
