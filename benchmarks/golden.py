@@ -176,8 +176,8 @@ def episodes() -> Iterator[Entry]:
 def trainings() -> Iterator[Entry]:
     """Hash the weights of policies after brief trainings."""
     for name, changes in cases.TRAININGS.items():
-        table = cases.ALGORITHMS[changes.get("algo", "ppo")]
-        yield name, partial(train_briefly, {**cases.BRIEF, **table, **changes})
+        algo = changes.get("algo", "ppo")
+        yield name, partial(train_briefly, {**cases.BRIEF, algo: cases.ALGORITHMS[algo], **changes})
 
 
 PARTS: dict[str, Callable[[], Iterator[Entry]]] = {

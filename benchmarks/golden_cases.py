@@ -229,23 +229,32 @@ BRIEF: Parts = {
     "scenarios": ["windy"],
     "total_timesteps": 1024,
     "num_envs": 16,
-    "batch_size": 128,
-    "net_arch": [16],
     "n_eval_episodes": 2,
 }
-# Tables of settings of the algorithms
-ALGORITHMS: dict[str, Parts] = {
-    "ppo": {"ppo": {"n_steps": 16, "n_epochs": 2}},
-    "sac": {"sac": {"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64}},
-    "apg": {"apg": {"window": 8}},
+# Arguments of the algorithms
+_NETWORK = {"net_arch": [16]}
+_REPLAY = {
+    **{"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64, "batch_size": 32, "gamma": 0.995},
+    **{"learning_rate": {"initial": 2e-3, "final": 4e-5}, "policy_kwargs": _NETWORK},
 }
-ALGORITHMS["tqc"] = ALGORITHMS["sac"]
+ALGORITHMS: dict[str, Parts] = {
+    "ppo": {"n_steps": 16, "n_epochs": 2, "batch_size": 128, "policy_kwargs": _NETWORK},
+    "sac": _REPLAY,
+    "tqc": _REPLAY,
+    "apg": {"window": 8, **_NETWORK},
+}
 ON_FLATNESS = {"base_controller": "flatness", "baseline_relative_reward": True}
 # Settings in which each training differs from `BRIEF`.
 TRAININGS: dict[str, Parts] = {
     "ppo": {},
     "ppo with evaluations": {"eval_freq": 256, "patience": 3, "scenarios": ["breeze", "storm"]},
-    "ppo with gSDE": {"activation_fn": "tanh", "sde_sample_freq": 4, "reward": {"tip": 0.2}},
+    "ppo with gSDE": {
+        "ppo": {
+            **ALGORITHMS["ppo"],
+            **{"use_sde": True, "sde_sample_freq": 4, "policy_kwargs": {**_NETWORK, "activation_fn": "tanh"}},
+        },
+        "reward": {"tip": 0.2},
+    },
     "ppo with a curriculum": {"curriculum": ["calm", "breeze"], "curriculum_steps": 512, "save_freq": 256},
     "ppo on estimates": {"hybrid": {"base_controller": "adrc-matched"}, "history": 2, "history_actions": 1},
     "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
@@ -261,11 +270,11 @@ TRAININGS: dict[str, Parts] = {
     "ppo with bandwidth scheduling": {
         "hybrid": {**ON_FLATNESS, "mode": "bandwidth_scheduling", "fallback_gain": 3.0, "action_repeat": 5},
         "max_episode_steps": 20,
-        "ppo": {"n_steps": 16, "n_epochs": 2, "critic_warmup_steps": 256},
+        "critic_warmup_steps": 256,
     },
     "ppo on the hummingbird": {"scenarios": ["hummingbird_windy"]},
-    "sac": {"algo": "sac", "total_timesteps": 512, "batch_size": 32},
-    "sac with a load": {"algo": "sac", "total_timesteps": 512, "batch_size": 32, "scenarios": ["load_learning"]},
-    "tqc": {"algo": "tqc", "total_timesteps": 512, "batch_size": 32},
-    "apg": {"algo": "apg", "batch_size": 1024, "scenarios": ["training_uncertain", "training_lagged"]},
+    "sac": {"algo": "sac", "total_timesteps": 512},
+    "sac with a load": {"algo": "sac", "total_timesteps": 512, "scenarios": ["load_learning"]},
+    "tqc": {"algo": "tqc", "total_timesteps": 512},
+    "apg": {"algo": "apg", "scenarios": ["training_uncertain", "training_lagged"]},
 }

@@ -16,8 +16,7 @@ from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
 from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Vehicle
 from quadpend_gym.wind import KINDS as WINDS
-from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
-from quadpend_train.training.settings import HybridSettings, TrainSettings
+from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 
 PAGE = Path(__file__).parents[1] / "ranges.md"
 GROUPS: dict[str, tuple[type[Any], ...]] = {
@@ -27,7 +26,7 @@ GROUPS: dict[str, tuple[type[Any], ...]] = {
     "wind": tuple(WINDS.values()),
     "sensors": (Channel, *SENSORS.values()),
     "actuators": tuple(ACTUATORS.values()),
-    "training": (TrainSettings, HybridSettings, PpoSettings, SacSettings, ApgSettings),
+    "training": (TrainSettings, HybridSettings, ApgSettings),
 }
 
 

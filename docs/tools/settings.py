@@ -11,15 +11,12 @@ from quadpend_gym.core.files import read_mapping
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import settings as module
-from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
-from quadpend_train.training.settings import PRESETS, HybridSettings, TrainSettings
+from quadpend_train.training.settings import PRESETS, ApgSettings, HybridSettings, TrainSettings
 
 PAGE = Path(__file__).parents[1] / "training.md"
 GROUPS = {
     "settings": TrainSettings,
     "hybrid": HybridSettings,
-    "ppo": PpoSettings,
-    "sac": SacSettings,
     "apg": ApgSettings,
 }
 

@@ -12,10 +12,9 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
-from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.algorithms import load_model
 from quadpend_train.training.environment import make_env
-from quadpend_train.training.settings import PpoSettings, SacSettings, TrainSettings
+from quadpend_train.training.settings import ApgSettings, TrainSettings
 
 # Scenarios whose episodes end after a few steps for every policy.
 SHORT = json.dumps({"wind": "windy", "task": {"limits": {"pendulum_angle": 0.06}}})
@@ -24,15 +23,20 @@ BRIEF = TrainSettings(
     scenarios=(SHORT,),
     total_timesteps=1024,
     num_envs=16,
-    batch_size=128,
-    net_arch=(8,),
     n_eval_episodes=2,
-    ppo=PpoSettings(n_steps=16, n_epochs=1),
+    arguments={"n_steps": 16, "n_epochs": 1, "batch_size": 128, "policy_kwargs": {"net_arch": (8,)}},
 )
-# What `replace` changes in them for SAC and TQC
-SAC: dict[str, Any] = {"ppo": PpoSettings(), "sac": SacSettings(gradient_steps=1, buffer_size=1024, learning_starts=64)}
-BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, batch_size=32, **SAC)
-APG = replace(BRIEF, algo="apg", batch_size=1024, ppo=PpoSettings(), apg=ApgSettings(window=8))
+SAC = {
+    **{"gradient_steps": 1, "buffer_size": 1024, "learning_starts": 64, "batch_size": 32},
+    "policy_kwargs": {"net_arch": (8,)},
+}
+BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, arguments=SAC)
+APG = replace(BRIEF, algo="apg", arguments={}, apg=ApgSettings(window=8, net_arch=(8,)))
+
+
+def with_arguments(settings: TrainSettings, **arguments: Any) -> TrainSettings:
+    """Return settings with other keyword arguments of the algorithm."""
+    return replace(settings, arguments={**settings.arguments, **arguments})
 
 
 def train_policy(settings: TrainSettings, folder: Path, **options: Any) -> MlpPolicy:

@@ -7,7 +7,9 @@ from quadpend_train.training.settings import TrainSettings
 
 
 def test_a_goal_is_reached_when_two_blocks_of_episodes_agree(monkeypatch: pytest.MonkeyPatch) -> None:
-    brief = TrainSettings(total_timesteps=2048, num_envs=16, batch_size=256, ppo={"n_steps": 32, "n_epochs": 1})  # type: ignore[arg-type]
+    brief = TrainSettings(
+        total_timesteps=2048, num_envs=16, arguments={"n_steps": 32, "n_epochs": 1, "batch_size": 256}
+    )
     monkeypatch.setattr(time_to_beat, "read_settings", lambda name: brief)
     checked: list[int] = []
 

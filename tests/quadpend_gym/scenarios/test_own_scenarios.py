@@ -119,7 +119,7 @@ def test_an_own_wind_that_fails_is_refused_before_anything_flies(module: str) ->
 
 def test_training_settings_keep_the_factory_of_a_wind(module: str, tmp_path: Path) -> None:
     (tmp_path / "push.json").write_text(f'{{"wind": "{module}:Push"}}', encoding="utf-8")
-    settings = TrainSettings(scenarios=(f"{module}:Push", "push.json"), num_envs=4, batch_size=256)
+    settings = TrainSettings(scenarios=(f"{module}:Push", "push.json"), num_envs=4)
     (tmp_path / "settings.json").write_text(json.dumps(to_mapping(settings)), encoding="utf-8")
     again = read_settings("settings.json")
     assert again == settings
@@ -131,7 +131,7 @@ def test_the_reward_of_a_scenario_is_used_unless_the_settings_give_another() -> 
     own = {"task": {"reward": {"tracking": 1.0, "upright": 0.0, "yaw": 0.0, "effort": 0.0, "tip": 0.0}}}
 
     def reward(**settings: Any) -> RewardWeights:
-        env: Any = make_env(from_mapping({"num_envs": 16, "batch_size": 256, **settings}, "test"))
+        env: Any = make_env(from_mapping({"num_envs": 16, **settings}, "test"))
         return env.env.unwrapped.world.task.reward  # type: ignore[no-any-return]
 
     assert reward(scenarios=[own]).tip == 0.0

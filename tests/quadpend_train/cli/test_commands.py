@@ -127,7 +127,7 @@ def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> 
     text = re.sub(r"\s+", " ", capsys.readouterr().out)
     for part in ("hybrid: kind=bandwidth_scheduling", "45 → 64 → 64 → 4, relu", "36 or 27 numbers", "every 10 control"):
         assert part in text
-    for part in ("by PPO in training: 1015808 timesteps", "gamma=0.92", "ppo.n_steps=16", "seed 0", "RMSE 24.2 mm"):
+    for part in ("by PPO in training: 1015808 timesteps", "ppo.gamma=0.92", "ppo.n_steps=16", "seed 0", "RMSE 24.2 mm"):
         assert part in text
     for part in ("gae_lambda", "n_eval_episodes"):  # these settings have their default values
         assert part not in text

@@ -34,7 +34,7 @@ def test_card_agrees_with_settings_and_policy(path: Path) -> None:
     assert card["seed"] == settings.seed
     assert card["best_at"] > 0  # not the untrained policy
     assert {name: card[name] for name in PLAIN_INTERFACE} == settings.policy_interface()
-    assert {"score", "curve", "scenarios", "provenance", "seconds", "steps", "best_at"} <= set(card)
+    assert {"score", "curve", "provenance", "seconds", "steps", "best_at"} <= set(card)
     assert path.stat().st_size < 1_000_000
 
 

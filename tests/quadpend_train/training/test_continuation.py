@@ -17,7 +17,15 @@ from quadpend_train.training.validation import read_curve
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.policies import mlp_policy
-from tests.helpers.training import BRIEF, BRIEF_SAC, SAC, interrupt_at, model_of, train_policy, trained_arrays
+from tests.helpers.training import (
+    BRIEF,
+    BRIEF_SAC,
+    interrupt_at,
+    model_of,
+    train_policy,
+    trained_arrays,
+    with_arguments,
+)
 
 SHORTER = replace(BRIEF, total_timesteps=512, save_freq=256)
 SHORTER_SAC = replace(BRIEF_SAC, total_timesteps=256, save_freq=128)
@@ -27,7 +35,12 @@ each_algorithm = pytest.mark.parametrize("settings", [SHORTER, SHORTER_SAC], ids
 
 @pytest.mark.parametrize(
     "settings",
-    [SHORTER, replace(SHORTER, hybrid=RESIDUAL, history=2), SHORTER_SAC, replace(SHORTER_SAC, sde_sample_freq=4)],
+    [
+        SHORTER,
+        replace(SHORTER, hybrid=RESIDUAL, history=2),
+        SHORTER_SAC,
+        with_arguments(SHORTER_SAC, use_sde=True, train_freq=4),
+    ],
     ids=["ppo", "residual action", "sac", "sac, gSDE"],
 )
 def test_training_starts_with_the_network_of_the_policy(settings: TrainSettings, tmp_path: Path) -> None:
@@ -39,6 +52,11 @@ def test_training_starts_with_the_network_of_the_policy(settings: TrainSettings,
     changed = {name for name in arrays if not bool((arrays[name] == others[name]).all())}
     actor = ("mlp_extractor.policy_net", "action_net") if settings.algo == "ppo" else ("actor.latent_pi", "actor.mu")
     assert changed == {name for name in arrays if name.startswith(actor)}
+
+
+def network(**changes: Any) -> dict[str, Any]:
+    """Return the arguments of PPO with a network like that of `mlp_policy`."""
+    return {**BRIEF.arguments, "policy_kwargs": {"net_arch": (8, 6), **changes}}
 
 
 @each_algorithm
@@ -87,23 +105,25 @@ def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"net_arch": (8, 7)}, r"widths \[36, 8, 6, 4\], but the settings have \[36, 8, 7, 4\]"),
-        ({"activation_fn": "tanh"}, "has activation 'relu', but the settings have 'tanh'"),
+        ({"arguments": network(net_arch=(8, 7))}, r"widths \[36, 8, 6, 4\], but the settings have \[36, 8, 7, 4\]"),
+        ({"arguments": network(activation_fn="tanh")}, "has activation 'relu', but the settings have 'tanh'"),
         ({"input_scales": (8.0,)}, r"has input_scales None, but the settings have \[8.0\]"),
         ({"history": 2}, "has history 1, but the settings have 2"),
         ({"hybrid": RESIDUAL}, "has hybrid None, but the settings have {'kind': 'residual_action'"),
-        ({"algo": "sac", **SAC}, "has squashed False, but the settings have True"),
+        (
+            {"algo": "sac", "arguments": {"policy_kwargs": {"net_arch": (8, 6)}}},
+            "has squashed False, but the settings have True",
+        ),
         ({"start_from": "adrc-paper"}, "must be a learned policy with a feedforward network, not adrc-paper"),
         ({"start_from": "nix"}, "there is no policy 'nix'"),
         ({"start_from": "ppo-gain-scheduling-0"}, "ppo-gain-scheduling-0 has .*, but the settings have"),
         ({"hybrid": HybridSettings("lqr", imitation_timesteps=64)}, "imitation_timesteps must be 0 with start_from"),
-        ({"start_from": 3}, "start_from must be the name or the path of a policy, not 3"),
     ],
     ids=str,
 )
 def test_policy_that_does_not_fit_the_settings_is_refused(changes: Any, message: str, tmp_path: Path) -> None:
     mlp_policy(36).save(tmp_path / "start.npz")
-    given = {"net_arch": (8, 6), "start_from": str(tmp_path / "start.npz"), **changes}
+    given = {"arguments": network(), "start_from": str(tmp_path / "start.npz"), **changes}
     assert_refused(lambda: train_policy(replace(BRIEF, **given), tmp_path / "run"), message, (ValueError, TypeError))
     assert not (tmp_path / "run").exists()
 
@@ -111,7 +131,7 @@ def test_policy_that_does_not_fit_the_settings_is_refused(changes: Any, message:
 def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None:
     """A policy of the paper's vehicle has no interface on its card; of one without settings nothing is known."""
     start = tmp_path / "start.npz"
-    rates = replace(BRIEF, net_arch=(8, 6), start_from=str(start), scenarios=("calm · hummingbird · body_rates",))
+    rates = replace(BRIEF, arguments=network(), start_from=str(start), scenarios=("calm · hummingbird · body_rates",))
     mlp_policy(36, settings={}).save(start)
     assert_refused(
         lambda: training.initial_model(rates, None), "start.npz: the policy was trained to command thrust and torques"

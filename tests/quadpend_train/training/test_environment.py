@@ -42,9 +42,7 @@ def observed_in_training(policy: Any, settings: TrainSettings, steps: int) -> An
 )
 def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, scenario: str) -> None:
     """Also in the second of two scenarios, of which only this one has delays that the base controller knows."""
-    settings = replace(
-        BRIEF, scenarios=("calm", scenario), num_envs=4, batch_size=64, hybrid=HybridSettings("flatness", mode)
-    )
+    settings = replace(BRIEF, scenarios=("calm", scenario), num_envs=4, hybrid=HybridSettings("flatness", mode))
     policy = mlp_policy(49 if mode == "residual_action" else 45, **settings.policy_interface())
     expected = observed_in_training(policy, settings, 40)
     adapted, env = policy.adapt(found := find_scenario(scenario)), found.make_vec(2, AutoresetMode.SAME_STEP)

@@ -12,10 +12,19 @@ from stable_baselines3 import PPO
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
-from quadpend_train.training.algorithm_settings import ApgSettings
-from quadpend_train.training.settings import HybridSettings, PpoSettings, TrainSettings
+from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 from tests.helpers.envs import assert_same
-from tests.helpers.training import BRIEF, BRIEF_SAC, OTHER, SHORT, interrupt_at, model_of, train_policy, trained_arrays
+from tests.helpers.training import (
+    BRIEF,
+    BRIEF_SAC,
+    OTHER,
+    SHORT,
+    interrupt_at,
+    model_of,
+    train_policy,
+    trained_arrays,
+    with_arguments,
+)
 
 SEGMENTS = replace(BRIEF, save_freq=512)  # a segment has two rollouts
 SEGMENTS_SAC = replace(BRIEF_SAC, save_freq=128)
@@ -27,17 +36,17 @@ RUNS: dict[str, TrainSettings] = {
     "ppo, residual action": replace(SEGMENTS, hybrid=RESIDUAL),
     "ppo, bandwidth scheduling": replace(SEGMENTS, hybrid=HybridSettings("flatness", "bandwidth_scheduling")),
     "ppo, history and input scales": replace(SEGMENTS, history=2, history_actions=1, input_scales=(8.0,)),
-    "ppo, gSDE": replace(SEGMENTS, sde_sample_freq=4),
+    "ppo, gSDE": with_arguments(SEGMENTS, use_sde=True, sde_sample_freq=4),
     "ppo, evaluated": replace(SEGMENTS, eval_freq=256, save_freq=256),
     "ppo, mixed": replace(SEGMENTS, scenarios=(SHORT, OTHER)),
-    "ppo, critic first": replace(SEGMENTS, ppo=replace(SEGMENTS.ppo, critic_warmup_steps=700), save_freq=256),
+    "ppo, critic first": replace(SEGMENTS, critic_warmup_steps=700, save_freq=256),
     "ppo, imitation": replace(SEGMENTS, hybrid=HybridSettings("adrc-matched", imitation_timesteps=320)),
-    "ppo, long rollouts": replace(SEGMENTS, ppo=PpoSettings(n_steps=24, n_epochs=2), total_timesteps=1200),
+    "ppo, long rollouts": replace(with_arguments(SEGMENTS, n_steps=24, n_epochs=2), total_timesteps=1200),
     "ppo, baseline-relative and repeated": replace(
         SEGMENTS, hybrid=replace(RESIDUAL, baseline_relative_reward=True, failure_penalty=2.0, action_repeat=4)
     ),
     "sac": SEGMENTS_SAC,
-    "sac, gSDE": replace(SEGMENTS_SAC, sde_sample_freq=4),
+    "sac, gSDE": with_arguments(SEGMENTS_SAC, use_sde=True, sde_sample_freq=4, train_freq=4),
     "sac, residual action, evaluated, curriculum": replace(
         SEGMENTS_SAC, hybrid=RESIDUAL, eval_freq=128, curriculum=(OTHER,), curriculum_steps=256
     ),
@@ -47,8 +56,7 @@ RUNS: dict[str, TrainSettings] = {
         algo="apg",
         scenarios=(SHORT, LAGGED),
         hybrid=HybridSettings("flatness", situation=True),
-        batch_size=1024,
-        ppo=PpoSettings(),
+        arguments={},
         apg=ApgSettings(window=8),
         eval_freq=256,
     ),
@@ -74,7 +82,7 @@ def test_resumed_run_equals_an_uninterrupted_run(
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     policy = train_policy(settings, whole)
     rows = settings.num_envs
-    rollout = rows * {"ppo": settings.ppo.n_steps, "apg": settings.apg.window}.get(settings.algo, 1)
+    rollout = rows if settings.algo in ("sac", "tqc") else settings.rollout_timesteps()
     segment = rollout * -(-settings.save_freq // rollout)
     stops = (
         [segment // 2, segment + segment // 2 + rows, 2 * segment + rows]

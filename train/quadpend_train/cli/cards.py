@@ -16,7 +16,7 @@ from quadpend_train.common.files import to_json_data
 from quadpend_train.policies.loading import load_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.own import FactoryPolicy, source
-from quadpend_train.training.settings import TrainSettings, settings_of_card
+from quadpend_train.training.settings import TrainSettings, settings_of_card, to_mapping
 
 _NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
 
@@ -112,9 +112,10 @@ def _training(card: Mapping[str, Any]) -> Lines:
     )
     used = settings_of_card(card, "the policy")
     given, default = (
-        _flat(json_format.loads(json_format.dumps(data))) for data in (asdict(used), asdict(TrainSettings()))
+        _flat(json_format.loads(json_format.dumps(data)))
+        for data in (to_mapping(used), to_mapping(TrainSettings(algo=used.algo)))
     )
-    shown = {name: value for name, value in given.items() if value != default[name]}
+    shown = {name: value for name, value in given.items() if value != default.get(name)}
     yield "settings", f"{_pairs(shown)}; the others have their default values"
     yield (
         "score",

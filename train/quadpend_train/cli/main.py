@@ -50,7 +50,7 @@ COMMANDS = {
     "list": Command(
         "listing.list_names", "List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors."
     ),
-    "train": Command("training.train", "Train PPO, SAC, TQC or APG."),
+    "train": Command("training.train", "Train a policy."),
     "evaluate": Command(
         "evaluation.evaluate", "Evaluate policies in the same episodes and compare them with the first policy.", _CACHED
     ),
@@ -61,12 +61,12 @@ COMMANDS = {
         "training.reproduce", "Train a learned policy again from its card, and report whether the weights are the same."
     ),
     "tune": Command(
-        "studies.tune",
+        "search.tune",
         "Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.",
         _SAVED,
     ),
     "sweep": Command(
-        "studies.sweep",
+        "search.sweep",
         "Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.",
         _SAVED,
     ),

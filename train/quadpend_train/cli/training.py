@@ -4,79 +4,97 @@ The parameters of these functions are the options of the commands. Slow imports 
 `quadpend --help` starts quickly.
 """
 
-import argparse
+import json
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
-from quadpend_gym.scenarios import find_scenario, scenario_hash, with_changes
+from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.common.executors import executor
 from quadpend_train.common.files import writable_file, writable_folder
-from quadpend_train.training.settings import ALGORITHMS, TrainSettings, read_settings, settings_of_card
+from quadpend_train.training.settings import (
+    PRESETS,
+    TrainSettings,
+    as_texts,
+    read_settings,
+    settings_of_card,
+    with_values,
+)
 
-DEFAULT_SETTINGS = "ppo"
 DEFAULT_OUT = Path("runs/latest")
 
 
-def settings_of(start_from: str | None) -> str:
-    """Return the settings of a training that starts from a policy: the file of the policy, whose card has them.
+@dataclass(frozen=True)
+class _Source:
+    """The options from which the defaults of the others follow."""
 
-    Args:
-        start_from: The policy as for `load_policy`, or None.
-
-    Returns:
-        A name for `read_settings`; the default settings for a policy that was not trained by `quadpend train`.
-    """
-    from quadpend_train.policies.loading import policy_file
-    from quadpend_train.policies.mlp_policy import MlpPolicy
-
-    try:
-        path = policy_file(start_from) if start_from else None
-        return str(path) if path and "settings" in MlpPolicy.load(path).card else DEFAULT_SETTINGS
-    except ValueError:  # training refuses the policy with its own message
-        return DEFAULT_SETTINGS
+    settings: str | None = None
+    algo: str | None = None
+    resume: Path | None = None
+    start_from: str | None = None
+    seeds: str | None = None
+    set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
 
 
 def default_settings(options: Sequence[str]) -> dict[str, Any]:
-    """Return the defaults of the parameters `run` and `settings` of `train`.
-
-    The settings file, or the run to resume, determines the defaults of all settings, so these options are read before
-    tyro parses the command line.
+    """Return the settings whose values are the defaults of the options of `train`, as its parameter `run`.
 
     Args:
         options: Options of the command.
     """
+    from quadpend_train.cli.seeds import begun, parse_seeds
     from quadpend_train.training.run_folder import SETTINGS
 
-    parser = argparse.ArgumentParser(prog="quadpend train", add_help=False, allow_abbrev=False)
-    for option in ("--settings", "--algo", "--resume", "--start-from", "--seeds"):
-        parser.add_argument(option, nargs="?")
-    known = parser.parse_known_args(options)[0]
-    stored = _any_run(Path(known.resume or ""), known.seeds) / SETTINGS
-    if known.resume and known.settings:
-        raise ValueError("--resume continues a run with its own settings: give no --settings with it")
-    if known.resume and stored.is_file():
-        return {"run": read_settings(str(stored)), "settings": str(stored)}
-    name = known.settings or (known.algo if known.algo in ALGORITHMS else settings_of(known.start_from))
-    return {"run": read_settings(name), "settings": name}
+    found = tyro.cli(_Source, args=options, return_unknown_args=True, add_help=False, console_outputs=False)[0]
+    if found.resume:
+        if found.settings or found.set:
+            raise ValueError("--resume continues a run with its own settings: give no --settings and no --set with it")
+        runs = begun(found.resume, parse_seeds(found.seeds)) if found.seeds else [found.resume]
+        stored = (runs[0] if runs else found.resume) / SETTINGS
+        return {"run": read_settings(str(stored) if stored.is_file() else "ppo")}
+    run = _base(found.settings, found.algo, found.start_from)
+    return {"run": with_values(run, _values(found.set))}
 
 
-def _any_run(folder: Path, seeds: str | None) -> Path:
-    """Return the folder of a run, of several training seeds that of the first one that has begun."""
-    from quadpend_train.cli.seeds import begun, parse_seeds
+def _base(settings: str | None, algo: str | None, start_from: str | None) -> TrainSettings:
+    """Return the settings of a file, of the algorithm's preset, or of the policy that training starts from."""
+    from quadpend_train.policies.loading import policy_file
+    from quadpend_train.policies.mlp_policy import MlpPolicy
 
-    found = begun(folder, parse_seeds(seeds)) if seeds and folder.name else []
-    return found[0] if found else folder
+    if settings:
+        return read_settings(settings)
+    if algo:
+        return read_settings(algo) if (PRESETS / f"{algo}.toml").is_file() else TrainSettings(algo=algo)
+    with suppress(ValueError):  # training refuses the policy with its own message
+        if start_from and (path := policy_file(start_from)) and "settings" in (card := MlpPolicy.load(path).card):
+            return settings_of_card(card, start_from)
+    return read_settings("ppo")
+
+
+def _values(changes: Sequence[str]) -> dict[str, Any]:
+    """Return the values of changes such as ``ppo.learning_rate=1e-3`` by their paths; they are JSON or text."""
+    values: dict[str, Any] = {}
+    for change in changes:
+        path, sign, text = change.partition("=")
+        if not sign:
+            raise ValueError(f"--set takes TABLE.NAME=VALUE, such as ppo.learning_rate=1e-3, not {change!r}")
+        try:
+            values[path] = json.loads(text)
+        except json.JSONDecodeError:
+            values[path] = text
+    return values
 
 
 def train(
     run: Annotated[TrainSettings, tyro.conf.arg(name="")],
-    settings: str = DEFAULT_SETTINGS,
+    settings: str | None = None,
+    set: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     out: Path = DEFAULT_OUT,
     resume: Path | None = None,
     more_steps: int | None = None,
@@ -86,13 +104,15 @@ def train(
     jobs: int = 1,
     cluster: str | None = None,
 ) -> None:
-    """Train PPO, SAC, TQC or APG.
+    """Train a policy.
 
     Args:
         run: Settings that replace those of the file.
         settings: Settings file: the name of a preset in train/quadpend_train/training/presets, the path of a TOML or
             JSON file, or a policy file (.npz), whose card contains the settings of its training. Without it, --algo
             selects the preset ppo, sac, tqc or apg, and --start-from the settings of its policy.
+        set: A keyword argument of the algorithm's class in Stable-Baselines3 or sb3-contrib, as ppo.learning_rate=1e-3
+            or sac.policy_kwargs.net_arch=[64,64]. It may be repeated.
         out: Folder of the run.
         resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
             --patience may be changed. Loading its checkpoint executes code that it contains: resume only runs that you
@@ -125,8 +145,8 @@ def train(
     if vehicle or interface:
         run = replace(
             run,
-            scenarios=tuple(with_changes(name, vehicle, interface) for name in run.scenarios),
-            curriculum=tuple(with_changes(name, vehicle, interface) for name in run.curriculum),
+            scenarios=_changed(run.scenarios, vehicle, interface),
+            curriculum=tuple(text for stage in run.curriculum for text in _changed([stage], vehicle, interface)),
         )
     if seeds is not None:
         _train_seeds(run, seeds, resume, out, more_steps, jobs, cluster)
@@ -146,6 +166,12 @@ def train(
     command = ["quadpend", "evaluate", "flatness", f"mine={path.parent}", "--scenarios", *scenarios]
     command += [part for option, value in changes.items() if value for part in (option, value)]
     print(f"Compare it with a classical controller: {shlex.join(command)}")
+
+
+def _changed(scenarios: Sequence[str], vehicle: str | None, interface: str | None) -> tuple[str, ...]:
+    """Return scenarios with another vehicle and interface, as texts."""
+    changed = (scenario.with_vehicle(vehicle, interface) for scenario in find_scenarios(scenarios).values())
+    return as_texts(find_scenarios(changed))
 
 
 def _train_seeds(
@@ -214,13 +240,8 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     from quadpend_train.training import train as training
 
     original = MlpPolicy.load(policy_file(policy))
-    if missing := [name for name in ("settings", "scenarios", "provenance") if name not in original.card]:
-        raise ValueError(f"the card of {policy} has no {missing[0]}: the policy was exported, not trained here")
-    for name, trained_in in original.card["scenarios"].items():
-        if scenario_hash(find_scenario(name)) != trained_in:
-            raise ValueError(f"the scenario {name} has changed since {policy} was trained in it")
-    start.check_reproducible(original.card, policy)
     settings = settings_of_card(original.card, policy)
+    start.check_reproducible(original.card, policy)
     reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
     if largest := weight_difference(original, reproduced):
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import sb3_contrib
 import stable_baselines3
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from quadpend_gym.core.settings import suggest
 from quadpend_train.common.text import brief
 
 ACTIVATION_MODULES = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
@@ -58,19 +60,20 @@ def algorithm_class(name: str) -> Any:
     """Return the class of an algorithm.
 
     Args:
-        name: The name of the class in Stable-Baselines3 or sb3-contrib, or ``"ppo"``, ``"sac"`` or ``"tqc"``.
+        name: The name of the class in Stable-Baselines3 or sb3-contrib, in any case.
 
     Raises:
-        ValueError: If the package of the algorithm is not installed.
+        ValueError: If there is no such class.
     """
-    name = name.upper() if name.islower() else name
-    if hasattr(stable_baselines3, name):
-        return getattr(stable_baselines3, name)
-    try:
-        import sb3_contrib
-    except ImportError as error:
-        raise ValueError(f"{name} needs sb3-contrib: pip install 'quadpend-gym[train]'") from error
-    return getattr(sb3_contrib, name)
+    found = {
+        label.lower(): item
+        for label, item in (*vars(stable_baselines3).items(), *vars(sb3_contrib).items())
+        if isinstance(item, type) and issubclass(item, BaseAlgorithm)
+    }
+    if name.lower() not in found:
+        known = ["apg", *found]
+        raise ValueError(f"algo must be one of {', '.join(known)}, not {name!r}{suggest(name, known)}")
+    return found[name.lower()]
 
 
 def is_on_policy(model: Any) -> bool:

@@ -1,15 +1,14 @@
-"""Create models of PPO, SAC, TQC and APG from training settings."""
+"""Create models from training settings: of APG, and of the algorithms of Stable-Baselines3 and sb3-contrib."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, output_layer
 from quadpend_train.training.apg import APG, check_apg
+from quadpend_train.training.arguments import as_python, linear_schedule
 from quadpend_train.training.settings import TrainSettings
 
 
@@ -20,66 +19,40 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
         settings: The training settings.
         env: The training environment.
         folder: The folder for TensorBoard's event files; None writes no event files.
+
+    Raises:
+        ValueError: If the algorithm has no continuous actions, or APG does not cover the settings.
     """
-    special = {"ppo": _ppo, "apg": _apg}.get(settings.algo, _sac)(settings)
-    policy = special.pop("policy_kwargs", {})
+    kind, arguments = (
+        (APG, _apg(settings))
+        if settings.algo == "apg"
+        else (algorithm_class(settings.algo), as_python(settings.arguments))
+    )
     if settings.input_scales:
-        policy |= {
+        arguments["policy_kwargs"] = {
+            **arguments.get("policy_kwargs", {}),
             "features_extractor_class": MultiScaleInputs,
             "features_extractor_kwargs": {"scales": settings.input_scales},
         }
-    kind: Any = APG if settings.algo == "apg" else algorithm_class(settings.algo)
-    model = kind(
-        "MlpPolicy",
-        env,
-        learning_rate=_linear_schedule(settings.learning_rate, settings.final_learning_rate),
-        gamma=settings.gamma,
-        use_sde=settings.sde_sample_freq > 0,
-        sde_sample_freq=settings.sde_sample_freq or -1,
-        policy_kwargs={
-            "net_arch": list(settings.net_arch),
-            "activation_fn": ACTIVATION_MODULES[settings.activation_fn],
-            **policy,
-        },
-        tensorboard_log=None if folder is None else str(folder),
-        seed=settings.seed,
-        device="cpu",
-        **special,
-    )
+    log = None if folder is None else str(folder)
+    try:
+        model = kind("MlpPolicy", env, tensorboard_log=log, seed=settings.seed, device="cpu", **arguments)
+    except AssertionError as error:  # Stable-Baselines3 checks the action space and some arguments this way
+        raise ValueError(f"algo {settings.algo!r} refuses its environment or its arguments: {error}") from error
     if settings.hybrid.mode != "estimate_only":
         _start_near_zero(model, settings)
     return model
 
 
-def _ppo(settings: TrainSettings) -> dict[str, Any]:
-    return {
-        "batch_size": settings.batch_size,
-        "n_steps": settings.ppo.n_steps,
-        "n_epochs": settings.ppo.n_epochs,
-        "gae_lambda": settings.ppo.gae_lambda,
-        "clip_range": settings.ppo.clip_range,
-        "ent_coef": settings.ppo.ent_coef,
-        "policy_kwargs": {"log_std_init": settings.ppo.log_std_init},
-    }
-
-
-def _sac(settings: TrainSettings) -> dict[str, Any]:
-    return {
-        "batch_size": settings.batch_size,
-        "train_freq": (settings.sde_sample_freq or 1, "step"),
-        "gradient_steps": settings.sac.gradient_steps * (settings.sde_sample_freq or 1),
-        "buffer_size": settings.sac.buffer_size,
-        "learning_starts": settings.sac.learning_starts,
-        "tau": settings.sac.tau,
-        "ent_coef": f"auto_{settings.sac.ent_coef_init}",
-        "target_entropy": settings.sac.target_entropy,
-    }
-
-
 def _apg(settings: TrainSettings) -> dict[str, Any]:
     check_apg(settings)
-    scenarios = [find_scenario(name) for name in expand_sets(settings.scenarios)]
-    return {"scenarios": scenarios, "apg": settings.apg}
+    apg = settings.apg
+    return {
+        "scenarios": list(settings.found().values()),
+        "apg": apg,
+        "learning_rate": linear_schedule(apg.learning_rate, apg.final_learning_rate),
+        "policy_kwargs": {"net_arch": list(apg.net_arch), "activation_fn": ACTIVATION_MODULES[apg.activation_fn]},
+    }
 
 
 def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
@@ -97,20 +70,16 @@ def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
     return model
 
 
-def _linear_schedule(initial: float, final: float) -> Callable[[float], float]:
-    return lambda progress_remaining: final + (initial - final) * max(progress_remaining, 0.0)
-
-
 def _start_near_zero(model: Any, settings: TrainSettings) -> None:
     """Scale down the initial actions of a hybrid, so that it starts close to its base controller.
 
-    With a baseline-relative reward, the return of the base controller is 0, so the output of PPO's critic starts at 0.
+    With a baseline-relative reward, the return of the base controller is 0, so the output of an on-policy critic starts
+    at 0.
     """
     with torch.no_grad():
-        layer: Any = output_layer(model)
-        if isinstance(layer, torch.nn.Sequential):  # with gSDE a clipping module follows the layer
-            layer = layer[0]
+        # a module that squashes or clips the output may follow the last layer
+        layer = [item for item in output_layer(model).modules() if isinstance(item, torch.nn.Linear)][-1]
         layer.weight *= 0.1
         layer.bias.zero_()
-        if settings.hybrid.baseline_relative_reward and settings.algo == "ppo":
+        if settings.hybrid.baseline_relative_reward and hasattr(model.policy, "value_net"):
             model.policy.value_net.weight.zero_()

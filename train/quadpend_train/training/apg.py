@@ -53,7 +53,7 @@ from torch import Tensor
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
-from quadpend_gym.scenarios import Scenario, expand_sets, find_scenario
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import REFERENCE_START
 from quadpend_gym.wind import WIND_SIZE
 from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor
@@ -66,15 +66,11 @@ from quadpend_train.differentiable.observation import (
 )
 from quadpend_train.differentiable.plant import Plant, check_covered
 from quadpend_train.envs.concatenated import worlds
-from quadpend_train.training.algorithm_settings import ApgSettings
 from quadpend_train.training.environment import hybrid_wrappers
-from quadpend_train.training.settings import TrainSettings
+from quadpend_train.training.settings import ApgSettings, TrainSettings
 
 # Settings that APG does not use
-_UNUSED = (
-    *("curriculum", "history", "history_actions", "sde_sample_freq"),
-    *("batch_size", "gamma", "reward", "reward_scale"),
-)
+_UNUSED = ("curriculum", "history", "history_actions", "reward", "reward_scale", "critic_warmup_steps")
 
 
 class APG(OnPolicyAlgorithm):
@@ -92,7 +88,8 @@ class APG(OnPolicyAlgorithm):
 
     def __init__(self, policy: Any, env: Any, scenarios: Sequence[Scenario], apg: ApgSettings, **options: Any) -> None:
         """Make the policy and the differentiable plant."""
-        unused: dict[str, Any] = {"n_steps": 1, "gae_lambda": 1.0, "ent_coef": 0.0, "vf_coef": 0.0}
+        unused: dict[str, Any] = {"n_steps": 1, "gamma": 1.0, "gae_lambda": 1.0, "ent_coef": 0.0, "vf_coef": 0.0}
+        unused |= {"use_sde": False, "sde_sample_freq": -1}
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
         self._plant = Plant(scenarios, self.n_envs)
@@ -255,8 +252,8 @@ def check_apg(settings: TrainSettings) -> None:
     for name, value, only in [*given, (relative, getattr(settings.hybrid, relative), False)]:
         if value != only:
             raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
-    for name in expand_sets(settings.scenarios):
-        check_covered(name, scenario := find_scenario(name))
+    for name, scenario in settings.found().items():
+        check_covered(name, scenario)
         if scenario.output_feedback and not settings.hybrid.base_controller:
             raise ValueError(
                 f"the scenario {name} has no velocities in its observation: algo 'apg' needs a base_controller, which"

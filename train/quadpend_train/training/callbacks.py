@@ -9,13 +9,12 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm.auto import tqdm
 
-from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.common.files import atomic, write_bytes
 from quadpend_train.policies.export import export
 from quadpend_train.policies.sb3_models import start_new_episodes
-from quadpend_train.training.environment import make_env, scenarios_at
+from quadpend_train.training.environment import make_env
 from quadpend_train.training.run_folder import CHECKPOINT
-from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings
+from quadpend_train.training.settings import TrainSettings
 from quadpend_train.training.validation import BEST, Score, validate, write_curve
 
 DIVERGED = (
@@ -61,7 +60,7 @@ class CheckpointSegments(BaseCallback):
     def _on_rollout_start(self) -> None:
         steps, start, settings = self.num_timesteps, self.segment_start, self.settings
         if start >= 0:
-            same_scenarios = scenarios_at(settings, steps) == scenarios_at(settings, start)
+            same_scenarios = settings.stage(steps) == settings.stage(start)
             if steps - start < settings.save_freq and same_scenarios:
                 return
             save_checkpoint(self.model, self.folder)
@@ -101,9 +100,9 @@ class StopConditions(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.rollouts += 1
-        if self.settings.algo not in REPLAY_ALGORITHMS or self.rollouts % _CHECK_INTERVAL == 0:
+        if not hasattr(self.model, "replay_buffer") or self.rollouts % _CHECK_INTERVAL == 0:
             self.check_finite()
-        if warmup := self.settings.ppo.critic_warmup_steps if self.settings.algo == "ppo" else 0:
+        if warmup := self.settings.critic_warmup_steps:
             for name, parameter in self.model.policy.named_parameters():
                 parameter.requires_grad_("value" in name or self.num_timesteps >= warmup)
 
@@ -201,14 +200,14 @@ class ProgressBar(BaseCallback):
 
     def _on_training_start(self) -> None:
         total = self.settings.total_timesteps
-        scenario = find_scenario(expand_sets(self.settings.scenarios)[0])
+        scenario = next(iter(self.settings.found().values()))
         self.action_period = scenario.simulation.period * self.settings.hybrid.action_repeat  # s
         self.bar = tqdm(total=total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5)
 
     def _on_rollout_end(self) -> None:
         if self.num_timesteps - self.bar.n < 1000:
             return
-        parts = list(scenarios_at(self.settings, self.num_timesteps)) if self.settings.curriculum else []
+        parts = list(self.settings.stage(self.num_timesteps)) if self.settings.curriculum else []
         if episodes := self.model.ep_info_buffer:
             parts.append(
                 f"episodes of {self.action_period * sum(item['l'] for item in episodes) / len(episodes):.1f} s"

@@ -24,7 +24,7 @@ import torch
 from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.training.environment import episode_steps, hybrid_wrappers
+from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
 
 _ROUNDS = 10
@@ -52,15 +52,14 @@ def dagger(model: Any, env: SB3VecEnv, settings: TrainSettings, check_time: Call
     optimizer = torch.optim.Adam(_actor_parameters(model), lr=_LEARNING_RATES[0])
     steps = max(settings.hybrid.imitation_timesteps // (_ROUNDS * env.num_envs), 1)
     rows = steps * env.num_envs  # labels of a round
+    episode = settings.max_episode_steps or max(scenario.steps for scenario in settings.found(0).values())
     size = env.observation_space.shape[0]  # type: ignore[index]
     observations, actions = np.empty((_ROUNDS * rows, size), np.float32), np.empty((_ROUNDS * rows, 4), np.float32)
     passes = [_PASSES[0]] * (_ROUNDS - 1) + [_PASSES[1]]
     for number in range(_ROUNDS):
         labels = slice(number * rows, (number + 1) * rows)
         if number == 0:
-            observation = _fly_teacher(
-                env, observations[labels], actions[labels], episode_steps(settings), random, check_time
-            )
+            observation = _fly_teacher(env, observations[labels], actions[labels], episode, random, check_time)
         else:
             noise = _noise(env.num_envs, random)
             observation = _fly_policy(
@@ -174,7 +173,7 @@ def _mean_action(model: Any, observation: Any) -> Any:
     """Return the deterministic action as a differentiable tensor."""
     if hasattr(model.policy, "action_net"):
         return model.policy.get_distribution(observation).distribution.mean
-    return model.actor(observation, deterministic=True)
+    return model.actor._predict(observation, deterministic=True)
 
 
 def _actor_parameters(model: Any) -> list[Any]:

@@ -13,7 +13,7 @@ from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym import RewardWeights
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.physics.parameters import CONTROL_PERIOD
-from quadpend_gym.scenarios import Scenario, expand_sets, find_scenario
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
@@ -61,26 +61,12 @@ def _concatenated(envs: Sequence[VectorEnv[Any, Any, Any]]) -> VectorEnv[Any, An
 
 def _check_rotors(settings: TrainSettings) -> None:
     """Raise ValueError if a scenario of a hybrid has rotors as actuators, which base controllers cannot command."""
-    names = expand_sets((*settings.curriculum, *settings.scenarios)) if settings.hybrid.base_controller else ()
-    if any(isinstance(model, Rotors) for name in names for model in find_scenario(name).actuators):
+    found = settings.all_scenarios().values() if settings.hybrid.base_controller else ()
+    if any(isinstance(model, Rotors) for scenario in found for model in scenario.actuators):
         raise ValueError(
             f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
             " of a hybrid in a scenario with rotors as actuators"
         )
-
-
-def scenarios_at(settings: TrainSettings, timesteps: int) -> tuple[str, ...]:
-    """Return the scenarios at a timestep of the training: those of a stage of the curriculum, or those of the run."""
-    if timesteps >= settings.curriculum_steps:
-        return settings.scenarios
-    return (settings.curriculum[timesteps * len(settings.curriculum) // settings.curriculum_steps],)
-
-
-def episode_steps(settings: TrainSettings) -> int:
-    """Return the largest number of control steps of an episode at the beginning of the training."""
-    return settings.max_episode_steps or max(
-        find_scenario(name).steps for name in expand_sets(scenarios_at(settings, 0))
-    )
 
 
 def hybrid_wrappers(env: Any) -> list[VectorHybridWrapper]:
@@ -99,8 +85,8 @@ def check_curriculum(settings: TrainSettings) -> None:
     Raises:
         ValueError: If the stages have different observations or different nominal simulations.
     """
-    names = expand_sets((*settings.curriculum, *settings.scenarios))
-    concatenate_scenarios([find_scenario(name) for name in names], len(names))
+    scenarios = [*settings.all_scenarios().values()]
+    concatenate_scenarios(scenarios, len(scenarios))
 
 
 def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
@@ -121,8 +107,7 @@ def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
             `concatenate_scenarios`.
     """
     _check_rotors(settings)
-    names = expand_sets(scenarios_at(settings, timesteps))
-    scenarios = [_with_reward(find_scenario(name), settings.reward) for name in names]
+    scenarios = [_with_reward(scenario, settings.reward) for scenario in settings.found(timesteps).values()]
     steps, hybrid = settings.max_episode_steps or None, settings.hybrid
     env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data())
     if settings.history > 1 or settings.history_actions:
@@ -130,7 +115,7 @@ def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)
         base_controllers = [controller(hybrid.base_controller).adapt(scenario) for scenario in scenarios]
-        gamma = settings.gamma ** (1.0 / hybrid.action_repeat)  # discount factor of a control step
+        gamma = settings.argument("gamma") ** (1.0 / hybrid.action_repeat)  # discount factor of a control step
         # A penalty of c is the largest return of c steps of the default period: of the same time at any period.
         penalty = hybrid.failure_penalty * (CONTROL_PERIOD / scenarios[0].simulation.period)
         env = BaselineRelativeReward(env, baseline, base_controllers, gamma, penalty)

@@ -1,32 +1,37 @@
-"""Training settings: dataclasses with the default values, and functions that read settings from files."""
+"""Training settings: their declaration, and functions that read them from files.
+
+A settings file changes the defaults of `TrainSettings`. The table that has the name of the algorithm contains keyword
+arguments of its class in Stable-Baselines3 or sb3-contrib, see `quadpend_train.training.arguments`:
+
+    algo = "ppo"
+    scenarios = ["windy"]
+    total_timesteps = 3_000_000
+
+    [ppo]
+    learning_rate = { initial = 2e-3, final = 4e-5 }
+    policy_kwargs = { net_arch = [128, 128], log_std_init = -1.0 }
+"""
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import tyro
+
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.hybrid import HYBRIDS
 from quadpend_gym import RewardWeights
 from quadpend_gym.core.files import read_mapping
-from quadpend_gym.core.ranges import Range, check_fields
-from quadpend_gym.core.validation import check_int, from_plain, suggest
-from quadpend_gym.scenarios import HELD_OUT, expand_sets, find_scenario, names_without_files, split_changes
-from quadpend_train.policies.mlp_policy import ACTIVATIONS, MlpPolicy
-from quadpend_train.training.algorithm_settings import ApgSettings, PpoSettings, SacSettings
+from quadpend_gym.core.settings import Range, parse, settings, suggest
+from quadpend_gym.scenarios import Scenario, find_scenarios, held_out, scenario_data
+from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.training import arguments as sb3
 
 PRESETS = Path(__file__).with_name("presets")
-SB3_ALGORITHMS = ("ppo", "sac", "tqc")
-REPLAY_ALGORITHMS = ("sac", "tqc")  # with a replay buffer
-ALGORITHMS = (*SB3_ALGORITHMS, "apg")
-_MOST_LAYERS, _WIDEST_LAYER = 16, 8192  # of a network
-_MOST_SAMPLES = 50_000_000  # of a rollout, which needs about 0.2 kB of memory for each
-# Algorithms that use a table of settings; other algorithms refuse it.
-_ALGORITHMS_OF = {"ppo": ("ppo",), "sac": REPLAY_ALGORITHMS, "apg": ("apg",)}
 
 
-@dataclass(frozen=True)
+@settings
 class HybridSettings:
     """Settings of a hybrid: a learned policy combined with a classical base controller."""
 
@@ -39,9 +44,9 @@ class HybridSettings:
     """Whether the policy also observes the noise of the sensors and the strength of the wind over the last second, with
     estimate_only."""
     action_scale: Annotated[float, Range(1e-6, 3.0)] = 1.0
-    """Factor κ in (0, 3] on the policy's action, with residual_action and bandwidth_scheduling."""
+    """Factor κ on the policy's action, with residual_action and bandwidth_scheduling."""
     fallback_gain: Annotated[float, Range(0.0, 10.0)] = 0.0
-    """Gain γ in [0, 10] that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
+    """Gain γ that reduces the policy's action as the anomaly score increases; 0 disables the fallback."""
     action_repeat: Annotated[int, Range(1, 1000)] = 1
     """Control steps for which each action of the policy is repeated. Timesteps count actions, not control steps."""
     baseline_relative_reward: bool = False
@@ -53,29 +58,21 @@ class HybridSettings:
     """Timesteps before training in which the policy imitates the base controller (DAgger)."""
 
     def __post_init__(self) -> None:
-        for name, known in (("base_controller", ("", *CONTROLLERS)), ("mode", tuple(HYBRIDS))):
-            _check_choice(getattr(self, name), name, known)
-        check_fields(self)
-        self._check_combination()
-
-    def _check_combination(self) -> None:
+        if self.base_controller and self.base_controller not in CONTROLLERS:
+            raise ValueError(
+                f"base_controller must be one of {', '.join(CONTROLLERS)}, not {self.base_controller!r}"
+                f"{suggest(self.base_controller, CONTROLLERS)}"
+            )
         alone = self.mode == "estimate_only"
-        if not self.base_controller and not alone:
-            raise ValueError(f"mode {self.mode!r} needs a base_controller")
-        if not self.base_controller and self.imitation_timesteps:
-            raise ValueError("imitation_timesteps needs a base_controller")
-        if not alone and self.imitation_timesteps:
-            raise ValueError(f"imitation_timesteps must be 0 with mode {self.mode!r}, not {self.imitation_timesteps}")
-        if self.situation and not (alone and self.base_controller):
-            raise ValueError("situation needs the mode 'estimate_only' and a base_controller")
-        if alone and self.action_repeat > 1:
-            raise ValueError(f"action_repeat must be 1 with mode 'estimate_only', not {self.action_repeat}")
-        if alone and self.fallback_gain:
-            raise ValueError(f"fallback_gain must be 0 with mode 'estimate_only', not {self.fallback_gain:g}")
+        observed, applied = self.situation or self.imitation_timesteps, self.action_repeat > 1 or self.fallback_gain
+        if not self.base_controller and (not alone or observed or applied or self.baseline_relative_reward):
+            raise ValueError("a hybrid needs a base_controller")
+        if observed and not alone:
+            raise ValueError("situation and imitation_timesteps need the mode 'estimate_only'")
+        if applied and alone:
+            raise ValueError("action_repeat and fallback_gain need another mode than 'estimate_only'")
         if self.failure_penalty and not self.baseline_relative_reward:
             raise ValueError("failure_penalty needs baseline_relative_reward")
-        if self.baseline_relative_reward and not self.base_controller:
-            raise ValueError("baseline_relative_reward needs a base_controller")
 
     def as_data(self) -> dict[str, Any] | None:
         """Return the data from which `hybrid_from_data` makes the hybrid; None without a base controller."""
@@ -87,19 +84,50 @@ class HybridSettings:
         return {**data, "action_scale": self.action_scale, "fallback_gain": self.fallback_gain}
 
 
-@dataclass(frozen=True)
+@settings
+class ApgSettings:
+    """Settings of APG only; its module explains the cost."""
+
+    learning_rate: Annotated[float, Range(1e-12, 1e6)] = 2e-3
+    """Learning rate of Adam at the beginning."""
+    final_learning_rate: Annotated[float, Range(0.0, 1e6)] = 4e-5
+    """Learning rate of Adam at the end; the learning rate changes linearly."""
+    net_arch: Annotated[tuple[int, ...], Range(1, 8192)] = (64, 64)
+    """Widths of the hidden layers."""
+    activation_fn: Literal["relu", "tanh", "elu"] = "relu"
+    """Activation function of the hidden layers."""
+    window: Annotated[int, Range(1, 10_000)] = 100
+    """Control steps through which gradients are propagated; one gradient step per window."""
+    restart: Annotated[float, Range(0.0, 1.0)] = 0.5
+    """Share of the rows of each scenario that begin a new episode with each window, rounded to whole rows."""
+    rmse: Annotated[float, Range(0.0, 1e6, "1/m")] = 6.0
+    """Weight w_R of the root mean square of the tracking error, mean over the scenarios, 1/m."""
+    error: Annotated[float, Range(0.0, 1e6, "1/m")] = 0.1
+    """Weight w₁ of the tracking error, 1/m."""
+    yaw: Annotated[float, Range(0.0, 1e6, "1/rad²")] = 0.1
+    """Weight w_ψ of the squared yaw error, 1/rad²."""
+    effort: Annotated[float, Range(0.0, 1e6)] = 1e-3
+    """Weight w_a of the squared actions."""
+    rate: Annotated[float, Range(0.0, 1e6, "s²/rad²")] = 1e-4
+    """Weight w_ω of the squared Euler-angle rates, s²/rad²."""
+    lean: Annotated[float, Range(0.0, 1e6)] = 100.0
+    """Weight w_l of the cost of leaning."""
+    max_grad_norm: Annotated[float, Range(1e-9, 1e9)] = 1.0
+    """Largest norm of the gradient of a gradient step."""
+    max_state_gradient: Annotated[float, Range(1e-9, 1e12)] = 3000.0
+    """Largest norm of the gradient of the summed cost of a row with respect to its state at one step."""
+
+
+@settings
 class TrainSettings:
     """All settings of a training run.
 
     Timesteps are steps of the vector environment times its number of sub-environments, as in Stable-Baselines3.
-
-    Raises:
-        TypeError: If a setting has the wrong type.
-        ValueError: If a setting is out of range, or two settings contradict each other.
     """
 
-    algo: Literal["ppo", "sac", "tqc", "apg"] = "ppo"
-    """Algorithm; TQC comes from sb3-contrib, APG (analytic policy gradients) is in this package."""
+    algo: str = "ppo"
+    """Algorithm: apg (analytic policy gradients, in this package), or one of Stable-Baselines3 and sb3-contrib for
+    continuous actions, such as ppo, sac, tqc, td3, a2c, trpo or crossq."""
     scenarios: tuple[str, ...] = ("windy",)
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()
@@ -127,27 +155,16 @@ class TrainSettings:
     """Number of latest observations that the policy receives."""
     history_actions: Annotated[int, Range(0, 1000)] = 0
     """Number of its own latest actions that the policy also receives."""
-    batch_size: Annotated[int, Range(1, 10_000_000)] = 1024
-    """Samples per gradient step."""
-    learning_rate: Annotated[float, Range(1e-12, 1e6)] = 2e-3
-    """Learning rate of Adam at the beginning."""
-    final_learning_rate: Annotated[float, Range(0.0, 1e6)] = 4e-5
-    """Learning rate of Adam at the end; the learning rate changes linearly."""
-    gamma: Annotated[float, Range(0.0, 1.0)] = 0.995
-    """Discount factor γ."""
     reward: RewardWeights = field(default_factory=RewardWeights)
     """Reward weights in training. Weights other than the default replace those of the scenarios' tasks."""
     reward_scale: Annotated[float, Range(1e-9, 1e9)] = 0.01
     """Factor on the rewards that the algorithm receives, for discounted returns of order one."""
-    net_arch: tuple[int, ...] = (64, 64)
-    """Widths of the hidden layers of actor and critic."""
-    activation_fn: Literal["relu", "tanh", "elu"] = "relu"
-    """Activation function of the hidden layers."""
     input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()
     """Scales s₁, s₂, … of the inputs x of actor and critic, which also receive tanh(s₁ x), tanh(s₂ x), …: large scales
-    resolve small errors. From 1e-6 to 1e6. Empty for x alone."""
-    sde_sample_freq: Annotated[int, Range(0, 1e9)] = 0
-    """Steps between two samples of the noise of gSDE (state-dependent exploration); 0 disables gSDE."""
+    resolve small errors. Empty for x alone."""
+    critic_warmup_steps: Annotated[int, Range(0, 1e12)] = 0
+    """Timesteps at the beginning in which an on-policy algorithm trains only the critic, for policies that perform well
+    from the start."""
     save_freq: Annotated[int, Range(1, 1e12)] = 1_000_000
     """Timesteps between two checkpoints; all sub-environments begin new episodes at a checkpoint."""
     eval_freq: Annotated[int, Range(0, 1e12)] = 0
@@ -158,82 +175,61 @@ class TrainSettings:
     """Number of evaluations without a better score after which training stops; 0 for no early stopping."""
     num_threads: Annotated[int, Range(1, 1024)] = 1
     """Threads of PyTorch. Two are faster on two idle cores, and many times slower on busy cores."""
-    ppo: PpoSettings = field(default_factory=PpoSettings)
-    """Settings of PPO only."""
-    sac: SacSettings = field(default_factory=SacSettings)
-    """Settings of SAC and TQC only."""
     apg: ApgSettings = field(default_factory=ApgSettings)
     """Settings of APG only."""
+    arguments: Annotated[dict[str, Any], tyro.conf.Suppress] = field(default_factory=dict)
+    """Keyword arguments of the algorithm's class, in files the table with the name of the algorithm."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.start_from, str):
-            raise TypeError(f"start_from must be the name or the path of a policy, not {self.start_from!r}")
-        for name, kind in _TABLES.items():
-            object.__setattr__(self, name, from_plain(kind, getattr(self, name), name))
+        if self.algo != "apg":
+            object.__setattr__(self, "arguments", sb3.complete(self.algo, self.arguments))
+            if self.apg != ApgSettings():
+                raise ValueError(f"the settings in apg are for algo 'apg' only, not {self.algo!r}")
+            if self.critic_warmup_steps and self.argument("train_freq") is not None:
+                raise ValueError(f"critic_warmup_steps needs an on-policy algorithm, not {self.algo!r}")
         for name in ("scenarios", "curriculum"):
-            object.__setattr__(self, name, _scenarios(getattr(self, name), name))
-        if not isinstance(self.net_arch, tuple | list):
-            raise TypeError(f"net_arch must be a list of widths, not {self.net_arch!r}")
-        object.__setattr__(self, "net_arch", tuple(self.net_arch))
-        object.__setattr__(self, "input_scales", tuple(self.input_scales))
-        check_fields(self)
-        if len(self.net_arch) > _MOST_LAYERS:
-            raise ValueError(f"net_arch must have at most {_MOST_LAYERS} layers, not {len(self.net_arch)}")
-        for i, width in enumerate(self.net_arch):
-            check_int(width, f"net_arch[{i}]", 1, _WIDEST_LAYER)
-        for name in ("learning_rate", "reward_scale"):
-            object.__setattr__(self, name, float(getattr(self, name)))
-        for name, known in (("algo", ALGORITHMS), ("activation_fn", tuple(ACTIVATIONS))):
-            _check_choice(getattr(self, name), name, known)
-        self._check_combination()
-
-    def _check_combination(self) -> None:
-        if not self.scenarios:
-            raise ValueError("scenarios must name at least one scenario")
-        for scenarios in (self.scenarios, *((item,) for item in self.curriculum)):
-            if self.num_envs % len(expand_sets(scenarios)):
+            object.__setattr__(self, name, _without_files(getattr(self, name), name))
+        for count in (len(find_scenarios(stage)) for stage in (self.scenarios, *self.curriculum)):
+            if not count or self.num_envs % count:
                 raise ValueError(
-                    f"num_envs must be a multiple of the number of scenarios, {len(expand_sets(scenarios))},"
-                    f" not {self.num_envs}"
-                )
-        for table, algorithms in _ALGORITHMS_OF.items():
-            if self.algo not in algorithms and getattr(self, table) != _TABLES[table]():
-                raise ValueError(
-                    f"the settings in {table} are for algo {' and '.join(algorithms)} only: they must be left out with"
-                    f" algo {self.algo!r}"
+                    f"num_envs must be a multiple of the number of scenarios, {count}, not {self.num_envs}"
+                    if count
+                    else "scenarios must name at least one scenario"
                 )
         if bool(self.curriculum) != bool(self.curriculum_steps):
             raise ValueError("curriculum and curriculum_steps must be given together or not at all")
-        self._check_action_repeat()
+        repeat = self.hybrid.action_repeat
+        found = self.all_scenarios() if repeat > 1 and not self.max_episode_steps else {}
+        for steps in (self.max_episode_steps, *(scenario.steps for scenario in found.values())):
+            if steps % repeat:
+                raise ValueError(f"action_repeat must divide the {steps} control steps of an episode, not be {repeat}")
         if self.start_from and self.hybrid.imitation_timesteps:
             raise ValueError("imitation_timesteps must be 0 with start_from, which replaces the imitation")
-        if self.hybrid.baseline_relative_reward and self.gamma == 1.0:
-            raise ValueError("baseline_relative_reward needs a gamma below 1")
         if self.patience and not self.eval_freq:
             raise ValueError("patience needs eval_freq")
-        if self.algo == "ppo" and self.num_envs * self.ppo.n_steps > _MOST_SAMPLES:
-            raise ValueError(
-                f"num_envs * ppo.n_steps must be at most {_MOST_SAMPLES}, since a sample needs 0.2 kB of memory,"
-                f" not {self.num_envs * self.ppo.n_steps}"
-            )
-        if self.algo == "ppo" and self.num_envs * self.ppo.n_steps % self.batch_size:
-            raise ValueError(
-                f"batch_size must divide num_envs * ppo.n_steps = {self.num_envs * self.ppo.n_steps},"
-                f" not be {self.batch_size}"
-            )
 
-    def _check_action_repeat(self) -> None:
-        repeat = self.hybrid.action_repeat
-        if self.max_episode_steps % repeat:
-            raise ValueError(f"action_repeat must divide max_episode_steps = {self.max_episode_steps}, not be {repeat}")
-        for name in () if self.max_episode_steps else expand_sets((*self.curriculum, *self.scenarios)):
-            if (steps := find_scenario(name).steps) % repeat:
-                raise ValueError(f"action_repeat must divide the {steps} control steps of an episode, not be {repeat}")
+    def argument(self, name: str) -> Any:
+        """Return an argument of the algorithm: as given, or the default of its class; None if it has no such one."""
+        return self.arguments[name] if name in self.arguments else sb3.default(self.algo, name)
+
+    def all_scenarios(self) -> dict[str, Scenario]:
+        """Return the scenarios of the curriculum and of the training by name."""
+        return find_scenarios((*self.curriculum, *self.scenarios))
+
+    def stage(self, timesteps: int) -> tuple[str, ...]:
+        """Return the scenarios at a timestep of the training: of a stage of the curriculum, or of the run."""
+        if timesteps >= self.curriculum_steps:
+            return self.scenarios
+        return (self.curriculum[timesteps * len(self.curriculum) // self.curriculum_steps],)
+
+    def found(self, timesteps: int | None = None) -> dict[str, Scenario]:
+        """Return the scenarios at a timestep of the training by name; None is the end of the training."""
+        return find_scenarios(self.scenarios if timesteps is None else self.stage(timesteps))
 
     def rollout_timesteps(self) -> int:
         """Return the timesteps of a rollout, after which the networks are trained."""
-        steps = {"ppo": self.ppo.n_steps, "apg": self.apg.window}.get(self.algo, self.sde_sample_freq or 1)
-        return steps * self.num_envs
+        steps = self.apg.window if self.algo == "apg" else self.argument("train_freq") or self.argument("n_steps")
+        return int(steps[0] if isinstance(steps, tuple) else steps) * self.num_envs
 
     def policy_interface(self) -> dict[str, Any]:
         """Return the fields of a policy's card that say what the policy observes and how its action is applied."""
@@ -245,32 +241,23 @@ class TrainSettings:
         }
 
 
-_TABLES: dict[str, Any] = {
-    "hybrid": HybridSettings,
-    "ppo": PpoSettings,
-    "sac": SacSettings,
-    "apg": ApgSettings,
-    "reward": RewardWeights,
-}
+def _without_files(items: tuple[str, ...], name: str) -> tuple[str, ...]:
+    """Return scenarios with the contents of files in place of the files."""
+    for item in items:
+        if item in held_out():
+            raise ValueError(f"{name} cannot be {item!r}, which is held out: use 'training' or single scenarios")
+    is_file = [any(suffix in item for suffix in (".toml", ".json")) for item in items]
+    parts = [as_texts(find_scenarios([item])) if own else (item,) for item, own in zip(items, is_file, strict=True)]
+    return tuple(item for part in parts for item in part)
 
 
-def _check_choice(value: Any, name: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise ValueError(
-            f"{name} must be one of {', '.join(filter(None, known))}, not {value!r}{suggest(value, known)}"
-        )
-
-
-def _scenarios(value: Any, name: str) -> tuple[str, ...]:
-    items = (value,) if isinstance(value, str | dict) else value
-    try:
-        items = [json.dumps(item, default=str) if isinstance(item, dict) else item for item in items]
-        for item in items:
-            if (base := split_changes(item)[0]) in HELD_OUT:
-                raise ValueError(f"{name} cannot be {base!r}, which is held out: use 'training' or single scenarios")
-        return tuple(item for given in items for item in names_without_files(given))
-    except (TypeError, AttributeError) as error:
-        raise TypeError(f"{name} must be one scenario or a list of scenarios, not {value!r}: {error}") from error
+def as_texts(scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
+    """Return scenarios as JSON that depends on no file: the fields that differ from the default ones."""
+    default = scenario_data(Scenario())
+    return tuple(
+        json.dumps({"name": name} | {key: value for key, value in scenario_data(item).items() if value != default[key]})
+        for name, item in scenarios.items()
+    )
 
 
 def read_settings(name: str) -> TrainSettings:
@@ -281,17 +268,12 @@ def read_settings(name: str) -> TrainSettings:
             run, or the path of a policy file, whose card has the settings of its training.
 
     Raises:
-        TypeError: If a setting has the wrong type.
         ValueError: If the file does not exist, or has an unknown setting or a value out of range.
     """
     path = PRESETS / f"{name}.toml"
-    if not path.is_file():
-        path = Path(name)
+    path = path if path.is_file() else Path(name)
     if path.suffix == ".npz":
-        card = MlpPolicy.load(path).card
-        if "settings" not in card:
-            raise ValueError(f"the card of {path} has no settings")
-        return settings_of_card(card, str(path))
+        return settings_of_card(MlpPolicy.load(path).card, str(path))
     if not path.is_file():
         known = sorted(item.stem for item in PRESETS.glob("*.toml"))
         raise ValueError(
@@ -300,7 +282,22 @@ def read_settings(name: str) -> TrainSettings:
     return from_mapping(read_mapping(path), str(path))
 
 
-def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
+def settings_of_card(card: Mapping[str, Any], name: str) -> TrainSettings:
+    """Return the settings with which a policy was trained.
+
+    Args:
+        card: The card of the policy.
+        name: Name of the policy, for error messages.
+
+    Raises:
+        ValueError: If it has no settings, or they are unknown or out of range.
+    """
+    if "settings" not in card:
+        raise ValueError(f"the card of {name} has no settings: the policy was exported, not trained here")
+    return from_mapping(card["settings"], f"the card of {name}")
+
+
+def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
     """Return training settings from a mapping; a setting that is missing has its default value.
 
     Args:
@@ -308,44 +305,51 @@ def from_mapping(values: dict[str, Any], source: str) -> TrainSettings:
         source: Where the settings come from, for error messages.
 
     Raises:
-        TypeError: If a setting has the wrong type.
         ValueError: If a name is unknown or a value out of range.
     """
-    for name, kind in {"": TrainSettings, **_TABLES}.items():
-        known = [item.name for item in fields(kind)]
-        table = values.get(name, {}) if name else values
-        if not isinstance(table, dict):
-            raise TypeError(f"{name} must be a mapping, not {table!r}")
-        if unknown := [key for key in table if key not in known]:
+    algo = values.get("algo", "ppo")
+    own = {item.name for item in fields(TrainSettings)} - {"arguments"}
+    table = {} if algo in own else values.get(algo, {})
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{source} must have keyword arguments of {algo} in the table {algo}, not {table!r}")
+    for name in values:
+        if name not in own and name != algo:
+            known = [*sorted(own), algo]
             raise ValueError(
-                f"{source} sets {unknown[0]!r}, which is not a setting{suggest(unknown[0], known)}; the settings are"
-                f" {', '.join(known)}"
+                f"{source} sets {name!r}, which is not a setting of algo {algo!r}{suggest(name, known)}; the settings"
+                f" are {', '.join(known)}"
             )
-    return TrainSettings(**values)
+    given = {name: value for name, value in values.items() if name in own}
+    given |= {name: _texts(given[name]) for name in ("scenarios", "curriculum") if name in given}
+    return parse(TrainSettings, {**given, "arguments": dict(table)}, source)
 
 
-def settings_of_card(card: Mapping[str, Any], name: str) -> TrainSettings:
-    """Return the settings with which a policy was trained.
-
-    Older cards also have the tables of other algorithms, which are left out: their defaults may have changed.
-
-    Args:
-        card: The card of the policy, which has settings.
-        name: Name of the policy, for error messages.
-
-    Raises:
-        TypeError: If a setting has the wrong type.
-        ValueError: If a setting is unknown or out of range.
-    """
-    settings = card["settings"]
-    return from_mapping(_used(settings, settings.get("algo", TrainSettings.algo)), f"the card of {name}")
+def _texts(value: Any) -> Any:
+    """Return one scenario or several as texts; mappings become JSON."""
+    items = value if isinstance(value, list | tuple) else [value]
+    return [json.dumps(item) if isinstance(item, dict) else item for item in items]
 
 
 def to_mapping(settings: TrainSettings) -> dict[str, Any]:
-    """Return the settings that the algorithm of `settings` uses as plain data."""
-    return _used(asdict(settings), settings.algo)
+    """Return settings as plain data, as in a settings file."""
+    data = asdict(settings)
+    arguments, apg = data.pop("arguments"), data.pop("apg")
+    return {**data, settings.algo: apg if settings.algo == "apg" else arguments}
 
 
-def _used(values: Mapping[str, Any], algo: str) -> dict[str, Any]:
-    """Return the settings without the tables of other algorithms."""
-    return {name: value for name, value in values.items() if algo in _ALGORITHMS_OF.get(name, (algo,))}
+def with_values(settings: TrainSettings, values: Mapping[str, Any]) -> TrainSettings:
+    """Return settings with other values, by paths such as ``ppo.learning_rate`` or ``num_envs``.
+
+    Raises:
+        ValueError: If a setting is unknown, or a value is out of range.
+    """
+    data = to_mapping(settings)
+    for path, value in values.items():
+        *tables, name = path.split(".")
+        table = data
+        for part in tables:
+            if not isinstance(table.setdefault(part, {}), dict):
+                raise ValueError(f"the setting {part} of {path} is no table, but {table[part]!r}")
+            table = table[part]
+        table[name] = value
+    return from_mapping(data, "the given values")

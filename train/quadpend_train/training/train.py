@@ -27,7 +27,7 @@ from typing import Any
 import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
-from quadpend_gym.scenarios import check_own_models, expand_sets, find_scenario, scenario_hash
+from quadpend_gym.scenarios import check_own_models
 from quadpend_train.common.files import atomic
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -57,7 +57,7 @@ from quadpend_train.training.run_folder import (
     read_provenance,
     write_json,
 )
-from quadpend_train.training.settings import REPLAY_ALGORITHMS, TrainSettings, read_settings, to_mapping
+from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
 from quadpend_train.training.start import START, load_actor, start_policy, start_provenance
 from quadpend_train.training.validation import BEST, Score, validate
 
@@ -125,7 +125,7 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
         if not (folder / CHECKPOINT).is_file():
             return _run(_untrained_model(settings, folder, folder / START), settings, folder, end, progress)
         model = _load(settings, folder, CHECKPOINT)
-        if settings.algo in REPLAY_ALGORITHMS:
+        if hasattr(model, "replay_buffer"):
             model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
         return _run(model, settings, folder, end, progress)
 
@@ -168,8 +168,8 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
         settings = _checked_limits(stored, settings, LIMITS[:1])
         model, made = _load(settings, folder, MODEL), read_provenance(folder)
         steps = model.num_timesteps
-        if settings.algo in REPLAY_ALGORITHMS:
-            model.learning_starts = steps + settings.sac.learning_starts
+        if hasattr(model, "replay_buffer"):
+            model.learning_starts = steps + settings.argument("learning_starts")
         save_checkpoint(model, folder)
         continued = [other for other in made.get("continued_at", []) if other != steps]
         write_json(folder / PROVENANCE, {**made, "continued_at": [*continued, steps]})
@@ -226,8 +226,8 @@ def _untrained_model(settings: TrainSettings, folder: Path | None, start: Path |
         start: A copy of the policy `start_from`, which is used if it exists.
     """
     torch.set_num_threads(settings.num_threads)
-    for name in expand_sets((*settings.scenarios, *settings.curriculum)):
-        check_own_models(name, find_scenario(name))
+    for name, scenario in settings.all_scenarios().items():
+        check_own_models(name, scenario)
     env = make_env(settings)
     if settings.curriculum:
         check_curriculum(settings)
@@ -321,7 +321,7 @@ def _final_policy(
     policy = MlpPolicy.load(folder / BEST) if curve else export(model, **settings.policy_interface())
     survival, rmse = validate(policy, settings, CARD_SEED)
     best_at = min(curve, key=lambda score: score.penalised_rmse).steps if curve else model.num_timesteps
-    simulation = find_scenario(expand_sets(settings.scenarios)[0]).simulation  # all scenarios have the same
+    simulation = next(iter(settings.found().values())).simulation  # all scenarios have the same
     card = {
         **policy.card,
         "interface": simulation.interface,
@@ -333,10 +333,6 @@ def _final_policy(
         "seconds": round(curve[-1].seconds if curve else seconds, 1),
         "score": {"survival": survival, "penalised_rmse": rmse},
         "curve": [list(score) for score in curve],
-        "scenarios": {
-            name: scenario_hash(find_scenario(name))
-            for name in expand_sets((*settings.scenarios, *settings.curriculum))
-        },
         "provenance": read_provenance(folder),
     }
     return MlpPolicy(policy.layers, card)

@@ -1,4 +1,4 @@
-"""The commands that search: `tune` and `sweep`.
+"""The commands of the searches: `tune` for gains of controllers and `sweep` for settings of learners.
 
 The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
 `quadpend --help` starts quickly.
@@ -28,16 +28,16 @@ def tune(
 ) -> None:
     """Tune the gains of classical controllers: minimise the penalised RMSE in the training scenarios.
 
-    An interrupted search continues after its last trial, with the same result. The command does not change the package:
-    copy the gains into baselines/quadpend_baselines/gains.py. The same command in several terminals or on several
-    machines searches with all of them, if it has a --storage that all can open.
+    The same command continues an interrupted search. In several terminals or on several machines, each with a --seed of
+    its own, it searches with all of them, if it has a --storage that all can open. The command does not change the
+    package: copy the gains into baselines/quadpend_baselines/gains.toml.
 
     Args:
-        controllers: Controllers with tunable gains, see train/quadpend_train/studies/search/tuning.py.
+        controllers: Controllers with tunable gains, see train/quadpend_train/studies/search/search_spaces/gains.toml.
         trials: Trials of the search for each controller.
         episodes: Episodes in each scenario.
-        seed: Seed of the search.
-        out: Folder for the losses of all trials and for the gains that it finds, NAME.json.
+        seed: Random seed of the search.
+        out: Folder for the gains that it finds, NAME.json, and a picture of the search, NAME.png.
         scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
@@ -45,8 +45,8 @@ def tune(
             the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
-            processes; then OUT also gets a picture of the search, NAME.png. Opening a storage executes code that it
-            contains: use only storages that you trust.
+            processes; the default is a file in OUT. Opening a storage executes code that it contains: use only storages
+            that you trust.
     """
     from quadpend_train.reports import figures, search_plots
     from quadpend_train.studies.search import tuning
@@ -55,10 +55,10 @@ def tune(
     writable_folder(out)
     chosen = [with_changes(name, vehicle, interface) for name in scenarios]
     for name in controllers:
-        print(json.dumps(tuning.tune(name, trials, episodes, seed, out, chosen, storage), indent=1))
-        if storage is not None:
-            study = tuning.open_search(name, episodes, seed, chosen, storage)
-            figures.write_png(search_plots.draw(study, "loss (mm)"), out / f"{name}.png")
+        search = tuning.Search(name, chosen, episodes)
+        study = search.open(storage or str(out / "trials.log"), seed)
+        print(json.dumps(tuning.tune(search, study, trials, out), indent=1))
+        figures.write_png(search_plots.draw(study, "loss (mm)"), out / f"{name}.png")
 
 
 def sweep(
@@ -69,53 +69,43 @@ def sweep(
     space: Path | None = None,
     storage: str | None = None,
     jobs: int = 1,
-    cluster: str | None = None,
     eval_freq: int = 0,
     seed: Seed = 0,
 ) -> None:
     """Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.
 
-    The same command continues an interrupted search. In several terminals or on several machines it searches with all
-    of them, if it has a --storage that all can open, and an --out for each machine. `quadpend train --settings
-    OUT/best.toml` trains with the settings that it finds.
+    The same command continues an interrupted search. In several terminals or on several machines, each with a --seed of
+    its own, it searches with all of them, if it has a --storage that all can open, and an --out for each machine.
+    `quadpend train --settings OUT/best.json` trains with the settings that it finds.
 
     Args:
         settings: Settings from which the search starts, as --settings of train; the first trial has them.
         trials: Trials of the search, those included that are stopped early since the median of the others is better.
         seconds: Duration of the training of a trial, s.
-        out: Folder for best.toml (the settings), trials.csv, sweep.png and the trainings.
+        out: Folder for best.json (the settings), trials.csv, sweep.png and the trainings.
         space: Search space, a settings file with a range {low = …, high = …, log = true} or a list of values in place
             of a value. The default is the file of the algorithm in train/quadpend_train/studies/search/search_spaces.
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
             processes; the default is a file in OUT.
         jobs: Number of processes.
-        cluster: Ray cluster on which Ray Tune makes the trials: auto, local or ray://HOST:PORT. It needs Ray.
         eval_freq: Timesteps between two evaluations of a trial; 0 for a 64th of the timesteps of a whole training.
-        seed: Seed of the search.
+        seed: Random seed of the search.
     """
     from quadpend_train.reports import figures, search_plots
-    from quadpend_train.studies.search import search_space
+    from quadpend_train.studies.search import space as search_space
     from quadpend_train.studies.search import sweep as study_of_settings
     from quadpend_train.training.settings import read_settings
 
-    start = read_settings(settings)
-    searched = study_of_settings.Sweep(start, search_space.read_space(space, start), seconds, eval_freq, seed)
-    study_of_settings.check_options(searched, trials, jobs)
     writable_folder(out)
-    if cluster is None:
-        study = study_of_settings.search(searched, trials, out, storage, jobs)
-    else:
-        if jobs != 1:
-            raise ValueError("the cluster decides how many trials run at once: give no --jobs with --cluster")
-        from quadpend_train.studies.search import ray_sweep
-
-        study = ray_sweep.search(searched, trials, out, storage, cluster)
-    lines = study_of_settings.write_results(study, searched, out)
+    start = read_settings(settings)
+    ranges, values = search_space.read_space(space, start)
+    where = storage or str(out / "trials.log")
+    searched = study_of_settings.Sweep(start, ranges, values, seconds, out, where, eval_freq, seed)
+    study = study_of_settings.search(searched, trials, jobs)
+    lines = study_of_settings.write_results(study, searched)
     figure = search_plots.draw(study, "penalised RMSE (mm)", 1e3)
     figures.write_png(figure, out / study_of_settings.PICTURE)
     print("\n".join(lines))
-    if advice := study_of_settings.advice(study):
-        print(advice)
-    best = shlex.quote(str(out / study_of_settings.BEST))
     print(f"Written: {', '.join(str(out / name) for name in study_of_settings.FILES)}")
+    best = shlex.quote(str(out / study_of_settings.BEST))
     print(f"Train with these settings: quadpend train --settings {best}")

@@ -1,0 +1,102 @@
+"""Searches with Optuna that continue, and that any number of processes share through a storage.
+
+Every process takes the next trial until the storage has enough finished ones. If it is killed, its running trial is
+lost.
+"""
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.distributions import BaseDistribution
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState
+from tqdm.auto import tqdm
+
+from quadpend_train.common.text import brief
+
+Space = Mapping[str, BaseDistribution]
+
+
+def open_study(
+    name: str,
+    storage: str,
+    sampler: Callable[[int], optuna.samplers.BaseSampler],
+    seed: int,
+    start: Mapping[str, Any],
+    pruner: optuna.pruners.BasePruner | None = None,
+) -> optuna.Study:
+    """Open or create a study.
+
+    Args:
+        name: Name of the study in the storage.
+        storage: File of a journal, or URL of a database such as ``sqlite:///search.db``.
+        sampler: Function that returns a sampler for its seed.
+        seed: Seed; processes that share a study need different ones, so that they propose different trials.
+        start: Values of the first trial.
+        pruner: What stops trials early; None: nothing.
+
+    Raises:
+        ValueError: If the storage cannot be opened.
+    """
+    with quiet():
+        try:
+            if "://" not in storage:
+                Path(storage).parent.mkdir(parents=True, exist_ok=True)
+            opened = storage if "://" in storage else JournalStorage(JournalFileBackend(storage))
+            study = optuna.create_study(
+                study_name=name, storage=opened, pruner=pruner or optuna.pruners.NopPruner(), load_if_exists=True
+            )
+        except Exception as error:  # the database and its driver raise exceptions of many types
+            shown = storage.partition("://")[0] + "://…" if "://" in storage else storage  # a URL may have a password
+            raise ValueError(f"the storage {shown} cannot be opened: {brief(error)}") from error
+        study.sampler = sampler(int(np.random.SeedSequence([seed, len(study.trials)]).generate_state(1)[0]))
+        if all(trial.state == TrialState.FAIL for trial in study.trials):
+            study.enqueue_trial(dict(start))
+    return study
+
+
+def finished(study: optuna.Study) -> list[FrozenTrial]:
+    """Return the trials that have ended, those that were stopped early included."""
+    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED))
+
+
+def run_trials(
+    study: optuna.Study, space: Space, objective: Callable[[optuna.Trial], float], trials: int, progress: bool = True
+) -> None:
+    """Take trials until the study has enough finished ones, those of all processes together.
+
+    Args:
+        study: Study of `open_study`.
+        space: Distributions of the parameters.
+        objective: Function that returns the value of a trial, or raises `optuna.TrialPruned`.
+        trials: Number of finished trials. With n processes, up to n - 1 more trials are made.
+        progress: Whether to show a progress bar.
+    """
+    with quiet(), tqdm(total=trials, unit="trial", disable=not progress) as bar:
+        while (count := len(finished(study))) < trials:
+            bar.update(count - bar.n)
+            trial = study.ask(dict(space))
+            try:
+                study.tell(trial, objective(trial))
+            except optuna.TrialPruned:
+                study.tell(trial, state=TrialState.PRUNED)
+            except BaseException:
+                study.tell(trial, state=TrialState.FAIL)
+                raise
+        bar.update(trials - bar.n)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Let Optuna print no line for each trial, and no warning about what a later version will remove."""
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        yield
