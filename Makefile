@@ -46,6 +46,7 @@ soak: .venv/.installed  ## docs/soak.md: everything for an hour on two cores
 	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --document docs/soak.md
 
 docs: .venv/.installed  ## build the documentation site in site/; a broken link or a missing reference is an error
+	$(BIN)/python -m docs.tools.schemas
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 EXPERIMENTS := $(basename $(notdir $(shell grep -l __main__ experiments/*.py)))
