@@ -127,24 +127,6 @@ def _scenarios(text: str) -> list[Scenario]:
     )
 
 
-def as_scenario(value: Any, **parts: Any) -> Scenario:
-    """Return a scenario.
-
-    Args:
-        value: A `Scenario`, its name or any other text that `find_scenario` takes, a mapping of its fields, or None for
-            the default one.
-        parts: Fields that replace those of the scenario; None leaves a field as it is.
-    """
-    if isinstance(value, str):
-        value = find_scenario(value)
-    given = {name: part for name, part in parts.items() if part is not None}
-    if value is None or isinstance(value, Mapping):
-        return parse(Scenario, {**(value or {}), **given}, "scenario")
-    if not isinstance(value, Scenario):
-        raise ValueError(f"scenario must be a Scenario, its name or a mapping of its fields, not {value!r}")
-    return replace(value, **given) if given else value
-
-
 def held_out() -> tuple[str, ...]:
     """Return the names of the sets for results only."""
     return tuple(name for name in shipped()[1] if not name.startswith("training"))
