@@ -1,9 +1,8 @@
 """Everything for an hour: random steps, environments, training, and damaged files.
 
-`make soak` runs this file as ``python -m benchmarks.soak`` in two processes and updates docs/soak.md. What must not
-happen is a *finding*: an observation that is not finite or not in its space, a reward outside [0, 1], a warning, an
-exception, a step of more than a second of processor time, a damaged file that is neither refused with one sentence nor
-works, or memory that grows.
+`make soak` runs this file in two processes and updates docs/soak.md. What must not happen is a *finding*: an
+observation that is not finite or not in its space, a reward outside [0, 1], a warning, an exception, a step of more
+than a second of processor time, a damaged file that is neither refused nor works, or memory that grows.
 """
 
 import argparse
