@@ -25,6 +25,8 @@ def settings_of(kind: type) -> Iterator[tuple[str, str, str]]:
     """Yield name, default value as JSON, and description of each field; a nested table has no value here."""
     attributes = griffe.load(kind.__module__)[kind.__name__].attributes
     for name, value in vars(kind()).items():
+        if name == "arguments":  # in files the table of the algorithm
+            continue
         default = "" if hasattr(value, "__dataclass_fields__") else f"`{json.dumps(value)}`"
         yield name, default, " ".join(attributes[name].docstring.value.split())
 
