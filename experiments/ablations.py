@@ -22,7 +22,7 @@ from experiments.pages import DOCS, fill, options
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.files import read_mapping
-from quadpend_gym.scenarios import expand_sets, find_scenario
+from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.evaluation.cache import code_hash
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
@@ -97,7 +97,7 @@ def penalised_rmse(policy: MlpPolicy, scenario: str) -> Floats:
 
 def with_constant_output(policy: MlpPolicy) -> MlpPolicy:
     """Return the policy with a constant output: its mean output in the training scenarios."""
-    env = concatenate_scenarios([find_scenario(name) for name in expand_sets(("training",))], 8 * 32)
+    env = concatenate_scenarios([*find_scenarios("training").values()], 8 * 32)
     outputs = [step.memory.output[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
     weights, _ = policy.layers[-1]
     constant = np.concatenate(outputs).mean(axis=0).astype(np.float32)

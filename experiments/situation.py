@@ -19,7 +19,7 @@ from quadpend_baselines.hybrid import EstimateOnly, HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.scenarios import expand_sets, find_scenario
+from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -39,8 +39,8 @@ FOLDER = DOCS / "situation"
 
 def mean_situation(policy: MlpPolicy) -> Floats32:
     """Return the mean situation at each step of an episode, shape (steps, 12), over the policy's training scenarios."""
-    names = expand_sets(policy.card["settings"]["scenarios"])
-    env = concatenate_scenarios([find_scenario(name) for name in names], EPISODES_OF_MEAN * len(names))
+    scenarios = [*find_scenarios(policy.card["settings"]["scenarios"]).values()]
+    env = concatenate_scenarios(scenarios, EPISODES_OF_MEAN * len(scenarios))
     seen = [
         step.memory.observations[step.active, -1, -SITUATION_SIZE:] for step in rollout(policy, env, VALIDATION_SEED)
     ]

@@ -6,38 +6,30 @@ tasks. They also name sets of scenarios: ``training`` and others that begin so, 
 are held out, such as ``test``.
 """
 
-from quadpend_gym.scenarios.library import as_scenario, find_scenarios, held_out, shipped
-from quadpend_gym.scenarios.own_models import check_own_models, own_models
-from quadpend_gym.scenarios.scenario import Scenario, scenario_data, scenario_hash
-from quadpend_gym.scenarios.transitional import (
-    HELD_OUT,
+from quadpend_gym.scenarios.library import (
     SCENARIOS,
     SETS,
-    expand_sets,
+    as_scenario,
     find_scenario,
-    names_without_files,
-    short_name,
-    split_changes,
-    with_changes,
+    find_scenarios,
+    read_scenarios,
+    refuse_held_out,
+    shipped,
 )
+from quadpend_gym.scenarios.own_models import check_own_models, own_models
+from quadpend_gym.scenarios.scenario import Scenario, scenario_data
 
 __all__ = [
-    "HELD_OUT",
     "SCENARIOS",
     "SETS",
     "Scenario",
     "as_scenario",
     "check_own_models",
-    "expand_sets",
     "find_scenario",
     "find_scenarios",
-    "held_out",
-    "names_without_files",
     "own_models",
+    "read_scenarios",
+    "refuse_held_out",
     "scenario_data",
-    "scenario_hash",
     "shipped",
-    "short_name",
-    "split_changes",
-    "with_changes",
 ]

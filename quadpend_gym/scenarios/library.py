@@ -1,6 +1,6 @@
 """The scenarios of this package and their sets, and scenarios from names, files, JSON and the user's own code."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,8 +10,6 @@ from quadpend_gym.core.factories import call_factory, find_factory, is_factory
 from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.core.settings import parse, suggest
 from quadpend_gym.scenarios.scenario import Scenario
-
-Sets = Mapping[str, tuple[str, ...]]
 
 
 def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
@@ -127,6 +125,28 @@ def _scenarios(text: str) -> list[Scenario]:
     )
 
 
-def held_out() -> tuple[str, ...]:
-    """Return the names of the sets for results only."""
-    return tuple(name for name in shipped()[1] if not name.startswith("training"))
+def refuse_held_out(names: Iterable[str]) -> None:
+    """Raise ValueError for the name of a set that is for results only: not for training and not for tuning."""
+    for name in names:
+        if name in SETS and not name.startswith("training"):
+            raise ValueError(f"scenarios cannot be {name!r}, which is held out: use 'training' or single scenarios")
+
+
+class _Shipped(Mapping[str, Any]):
+    """A part of `shipped`, which is read when it is first used."""
+
+    def __init__(self, part: int) -> None:
+        self._part = part
+
+    def __getitem__(self, name: str) -> Any:
+        return shipped()[self._part][name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(shipped()[self._part])
+
+    def __len__(self) -> int:
+        return len(shipped()[self._part])
+
+
+SCENARIOS: Mapping[str, Scenario] = _Shipped(0)  # of this package, by name
+SETS: Mapping[str, tuple[str, ...]] = _Shipped(1)  # names of scenarios, by the name of the set

@@ -1,7 +1,5 @@
 """`Scenario`: an environment with its task, vehicle, wind, sensors, actuators and parameters, as data."""
 
-import hashlib
-import json
 import math
 import re
 from dataclasses import field, fields, replace
@@ -97,11 +95,6 @@ class Scenario:
         return wind_models(self.wind, self.simulation)
 
     @property
-    def resolved_task(self) -> Any:
-        """The task."""
-        return self.task
-
-    @property
     def observation_size(self) -> int:
         """Number of components of an observation: 36, or 27 without velocities."""
         return OUTPUT_FEEDBACK_SIZE if self.output_feedback else OBSERVATION_SIZE
@@ -180,9 +173,3 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
         return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(item))
 
     return {item.name: to_plain_data(getattr(scenario, item.name), text) for item in fields(scenario)}
-
-
-def scenario_hash(scenario: Scenario) -> str:
-    """Return twelve hexadecimal digits of the hash of a scenario without its name and description."""
-    data = {key: value for key, value in scenario_data(scenario).items() if key not in ("name", "description")}
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]

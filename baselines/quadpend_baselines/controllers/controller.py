@@ -29,7 +29,7 @@ class Controller(Policy):
     def adapt(self, scenario: Scenario) -> Policy:
         """Return the controller designed for a scenario, its known loop, a hanging pendulum and rotors."""
         simulation, loop = scenario.simulation, Loop.known(scenario)
-        if scenario.resolved_task.pendulum != "hanging":
+        if scenario.task.pendulum != "hanging":
             return allocate_rotors(self.designed_for(simulation, loop), scenario)
         if not self.flies_load:
             raise ValueError("of the classical controllers, only flatness, lqr, lqi, dual-mode and mppi fly a load")

@@ -10,7 +10,7 @@ import tyro
 from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
 from quadpend_gym.core.validation import suggest
-from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario, scenario_hash
+from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_gym.tasks import ENVIRONMENTS, TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
 from quadpend_train.policies.loading import shipped_policies
@@ -88,8 +88,8 @@ def _tasks() -> Rows:
 
 def _winds() -> Rows:
     """The presets, with the descriptions of the scenarios that have only this wind, and the kinds."""
-    described = {scenario_hash(scenario): scenario.description for scenario in SCENARIOS.values()}
-    presets = {name: described.get(scenario_hash(Scenario(wind=name)), "") for name in wind.PRESETS}
+    described = {scenario: scenario.description for scenario in SCENARIOS.values()}
+    presets = {name: described.get(Scenario(wind=name), "") for name in wind.PRESETS}
     return {**{name: f"preset: {text}" for name, text in presets.items()}, **_kinds(wind.KINDS)}
 
 

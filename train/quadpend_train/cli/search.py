@@ -10,8 +10,8 @@ from pathlib import Path
 
 import tyro
 
-from quadpend_gym.scenarios import with_changes
-from quadpend_train.cli.options import Episodes, Seed, Trials
+from quadpend_gym.scenarios import refuse_held_out
+from quadpend_train.cli.options import Episodes, Seed, Trials, named_scenarios
 from quadpend_train.common.files import writable_folder
 
 
@@ -53,7 +53,8 @@ def tune(
 
     tuning.check_names(controllers)
     writable_folder(out)
-    chosen = [with_changes(name, vehicle, interface) for name in scenarios]
+    refuse_held_out(scenarios)
+    chosen = [*named_scenarios(scenarios, vehicle, interface).values()]
     for name in controllers:
         search = tuning.Search(name, chosen, episodes)
         study = search.open(storage or str(out / "trials.log"), seed)

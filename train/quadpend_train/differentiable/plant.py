@@ -16,7 +16,7 @@ from torch import Tensor
 
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
-from quadpend_gym.scenarios import Scenario, short_name
+from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.references import Reference
 from quadpend_gym.wind import WIND_FIELDS
 from quadpend_train.differentiable.dynamics import Forces, Motion, Physics, advance, drag
@@ -32,23 +32,21 @@ def check_covered(name: str, scenario: Scenario) -> None:
     if scenario.simulation.is_rigid:
         raise ValueError(
             f"algo 'apg' cannot fly the vehicle {scenario.simulation.vehicle.name!r}: the differentiable dynamics"
-            f" covers only the paper's vehicle (scenario {short_name(name)})"
+            f" covers only the paper's vehicle (scenario {name})"
         )
     for model in scenario.actuators:
         if not isinstance(model, ActionDelay | MotorLag):
             raise ValueError(
                 f"algo 'apg' cannot have the actuator {model.kind!r}: the differentiable dynamics covers only"
-                f" 'action_delay' and 'motor_lag' (scenario {short_name(name)})"
+                f" 'action_delay' and 'motor_lag' (scenario {name})"
             )
-    if scenario.resolved_task.pendulum != "upright" or scenario.resolved_task.reward.pendulum_first > 0.0:
-        raise ValueError(
-            f"algo 'apg' balances an upright pendulum only, not the task of the scenario {short_name(name)}"
-        )
-    trajectory = scenario.resolved_task.trajectory
+    if scenario.task.pendulum != "upright" or scenario.task.reward.pendulum_first > 0.0:
+        raise ValueError(f"algo 'apg' balances an upright pendulum only, not the task of the scenario {name}")
+    trajectory = scenario.task.trajectory
     if not isinstance(trajectory, Reference | None):
         raise ValueError(
             f"algo 'apg' cannot follow a trajectory of the kind {trajectory.kind!r}: the differentiable dynamics covers"
-            f" only references (scenario {short_name(name)})"
+            f" only references (scenario {name})"
         )
 
 

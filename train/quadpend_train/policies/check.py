@@ -6,7 +6,7 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.factories import describe_error
-from quadpend_gym.scenarios import Scenario, short_name
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.policies.conversion import PROTOCOL, ObjectPolicy
 from quadpend_train.policies.mlp_policy import MlpPolicy, lacks_interface
 from quadpend_train.policies.own import FactoryPolicy
@@ -41,4 +41,4 @@ def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenar
         what = str(error) if isinstance(error, ValueError) else describe_error(error)
         own = isinstance(policy, FactoryPolicy | ObjectPolicy) and PROTOCOL not in what
         rule = f"; {PROTOCOL}" if own else ""
-        raise ValueError(f"{name} does not fit the scenario {short_name(scenario_name)}: {what}{rule}") from error
+        raise ValueError(f"{name} does not fit the scenario {scenario_name}: {what}{rule}") from error

@@ -208,7 +208,7 @@ class MlpPolicy(Policy):
         check_interface(self.card, scenario.simulation)
         if self.hybrid is None:
             return with_velocities(self, scenario)
-        if scenario.resolved_task.pendulum == "hanging":
+        if scenario.task.pendulum == "hanging":
             raise ValueError(NO_HYBRID)
         other = copy(self)
         other.hybrid = self.hybrid.designed_for(scenario.simulation, Loop.known(scenario))

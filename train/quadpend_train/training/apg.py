@@ -93,7 +93,7 @@ class APG(OnPolicyAlgorithm):
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
         self._plant = Plant(scenarios, self.n_envs)
-        tasks = [scenario.resolved_task for scenario in scenarios]
+        tasks = [scenario.task for scenario in scenarios]
         limits = torch.tensor([limit_row(task.limits) for task in tasks])
         self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
         self._memory = self._plant.initial_memory()

@@ -94,7 +94,7 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
 
     `pendulum_first` is not below that of the scenario, because it belongs to the task.
     """
-    least = max(reward.pendulum_first, scenario.resolved_task.reward.pendulum_first)
+    least = max(reward.pendulum_first, scenario.task.reward.pendulum_first)
     return scenario if reward == RewardWeights() else scenario.with_reward(replace(reward, pendulum_first=least))
 
 

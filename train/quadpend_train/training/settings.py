@@ -24,7 +24,7 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_gym import RewardWeights
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import Range, parse, settings, suggest
-from quadpend_gym.scenarios import Scenario, find_scenarios, held_out, scenario_data
+from quadpend_gym.scenarios import Scenario, find_scenarios, refuse_held_out, scenario_data
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import arguments as sb3
 
@@ -188,7 +188,7 @@ class TrainSettings:
             if self.critic_warmup_steps and self.argument("train_freq") is not None:
                 raise ValueError(f"critic_warmup_steps needs an on-policy algorithm, not {self.algo!r}")
         for name in ("scenarios", "curriculum"):
-            object.__setattr__(self, name, _without_files(getattr(self, name), name))
+            object.__setattr__(self, name, _without_files(getattr(self, name)))
         for count in (len(find_scenarios(stage)) for stage in (self.scenarios, *self.curriculum)):
             if not count or self.num_envs % count:
                 raise ValueError(
@@ -241,11 +241,9 @@ class TrainSettings:
         }
 
 
-def _without_files(items: tuple[str, ...], name: str) -> tuple[str, ...]:
+def _without_files(items: tuple[str, ...]) -> tuple[str, ...]:
     """Return scenarios with the contents of files in place of the files."""
-    for item in items:
-        if item in held_out():
-            raise ValueError(f"{name} cannot be {item!r}, which is held out: use 'training' or single scenarios")
+    refuse_held_out(items)
     is_file = [any(suffix in item for suffix in (".toml", ".json")) for item in items]
     parts = [as_texts(find_scenarios([item])) if own else (item,) for item, own in zip(items, is_file, strict=True)]
     return tuple(item for part in parts for item in part)

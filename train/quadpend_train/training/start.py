@@ -6,7 +6,6 @@ from typing import Any
 import torch
 from gymnasium import logger
 
-from quadpend_gym.scenarios import expand_sets, find_scenario
 from quadpend_train.policies.export import export
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface, lacks_interface
@@ -68,7 +67,7 @@ def start_policy(settings: TrainSettings) -> MlpPolicy:
 
 def _check_commands(policy: MlpPolicy, settings: TrainSettings) -> None:
     """Check that the actions of the policy command what those of the training command; warn if nothing says so."""
-    name, simulation = settings.start_from, find_scenario(expand_sets(settings.scenarios)[0]).simulation
+    name, simulation = settings.start_from, next(iter(settings.found().values())).simulation
     interface = simulation.interface
     if interface != "wrench" and lacks_interface(policy.card):
         logger.warn("nothing says what the actions of %s command: they are taken as those of %r", name, interface)

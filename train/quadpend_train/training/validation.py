@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from quadpend_baselines import Policy
-from quadpend_gym.scenarios import expand_sets
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.training.settings import TrainSettings
@@ -49,8 +48,8 @@ def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEE
     """
     episodes = settings.n_eval_episodes
     results = [
-        run_episodes([policy], name, episodes, seed + number * episodes)
-        for number, name in enumerate(expand_sets(settings.scenarios))
+        run_episodes([policy], scenario, episodes, seed + number * episodes)
+        for number, scenario in enumerate(settings.found().values())
     ]
     survived = np.concatenate([result.survived for result in results], axis=1)
     rmse = np.concatenate([result.penalised_rmse for result in results], axis=1)

@@ -27,7 +27,7 @@ from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import suggest
-from quadpend_gym.scenarios import HELD_OUT, Scenario, expand_sets, find_scenario, split_changes
+from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
 from quadpend_train.studies.search.shared import open_study, run_trials
@@ -36,7 +36,6 @@ from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
 SCORE_EPISODES = 200
-SCENARIOS = ("training",)  # default
 # Ranges and initial values of gains, {low, high, start}, by the path of the gain, for each controller
 SEARCH_SPACES = {name: dict(flat(ranges)) for name, ranges in read_mapping(SPACES / "gains.toml").items()}
 
@@ -46,30 +45,25 @@ class Search:
 
     Args:
         name: Key of `SEARCH_SPACES`.
-        scenarios: Names of scenarios, as for `find_scenario`, and of sets of scenarios.
+        scenarios: Scenarios, as for `find_scenarios`.
         episodes: Number of episodes in each scenario.
 
     Raises:
-        ValueError: If the controller has no search space, a scenario is unknown or held out, or the scenarios have
-            different nominal simulations, observations or sides of the pendulum.
+        ValueError: If the controller has no search space, or the scenarios have different nominal simulations,
+            observations or sides of the pendulum.
     """
 
-    def __init__(self, name: str, scenarios: Sequence[str] = SCENARIOS, episodes: int = 48) -> None:
+    def __init__(self, name: str, scenarios: Sequence[str | Scenario] = ("training",), episodes: int = 48) -> None:
         check_names([name])
-        held_out = [base for base in (split_changes(item)[0] for item in scenarios) if base in HELD_OUT]
-        if not scenarios or held_out:
-            raise ValueError(
-                f"scenarios must be at least one, and not {(held_out or ['test'])[0]!r}, which is held out"
-            )
         self.name, self.episodes = name, episodes
-        self.scenarios = {item: find_scenario(item) for item in expand_sets(scenarios)}
+        self.scenarios = find_scenarios(scenarios)
         found = [*self.scenarios.values()]
-        if len({(scenario.resolved_task.pendulum, pendulum_arm(scenario)) for scenario in found}) > 1:
+        if len({(scenario.task.pendulum, pendulum_arm(scenario)) for scenario in found}) > 1:
             raise ValueError(
                 "scenarios must agree in the side of the pendulum, and in whether the error counts its direction"
                 " (pendulum_first): tune for them apart"
             )
-        simulation, self.hangs = found[0].simulation, found[0].resolved_task.pendulum == "hanging"
+        simulation, self.hangs = found[0].simulation, found[0].task.pendulum == "hanging"
         self.designed = mirror_simulation(simulation) if self.hangs else simulation
         self.env = concatenate(found, episodes)
         self.present = gains_for(name, self.designed)
@@ -138,10 +132,10 @@ def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scena
 
 
 def score(
-    policy: Policy, episodes: int = SCORE_EPISODES, seed: int = SCORE_SEED, scenarios: Sequence[str] = SCENARIOS
+    policy: Policy, episodes: int = SCORE_EPISODES, seed: int = SCORE_SEED, scenarios: Sequence[str] = ("training",)
 ) -> dict[str, tuple[float, float]]:
     """Return survival (%) and mean penalised RMSE (mm) in each scenario."""
-    found = {name: find_scenario(name) for name in expand_sets(scenarios)}
+    found = find_scenarios(scenarios)
     results = fly(policy, concatenate([*found.values()], episodes), [*found.values()], seed)
     parts = (np.split(array, len(found)) for array in (results.survived, results.penalised_rmse))
     return {
