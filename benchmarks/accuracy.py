@@ -15,9 +15,8 @@ import numpy as np
 
 from experiments.pages import fill
 from quadpend_gym import QuadPendulumEnv
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, PAPER, Parameters, Simulation
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE, THRUST, State
-from quadpend_gym.vehicles import VEHICLES, Vehicle, torque_limits
+from quadpend_gym.vehicles import CONTROL_PERIOD, PAPER, VEHICLES, Parameters, Simulation, Vehicle, torque_limits
 from quadpend_gym.vehicles.parts import Drag
 from quadpend_train.evaluation import statistics
 from quadpend_train.evaluation.formatting import markdown_table

@@ -9,7 +9,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings, suggest
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.physics.parameters import PARAMETER_NAMES, Parameters
+from quadpend_gym.vehicles import PARAMETER_NAMES, Parameters
 
 
 @settings

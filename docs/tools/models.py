@@ -24,12 +24,11 @@ from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.core.validation import suggest
 from quadpend_gym.physics.drag import AIR_DENSITY
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_SIZE, State
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
-from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES
 from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import figure_text

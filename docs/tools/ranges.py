@@ -9,12 +9,11 @@ from experiments.pages import fill
 from quadpend_gym import Limits, Reference, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.settings import declared
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import Channel
 from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
-from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Vehicle
+from quadpend_gym.vehicles import Drag, Pole, RateLoop, Rotors, Simulation, Vehicle
 from quadpend_gym.wind import KINDS as WINDS
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 

@@ -15,8 +15,8 @@ from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.core.models import Model, Registry, Stateless, ZeroInitialized
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import ACTION_SIZE
+from quadpend_gym.vehicles import Simulation
 
 __all__ = [
     "KINDS",

@@ -25,9 +25,9 @@ import numpy as np
 from gymnasium import logger
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import Parameters, Simulation
 from quadpend_gym.tasks.task import Limits
 from quadpend_gym.tasks.trajectories import Sinusoids, Trajectory, Waypoints
+from quadpend_gym.vehicles import Parameters, Simulation
 
 
 class Demand(NamedTuple):

@@ -31,11 +31,11 @@ from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import START_STREAM, Keys, derive, uniform_between
 from quadpend_gym.physics.dynamics import Physics, load_physics
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, norm, scale, store
 from quadpend_gym.tasks.references import ReferencePoint
 from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
+from quadpend_gym.vehicles import Simulation
 
 
 class StartRanges(NamedTuple):

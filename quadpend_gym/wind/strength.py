@@ -8,7 +8,7 @@ from gymnasium import logger
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import WIND_STREAM, Streams
 from quadpend_gym.physics.drag import AIR_DENSITY
-from quadpend_gym.physics.parameters import PAPER, Simulation
+from quadpend_gym.vehicles import PAPER, Simulation
 from quadpend_gym.wind.base import WIND_FIELDS, WIND_SIZE
 from quadpend_gym.wind.registry import KINDS
 

@@ -7,7 +7,7 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import WIND_STREAM, Streams
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
+from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_gym.wind.base import WIND_SIZE
 
 __all__ = ["time_series"]

@@ -46,8 +46,8 @@ Errors in the paper that are corrected here:
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import Parameters
 from quadpend_gym.physics.state import COMMAND_SIZE, COMMAND_TORQUE, STATE_SIZE, THRUST, State
+from quadpend_gym.vehicles import Parameters
 
 _POSITION, _EULER, _ANGLES = slice(0, 3), slice(3, 6), slice(6, 8)
 _SIZE = 8

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import Parameters
 from quadpend_gym.physics.state import COMMAND_TORQUE, THRUST, Disturbance, State
+from quadpend_gym.vehicles import Parameters
 from tests.helpers.physics import random_commands, random_disturbances, random_states, simulate_period
 
 TIMESTEP = 1e-4  # s, of MuJoCo

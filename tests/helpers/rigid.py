@@ -10,7 +10,6 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.attitude import Quaternion
 from quadpend_gym.physics.dynamics import load_physics
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.rigid_body import Loads, Motion, Wrench, derivative, rigid_physics
 from quadpend_gym.physics.rigid_kernel import (
     BODY_RATE,
@@ -22,7 +21,7 @@ from quadpend_gym.physics.rigid_kernel import (
 from quadpend_gym.physics.rigid_settings import pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.physics.vectors import axpy, load, scale, store
-from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Vehicle
+from quadpend_gym.vehicles import Pole, RateLoop, Rotors, Simulation, Vehicle
 from tests.helpers.physics import random_states
 
 SPINS: Any = (1, -1, 1, -1)

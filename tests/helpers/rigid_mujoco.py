@@ -12,11 +12,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST
 from quadpend_gym.physics.rigid_settings import hover_thrusts_of
 from quadpend_gym.physics.state import Disturbance
-from quadpend_gym.vehicles import Vehicle
+from quadpend_gym.vehicles import Simulation, Vehicle
 from tests.helpers.mujoco_engine import Comparison
 from tests.helpers.physics import random_disturbances
 from tests.helpers.rigid import Flight, start_tumbling

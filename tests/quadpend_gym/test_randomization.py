@@ -12,8 +12,8 @@ from scipy import stats
 from quadpend_gym import PAPER, OrnsteinUhlenbeck, Parameters, Simulation, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
-from quadpend_gym.physics.parameters import PARAMETER_NAMES
 from quadpend_gym.randomization import Around, ParameterRanges, as_ranges
+from quadpend_gym.vehicles import PARAMETER_NAMES
 from quadpend_gym.wrappers import ParameterWrapper, VectorParameterWrapper
 from tests.helpers.bad_input import assert_refused_unchanged
 from tests.helpers.envs import (

@@ -32,8 +32,8 @@ from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_stat
 from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import COMMAND_SIZE, State
+from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _TABLES = 64  # number of tables of perturbations, used in turn
 

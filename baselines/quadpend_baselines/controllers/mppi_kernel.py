@@ -15,7 +15,6 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate
-from quadpend_gym.physics.parameters import PARAMETERS_SIZE
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     DIRECTION,
@@ -26,6 +25,7 @@ from quadpend_gym.physics.state import (
     STATE_SIZE,
     VELOCITY,
 )
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 MAX_SAMPLES = 64  # sampled trajectories of a row
 # First fields in x of `linear_model`; roll, pitch, yaw and their rates are consecutive in x and in the state.

@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 
 from quadpend_gym import Parameters, Simulation
-from quadpend_gym.physics.parameters import scaled_inertia
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_FIELDS, DISTURBANCE_SIZE, STATE_FIELDS, STATE_SIZE
+from quadpend_gym.vehicles.vehicle import scaled_inertia
 
 
 class Acceleration(NamedTuple):

@@ -18,10 +18,10 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.modelling.planar import limit_norm
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.physics.parameters import BOB_MASS, QUADROTOR_MASS
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
 from quadpend_gym.physics.state import State
+from quadpend_gym.vehicles.parameters import BOB_MASS, QUADROTOR_MASS
 
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
 

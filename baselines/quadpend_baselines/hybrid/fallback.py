@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.tasks.observation import read_observation
+from quadpend_gym.vehicles import CONTROL_PERIOD
 
 _TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # N·m, 1, per 10 ms
 

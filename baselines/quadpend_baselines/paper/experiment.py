@@ -16,8 +16,8 @@ from quadpend_baselines.paper.continuous import ContinuousLoop, Trajectory
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.vehicles import CONTROL_PERIOD
 
 DURATION = 20.0  # s
 REFERENCE = Reference(

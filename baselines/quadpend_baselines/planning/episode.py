@@ -12,8 +12,8 @@ from gymnasium.vector import VectorEnv
 from quadpend_baselines.policy.protocol import Policy
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs.outcome import TRACKING_ERROR
-from quadpend_gym.physics.parameters import ROD_LENGTH
 from quadpend_gym.physics.state import ACTION_SIZE, State
+from quadpend_gym.vehicles.parameters import ROD_LENGTH
 
 AnyVectorEnv = VectorEnv[Any, Any, Any]
 

@@ -16,8 +16,9 @@ from quadpend_baselines.controllers import nmpc_model
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.drag import AIR_DENSITY
-from quadpend_gym.physics.parameters import PARAMETER_NAMES, PARAMETERS_SIZE
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_FIELDS, STATE_SIZE
+from quadpend_gym.vehicles import PARAMETER_NAMES
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
 KNOWN_SIZE = WIND_SIZE + PARAMETERS_SIZE  # wind and parameters of a control period

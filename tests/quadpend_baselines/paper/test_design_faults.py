@@ -6,7 +6,7 @@ import pytest
 from quadpend_baselines.estimation.observers import characteristic_polynomial
 from quadpend_baselines.gains import ADRC_GAINS
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import PAPER
+from quadpend_gym.vehicles import PAPER
 from tests.helpers.symbolic import (
     FORCE_ON_BOB,
     FORCE_ON_QUADROTOR,

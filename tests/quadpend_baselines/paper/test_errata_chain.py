@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from quadpend_gym.physics.parameters import PAPER
+from quadpend_gym.vehicles import PAPER
 from tests.helpers.symbolic import (
     FORCE_ON_BOB,
     FORCE_ON_QUADROTOR,

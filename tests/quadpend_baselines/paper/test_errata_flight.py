@@ -12,8 +12,8 @@ import pytest
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.parameters import PAPER
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
+from quadpend_gym.vehicles import PAPER
 
 PERIOD, SECONDS = 1e-3, 6.0
 K = PAPER.chain_stiffness

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import Limits, Task
 from quadpend_gym.actuators import ActionDelay, GyroBias, PacketLoss
-from quadpend_gym.physics.parameters import INTERFACES, Simulation
-from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.vehicles import INTERFACES, VEHICLES, Simulation
 from tests.helpers.envs import ENDLESS, assert_same, draw_actions, make, make_unwrapped, make_vec, run_actions
 from tests.helpers.rigid import random_vehicle, start
 from tests.helpers.wrappers import PARAMETERS, SENSORS, TURBULENCE, make_sync_vec, make_wrapped_vec

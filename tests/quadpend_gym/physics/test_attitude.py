@@ -4,9 +4,8 @@ import numpy as np
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
-from quadpend_gym.vehicles import Pole, Vehicle
+from quadpend_gym.vehicles import Pole, Simulation, Vehicle
 from tests.helpers.physics import random_states
 from tests.helpers.rigid import at_rest, random_vehicle, start
 

@@ -10,9 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_gym import PAPER, Constant, Disturbance, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import energy
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import DISTURBANCE_FIELDS, DISTURBANCE_SIZE
-from quadpend_gym.vehicles import VEHICLES
+from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec
 from tests.helpers.wind import EXAMPLES, every_kind
 

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, energy, momentum
 from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, PAPER, Parameters, Simulation
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     COMMAND_TORQUE,
@@ -19,6 +18,7 @@ from quadpend_gym.physics.state import (
     Disturbance,
     State,
 )
+from quadpend_gym.vehicles import CONTROL_PERIOD, PAPER, Parameters, Simulation
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
 
 ROWS = 50

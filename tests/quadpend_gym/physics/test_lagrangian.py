@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, energy, momentum
-from quadpend_gym.physics.parameters import QUADROTOR_DRAG_AREA, Parameters
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     COMMAND_TORQUE,
@@ -21,6 +20,8 @@ from quadpend_gym.physics.state import (
     THRUST,
     State,
 )
+from quadpend_gym.vehicles import Parameters
+from quadpend_gym.vehicles.parameters import QUADROTOR_DRAG_AREA
 from tests.helpers.lagrangian import (
     coriolis_matrix,
     gravity_vector,

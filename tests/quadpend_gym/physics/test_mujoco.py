@@ -2,7 +2,7 @@
 
 import pytest
 
-from quadpend_gym.physics.parameters import CONTROL_PERIOD, Simulation
+from quadpend_gym.vehicles import CONTROL_PERIOD, Simulation
 from tests.helpers.mujoco_engine import position_errors
 from tests.helpers.physics import UNEQUAL
 

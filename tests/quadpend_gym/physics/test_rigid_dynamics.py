@@ -9,10 +9,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST
 from quadpend_gym.physics.state import Disturbance, State
-from quadpend_gym.vehicles import Pole, Rotors, Vehicle
+from quadpend_gym.vehicles import Pole, Rotors, Simulation, Vehicle
 from tests.helpers.physics import UNEQUAL, random_disturbances, random_states, simulate_period
 from tests.helpers.rigid import SPINS, Flight, accelerations, at_rest, random_vehicle, start, start_tumbling
 

@@ -17,9 +17,8 @@ from numpy.testing import assert_allclose
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics import dynamics
-from quadpend_gym.physics.parameters import Simulation
 from quadpend_gym.physics.state import Disturbance
-from quadpend_gym.vehicles import Pole, Vehicle
+from quadpend_gym.vehicles import Pole, Simulation, Vehicle
 from tests.helpers.lagrangian import state_from_coordinates
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states
 from tests.helpers.rigid import accelerations, random_vehicle, start

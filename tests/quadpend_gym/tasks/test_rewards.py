@@ -13,9 +13,9 @@ from scipy.linalg import solve_discrete_are
 
 from quadpend_gym import PAPER, QuadPendulumEnv, Reference, RewardWeights, State, read_observation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.tasks import EPISODE_STEPS
+from quadpend_gym.vehicles import CONTROL_PERIOD
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.physics import simulate_period
 

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 from quadpend_baselines import controller
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.scenarios import Scenario, find_scenario
+from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_gym.viewer.palette import BLUE, GREEN, VERMILLION, VIOLET
 from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.cli.main import main

@@ -9,9 +9,9 @@ from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym.physics.kernel import advance as kernel_advance
-from quadpend_gym.physics.parameters import PAPER
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.vehicles import PAPER
 from quadpend_train.differentiable import dynamics, observation
 from quadpend_train.differentiable.plant import Plant
 

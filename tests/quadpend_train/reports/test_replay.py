@@ -13,9 +13,9 @@ import pytest
 
 from quadpend_baselines import ADRC
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.tasks import EPISODE_STEPS
+from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.jobs import load_learner
 from quadpend_train.evaluation.leaderboard import leaderboard

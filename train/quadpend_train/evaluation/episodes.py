@@ -12,8 +12,8 @@ from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines.policy.rollout import RolloutStep, rollout
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.scenarios import Scenario, find_scenario
+from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_train.policies.conversion import as_policy
 
 # First seeds of disjoint sets of episodes. The seeds of training runs are above 2³², see

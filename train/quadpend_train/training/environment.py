@@ -12,8 +12,8 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import VectorHybridWrapper, hybrid_from_data
 from quadpend_gym import RewardWeights
 from quadpend_gym.actuators import Rotors
-from quadpend_gym.physics.parameters import CONTROL_PERIOD
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
