@@ -128,10 +128,10 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
         (["evaluate", "nix"], "there is no policy 'nix'"),
         (["evaluate", "--scenarios", "nix"], "there is no scenario 'nix'"),
         (["evaluate", "--episodes", "0"], "episodes must be a whole number from 1 to 100000, not 0"),
-        (["evaluate", "--jobs", "0"], "jobs must be a whole number from 1 to 1024, not 0"),
+        (["evaluate", "--jobs", "0"], "jobs must be at least 1, not 0"),
         (["evaluate", "--replay", "-1"], "replay must be a whole number from 0 to 1000, not -1"),
-        (["evaluate", "--seed", "-1"], "seed must be a whole number from 0 to 4611686018427387904, not -1"),
-        (["evaluate", "--scenarios", "calm", "calm=windy"], "two scenarios have the same name"),
+        (["evaluate", "--seed", "-1"], "seed must be a whole number from 0 to"),
+        (["evaluate", "--scenarios", "calm", "calm=windy"], "two scenarios have the name 'calm'"),
         (["evaluate", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),
         (
             ["train", "--scenarios", "training", "--num-envs", "12"],

@@ -196,7 +196,7 @@ def test_too_few_episodes_are_said_in_words() -> None:
         note = f"Few falls (1 to 4): {names} and 2 more. There, the 95 % interval"
         assert episodes_note(many).startswith(note) == (falls in (1, 4))
         assert not episodes_note(many) or falls in (1, 4)
-    seeds = synthetic_results([0.1] * 60)._replace(survived=np.tile(np.arange(60) >= 1, (2, 1)))
+    seeds = synthetic_results(np.full((2, 60), 0.1), np.arange(60) >= 1)
     assert episodes_note(synthetic_comparison(one=[seeds])) == ""
     few = synthetic_comparison(first=[synthetic_results([0.1] * 5)], other=[synthetic_results([0.2] * 5)])
     assert "; 5 episodes are too few to show a difference" in compare_pair(few.table, "first", "other").sentence()

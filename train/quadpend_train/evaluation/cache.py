@@ -60,7 +60,7 @@ def load(folder: Path, name: str) -> EpisodeResults | None:
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             return EpisodeResults(**{field: data[field] for field in EpisodeResults._fields})
     except Exception as error:  # readers of a damaged archive raise exceptions of many types
         warnings.warn(f"{path} is damaged and its results are computed again: {brief(error)}", stacklevel=2)
