@@ -131,6 +131,7 @@ def test_policy_that_does_not_fit_the_settings_is_refused(changes: Any, message:
 def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None:
     """A policy of the paper's vehicle has no interface on its card; of one without settings nothing is known."""
     start = tmp_path / "start.npz"
+    scenario = '{"vehicle": "hummingbird", "interface": "body_rates"}'
     rates = replace(
         BRIEF,
         arguments=network(),

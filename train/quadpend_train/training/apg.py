@@ -247,10 +247,8 @@ def check_apg(settings: TrainSettings) -> None:
     if settings.hybrid.mode != "estimate_only":
         raise ValueError(f"mode must be 'estimate_only' with algo 'apg', not {settings.hybrid.mode!r}")
     default = TrainSettings()
-    given = [(name, getattr(settings, name), getattr(default, name)) for name in _UNUSED]
-    relative = "baseline_relative_reward"
-    for name, value, only in [*given, (relative, getattr(settings.hybrid, relative), False)]:
-        if value != only:
+    for name in _UNUSED:
+        if (value := getattr(settings, name)) != (only := getattr(default, name)):
             raise ValueError(f"{name} must be {only!r} with algo 'apg', not {value!r}")
     for name, scenario in settings.found().items():
         check_covered(name, scenario)

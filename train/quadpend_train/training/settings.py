@@ -187,6 +187,8 @@ class TrainSettings:
                 raise ValueError(f"the settings in apg are for algo 'apg' only, not {self.algo!r}")
             if self.critic_warmup_steps and self.argument("train_freq") is not None:
                 raise ValueError(f"critic_warmup_steps needs an on-policy algorithm, not {self.algo!r}")
+        elif self.hybrid.baseline_relative_reward:
+            raise ValueError("baseline_relative_reward must be False with algo 'apg', not True")
         for name in ("scenarios", "curriculum"):
             object.__setattr__(self, name, _without_files(getattr(self, name)))
         for count in (len(find_scenarios(stage)) for stage in (self.scenarios, *self.curriculum)):
