@@ -136,7 +136,7 @@ def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None
         BRIEF,
         arguments=network(),
         start_from=str(start),
-        scenarios=('{"vehicle": "hummingbird", "interface": "body_rates"}',),
+        scenarios=(scenario,),
     )
     mlp_policy(36, settings={}).save(start)
     assert_refused(

@@ -30,7 +30,7 @@ def test_a_sweep_writes_settings_that_train_takes_and_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def rows() -> list[dict[str, str]]:
-        return list(csv.DictReader(Path("sweep/trials.csv").open(encoding="utf-8", newline="")))
+        return list(csv.DictReader(Path("sweep/trials.csv").read_text(encoding="utf-8").splitlines()))
 
     monkeypatch.chdir(tmp_path)
     Path("start.json").write_text(json.dumps(to_mapping(BRIEF)))
