@@ -11,6 +11,10 @@ from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings,
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.vehicles import PARAMETER_NAMES, Parameters
 
+_Mass = Annotated[Interval | None, Range(1e-10, 1e4, "kg")]
+_Inertia = Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")]
+_Area = Annotated[Interval | None, Range(0.0, 100.0, "m²")]
+
 
 @settings
 class ParameterRanges:
@@ -19,21 +23,19 @@ class ParameterRanges:
     Actions are scaled with the nominal parameters: a heavier quadrotor sinks at zero action.
     """
 
-    quadrotor_mass: Annotated[Interval | None, Range(1e-10, 1e4, "kg")] = None
-    bob_mass: Annotated[Interval | None, Range(1e-10, 1e4, "kg")] = None
+    quadrotor_mass: _Mass = None
+    bob_mass: _Mass = None
     rod_length: Annotated[Interval | None, Range(1e-10, 100.0, "m")] = None
     gravity: Annotated[Interval | None, Range(0.01, 1000.0, "m/s²")] = None
-    inertia_roll: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None
-    inertia_pitch: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None
-    inertia_yaw: Annotated[Interval | None, Range(1e-10, 1e6, "kg·m²")] = None
-    quadrotor_drag_area: Annotated[Interval | None, Range(0.0, 100.0, "m²")] = None
-    bob_drag_area: Annotated[Interval | None, Range(0.0, 100.0, "m²")] = None
+    inertia_roll: _Inertia = None
+    inertia_pitch: _Inertia = None
+    inertia_yaw: _Inertia = None
+    quadrotor_drag_area: _Area = None
+    bob_drag_area: _Area = None
 
     def __post_init__(self) -> None:
-        if all(getattr(self, name) is None for name in PARAMETER_NAMES):
-            raise ValueError(
-                f"at least one parameter must have a range; the parameters are {', '.join(PARAMETER_NAMES)}"
-            )
+        if not any(getattr(self, name) for name in PARAMETER_NAMES):
+            raise ValueError(f"at least one parameter must have a range, of {', '.join(PARAMETER_NAMES)}")
 
     def draw(self, nominal: Parameters, streams: Streams) -> Floats:
         """Draw the parameters of new episodes, shape (n, 9).
@@ -63,12 +65,8 @@ class Around:
     names: tuple[str, ...] = ()  # parameters to randomize; if empty, all but gravity
 
     def __post_init__(self) -> None:
-        for name in self.names:
-            if name not in PARAMETER_NAMES:
-                raise ValueError(
-                    f"there is no parameter {name!r}{suggest(name, PARAMETER_NAMES)}; there are"
-                    f" {', '.join(PARAMETER_NAMES)}"
-                )
+        if unknown := set(self.names) - set(PARAMETER_NAMES):
+            raise ValueError(f"there is no parameter {min(unknown)!r}{suggest(min(unknown), PARAMETER_NAMES)}")
 
     def ranges(self, parameters: Parameters) -> ParameterRanges:
         """Return the intervals around these nominal parameters."""
@@ -83,9 +81,6 @@ def as_ranges(value: Any) -> ParameterRanges | Around:
 
     Args:
         value: Parameter ranges, a mapping with a ``share``, or a mapping from names of parameters to pairs.
-
-    Raises:
-        ValueError: If `value` is none of these, a key is unknown or a value is out of range.
     """
     if isinstance(value, Around) or (isinstance(value, Mapping) and "share" in value):
         return parse(Around, value, "ranges")

@@ -21,8 +21,8 @@ from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.files import parse_mapping
 from quadpend_gym.core.models import ModelBatch
+from quadpend_gym.core.settings import suggest
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.core.validation import suggest
 from quadpend_gym.physics.drag import AIR_DENSITY
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_SIZE, State
 from quadpend_gym.scenarios import find_scenario

@@ -52,16 +52,13 @@ class Actuator(Model, Protocol):
 
 ACTUATORS = Registry("actuator", Actuator)
 ActuatorsField = ACTUATORS.field()  # annotation of a field that holds a tuple of actuators
-KINDS = ACTUATORS.kinds
+as_actuators, KINDS = ACTUATORS.parse, ACTUATORS.kinds
 
 
 class _FromHover(ZeroInitialized):
     """Mixin for models whose memory is the current value of each component of the action, initially zero (hover)."""
 
-    @property
-    def memory_size(self) -> int:
-        """One number for each component of the action."""
-        return ACTION_SIZE
+    memory_size = ACTION_SIZE
 
 
 @ACTUATORS.add
@@ -141,11 +138,7 @@ class GyroBias:
 
     deviation: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.02  # standard deviation
     kind: Literal["gyro_bias"] = "gyro_bias"
-
-    @property
-    def memory_size(self) -> int:
-        """The biases of the three axes, rad/s."""
-        return 3
+    memory_size = 3  # the biases, rad/s
 
     def initial_memory(self, streams: Streams) -> Floats:
         """Draw the biases."""
@@ -178,11 +171,7 @@ class Rotors(Stateless):
     kind: Literal["rotors"] = "rotors"
 
     def mixing(self, simulation: Simulation) -> Floats:
-        """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4).
-
-        Raises:
-            ValueError: If the rotors exceed a command limit of the simulation.
-        """
+        """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4)."""
         d, k = self.arm, self.drag_ratio
         forces = simulation.parameters.hover_thrust / 4.0
         rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, d, 0.0, -d], [-d, 0.0, d, 0.0], [k, -k, k, -k]])
@@ -227,22 +216,8 @@ class RotorFault(Stateless):
         action[:, self.rotor - 1] = np.where(is_faulty, reduced, action[:, self.rotor - 1])
 
 
-def as_actuators(value: Any) -> tuple[Any, ...]:
-    """Convert `value` to a tuple of actuator models; see `quadpend_gym.core.models.Registry.parse`."""
-    return ACTUATORS.parse(value)
-
-
 def check_chain(models: tuple[Any, ...], simulation: Simulation) -> None:
-    """Check that the actuators fit together in this order.
-
-    Args:
-        models: Actuator models in the order in which they change the action.
-        simulation: Simulation whose interface the models need, and whose command limits the rotors must not exceed.
-
-    Raises:
-        ValueError: If there is more than one `Rotors`, a `RotorFault` is not followed by `Rotors`, or the rotors exceed
-            the command limits, a `GyroBias` has no interface "body_rates", or `Rotors` have no interface "wrench".
-    """
+    """Refuse actuators that do not fit together in this order, or not to the simulation."""
     for kind, interface in ((GyroBias, "body_rates"), (Rotors, "wrench")):
         if simulation.interface != interface and any(isinstance(model, kind) for model in models):
             raise ValueError(f'{kind.__name__} needs the interface "{interface}", not "{simulation.interface}"')

@@ -29,9 +29,6 @@ def find_factory(name: str) -> Callable[..., Any]:
 
     Args:
         name: Text of the form ``"module:factory"``.
-
-    Raises:
-        ValueError: If the module cannot be imported, or has no such function or class.
     """
     module_name, _, attribute = name.partition(":")
     if "" not in sys.path and os.getcwd() not in sys.path:
@@ -59,9 +56,6 @@ def call_factory(name: str, factory: Callable[..., Any], *arguments: Any) -> Any
         name: Name of the factory for error messages.
         factory: The function or class.
         arguments: Its arguments.
-
-    Raises:
-        ValueError: If the factory raises an exception.
     """
     try:
         return factory(*arguments)

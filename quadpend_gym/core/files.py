@@ -12,12 +12,7 @@ else:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the mapping in a TOML file.
-
-    Raises:
-        OSError: If the file cannot be read.
-        ValueError: If the file is not valid TOML.
-    """
+    """Return the mapping in a TOML file."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -27,11 +22,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """Return the mapping in a file: JSON if its name ends with ``.json``, else TOML.
-
-    Raises:
-        ValueError: If the file is not valid or does not contain a mapping.
-    """
+    """Return the mapping in a file: JSON if its name ends with ``.json``, else TOML."""
     if path.suffix != ".json":
         return read_toml(path)
     try:
@@ -46,9 +37,6 @@ def parse_mapping(text: str, name: str) -> dict[str, Any]:
     Args:
         text: JSON text.
         name: Name of the text for error messages.
-
-    Raises:
-        ValueError: If the text is not valid or does not contain a mapping.
     """
     try:
         value = json.loads(text)

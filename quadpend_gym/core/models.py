@@ -42,17 +42,14 @@ class ZeroInitialized:
     memory_size: Any
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """Return zeros, shape (n, memory_size), columns contiguous."""
+        """Return zeros, shape (n, memory_size)."""
         return np.zeros((self.memory_size, streams.keys.size)).T
 
 
 class Stateless(ZeroInitialized):
     """Mixin for models without memory."""
 
-    @property
-    def memory_size(self) -> int:
-        """Zero."""
-        return 0
+    memory_size = 0
 
 
 @dataclass(frozen=True)
@@ -84,9 +81,6 @@ class Registry:
         Args:
             value: A model, a mapping with its ``kind``, the name of a preset or kind, a sequence or sum of these, or
                 None for no model.
-
-        Raises:
-            ValueError: If `value` is none of these, or a setting is unknown or out of range.
         """
         if value is None:
             return ()
@@ -114,11 +108,7 @@ class Registry:
         raise ValueError(f"there is no {self.name} {kind!r}{suggest(kind, known)}; there are {', '.join(known)}{own}")
 
     def field(self, function: Callable[[Any], Any] | None = None) -> Parsed:
-        """Return the annotation of a field that takes what `parse` takes.
-
-        Args:
-            function: Makes the value of the field; None: `parse`.
-        """
+        """Return the annotation of a field that takes what `parse` takes; `function` makes its value, else `parse`."""
         return Parsed(function or self.parse, self._accepted)
 
     def _accepted(self) -> Any:

@@ -43,7 +43,6 @@ from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories, 
 from quadpend_gym.tasks.trajectories import Trajectory
 from quadpend_gym.tasks.trajectory_table import TrajectoryTable
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
-from quadpend_gym.wind.strength import warn_if_too_strong
 
 
 class World:
@@ -134,7 +133,6 @@ class World:
         self._moves_air = any(model.moves_air for model in all_models)
         self._settings = self._plant.settings(self.task, self._moves_air, self.simulation.substeps)
         self._wind_columns = np.zeros((WIND_SIZE, self.num_envs))
-        warn_if_too_strong(all_models, self.simulation)
         self._require_reset()
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
@@ -308,7 +306,7 @@ class World:
         memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
         sensed, table = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0)), self._trajectories
         arguments = memory, clock, calm, action, self._observe_settings, observation, outcome, sensed
-        self._plant.step(*arguments, table.active, table.first[rows])
+        self._plant.step(*arguments, table.numbers, table.first[rows])
         if self._sensors.models:
             sensed[SENSED_STATE] = self._sensed[SENSED_STATE, rows]
             observe_sensed(sensed, observation)
@@ -340,7 +338,7 @@ class World:
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
         sensed, table = self._sensed, self._trajectories
         error = self._plant.step(
-            memory, clock, wind, action, settings, observation, outcome, sensed, table.active, table.first
+            memory, clock, wind, action, settings, observation, outcome, sensed, table.numbers, table.first
         )
         if error != NO_ERROR:
             if self._actuators.models:

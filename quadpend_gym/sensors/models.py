@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Booleans, Floats, Integers
+from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.delays import delay, hold
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.models import Model, Registry, ZeroInitialized
@@ -54,7 +54,7 @@ class Sensor(Model, Protocol):
 
 SENSORS = Registry("sensor", Sensor)
 SensorsField = SENSORS.field()  # annotation of a field that holds a tuple of sensors
-KINDS = SENSORS.kinds
+as_sensors, KINDS = SENSORS.parse, SENSORS.kinds
 
 
 @settings
@@ -157,29 +157,17 @@ class Noise:
 
 @dataclass(frozen=True)
 class _NoisePlan:
-    """A `Noise` by columns of the state.
+    """A `Noise` by columns of the state."""
 
-    Attributes:
-        columns: Columns with white noise, bias or random walk, shape (k,).
-        white: Their standard deviations of white noise, shape (k,).
-        bias: Their standard deviations of the bias, shape (k,).
-        walk: Their standard deviations of the random walk, shape (k,).
-        quantum: Quantisation steps of all columns, shape (18,).
-        rounded: Columns with quantisation.
-        has_offset: Whether there is a bias or a random walk.
-        has_walk: Whether there is a random walk.
-        normalises: Whether the direction must be normalised.
-    """
-
-    columns: Integers
-    white: Floats
+    columns: Integers  # with white noise, bias or random walk, shape (k,)
+    white: Floats  # their sizes, shape (k,)
     bias: Floats
     walk: Floats
-    quantum: Floats
-    rounded: Integers
-    has_offset: bool
+    quantum: Floats  # quantisation steps of all columns, shape (18,)
+    rounded: Integers  # columns with quantisation
+    has_offset: bool  # whether there is a bias or a random walk
     has_walk: bool
-    normalises: bool
+    normalises: bool  # whether the direction is noisy
 
 
 @inlined
@@ -233,11 +221,6 @@ class Delay(ZeroInitialized):
         delay(measured, step, memory, self.steps, repeats_first=True)
 
 
-def _store_first(measured: Floats, memory: Floats, starts: Booleans) -> None:
-    """Store the first sample of the sub-environments whose episode starts."""
-    memory[starts] = measured[starts]
-
-
 @SENSORS.add
 @settings
 class Dropout(ZeroInitialized):
@@ -245,15 +228,11 @@ class Dropout(ZeroInitialized):
 
     probability: Annotated[float, Range(0.0, 1.0)] = 0.1
     kind: Literal["dropout"] = "dropout"
-
-    @property
-    def memory_size(self) -> int:
-        """One measured state: the last sample received."""
-        return STATE_SIZE
+    memory_size = STATE_SIZE  # the last sample received
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace lost samples by the last sample received."""
-        _store_first(measured, memory, step == 0)
+        memory[step == 0] = measured[step == 0]
         hold(measured, memory, streams.uniform(step + 1, 1)[:, 0] < self.probability)
 
 
@@ -268,16 +247,10 @@ class SampleHold(ZeroInitialized):
 
     period: Annotated[float, Range(1e-6, 1e6, "s")] = 0.02
     kind: Literal["sample_hold"] = "sample_hold"
+    memory_size = STATE_SIZE  # the last sample
 
     def steps(self, control_period: float) -> int:
-        """Return the number of control steps from one sample to the next.
-
-        Args:
-            control_period: Duration of a control step, s.
-
-        Raises:
-            ValueError: If the period is neither a whole multiple of the control period nor divides it.
-        """
+        """Return the number of control steps from one sample to the next; `control_period` in s."""
         ratio = self.period / control_period
         whole = max(ratio, 1.0 / ratio)
         if abs(whole - round(whole)) > 1e-9 * whole:
@@ -287,31 +260,13 @@ class SampleHold(ZeroInitialized):
             )
         return max(round(ratio), 1)
 
-    @property
-    def memory_size(self) -> int:
-        """One measured state: the last sample."""
-        return STATE_SIZE
-
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Replace the measurement by the last sample."""
         hold(measured, memory, step % self.steps(period) != 0)
 
 
-def as_sensors(value: Any) -> tuple[Any, ...]:
-    """Convert `value` to a tuple of sensor models; see `quadpend_gym.core.models.Registry.parse`."""
-    return SENSORS.parse(value)
-
-
 def check_periods(models: tuple[Any, ...], control_period: float) -> None:
-    """Check that the sensors have samples at the times of control steps.
-
-    Args:
-        models: Sensor models.
-        control_period: Duration of a control step, s.
-
-    Raises:
-        ValueError: If the period of a `SampleHold` is neither a whole multiple of the control period nor divides it.
-    """
+    """Refuse sensors without samples at the times of control steps; `control_period` in s."""
     for model in models:
         if isinstance(model, SampleHold):
             model.steps(control_period)

@@ -86,9 +86,6 @@ def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limit
         simulation: Nominal parameters and thrust limit.
         limits: Limits at which an episode terminates; exceeding one of them gives a warning.
         side: See `Task.side`.
-
-    Raises:
-        ValueError: If the thrust would have to exceed its maximum or to point downwards.
     """
     if not isinstance(trajectory, Waypoints | Sinusoids):
         return

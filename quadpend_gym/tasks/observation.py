@@ -62,18 +62,8 @@ _LAYOUTS = {OBSERVATION_SIZE: OBSERVATION_FIELDS, OUTPUT_FEEDBACK_SIZE: OUTPUT_F
 REFERENCE_START = OBSERVATION_FIELDS["reference_2"].start
 
 # First column of each field, as constants that compiled functions can read.
-_TRACKING_ERROR = OBSERVATION_FIELDS["tracking_error"].start
-_TRACKING_ERROR_RATE = OBSERVATION_FIELDS["tracking_error_rate"].start
-_DIRECTION = OBSERVATION_FIELDS["direction"].start
-_DIRECTION_RATE = OBSERVATION_FIELDS["direction_rate"].start
-_ATTITUDE = OBSERVATION_FIELDS["attitude"].start
-_EULER_RATE = OBSERVATION_FIELDS["euler_rate"].start
-_REFERENCE_2 = OBSERVATION_FIELDS["reference_2"].start
-_REFERENCE_3 = OBSERVATION_FIELDS["reference_3"].start
-_REFERENCE_4 = OBSERVATION_FIELDS["reference_4"].start
-_REFERENCE_5 = OBSERVATION_FIELDS["reference_5"].start
-_REFERENCE_6 = OBSERVATION_FIELDS["reference_6"].start
-_YAW_REFERENCE = OBSERVATION_FIELDS["yaw_reference"].start
+_TRACKING_ERROR, _TRACKING_ERROR_RATE, _DIRECTION, _DIRECTION_RATE, _ATTITUDE, _EULER_RATE = range(0, 18, 3)
+_REFERENCE_2, _REFERENCE_3, _REFERENCE_4, _REFERENCE_5, _REFERENCE_6, _YAW_REFERENCE = range(18, 36, 3)
 
 
 def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
@@ -82,9 +72,6 @@ def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
     Args:
         observation: Observations, shape (..., 36), or (..., 27) from `OutputFeedbackWrapper`.
         name: Key of `OBSERVATION_FIELDS`.
-
-    Raises:
-        ValueError: If the observation has another size or no such field.
     """
     fields = _LAYOUTS.get(observation.shape[-1])
     if fields is None:

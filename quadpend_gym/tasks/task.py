@@ -13,7 +13,6 @@ from quadpend_gym.core.settings import Interval, Parsed, Range, parse, settings,
 from quadpend_gym.tasks.trajectories import TrajectoryField
 
 EPISODE_STEPS = 1000  # control steps after which an episode is truncated: 10 s at the default control period
-SIDES = {"upright": 1.0, "hanging": -1.0}  # sign of r_z by the side on which the pendulum is to be
 
 
 @settings
@@ -110,7 +109,7 @@ class Task:
     @property
     def side(self) -> float:
         """Sign of r_z on the side of the pendulum: 1 for upright, −1 for hanging."""
-        return SIDES[self.pendulum]
+        return 1.0 if self.pendulum == "upright" else -1.0
 
 
 _HOVER = ReferenceSettings(
@@ -148,9 +147,6 @@ def as_task(value: Any) -> Task:
 
     Args:
         value: Name of a task, `Task`, or mapping of its fields.
-
-    Raises:
-        ValueError: If no task has that name, or a setting is unknown or out of range.
     """
     if isinstance(value, str):
         if value not in TASKS:

@@ -278,9 +278,6 @@ def as_trajectory(value: Any, name: str) -> Trajectory:
         value: `Reference`, `Waypoints`, `Sinusoids`, or a mapping of the fields of one of them: with ``kind``
             "waypoints" or "sinusoids", or without a kind the fields of `Reference`.
         name: Name of the value in error messages.
-
-    Raises:
-        ValueError: If `value` is none of these, or a field is unknown or out of range.
     """
     if isinstance(value, Waypoints | Sinusoids):
         return value

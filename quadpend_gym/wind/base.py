@@ -71,12 +71,17 @@ class Addable:
 
 
 class Composite(Addable):
-    """Base class of winds that consist of other models, which a subclass has as the property `parts`.
+    """Base class of winds that consist of other models, by default those of their field `wind`.
 
     A single model has the random streams of the composite; each of several models has its own.
     """
 
-    parts: Any
+    wind: Any
+
+    @property
+    def parts(self) -> Any:
+        """The models."""
+        return self.wind.models
 
     @property
     def moves_air(self) -> bool:
@@ -124,7 +129,7 @@ class WindFromFactory(Composite):
         return WindFromFactory, (self.kind,)
 
     @cached_property
-    def parts(self) -> tuple[Any, ...]:
+    def parts(self) -> Any:
         """The models that the factory returns."""
         value = call_factory(self.kind, find_factory(self.kind))
         try:
@@ -178,15 +183,15 @@ class Loads(Addable):
 
 
 def add_rotated(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floats, sine: Floats) -> None:
-    """Rotate factor · vector about the vertical and add it to the three columns from `axis` on.
+    """Rotate factor · vector about the vertical, from x towards y, and add it to three columns of `out`, shape (n, 12).
 
     Args:
-        out: Array to add to, shape (n, 12), changed in place.
+        out: Array to add to, changed in place.
         axis: First of the three columns.
         vector: Components x, y and z, each a number or an array of shape (n,).
-        factor: Factor of each sub-environment, shape (n,).
-        cosine: Cosine of the rotation angle, which counts from x towards y, shape (n,).
-        sine: Sine of the rotation angle, shape (n,).
+        factor: Shape (n,).
+        cosine: Cosine of the angle, shape (n,).
+        sine: Sine of the angle, shape (n,).
     """
     x, y, z = vector
     out[:, axis] += factor * (cosine * x - sine * y)

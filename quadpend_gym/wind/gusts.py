@@ -30,17 +30,13 @@ class Gusts(Loads):
     # from x towards y, uniform in this interval
     heading: Annotated[Interval, Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
     kind: Literal["gusts"] = "gusts"
+    memory_size = 5  # onset (s), length (s), cosine and sine of the heading, and number of the current or next gust
 
     def __post_init__(self) -> None:
         if self.load[WIND_FIELDS["torque"]].any():
             raise ValueError(
                 "torque must be 0 for gusts: the heading of a gust rotates world-frame vectors, and a torque is not one"
             )
-
-    @property
-    def memory_size(self) -> int:
-        """Onset (s), length (s), cosine and sine of the heading, and number of the current or next gust."""
-        return 5
 
     def initial_memory(self, streams: Streams) -> Floats:
         """Draw the first gust."""
@@ -76,11 +72,10 @@ class Gusts(Loads):
 class PaperGusts(Stateless, Addable):
     """The random gusts of the paper's Section 5, in x, y, z and yaw.
 
-    The disturbance is zero until the onset. The paper's onset is 10 s, which is the length of an episode: use an
-    earlier onset or a larger `max_episode_steps`. The paper gives neither shape nor size of the gusts. Here a new
-    target is drawn every `hold` seconds, uniformly between minus and plus the amplitude, and the disturbance moves to
-    the target along half a period of a cosine. As a function of time it is bounded and differentiable, as the paper's
-    Theorem 1 assumes; the simulation samples it once in each control period.
+    The disturbance is zero until the onset. The paper's onset is 10 s, the usual length of an episode. The paper gives
+    neither shape nor size of the gusts. Here a new target is drawn every `hold` seconds, uniformly between minus and
+    plus the amplitude, and the disturbance moves to the target along half a period of a cosine. As a function of time
+    it is bounded and differentiable, as the paper's Theorem 1 assumes; each control period has one sample of it.
     """
 
     force: Annotated[Load, Range(0.0, LARGEST_LOAD, "N")] = 0.3  # amplitude on the quadrotor
@@ -88,16 +83,12 @@ class PaperGusts(Stateless, Addable):
     onset: Annotated[float, Range(0.0, 1e6, "s")] = 10.0  # time of the first gust
     hold: Annotated[float, Range(1e-3, 1e6, "s")] = 1.0  # time between two targets
     kind: Literal["paper_gusts"] = "paper_gusts"
+    moves_air = False
 
     @cached_property
     def amplitude(self) -> Floats:
         """Amplitudes of the force in x, y, z (N) and of the yaw torque (N·m), shape (4,)."""
         return np.append(np.broadcast_to(self.force, 3), self.yaw_torque)
-
-    @property
-    def moves_air(self) -> bool:
-        """False: the gusts are forces."""
-        return False
 
     def _target(self, number: Integers, streams: Streams) -> Floats:
         """Return the targets with these numbers, shape (n, 4); target 0 is zero."""

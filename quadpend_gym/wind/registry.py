@@ -1,7 +1,5 @@
 """Presets of wind, and the door for everything that names a wind."""
 
-from typing import Any
-
 from quadpend_gym.wind.base import WINDS
 from quadpend_gym.wind.gusts import Gusts, PaperGusts
 from quadpend_gym.wind.steady import Drawn
@@ -9,7 +7,7 @@ from quadpend_gym.wind.turbulence import Dryden, OrnsteinUhlenbeck
 
 __all__ = ["KINDS", "PRESETS", "as_wind"]
 
-KINDS, PRESETS = WINDS.kinds, WINDS.presets
+as_wind, KINDS, PRESETS = WINDS.parse, WINDS.kinds, WINDS.presets
 PRESETS |= {
     "calm": None,
     "breeze": OrnsteinUhlenbeck(0.15),
@@ -17,8 +15,3 @@ PRESETS |= {
     "storm": Drawn(Dryden("moderate")) + Gusts(velocity=(6.0, 0.0, 0.0)),
     "paper": PaperGusts(onset=2.0),
 }
-
-
-def as_wind(value: Any) -> tuple[Any, ...]:
-    """Convert `value` to a tuple of wind models; see `quadpend_gym.core.models.Registry.parse`."""
-    return WINDS.parse(value)

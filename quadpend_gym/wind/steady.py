@@ -70,11 +70,7 @@ class StillAir(Stateless, Addable):
     """Air at rest. Without this model, drag is computed only if another model sets a wind velocity."""
 
     kind: Literal["still_air"] = "still_air"
-
-    @property
-    def moves_air(self) -> bool:
-        """True, so that drag is computed."""
-        return True
+    moves_air = True
 
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add nothing."""
@@ -90,12 +86,6 @@ class Drawn(Composite):
     # from x towards y, uniform in this interval
     heading: Annotated[Interval, Range(-1000.0, 1000.0, "rad")] = (-np.pi, np.pi)
     kind: Literal["drawn"] = "drawn"
-
-    @property
-    def parts(self) -> tuple[Any, ...]:
-        """The drawn models."""
-        models: tuple[Any, ...] = self.wind.models
-        return models
 
     @property
     def memory_size(self) -> int:
@@ -137,19 +127,13 @@ class Rescaled(Composite):
     torque_scale: Annotated[Load | None, Range(0.0, 1e4)] = None
     kind: Literal["rescaled"] = "rescaled"
 
-    @property
-    def parts(self) -> tuple[Any, ...]:
-        """The scaled models."""
-        models: tuple[Any, ...] = self.wind.models
-        return models
-
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the winds of its models, with scaled forces and torques."""
         wind = np.zeros((WIND_SIZE, step.size)).T
         super().sample(wind, memory, step, period, streams)
-        factors: dict[str, Any] = {"torque": self.torque_factors, "velocity": 1.0}
+        factors = {"force": self.scale, "bob_force": self.scale, "torque": self.torque_factors, "velocity": 1.0}
         for name, columns in WIND_FIELDS.items():
-            out[:, columns] += np.asarray(factors.get(name, self.scale)) * wind[:, columns]
+            out[:, columns] += np.asarray(factors[name]) * wind[:, columns]
 
     @property
     def torque_factors(self) -> tuple[float, ...]:

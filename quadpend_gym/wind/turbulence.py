@@ -33,7 +33,7 @@ third order, with an error of at most 0.25 dB up to ω = 16/T, and of at most 1 
 100/T), which reduces the standard deviations by 1.6 % along and 1.9 % across and up.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
 
@@ -149,11 +149,7 @@ class _Turbulence(Addable):
     heading: Annotated[float, Range(-1000.0, 1000.0, "rad")] = 0.0
     standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
     kind: str = ""
-
-    @property
-    def moves_air(self) -> bool:
-        """True: turbulence is a wind velocity."""
-        return True
+    moves_air = True
 
     @property
     def wind_20_feet(self) -> float:
@@ -189,23 +185,23 @@ class _Turbulence(Addable):
     @property
     def filter(self) -> Filter:
         """Filters from white noise to u, v, w (m/s), each with H = σ √(weight T/π) N(Ts)/D(Ts)."""
-        axes = zip(self._spectra, self.deviations, self.times, strict=True)
         return combine(
             [
                 from_transfer_function(x.numerator, x.denominator, sigma * np.sqrt(x.weight * t / np.pi), t)
-                for x, sigma, t in axes
+                for x, sigma, t in self._axes
             ]
         )
 
     def density(self, frequency: Floats) -> Floats:
         """Return the one-sided densities (4)–(7) of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s."""
-        axes = zip(self._spectra, self.deviations, self.times, strict=True)
-        return np.stack([sigma**2 * t / np.pi * x.weight * x.density((t * frequency) ** 2) for x, sigma, t in axes])
+        return np.stack(
+            [sigma**2 * t / np.pi * x.weight * x.density((t * frequency) ** 2) for x, sigma, t in self._axes]
+        )
 
     @property
-    def _spectra(self) -> tuple[_Spectrum, _Spectrum, _Spectrum]:
+    def _axes(self) -> Iterator[tuple[_Spectrum, float, float]]:
         along, across = _SPECTRA[self.kind]
-        return along, across, across
+        return zip((along, across, across), self.deviations, self.times, strict=True)
 
     @property
     def memory_size(self) -> int:

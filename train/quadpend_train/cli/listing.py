@@ -9,7 +9,7 @@ import tyro
 
 from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
-from quadpend_gym.core.validation import suggest
+from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_gym.tasks import ENVIRONMENTS, TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
