@@ -1,6 +1,5 @@
 """Compiled functions work with and without a cache, which a change of a function that they inline invalidates."""
 
-import errno
 import os
 import shutil
 import subprocess
@@ -9,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from quadpend_gym.core import jit
 from tests.helpers.sources import ROOT
 
 SCRIPT = "from quadpend_gym import Reference; print(Reference.circle(1.0, 1.0).derivatives(0.0)[0, 1])"
@@ -53,21 +51,6 @@ def test_without_a_folder_for_the_cache_there_is_one_warning(package_without_cac
     assert errors.count("cannot write its cache") == 1
     assert "NUMBA_CACHE_DIR" in errors
     assert "Traceback" not in errors
-
-
-def test_a_full_disk_of_the_cache_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*arguments: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    def doubled(x: float) -> float:
-        return 2.0 * x
-
-    jit._warn_without_cache.cache_clear()
-    monkeypatch.setattr("numba.core.caching.IndexDataCacheFile.save", full)
-    with pytest.warns(RuntimeWarning, match="cannot write its cache"):
-        assert jit.compiled(doubled)(2.0) == 4.0
-    assert jit.compiled(doubled)(3.0) == 6.0  # without a second warning
-    jit._warn_without_cache.cache_clear()
 
 
 STEPS = """

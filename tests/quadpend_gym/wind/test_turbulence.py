@@ -105,16 +105,7 @@ def autocovariance(density: Density, lag: float) -> float:
     return float(quad(density, 0.0, np.inf, weight="cos", wvar=lag, limlst=400, limit=400)[0])
 
 
-def test_dryden_turbulence_has_an_exponential_autocorrelation() -> None:
-    """It is σ² e^{−τ/T} along and σ² (1 − τ/2T) e^{−τ/T} across the wind. This also checks `autocovariance`."""
-    along, across = dryden_densities(sigma=1.5, length=12.0, speed=8.0)
-    for lag in (0.0, 0.1, 1.0, 2.0, 4.0):
-        decay = 2.25 * np.exp(-lag / 1.5)
-        assert_allclose(autocovariance(along, lag), decay, atol=1e-6)
-        assert_allclose(autocovariance(across, lag), decay * (1.0 - lag / 3.0), atol=1e-6)
-
-
-@pytest.mark.parametrize(("period", "steps"), [(0.1, 21), (0.01, 201), (0.002, 1001)])
+@pytest.mark.parametrize(("period", "steps"), [(0.1, 21), (0.01, 201)])
 @every_case
 def test_deviation_and_autocorrelation_match_the_specification(
     wind: Any, densities: list[Density], period: float, steps: int
@@ -226,15 +217,6 @@ def test_the_error_of_von_karmans_filters_is_the_documented_one() -> None:
         assert_allclose(fraction, 0.96871 if axis == 0 else 0.96234, atol=2e-5)
 
 
-def test_light_turbulence_at_20_feet_matches_a_calculation_by_hand() -> None:
-    """W₂₀ = 15 knots = 25.3172 ft/s; 0.177 + 0.000823 · 20 = 0.19346, to the power 0.4 0.51837, to 1.2 0.13929."""
-    for wind in (Dryden(), VonKarman("light", altitude=6.096)):
-        assert_allclose(wind.mean_speed / FOOT, 25.3172, rtol=1e-5)
-        assert_allclose(wind.deviations / FOOT, [4.88403, 4.88403, 2.53171], rtol=1e-5)
-        assert_allclose(wind.lengths / FOOT, [143.589, 143.589, 20.0], rtol=1e-5)
-        assert_allclose(wind.times, [5.67160, 5.67160, 0.789978], rtol=1e-5)
-
-
 def test_moderate_turbulence_at_200_feet_matches_a_calculation_by_hand() -> None:
     """W₂₀ = 30 knots = 50.6343 ft/s; 0.177 + 0.000823 · 200 = 0.3416, to the power 0.4 0.65074, to 1.2 0.27556.
 
@@ -244,23 +226,6 @@ def test_moderate_turbulence_at_200_feet_matches_a_calculation_by_hand() -> None
     assert_allclose(wind.mean_speed / FOOT, 74.4629, rtol=1e-5)
     assert_allclose(wind.deviations / FOOT, [7.78104, 7.78104, 5.06343], rtol=1e-5)
     assert_allclose(wind.lengths / FOOT, [725.786, 725.786, 200.0], rtol=1e-5)
-
-
-@pytest.mark.parametrize("kind", [Dryden, VonKarman])
-def test_intensities_are_wind_speeds_at_20_feet(kind: Any) -> None:
-    for name, knots in (("light", 15.0), ("moderate", 30.0), ("severe", 45.0)):
-        by_name, by_number = kind(name, altitude=50.0), kind(knots * KNOT, altitude=50.0)
-        assert_allclose(by_name.wind_20_feet, knots * KNOT, rtol=1e-6)
-        assert_allclose(by_name.mean_speed, by_number.mean_speed, rtol=1e-6)
-        assert_allclose(by_name.deviations, by_number.deviations, rtol=1e-6)
-
-
-@pytest.mark.parametrize("kind", [Dryden, VonKarman])
-def test_the_handbook_halves_the_lengths_but_describes_the_same_turbulence(kind: Any) -> None:
-    settings = {"intensity": "moderate", "altitude": 40.0, "heading": 1.0}
-    specification, handbook = kind(**settings), kind(**settings, standard="MIL-HDBK-1797")
-    assert_allclose(handbook.lengths, specification.lengths * [1.0, 0.5, 0.5], rtol=1e-15)
-    assert_allclose(sample_wind(handbook, 50, 5), sample_wind(specification, 50, 5), rtol=1e-12, atol=1e-12)
 
 
 def test_the_density_matches_that_of_the_handbook() -> None:
@@ -278,16 +243,22 @@ def test_the_density_matches_that_of_the_handbook() -> None:
 
 
 @pytest.mark.parametrize("kind", [Dryden, VonKarman])
+def test_the_handbook_halves_the_lengths_but_describes_the_same_turbulence(kind: Any) -> None:
+    specification, handbook = (kind("moderate", 40.0, standard=name) for name in ("MIL-F-8785C", "MIL-HDBK-1797"))
+    assert_allclose(handbook.lengths, specification.lengths * [1.0, 0.5, 0.5], rtol=1e-15)
+    assert_allclose(sample_wind(handbook, 50, 5), sample_wind(specification, 50, 5), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [Dryden, VonKarman])
 def test_the_heading_is_the_direction_of_the_mean_wind(kind: Any) -> None:
-    ahead, rotated = (sample_wind(kind(heading=heading), 20, 3, columns=VELOCITY) for heading in (0.0, 2.5))
-    assert_array_equal(sample_wind(kind(), 20, 3)[..., :9], 0.0)
-    cosine, sine = np.cos(2.5), np.sin(2.5)
-    assert_allclose(rotated @ [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]], ahead, atol=1e-12)
-    speed = 15.0 * KNOT
-    mean = sample_wind(kind(heading=2.5), 1, 10_000, columns=VELOCITY)[0].mean(axis=0)
-    assert_allclose(mean, [speed * cosine, speed * sine, 0.0], atol=kind().deviations.max() * five_sigma(10_000))
+    wind, speed = sample_wind(kind(heading=2.5), 1, 10_000)[0], 15.0 * KNOT
+    assert_array_equal(wind[:, :9], 0.0)
+    expected = [speed * np.cos(2.5), speed * np.sin(2.5), 0.0]
+    assert_allclose(wind[:, VELOCITY].mean(axis=0), expected, atol=kind().deviations.max() * five_sigma(10_000))
 
 
-def test_the_columns_of_ornstein_uhlenbeck_noise_are_independent() -> None:
-    last = sample_wind(OrnsteinUhlenbeck(force=1.0, bob_force=1.0, torque=1.0, velocity=1.0), 20, 5000)[-1]
-    assert np.abs(np.corrcoef(last.T) - np.eye(12)).max() < five_sigma(5000)
+def test_a_small_change_of_the_intensity_is_a_small_change_of_the_wind() -> None:
+    """A seed gives the same wind on every machine, so the wind must not depend on rounding errors of a matrix."""
+    for kind in (Dryden, VonKarman):
+        some, more = (sample_wind(kind(intensity, altitude=304.8), 20, 5) for intensity in (5.0, 5.0 + 1e-9))
+        assert_allclose(more, some, rtol=0.0, atol=1e-7)
