@@ -28,9 +28,9 @@ BY_CLASS = {type(item): item for item in EXAMPLES}
 KINDS = {
     item.__qualname__: item
     for name, module in sorted(sys.modules.items())
-    if name.startswith("quadpend_")
-    for item in vars(module).values()
-    if isinstance(item, type) and hasattr(item, "__pydantic_fields__") and item is not WindFromFactory
+    for item in (vars(module).values() if name.startswith(("quadpend_gym.", "quadpend_train.training.")) else ())
+    if isinstance(item, type) and hasattr(item, "__pydantic_fields__") and item.__module__ == name
+    if item is not WindFromFactory
 }
 FIELDS = [
     pytest.param(kind, name, hint, bounds, id=f"{kind.__name__}.{name}")
