@@ -152,5 +152,5 @@ def test_ranges_around_the_nominal_values_are_those_of_the_vehicle() -> None:
 
 
 def test_ranges_are_plain_data() -> None:
-    for ranges in (RANGES, ParameterRanges(**MASS), Around(0.1)):  # type: ignore[arg-type]
+    for ranges in (RANGES, ParameterRanges(**MASS), Around(0.1)):
         assert as_ranges(json.loads(json.dumps(asdict(ranges)))) == ranges

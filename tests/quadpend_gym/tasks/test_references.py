@@ -172,7 +172,7 @@ START_FIELDS |= {"direction": "direction", "direction_rate": "direction_rate"}
 def test_starts_deviate_from_the_reference_up_to_the_given_size(setting: str, field: str) -> None:
     size, references = 0.05, single_family("hover").references
     settings = {**dict.fromkeys(START_FIELDS, 0.0), setting: size}
-    env = make_vec(1000, task=Task(references=references, start=StartSettings(**settings)))  # type: ignore[arg-type]
+    env = make_vec(1000, task=Task(references=references, start=StartSettings(**settings)))
     exact = make_vec(1000, task=Task(references=references, start=NO_DEVIATION))
     env.reset(seed=0), exact.reset(seed=0)
     deviation = getattr(env.state, field) - getattr(exact.state, field)

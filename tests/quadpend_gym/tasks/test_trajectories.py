@@ -20,7 +20,7 @@ LAP = Waypoints((0, 2, 4, 6, 8), ((1, 0, 2), (0, 1, 2, 0.3), (-1, 0, 2.2), (0, -
 CHORD = Sinusoids(
     offset=(0.1, -0.2, 2.5, 0.3),
     rate=(0.5, 0.05, -0.1, 0.02),
-    terms=(  # type: ignore[arg-type]
+    terms=(
         {"amplitude": (0.5, -0.4, 0.1, 0.2), "frequency": (1.0, 2.0, -1.5, 0.7), "phase": (0.1, 2.2, -0.3, 5.0)},
         {"amplitude": (0.1, 0.2, 0.0, 0.1), "frequency": 3.0},
     ),
@@ -90,8 +90,8 @@ def test_no_other_spline_of_this_kind_through_the_points_has_less_snap(channel: 
 
 
 def test_one_sinusoid_is_a_reference_to_the_last_bit() -> None:
-    one = Sinusoids((0.1, 0.2, 2.0, 0.0), 0.1, [{"amplitude": 0.3, "frequency": (1, 2, 3, 4), "phase": 0.5}])  # type: ignore[arg-type]
-    like = Reference((0.1, 0.2, 2.0, 0.0), 0.1, 0.3, (1, 2, 3, 4), 0.5)  # type: ignore[arg-type]
+    one = Sinusoids((0.1, 0.2, 2.0, 0.0), 0.1, [{"amplitude": 0.3, "frequency": (1, 2, 3, 4), "phase": 0.5}])
+    like = Reference((0.1, 0.2, 2.0, 0.0), 0.1, 0.3, (1, 2, 3, 4), 0.5)
     assert_array_equal(one.derivatives(NOW_AND_THEN), like.derivatives(NOW_AND_THEN))
 
 
@@ -104,7 +104,7 @@ def test_a_trajectory_survives_json_and_pickle_and_is_hashable(trajectory: Any) 
 
 
 def test_hovering_demands_the_weight_and_no_tilt() -> None:
-    still = Sinusoids(terms=[{"amplitude": 0.0}])  # type: ignore[arg-type]
+    still = Sinusoids(terms=[{"amplitude": 0.0}])
     needed = demand(still, PAPER, np.array([0.0, 1.0]))
     assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)
     assert_array_equal(needed.pendulum_angle, 0.0)
@@ -115,7 +115,7 @@ def test_hovering_demands_the_weight_and_no_tilt() -> None:
 def circle(acceleration: float) -> Sinusoids:
     """Return a circle of 1 m radius with the given horizontal acceleration, m/s²."""
     return Sinusoids(
-        terms=[{"amplitude": (1, 1, 0, 0), "frequency": (np.sqrt(acceleration),) * 4, "phase": (np.pi / 2, 0, 0, 0)}]  # type: ignore[arg-type]
+        terms=[{"amplitude": (1, 1, 0, 0), "frequency": (np.sqrt(acceleration),) * 4, "phase": (np.pi / 2, 0, 0, 0)}]
     )
 
 

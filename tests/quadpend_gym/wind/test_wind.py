@@ -90,7 +90,7 @@ def test_wind_and_info_of_single_and_vector_environments_are_equal_to_the_last_b
     rows, single = make_vec(3, wind=wind, duration=0.09, autoreset_mode="SameStep"), make(wind=wind, duration=0.09)
     rows.reset(seed=5), single.reset(seed=7)
     for action in draw_actions(0, 30):
-        assert_same(rows.world.wind[2], single.unwrapped.world.wind[0])  # type: ignore[attr-defined]
+        assert_same(rows.world.wind[2], single.unwrapped.world.wind[0])
         *_, info = rows.step(np.tile(action, (3, 1)))
         *_, terminated, truncated, expected = single.step(action)
         if terminated or truncated:
