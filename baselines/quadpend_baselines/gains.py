@@ -6,7 +6,7 @@ project's winds, so that the observers rarely leave the boundary layer; the samp
 use the mean of the known inputs over it (`observers`); the torques are limited.
 
 All other gains were found by the command ``quadpend tune``, except where ``gains.toml`` says that they were set by
-hand. ``quadpend_train.studies.search.tuning.SEARCH_SPACES`` lists the gains that it varies, by the names of the fields.
+hand. ``quadpend_train.search.tuning.SEARCH_SPACES`` lists the gains that it varies, by the names of the fields.
 """
 
 from dataclasses import replace
@@ -171,7 +171,7 @@ class Search(NamedTuple):
 
     command: str  # the command that repeats the search
     # Mean penalised RMSE over the scenarios of the search, in mm, in episodes that the search did not use. A fall
-    # (early termination) counts as 1 m. See `quadpend_train.studies.search.tuning`.
+    # (early termination) counts as 1 m. See `quadpend_train.search.tuning`.
     score: float
     scenarios: tuple[str, ...]  # scenarios, and sets of scenarios, of the search
 

@@ -1,4 +1,4 @@
-"""Training with Stable-Baselines3, policy files, comparison, studies, reports, and the command `quadpend`.
+"""Training with Stable-Baselines3, policy files, comparison, searches, reports, and the command `quadpend`.
 
 `evaluate` writes a whole report from Python:
 

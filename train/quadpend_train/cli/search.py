@@ -33,7 +33,7 @@ def tune(
     package: copy the gains into baselines/quadpend_baselines/gains.toml.
 
     Args:
-        controllers: Controllers with tunable gains, see train/quadpend_train/studies/search/search_spaces/gains.toml.
+        controllers: Controllers with tunable gains, see train/quadpend_train/search/search_spaces/gains.toml.
         trials: Trials of the search for each controller.
         episodes: Episodes in each scenario.
         seed: Random seed of the search.
@@ -49,7 +49,7 @@ def tune(
             that you trust.
     """
     from quadpend_train.reports import figures, search_plots
-    from quadpend_train.studies.search import tuning
+    from quadpend_train.search import tuning
 
     tuning.check_names(controllers)
     writable_folder(out)
@@ -85,7 +85,7 @@ def sweep(
         seconds: Duration of the training of a trial, s.
         out: Folder for best.json (the settings), trials.csv, sweep.png and the trainings.
         space: Search space, a settings file with a range {low = …, high = …, log = true} or a list of values in place
-            of a value. The default is the file of the algorithm in train/quadpend_train/studies/search/search_spaces.
+            of a value. The default is the file of the algorithm in train/quadpend_train/search/search_spaces.
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
             processes; the default is a file in OUT.
         jobs: Number of processes.
@@ -93,8 +93,8 @@ def sweep(
         seed: Random seed of the search.
     """
     from quadpend_train.reports import figures, search_plots
-    from quadpend_train.studies.search import space as search_space
-    from quadpend_train.studies.search import sweep as study_of_settings
+    from quadpend_train.search import space as search_space
+    from quadpend_train.search import sweep as study_of_settings
     from quadpend_train.training.settings import read_settings
 
     writable_folder(out)

@@ -11,7 +11,7 @@ from optuna.trial import TrialState
 
 from quadpend_train.common.text import figure_text
 from quadpend_train.reports import figures
-from quadpend_train.studies.search.shared import quiet
+from quadpend_train.search.shared import quiet
 
 _FEWEST = 4  # finished trials from which importances are computed
 

@@ -127,7 +127,7 @@ class TrainSettings:
 
     algo: str = "ppo"
     """Algorithm: apg (analytic policy gradients, in this package), or one of Stable-Baselines3 and sb3-contrib for
-    continuous actions, such as ppo, sac, tqc, td3, a2c, trpo or crossq."""
+    continuous actions, such as ppo, sac, tqc, td3, a2c or trpo."""
     scenarios: tuple[str, ...] = ("windy",)
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
     curriculum: tuple[str, ...] = ()

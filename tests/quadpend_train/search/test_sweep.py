@@ -13,7 +13,7 @@ from optuna.trial import TrialState
 from quadpend_train.cli.main import main
 from quadpend_train.common.files import write_text
 from quadpend_train.reports import search_plots
-from quadpend_train.studies.search import space, sweep
+from quadpend_train.search import space, sweep
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
 from quadpend_train.training.validation import Score, write_curve
 from tests.helpers.training import BRIEF

@@ -16,8 +16,8 @@ from quadpend_gym import Simulation
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.episodes import TUNING_SEED, run_episodes
-from quadpend_train.studies.search import tuning
-from quadpend_train.studies.search.shared import run_trials
+from quadpend_train.search import tuning
+from quadpend_train.search.shared import run_trials
 from tests.helpers.scenarios import shorten_scenarios
 
 

@@ -30,8 +30,8 @@ from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import Scenario, find_scenarios
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
-from quadpend_train.studies.search.shared import open_study, run_trials
-from quadpend_train.studies.search.space import SPACES, flat
+from quadpend_train.search.shared import open_study, run_trials
+from quadpend_train.search.space import SPACES, flat
 from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score

@@ -25,8 +25,8 @@ from quadpend_train.common.executors import run as run_calls
 from quadpend_train.common.files import write_text
 from quadpend_train.common.text import brief
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.studies.search.shared import Space, finished, open_study, run_trials
-from quadpend_train.studies.search.space import proposed
+from quadpend_train.search.shared import Space, finished, open_study, run_trials
+from quadpend_train.search.space import proposed
 from quadpend_train.training.run_folder import POLICY
 from quadpend_train.training.settings import TrainSettings, to_mapping
 from quadpend_train.training.train import CARD_SEED, train

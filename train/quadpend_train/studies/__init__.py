@@ -1,1 +1,0 @@
-"""Studies made of many evaluations: robustness, recovery regions, ablations, tuning."""
