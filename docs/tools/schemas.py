@@ -17,8 +17,14 @@ KINDS: dict[str, Any] = {"scenario": Scenario, "vehicle": Vehicle, "training": T
 
 
 def schema(name: str) -> str:
-    """Return the schema of a kind of file as JSON."""
-    return json.dumps(json_schema(KINDS[name]), indent=1, ensure_ascii=False) + "\n"
+    """Return the schema of a kind of file as JSON.
+
+    The arguments of an algorithm are in a table of any name, in the file of a training.
+    """
+    found = json_schema(KINDS[name])
+    if found["properties"].pop("arguments", None):
+        found["additionalProperties"] = {"type": "object"}
+    return json.dumps(found, indent=1, ensure_ascii=False) + "\n"
 
 
 if __name__ == "__main__":
