@@ -13,7 +13,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.randomization import Around, ParameterRanges, as_ranges
 from quadpend_gym.vehicles import PARAMETER_NAMES, VEHICLES, Vehicle
-from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 
 RANGES = ParameterRanges(
     quadrotor_mass=(0.3, 0.8),
@@ -128,14 +128,6 @@ def test_the_physics_uses_the_drawn_parameters_and_actions_the_nominal_ones() ->
         ):
             change = getattr(env.state, rate) - getattr(before, rate)
             assert_allclose(change / period, acceleration, rtol=1e-4, atol=1e-3)
-
-
-def test_a_heavier_quadrotor_sinks_at_zero_action_and_a_lighter_one_rises() -> None:
-    env = make_vec(50, parameters=MASS)
-    _, info = env.reset(seed=0, options={"state": AT_REST})
-    run_actions(env, np.zeros((10, 50, 4)))
-    heavier = info["parameters"][:, 0] > PAPER.quadrotor_mass
-    assert_array_equal(np.sign(env.world.state[:, 5]), np.where(heavier, -1.0, 1.0))
 
 
 def test_ranges_around_the_nominal_values_are_those_of_the_vehicle() -> None:

@@ -1,7 +1,7 @@
 """Actuator models: delay, lag, rate limit, rotors, faults and gyro bias, and the order in which they act."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,6 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.dynamics import momentum
-from quadpend_gym.scenarios import Scenario
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 
 PERIOD = Simulation().period
@@ -155,22 +154,6 @@ def test_rotors_act_on_the_body_like_forces_at_their_positions(action: Floats) -
     assert_allclose([lift, *torques], thrust_and_torques(forces), rtol=1e-6, atol=1e-6)
 
 
-def test_rotors_that_exceed_the_torque_limit_are_refused() -> None:
-    """The largest torque is 2 f d with the weight W, f = W/4, one rotor at full and one at zero thrust."""
-    limit = 2.0 * 5.0 / PAPER.hover_thrust
-    Scenario(actuators=Rotors(arm=limit))
-    with pytest.raises(ValueError, match="exceeds the simulation's limit"):
-        Scenario(actuators=Rotors(arm=1.01 * limit))
-
-
-@pytest.mark.parametrize(
-    "chain", [[Rotors(), Rotors(0.1)], RotorFault(), [Rotors(), RotorFault()], GyroBias()], ids=repr
-)
-def test_actuators_that_do_not_fit_together_are_refused(chain: Any) -> None:
-    with pytest.raises(ValueError, match=r"only once|needs"):
-        Scenario(actuators=chain)
-
-
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
 def test_a_rotor_fault_reduces_the_thrust_from_the_step_of_its_onset_on(rotor: int) -> None:
     onset, effectiveness = 29, 0.6
@@ -192,39 +175,11 @@ def test_a_gyro_bias_shifts_the_commanded_rates_of_an_episode() -> None:
     assert np.abs(np.corrcoef(rates, rowvar=False) - np.eye(3)).max() < 5.0 / np.sqrt(2000)
 
 
-def test_the_rate_loop_turns_the_vehicle_by_the_bias() -> None:
-    env = make_unwrapped(task=ENDLESS, actuators=GyroBias(0.2), **HUMMINGBIRD)
-    env.reset(seed=0, options={"state": AT_REST})
-    run_actions(env, np.zeros((10, 4), np.float32))
-    (bias,) = env.world._actuators._memories[0]
-    assert_allclose(env.state.euler_rate[:2], -bias[:2], rtol=0.1)  # body rates, at a small tilt
-
-
 def test_actuators_act_in_the_order_of_the_list() -> None:
     actions, one, other = draw_actions(0, 30, 2), RateLimit(20.0), MotorLag(0.05)
     one_first, other_first = apply_actuators([one, other], actions), apply_actuators([other, one], actions)
     assert_array_equal(one_first, apply_actuators(other, apply_actuators(one, actions)))
     assert_array_equal(other_first, apply_actuators(one, apply_actuators(other, actions)))
-
-
-@dataclass(frozen=True)
-class ReversesEveryOtherStep:
-    """An actuator that reverses the action in every other step."""
-
-    memory_size: int = 1
-
-    def initial_memory(self, streams: Any) -> Floats:
-        return np.ones((streams.keys.size, 1))
-
-    def act(self, action: Floats, memory: Floats, step: Any, simulation: Any, streams: Any) -> None:
-        action *= memory
-        memory *= -1.0
-
-
-def test_an_actuator_needs_no_base_class() -> None:
-    actions = draw_actions(0, 10, 1)
-    reversed_ = apply_actuators(ReversesEveryOtherStep(), actions)
-    assert_array_equal(reversed_, actions * np.tile([[[1.0]], [[-1.0]]], (5, 1, 1)))
 
 
 @chains

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import mpmath
 import numpy as np
-import pytest
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import arcsin, arctan2, log, sincos
@@ -62,20 +61,3 @@ def test_logarithm_is_within_two_ulp() -> None:
     near_branches = np.sqrt(0.5) * 2.0 ** rng.integers(-50, 51, 500) * (1.0 + 1e-9 * rng.normal(size=500))
     x = np.concatenate([near_one, normal, near_branches, 1.0 + np.geomspace(1e-15, 1e-2, 500), [np.finfo(float).tiny]])
     assert largest_error(log, mpmath.log, x[x != 1.0]) <= 2.0
-
-
-@pytest.mark.parametrize(
-    ("value", "exact"),
-    [
-        (arctan2(0.0, 0.0), 0.0),
-        (arctan2(0.0, -1.0), np.pi),
-        (arctan2(-1.0, 0.0), -np.pi / 2),
-        (sincos(0.0)[0], 0.0),
-        (sincos(0.0)[1], 1.0),
-        (arcsin(0.0), 0.0),
-        (arcsin(1.0), np.pi / 2),
-        (log(1.0), 0.0),
-    ],
-)
-def test_simple_values_are_exact(value: float, exact: float) -> None:
-    assert value == exact

@@ -1,7 +1,7 @@
 """Sensor models: the sizes of their errors, delay and dropout, and that they do not change the true state."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -73,12 +73,6 @@ def test_white_noise_is_normal_with_the_given_standard_deviation() -> None:
     assert not error[:, STATE_FIELDS["direction"]].any()
 
 
-def test_the_variances_of_two_noise_sensors_add_up() -> None:
-    """Each sensor has its own random stream, even if the sensors are equal."""
-    error = errors([Noise(position=0.03), Noise(position=0.04)], 300, 50)[:, :, STATE_FIELDS["position"]]
-    assert np.std(error) == pytest.approx(0.05, rel=5.0 / np.sqrt(2 * error.size))
-
-
 def test_a_noisy_direction_is_a_unit_vector_with_an_angular_error_of_the_given_size() -> None:
     deviation = 0.01
     true, measured = (
@@ -135,14 +129,6 @@ def test_the_variance_of_a_random_walk_does_not_depend_on_the_control_period(per
     assert_allclose(np.var(error, axis=(1, 2)), walk**2 * times, rtol=5.0 * np.sqrt(2 / (3 * rows)))
     assert largest_correlation(error[1], error[2] - error[1]) < 5.0
     assert largest_correlation(error[2] - error[1], error[3] - error[2]) < 5.0
-
-
-def test_white_noise_bias_and_random_walk_are_independent() -> None:
-    rows, white, bias, walk = 2000, 0.03, 0.04, 0.3
-    error = errors(Noise(euler={"white": white, "bias": bias, "walk": walk}), rows, 40)[:, :, STATE_FIELDS["euler"]]
-    samples = [error[0], error[40], error[40] - error[39]]
-    expected = [white**2 + bias**2, white**2 + bias**2 + 40 * PERIOD * walk**2, 2 * white**2 + PERIOD * walk**2]
-    assert_allclose([np.var(part) for part in samples], expected, rtol=5.0 * np.sqrt(2 / (3 * rows)))
 
 
 def test_quantisation_is_applied_after_the_noise() -> None:
@@ -213,27 +199,6 @@ def test_sensors_do_not_change_the_true_state(sensors: Any) -> None:
         assert_array_equal(sensed.world.wind, plain.world.wind)
     assert (observed[:, :18] != observation[:, :18]).any()
     assert_array_equal(observed[:, 18:], observation[:, 18:])  # the reference is known
-
-
-@dataclass(frozen=True)
-class SwapsXY:
-    """A sensor that exchanges x and y, and counts its samples."""
-
-    memory_size: int = 1
-
-    def initial_memory(self, streams: Any) -> Floats:
-        return np.zeros((streams.keys.size, 1))
-
-    def sense(self, measured: Floats, memory: Floats, step: Any, period: float, streams: Any) -> None:
-        measured[:, [0, 1]] = measured[:, [1, 0]]
-        assert_array_equal(memory[:, 0], step)
-        memory += 1.0
-
-
-def test_a_sensor_needs_no_base_class() -> None:
-    true, measured = true_and_measured(SwapsXY(), 3, 10)
-    assert_array_equal(measured[..., [1, 0]], true[..., [0, 1]])
-    assert_array_equal(measured[..., 2:], true[..., 2:])
 
 
 @every_sensor

@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import PAPER, Reference, ReferenceSettings, StartSettings, Task
 from quadpend_gym.physics.dynamics import accelerations
-from quadpend_gym.tasks import TASKS
 from tests.helpers.envs import make_vec
 
 FAMILIES = ("hover", "circle", "figure_eight", "helix", "slalom")  # fields of `ReferenceSettings`
@@ -113,12 +112,6 @@ def test_families_are_drawn_with_their_relative_frequencies() -> None:
     task = Task(references=ReferenceSettings(hover=1.0, circle=2.0, figure_eight=3.0, helix=4.0, slalom=10.0))
     names = [family_of(reference) for reference in drawn(task, 5000)]
     assert_allclose([names.count(family) / 5000 for family in FAMILIES], [0.05, 0.1, 0.15, 0.2, 0.5], atol=0.03)
-
-
-def test_the_hover_task_has_one_height_and_one_yaw() -> None:
-    points = np.array([reference.derivatives(TIMES) for reference in drawn(TASKS["hover"], 20)])
-    assert_array_equal(points[:, :, 0], np.broadcast_to((0.0, 0.0, 2.0, 0.0), (20, 201, 4)))
-    assert_array_equal(points[:, :, 1:], 0.0)
 
 
 def shifted(reference: Reference, time: float) -> Reference:

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import BPoly
 
-from quadpend_gym import PAPER, Limits, Reference, Simulation, Sinusoids, Waypoints
+from quadpend_gym import PAPER, Limits, Simulation, Sinusoids, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.feasibility import check_feasible, demand
 from quadpend_gym.tasks.trajectories import as_trajectory
@@ -87,12 +87,6 @@ def test_no_other_spline_of_this_kind_through_the_points_has_less_snap(channel: 
         more, less = (snap_cost(times, derivatives + sign * change)[0] for sign in (1.0, -1.0))
         assert min(more, less) > cost
         assert_allclose(more, less, rtol=1e-5)  # the cost is quadratic about its minimum
-
-
-def test_one_sinusoid_is_a_reference_to_the_last_bit() -> None:
-    one = Sinusoids((0.1, 0.2, 2.0, 0.0), 0.1, [{"amplitude": 0.3, "frequency": (1, 2, 3, 4), "phase": 0.5}])
-    like = Reference((0.1, 0.2, 2.0, 0.0), 0.1, 0.3, (1, 2, 3, 4), 0.5)
-    assert_array_equal(one.derivatives(NOW_AND_THEN), like.derivatives(NOW_AND_THEN))
 
 
 @each

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from quadpend_gym import Dryden, VonKarman
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.wind.filters import Filter, combine, discretise, draw_stationary, from_transfer_function, square_root
+from quadpend_gym.wind.filters import Filter, discretise, draw_stationary, from_transfer_function, square_root
 from tests.helpers.wind import five_sigma
 
 ROOT, DAMPING, DRIVE = 3.0, 0.2, 0.7  # ω in rad/s, ζ, and the size of the noise
@@ -55,12 +55,6 @@ def test_the_discretised_oscillator_equals_its_closed_form(period: float) -> Non
     assert_close(discrete.noise_gain @ discrete.noise_gain.T, noise_covariance(OSCILLATOR, period), 1e-10)
 
 
-def test_the_stationary_oscillator_obeys_equipartition() -> None:
-    """E[v²] = ω² E[x²] = q/(4ζω), and position and velocity are uncorrelated."""
-    energy = DRIVE**2 / (4.0 * DAMPING * ROOT)
-    assert_allclose(OSCILLATOR.stationary_covariance, np.diag([energy / ROOT**2, energy]), atol=1e-15)
-
-
 @every_system
 @pytest.mark.parametrize("period", [1e-4, 1e-2, 1.0, 1000.0])
 def test_the_stationary_covariance_is_invariant(system: Filter, period: float) -> None:
@@ -90,15 +84,6 @@ def test_a_filter_from_a_transfer_function_has_its_frequency_response() -> None:
         response = system.c @ np.linalg.solve(1j * omega * np.eye(2) - system.a, system.b)
         expected = gain * (1.0 + 0.5 * s) / (1.0 + 1.2 * s + 0.3 * s**2)
         assert_allclose(response[0, 0] / np.sqrt(np.pi), expected, rtol=1e-12)
-
-
-def test_combined_filters_are_independent() -> None:
-    alone, together = discretise(CHAIN, 0.1), discretise(combine([OSCILLATOR, CHAIN]), 0.1)
-    covariance = together.noise_gain @ together.noise_gain.T
-    assert_allclose(together.transition[2:, 2:], alone.transition, atol=1e-15)
-    assert_allclose(covariance[2:, 2:], alone.noise_gain @ alone.noise_gain.T, atol=1e-14)
-    for matrix in (together.transition, covariance):
-        assert_allclose([*matrix[:2, 2:].ravel(), *matrix[2:, :2].ravel()], 0.0, atol=1e-15)
 
 
 def test_initial_states_have_the_stationary_distribution_and_do_not_depend_on_the_number_of_rows() -> None:

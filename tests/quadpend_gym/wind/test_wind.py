@@ -133,15 +133,3 @@ def test_the_disturbance_in_info_determines_the_next_state(wind: Any) -> None:
         if action[0] == -1.0:  # no thrust
             force = disturbance[0:3] + disturbance[3:6] - (0.0, 0.0, PAPER.hover_thrust)
             assert_allclose(momentum(env.state.array, PAPER) - before, PERIOD * force, rtol=1e-9)
-
-
-def test_info_has_the_air_velocity_of_the_wind_if_it_moves_air() -> None:
-    env = make_vec(4, wind=STORMY)
-    info = env.reset(seed=0)[1]
-    assert_array_equal(info["disturbance"], np.zeros((4, 9)))
-    assert_array_equal(info["air_velocity"], np.zeros((4, 3)))
-    for action in draw_actions(0, 5, 4):
-        expected = env.world.wind[:, 9:12].copy()
-        assert_array_equal(env.step(action)[4]["air_velocity"], expected)
-        assert (expected != 0.0).all()
-    assert "air_velocity" not in make_vec(2, wind=WINDY).reset(seed=0)[1]

@@ -1,6 +1,6 @@
 """Constant, sinusoidal and drawn winds, and gusts, obey their equations."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from quadpend_gym import Constant, Drawn, Gusts, OrnsteinUhlenbeck, PaperGusts, Rescaled, Sinusoid
-from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.streams import Streams
 from tests.helpers.wind import PERIOD, five_sigma, sample_wind
 
 
@@ -63,17 +63,6 @@ def test_a_drawn_wind_is_scaled_and_rotated_and_constant_for_the_episode() -> No
     assert_allclose(torque, np.outer(strength, (0.1, 0.2, 0.3)), rtol=1e-12)
 
 
-def test_a_drawn_wind_of_fixed_strength_and_heading_equals_the_wrapped_wind() -> None:
-    rows, time_constant, still = 5000, 0.2, {"strength": (1.0, 1.0), "heading": (0.0, 0.0)}
-    assert_array_equal(sample_wind(Drawn(EVERY_LOAD, **still), 5, 3), sample_wind(EVERY_LOAD, 5, 3))
-    wind = OrnsteinUhlenbeck(force=0.0, velocity=(0.5, 2.0, 1.0), time_constant=time_constant)
-    velocity = sample_wind(Drawn(wind, **still), 21, rows, columns=slice(9, 12)) / (0.5, 2.0, 1.0)
-    for axis in range(3):
-        assert stats.kstest(velocity[0, :, axis], "norm").pvalue > 0.01
-        product = np.mean(velocity[0, :, axis] * velocity[20, :, axis])
-        assert_allclose(product, np.exp(-20 * PERIOD / time_constant), atol=1.5 * five_sigma(rows))
-
-
 def test_a_rescaled_wind_has_scaled_forces_and_torques_and_the_same_velocity() -> None:
     factors = np.repeat([0.5, 0.5, 0.5, 1.0], 3)  # of force, bob force, torque and velocity
     for wind in (EVERY_LOAD, OrnsteinUhlenbeck(force=0.3, velocity=1.0)):
@@ -99,56 +88,13 @@ def test_a_gust_is_the_squared_sine_of_the_time_since_its_onset() -> None:
     assert_array_equal(out[:100], 0.0)
 
 
-class GustSequence(NamedTuple):
-    """The gusts of many rows; each field has the shape (rows, gusts)."""
-
-    onset: Floats  # s
-    length: Floats  # s
-    heading: Floats  # rad
-
-
-PAUSE, LENGTH, HEADING = (0.3, 1.0), (0.4, 0.8), (-2.0, 1.0)
-GUSTS = Gusts(velocity=(3.0, 0.0, 4.0), pause=PAUSE, length=LENGTH, heading=HEADING)
-
-
-def reconstruct_gusts(rows: int, gusts: int, period: float) -> GustSequence:
-    """Reconstruct the first gusts of `GUSTS` from samples of the wind.
-
-    While a gust rises, its strength determines its phase, from 0 to ½. The phases of two samples determine onset and
-    length.
-    """
-    steps = round(gusts * (PAUSE[1] + LENGTH[1]) / period)
-    air = sample_wind(GUSTS, steps, rows, period, slice(9, 12))
-    time = period * (np.arange(steps) + 0.5)
-    phase = np.arccos(np.clip(1.0 - 2.0 * air[..., 2] / 4.0, -1.0, 1.0)) / (2.0 * np.pi)
-    found = GustSequence(*np.zeros((3, rows, gusts)))
-    for row in range(rows):
-        rising = (np.diff(phase[:, row]) > 0.0) & (phase[:-1, row] > 0.05) & (phase[1:, row] < 0.45)
-        first = np.flatnonzero(rising & ~np.r_[False, rising[:-1]])[:gusts]
-        last = np.flatnonzero(rising & ~np.r_[rising[1:], False])[:gusts] + 1
-        length = (time[last] - time[first]) / (phase[last, row] - phase[first, row])
-        found.onset[row], found.length[row] = time[first] - phase[first, row] * length, length
-        found.heading[row] = np.arctan2(air[last, row, 1], air[last, row, 0])
-    return found
-
-
 def test_pauses_lengths_and_headings_of_gusts_are_uniform_and_independent() -> None:
-    found = reconstruct_gusts(rows=1000, gusts=3, period=0.02)
-    ends = np.column_stack([np.zeros(1000), (found.onset + found.length)[:, :-1]])
-    pause = found.onset - ends
-    for values, (low, high) in ((pause, PAUSE), (found.length, LENGTH), (found.heading, HEADING)):
-        assert (values > low - 1e-6).all()
-        assert (values < high + 1e-6).all()
-        for gust in range(3):
-            assert stats.kstest(values[:, gust], uniform(low, high)).pvalue > 0.01
-    drawn = np.vstack([pause.T, found.length.T, found.heading.T])
-    assert np.abs(np.corrcoef(drawn) - np.eye(9)).max() < five_sigma(1000)
-
-
-def test_gusts_do_not_depend_on_the_control_period() -> None:
-    coarse, fine = reconstruct_gusts(30, 3, 0.01), reconstruct_gusts(30, 3, 0.002)
-    for name, one, other in zip(GustSequence._fields, coarse, fine, strict=True):
-        assert_allclose(one, other, atol=1e-9, err_msg=name)
+    bounds = {"pause": (0.3, 1.0), "length": (0.4, 0.8), "heading": (-2.0, 1.0)}
+    onset, length, cosine, sine, _ = Gusts(**bounds).initial_memory(Streams.from_seeds(list(range(2000)))).T
+    drawn = np.array([onset, length, np.arctan2(sine, cosine)])
+    for values, (low, high) in zip(drawn, bounds.values(), strict=True):
+        assert stats.kstest(values, uniform(low, high)).pvalue > 0.01
+    assert np.abs(np.corrcoef(drawn) - np.eye(3)).max() < five_sigma(2000)
 
 
 def test_gusts_shorter_than_a_control_period_are_counted() -> None:
