@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenario
+from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenario, shipped
 
 
 def short(name: str, duration: float) -> Scenario:
@@ -14,5 +14,5 @@ def short(name: str, duration: float) -> Scenario:
 
 def shorten_scenarios(monkeypatch: pytest.MonkeyPatch, duration: float) -> None:
     """Let the episodes of every named scenario last for `duration` seconds."""
-    for name in SCENARIOS:
-        monkeypatch.setitem(SCENARIOS, name, short(name, duration))
+    for name in list(SCENARIOS):
+        monkeypatch.setitem(shipped()[0], name, short(name, duration))
