@@ -75,17 +75,6 @@ def test_the_noise_covariance_of_short_periods_is_exact_and_not_negative(system:
     assert_close(root @ root.T, noise_covariance(system, period), 1e-6)
 
 
-def test_a_filter_from_a_transfer_function_has_its_frequency_response() -> None:
-    """C (iω − A)⁻¹ B is √π gain · N(iωT)/D(iωT); the factor √π gives the noise a one-sided density of 1."""
-    gain, time = 2.5, 0.4
-    system = from_transfer_function([1.0, 0.5], [1.0, 1.2, 0.3], gain, time)
-    for omega in (0.0, 0.5, 3.0, 40.0):
-        s = 1j * omega * time
-        response = system.c @ np.linalg.solve(1j * omega * np.eye(2) - system.a, system.b)
-        expected = gain * (1.0 + 0.5 * s) / (1.0 + 1.2 * s + 0.3 * s**2)
-        assert_allclose(response[0, 0] / np.sqrt(np.pi), expected, rtol=1e-12)
-
-
 def test_initial_states_have_the_stationary_distribution_and_do_not_depend_on_the_number_of_rows() -> None:
     rows, covariance = 20_000, OSCILLATOR.stationary_covariance
     streams = Streams(np.repeat(Streams.from_seeds([0]).keys, rows)).derive(np.arange(rows))

@@ -189,13 +189,6 @@ def test_the_error_of_von_karmans_filters_is_the_documented_one() -> None:
 
 
 @pytest.mark.parametrize("kind", [Dryden, VonKarman])
-def test_the_handbook_halves_the_lengths_but_describes_the_same_turbulence(kind: Any) -> None:
-    specification, handbook = (kind("moderate", 40.0, standard=name) for name in ("MIL-F-8785C", "MIL-HDBK-1797"))
-    assert_allclose(handbook.lengths, specification.lengths * [1.0, 0.5, 0.5], rtol=1e-15)
-    assert_allclose(sample_wind(handbook, 50, 5), sample_wind(specification, 50, 5), rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", [Dryden, VonKarman])
 def test_the_heading_is_the_direction_of_the_mean_wind(kind: Any) -> None:
     wind, speed = sample_wind(kind(heading=2.5), 1, 10_000)[0], 15.0 * KNOT
     assert_array_equal(wind[:, :9], 0.0)
