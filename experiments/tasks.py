@@ -17,7 +17,7 @@ from experiments.pages import CACHE, DOCS, fill, options
 from experiments.perturbations import Fields, PerturbationAxis
 from experiments.recovery import settling_times
 from experiments.robustness import draw_axis
-from quadpend_baselines.modelling.equivalent import body_command, reference_trajectory
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import SCENARIOS, Scenario
@@ -125,8 +125,9 @@ def feedforward_command(reference: Floats, time: Floats, scenario: Scenario) -> 
     """
     derivatives = Reference.from_array(reference).derivatives(time)
     none = np.zeros((len(time), DISTURBANCE_SIZE))
-    state, command = reference_trajectory(derivatives[:, 2:, :3], derivatives[:, :3, 3], none, scenario.simulation)
-    return body_command(state, command, none, scenario.simulation)
+    model = equivalent_model(scenario.simulation)
+    state, command = model.trajectory(derivatives[:, 2:, :3], derivatives[:, :3, 3], none)
+    return model.body_command(state, command, none)
 
 
 def acceleration_table(found: Comparison, feasible: Sequence[Feasible]) -> str:

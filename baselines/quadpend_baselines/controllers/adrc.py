@@ -57,18 +57,15 @@ from quadpend_baselines.estimation.chains import (
     AdrcMeasurement,
     chains_of_state,
     equivalent_measurement,
-    euler_accelerations,
     make_measurement,
-    mean_accelerations,
     measurement_of_state,
-    pendulum_of,
     state_from_chains,
 )
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
 from quadpend_baselines.estimation.prediction import Estimate, Measurement, Prediction
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
-from quadpend_baselines.modelling.equivalent import body_command, design_parameters, equivalent_model
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.planar import rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action, to_command
 from quadpend_gym import Parameters, Simulation, read_observation
@@ -134,6 +131,7 @@ class ADRC(Controller):
                 raise ValueError(f"there are no ADRC gains {gains!r}; there are {', '.join(ADRC_GAINS)}")
             gains = ADRC_GAINS[gains]
         self.simulation = simulation or Simulation()
+        self.model = equivalent_model(self.simulation)
         self.given_gains = gains
         self.gains = gains = gains(self.simulation) if callable(gains) else gains
         known = loop or Loop()
@@ -166,7 +164,7 @@ class ADRC(Controller):
         """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
         observation = np.atleast_2d(np.asarray(observation, np.float32))
-        measurement = equivalent_measurement(_measure(observation), self.simulation)
+        measurement = equivalent_measurement(_measure(observation), self.model)
         outputs = self.observer_outputs(measurement)
         estimate = self.initial_estimate(measurement, outputs)
         started = episode_start_mask(episode_start, state is None, measurement.yaw.size)
@@ -198,7 +196,7 @@ class ADRC(Controller):
         """Return the actions by the predicted state at the time when they act, and the memory."""
         rows, prediction, p = len(started), self._prediction, self._parameters
         measured = estimator.measurement_from_observation(observation, self.simulation.parameters.rod_length)
-        state = state_from_chains(measured, measurement, estimate, self.simulation)
+        state = state_from_chains(measured, measurement, estimate, self.model)
         no_force = np.zeros((rows, DISTURBANCE_SIZE))
         memory, age = np.zeros((rows, prediction.memory_size)), np.zeros(rows, np.int64)
         plant = Estimate(state, no_force, measured.reference, age, memory, prediction.rigid(state), np.ones(rows))
@@ -217,15 +215,15 @@ class ADRC(Controller):
         forecast, outlook = measurement, estimate
         if later is not acting and (bounded := np.abs(later.state).max(axis=1) < _MAX_STATE).any():
             later = select_rows(bounded, later, acting)
-            now = measurement_of_state(measured._replace(state=state), self.simulation)
-            forecast = measurement_of_state(then._replace(state=later.state), self.simulation)
+            now = measurement_of_state(measured._replace(state=state), self.model)
+            forecast = measurement_of_state(then._replace(state=later.state), self.model)
             outlook = estimate.copy()
-            outlook[:, :CHAINS] += chains_of_state(then._replace(state=later.state), forecast, self.simulation)
-            outlook[:, :CHAINS] -= chains_of_state(measured._replace(state=state), now, self.simulation)
+            outlook[:, :CHAINS] += chains_of_state(then._replace(state=later.state), forecast, self.model)
+            outlook[:, :CHAINS] -= chains_of_state(measured._replace(state=state), now, self.model)
         command = self.command(forecast, outlook)
         inertia = [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]
-        command[:, 1:] = inertia * euler_accelerations(later.state, command[:, 1:] / inertia, self.simulation)
-        command = body_command(later.state, command, no_force, self.simulation)
+        command[:, 1:] = inertia * self.model.euler_accelerations(later.state, command[:, 1:] / inertia)
+        command = self.model.body_command(later.state, command, no_force)
         wanted, _ = to_action(command, self.simulation, later.rigid)
         action = np.nan_to_num(prediction.loop.compensate(wanted, later.loop, self.simulation.period))
         return action, self._driven(AdrcMemory(estimate, command, measurement, action, plant, plant), action)
@@ -246,7 +244,9 @@ class ADRC(Controller):
             return memory._replace(command=to_command(action, self.simulation), action=action)
         p, plant = self._parameters, memory.plant
         following = self._prediction.advance(plant._replace(reference=np.zeros_like(plant.reference)), action)
-        vertical, angular = mean_accelerations(plant, following, self.simulation)
+        before, after, period = State(plant.state), State(following.state), self.simulation.period
+        vertical = (after.velocity[:, 2] - before.velocity[:, 2]) / period
+        angular = self.model.angular_accelerations(plant.state, following.state, period)
         thrust = (vertical + p.gravity) / self._limited_thrust_gain(memory.measurement)
         command = np.column_stack([thrust, angular * [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]])
         return memory._replace(command=command, action=action, following=following)
@@ -261,8 +261,8 @@ class ADRC(Controller):
         return self._disturbance(memory.estimate)
 
     def _disturbance(self, estimate: Floats) -> Floats:
-        model, p = equivalent_model(self.simulation), self._parameters
-        arm = p.quadrotor_mass * p.rod_length / (1.0 - model.pivot_share)
+        p = self._parameters
+        arm = p.quadrotor_mass * p.rod_length / (1.0 - self.model.pivot_share)
         out = Disturbance(np.zeros((estimate.shape[0], DISTURBANCE_SIZE)))
         observers = FORCE if self.gains.mismatch else HORIZONTAL
         out.force[:, :2] = -estimate[:, observers, DISTURBANCE] * arm / self._stiffness
@@ -282,12 +282,11 @@ class ADRC(Controller):
     @property
     def _parameters(self) -> Parameters:
         """The parameters of the equivalent pendulum."""
-        return design_parameters(self.simulation)
+        return self.model.parameters
 
     def fourth_derivative(self, measurement: AdrcMeasurement) -> Floats:
         """Return F₅ of equation (1), m/s⁴, shape (n, 2)."""
-        share = equivalent_model(self.simulation).pivot_share
-        return (1.0 - share) * self._stiffness * (measurement.pendulum - measurement.tilt)
+        return (1.0 - self.model.pivot_share) * self._stiffness * (measurement.pendulum - measurement.tilt)
 
     def _thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
         """Return g_z of equation (4), 1/kg, shape (n,)."""
@@ -310,7 +309,7 @@ class ADRC(Controller):
 
     def _acceleration(self, measurement: AdrcMeasurement) -> Floats:
         """Return g r_xy − F̈_d of equation (6), m/s², shape (n, 2)."""
-        pendulum = pendulum_of(measurement, self.simulation)
+        pendulum = self.model.sigma(measurement.pendulum, measurement.tilt)
         return np.asarray(self._parameters.gravity * pendulum - measurement.reference_derivative(2)[:, :2])
 
     def initial_estimate(self, measurement: AdrcMeasurement, outputs: Floats) -> Floats:

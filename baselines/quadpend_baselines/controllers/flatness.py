@@ -34,13 +34,7 @@ import numpy as np
 from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import FlatnessGains
 from quadpend_baselines.modelling import flat_outputs, taylor
-from quadpend_baselines.modelling.equivalent import (
-    body_command,
-    design_disturbance,
-    design_parameters,
-    design_reference,
-    equivalent_model,
-)
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.planar import limit_norm
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
@@ -80,19 +74,18 @@ class Flatness:
                 shape (n, 4) or (1, 4).
         """
         model, gains, s = equivalent_model(self.simulation), self.gains, State(estimate.state)
-        p, acting = model.parameters, design_disturbance(estimate.disturbance, self.simulation)
+        p, acting = model.parameters, model.disturbance(estimate.disturbance)
         disturbance = Disturbance(acting)
         vertical_bandwidth = gains.vertical_bandwidth * bandwidth_scale[:, 3]
-        reference = design_reference(measurement.reference, self.simulation)
-        desired = flat_outputs.flat_trajectory(reference, acting, p)
+        desired = flat_outputs.flat_trajectory(model.reference(measurement.reference), acting, p)
         tangent = flat_outputs.tangent_from_attitude(taylor.from_derivatives(s.euler, s.euler_rate))
         axis_height = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _MIN_AXIS_HEIGHT)
         thrust = self._thrust(s, disturbance, measurement, tangent[0], axis_height, vertical_bandwidth)
         r_z = s.direction[:, 2:]
         pole = s.direction[:, :2] / r_z
         pole_rate = (s.direction_rate[:, :2] - pole * s.direction_rate[:, 2:]) / r_z
-        pendulum = pole + model.pivot_share * (tangent[0] - pole)
-        pendulum_rate = pole_rate + model.pivot_share * (tangent[1] - pole_rate)
+        pendulum = model.sigma(pole, tangent[0])
+        pendulum_rate = model.sigma(pole_rate, tangent[1])
         bob_gravity = (p.gravity + measurement.reference[:, 0, 2] - disturbance.bob_force[:, 2] / p.bob_mass)[
             :, np.newaxis
         ]
@@ -106,10 +99,9 @@ class Flatness:
         length = self.simulation.parameters.rod_length
         e0 = s.position[:, :2] + length * s.direction[:, :2]
         e1 = s.velocity[:, :2] + length * s.direction_rate[:, :2]
-        if self.simulation.is_rigid:
-            poles_d = (s_d[:2] - model.pivot_share * t_d[:2]) / (1.0 - model.pivot_share)
-            e0 += model.pendulum_arm * (pole - poles_d[0]) + model.thrust_arm * (tangent[0] - t_d[0])
-            e1 += model.pendulum_arm * (pole_rate - poles_d[1]) + model.thrust_arm * (tangent[1] - t_d[1])
+        poles_d = model.pendulum(s_d[:2], t_d[:2])
+        e0 += model.pendulum_arm * (pole - poles_d[0]) + model.thrust_arm * (tangent[0] - t_d[0])
+        e1 += model.pendulum_arm * (pole_rate - poles_d[1]) + model.thrust_arm * (tangent[1] - t_d[1])
         e2, e3 = bob_gravity * (pendulum - s_d[0]), bob_gravity * (pendulum_rate - s_d[1])
         s2 = stiffness * (pendulum - tangent[0]) + drift
         e4 = bob_gravity * (s2 - s_d[2])
@@ -137,7 +129,7 @@ class Flatness:
         inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
         torque = inertia * taylor.to_derivatives(attitude)[2] - disturbance.torque
         command = np.column_stack([thrust, torque])
-        return body_command(estimate.state, command, estimate.disturbance, self.simulation), memory
+        return model.body_command(estimate.state, command, estimate.disturbance), memory
 
     def _yaw_acceleration(self, s: State, measurement: Measurement, w: Floats) -> Floats:
         """Return the demanded ψ̈ for the bandwidth w, rad/s², shape (n,)."""
@@ -149,7 +141,7 @@ class Flatness:
         self, s: State, d: Disturbance, measurement: Measurement, tangent: Floats, axis_height: Floats, w: Floats
     ) -> Floats:
         """Return the thrust of equation (6), N, shape (n,), from t, b_z and the bandwidth w."""
-        p = design_parameters(self.simulation)
+        p = equivalent_model(self.simulation).parameters
         feedback = 2.0 * self.gains.damping * w * s.velocity[:, 2], w * w * s.position[:, 2]
         acceleration = measurement.reference[:, 0, 2] - feedback[0] - feedback[1]
         axis = np.column_stack([tangent, np.ones_like(axis_height)]) * axis_height[:, np.newaxis]

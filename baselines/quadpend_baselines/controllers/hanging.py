@@ -14,6 +14,7 @@ import numpy as np
 from quadpend_baselines.policy.protocol import PolicyWrapper
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.physics.plants import EulerPlant, plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SIZE, OUTPUT_FEEDBACK_FIELDS
 
 _MIRRORED = ("direction", "direction_rate")
@@ -25,7 +26,7 @@ def mirror_simulation(simulation: Simulation) -> Simulation:
     Raises:
         ValueError: If the vehicle is rigid.
     """
-    if simulation.is_rigid:
+    if not isinstance(plant_of(simulation), EulerPlant):
         raise ValueError(
             f"controllers of a hanging pendulum are for the paper's vehicle, not {simulation.vehicle.name!r}"
         )

@@ -23,7 +23,7 @@ from scipy.linalg import block_diag, solve_discrete_are
 
 from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import LqrGains
-from quadpend_baselines.modelling.equivalent import body_command, design_simulation, reference_trajectory
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import (
     EULER,
     EULER_RATE,
@@ -67,7 +67,7 @@ def weights(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
     state += np.diag(angle + angle_rate)
     if gains.integral > 0.0:
         state = block_diag(state, np.eye(_OUTPUTS) / gains.integral**2)
-    return state, np.diag((gains.effort * design_simulation(simulation).command_scale) ** -2.0)
+    return state, np.diag((gains.effort * equivalent_model(simulation).simulation.command_scale) ** -2.0)
 
 
 def model(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
@@ -123,8 +123,9 @@ def deviation(
     yaw = State(estimate.state).euler[:, 2]
     # The desired roll and pitch are computed for the actual heading, not for the desired one.
     heading = np.column_stack([yaw, measurement.yaw_reference[:, 1:]])
-    state, command = reference_trajectory(measurement.reference, heading, disturbance, simulation)
-    command = body_command(state, command, disturbance, simulation)
+    equivalent = equivalent_model(simulation)
+    state, command = equivalent.trajectory(measurement.reference, heading, disturbance)
+    command = equivalent.body_command(state, command, disturbance)
     State(state).euler[:, 2] = measurement.yaw_reference[:, 0]
     return rotate_state((estimate.state - state)[:, STATE_COLUMNS], -yaw), command
 

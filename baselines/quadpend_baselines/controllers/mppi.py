@@ -27,7 +27,7 @@ from quadpend_baselines.controllers import mppi_kernel
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import MppiGains
-from quadpend_baselines.modelling.equivalent import body_command, design_disturbance, design_simulation
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
@@ -55,7 +55,7 @@ class Mppi:
     @cached_property
     def horizon_simulation(self) -> Simulation:
         """The simulation with the period of the horizon."""
-        steps, design = self.gains.steps_per_period, design_simulation(self.simulation)
+        steps, design = self.gains.steps_per_period, equivalent_model(self.simulation).simulation
         return replace(design, period=CONTROL_PERIOD * steps, substeps=steps)
 
     @cached_property
@@ -88,7 +88,7 @@ class Mppi:
         knot_spacing = self.horizon_simulation.period * self.gains.horizon / (self.gains.knots - 1)
         share = self.simulation.period / knot_spacing
         next_knot = np.concatenate([perturbation[:, 1:], np.zeros_like(perturbation[:, :1])], axis=1)
-        command = body_command(estimate.state, command, estimate.disturbance, self.simulation)
+        command = equivalent_model(self.simulation).body_command(estimate.state, command, estimate.disturbance)
         return command, MppiMemory(perturbation + share * (next_knot - perturbation), memory.updates + 1)
 
     def reference_horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
@@ -116,7 +116,7 @@ class Mppi:
         limits = simulation.command_scale * [[0.0, -1.0, -1.0, -1.0], [2.0, 1.0, 1.0, 1.0]]
         return mppi_kernel.costs(
             estimate.state,
-            design_disturbance(estimate.disturbance, self.simulation),
+            equivalent_model(self.simulation).disturbance(estimate.disturbance),
             simulation.parameters.as_array(),
             np.ascontiguousarray(horizon.state[..., STATE_COLUMNS]),
             horizon.command,

@@ -34,7 +34,7 @@ import numpy as np
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import NmpcGains
-from quadpend_baselines.modelling.equivalent import body_command, design_parameters
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_baselines.modelling.reference_horizon import Horizon, reference_horizon
 from quadpend_gym import Simulation
@@ -88,7 +88,7 @@ class Nmpc:
     def horizon_simulation(self) -> Simulation:
         """The simulation with the period of the horizon, commanded by thrust and torques without latency."""
         period = self.gains.period
-        rate = np.sqrt(design_parameters(self.simulation).chain_stiffness)
+        rate = np.sqrt(equivalent_model(self.simulation).parameters.chain_stiffness)
         substeps = ceil(period * rate / _LONGEST_SUBSTEP)
         return replace(self.simulation, period=period, substeps=substeps, interface="wrench", latency=0.0)
 
@@ -139,7 +139,7 @@ class Nmpc:
         )
         states, commands = horizon.state.reshape(-1, STATE_SIZE), horizon.command.reshape(-1, COMMAND_SIZE)
         disturbances = np.tile(estimate.disturbance, (self.gains.periods + 1, 1))
-        commands = body_command(states, commands, disturbances, self.simulation)
+        commands = equivalent_model(self.simulation).body_command(states, commands, disturbances)
         return horizon._replace(command=commands.reshape(horizon.command.shape))
 
     def _later(self, plan: Floats) -> Floats:

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.physics.plants import EulerPlant, RigidPlant, plant_of
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_FIELDS, DISTURBANCE_SIZE, STATE_FIELDS, STATE_SIZE
 from quadpend_gym.vehicles.vehicle import scaled_inertia
 
@@ -182,9 +183,8 @@ def period_map(simulation: Simulation) -> Any:
     """
     x, u, d = ca.SX.sym("x", STATE_SIZE), ca.SX.sym("u", COMMAND_SIZE), ca.SX.sym("d", DISTURBANCE_SIZE)
     y, h = x, simulation.period / simulation.substeps
+    substeps = {EulerPlant: (next_state, simulation.parameters), RigidPlant: (rigid_next_state, simulation)}
+    substep, settings = substeps[type(plant_of(simulation))]
     for _ in range(simulation.substeps):
-        if simulation.is_rigid:
-            y = rigid_next_state(y, u, d, simulation, h)
-        else:
-            y = next_state(y, u, d, simulation.parameters, h)
+        y = substep(y, u, d, settings, h)
     return ca.Function("period_map", [x, u, d], [y])

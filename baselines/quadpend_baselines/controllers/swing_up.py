@@ -217,7 +217,7 @@ def read_plan() -> tuple[Floats, Floats]:
 def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
     """Return the plan of the package with its feedback."""
     default = Simulation()
-    if simulation.is_rigid or any(
+    if simulation.vehicle.attitude != default.vehicle.attitude or any(
         getattr(simulation, name) != getattr(default, name) for name in ("parameters", "torque_limits", "period")
     ):
         raise ValueError(

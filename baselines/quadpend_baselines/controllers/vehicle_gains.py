@@ -30,8 +30,9 @@ from quadpend_baselines.gains import (
     ObserverGains,
     without_prediction,
 )
-from quadpend_baselines.modelling.equivalent import design_parameters
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Parameters, Simulation
+from quadpend_gym.physics.plants import EulerPlant, plant_of
 from quadpend_gym.vehicles import as_vehicle
 
 EXPONENTS: dict[type, dict[str, float]] = {
@@ -103,9 +104,10 @@ def gains_for(name: str, simulation: Simulation | None = None) -> Any:
     """
     if simulation is not None and simulation.parameters.rod_length < 0.0:
         return HANGING_GAINS.get(name, GAINS[name])
-    if simulation is None or not simulation.is_rigid:
+    if simulation is None or isinstance(plant_of(simulation), EulerPlant):
         return GAINS[name]
     tuned = name.removesuffix(UNPREDICTED)
     gains, vehicle = RIGID_GAINS.get(tuned, (GAINS[tuned], None))
-    scaled = scale_gains(gains, design_parameters(Simulation(as_vehicle(vehicle))), design_parameters(simulation))
+    tuned_for = equivalent_model(Simulation(as_vehicle(vehicle)))
+    scaled = scale_gains(gains, tuned_for.parameters, equivalent_model(simulation).parameters)
     return scaled if tuned == name else without_prediction(scaled)

@@ -27,7 +27,7 @@ import numpy as np
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.estimation.prediction import Estimate, Measurement, Prediction, project_direction
 from quadpend_baselines.gains import EstimatorGains
-from quadpend_baselines.modelling.equivalent import reference_trajectory
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import (
     DISTURBANCE_COLUMNS,
     EULER,
@@ -143,9 +143,8 @@ class Estimator:
         """
         rows = len(measurement.state)
         calm = np.zeros((rows, DISTURBANCE_SIZE))
-        reference_state, _ = reference_trajectory(
-            measurement.reference, measurement.yaw_reference, calm, self.simulation
-        )
+        model = equivalent_model(self.simulation)
+        reference_state, _ = model.trajectory(measurement.reference, measurement.yaw_reference, calm)
         state = np.where(np.isnan(measurement.state), reference_state, measurement.state)
         project_direction(state)
         memory = np.zeros((rows, self.prediction.memory_size))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.modelling.equivalent import reference_trajectory
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE
@@ -49,7 +49,7 @@ def reference_horizon(
     )
     disturbances = np.tile(disturbance, (steps, 1))
     orders = np.moveaxis(future, 2, 1).reshape(-1, *reference.shape[1:])
-    state, command = reference_trajectory(orders, yaws.reshape(-1, 3), disturbances, simulation)
+    state, command = equivalent_model(simulation).trajectory(orders, yaws.reshape(-1, 3), disturbances)
     displacement = [
         sum(period ** (i + order) / factorial(i + order) * future[:-1, i] for i in range(len(derivatives)))
         for order in (2, 1)  # of position, of velocity

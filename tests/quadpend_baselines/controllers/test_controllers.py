@@ -4,13 +4,10 @@ import re
 from inspect import signature
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose, assert_array_equal
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.monitor import Monitor
 
 import quadpend_gym
 from quadpend_baselines import ADRC, CONTROLLERS, controller
@@ -70,37 +67,6 @@ def run(policy: Any, env: Any, seed: int = 5, steps: int = 100, **options: Any) 
         observation, _, terminated, _, _ = env.step(action)
         assert not terminated.any()
     return np.array(observations), np.array(actions), memory
-
-
-@every_controller
-@pytest.mark.parametrize("outputs", [False, True])
-def test_predict_accepts_one_observation_or_a_batch(name: str, outputs: bool) -> None:
-    if name == "swing-up" and outputs:
-        pytest.skip("swing-up needs velocities: tests/quadpend_baselines/swing has a test of its refusal")
-    policy = controller(name)
-    observations, _, _ = run(policy, make(3, outputs), steps=3)
-    assert observations.shape[-1] == (27 if outputs else 36)
-    single_memory = batch_memory = None
-    for observation in observations:
-        action, single_memory = policy.predict(observation[0], single_memory)
-        actions, batch_memory = policy.predict(observation, batch_memory)
-        assert action.shape == (4,)
-        assert actions.shape == (3, 4)
-        assert action.dtype == actions.dtype == np.float32
-        assert_allclose(action, actions[0], atol=1e-6)
-
-
-@every_controller
-def test_evaluate_policy_of_sb3_accepts_every_controller(name: str) -> None:
-    env = Monitor(gym.make("quadpend_gym:QuadPendulumHover-v0", max_episode_steps=60))
-    returns, lengths = evaluate_policy(
-        controller(name),  # type: ignore[arg-type]
-        env,
-        n_eval_episodes=2,
-        return_episode_rewards=True,
-    )
-    assert lengths == [60, 60]
-    assert min(returns) > 25.0  # type: ignore[type-var, operator]
 
 
 @every_feedback

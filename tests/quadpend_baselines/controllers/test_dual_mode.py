@@ -16,7 +16,6 @@ from quadpend_gym.physics.state import State
 from tests.helpers.controllers import (
     CALM,
     disturbance_of,
-    flat_state_and_command,
     hover_states,
     measurement_of,
     simulate_with_true_state,
@@ -77,29 +76,6 @@ def test_the_share_falls_linearly_with_the_remaining_error() -> None:
     assert (expected > 0.05).all()
     assert (expected < 0.95).all()
     assert_allclose(share_of_near(TUNED, state), expected, rtol=0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize(("tilt", "expected"), [(0.1, 1.0), (0.225, 0.5), (0.4, 0.0)])
-@pytest.mark.parametrize("part", ["pendulum", "body"])
-def test_the_share_falls_linearly_with_the_tilt(part: str, tilt: float, expected: float) -> None:
-    gains = replace(TUNED, near_error=1e8, far_error=1e9)
-    state = tilted_pendulum(tilt if part == "pendulum" else 0.0, 1.0)
-    if part == "body":
-        State(state).euler[:, 1] = tilt
-    assert_allclose(share_of_near(gains, state), expected, rtol=0.0, atol=1e-9)
-
-
-def test_it_follows_a_circle_in_wind_exactly() -> None:
-    circle = Reference(
-        offset=(0.0, 0.0, 2.0, 0.0),
-        amplitude=(0.5, 0.5, 0.0, 0.0),
-        frequency=(1.0, 1.0, 0.0, 0.0),
-        phase=(1.57, 0.0, 0.0, 0.0),
-    )
-    state, _ = flat_state_and_command(circle, 0.0, WIND, SIMULATION.parameters)
-    end = simulate_with_true_state(DualMode(TUNED, SIMULATION), SIMULATION, state, 500, circle, WIND)
-    measurement = measurement_of(end, circle, 500 * SIMULATION.period)
-    assert tracking_distance(measurement, SIMULATION.parameters.rod_length).max() < 2e-3
 
 
 def test_the_remaining_error_is_the_integral_of_the_squared_error_of_the_linear_feedback() -> None:

@@ -22,7 +22,6 @@ from tests.helpers.controllers import (
     HOVER,
     disturbance_of,
     flat_state_and_command,
-    hover_states,
     measurement_of,
     simulate_with_true_state,
     simulation_of,
@@ -189,23 +188,3 @@ def test_steady_wind_leaves_no_offset(wind: Constant) -> None:
         observation, _, terminated, _, info = env.step(action)
         assert not terminated.any()
     assert_allclose(info["tracking_error"], 0.0, atol=1e-5)
-
-
-def test_acceleration_and_velocity_demanded_by_the_position_are_limited() -> None:
-    """At a distance of 100 m, the command equals that at 10 m, and the velocity approaches its limit."""
-    simulation, gains = Simulation(), replace(GAINS, acceleration=1.0, velocity=0.8)
-    law, far = Flatness(gains, simulation), hover_states(2)
-    State(far).position[:, 0] += [10.0, 100.0]
-    measurement = measurement_of(far)
-    commands, _ = law.command(true_estimate(measurement), measurement, ())
-    assert_allclose(commands[0], commands[1], rtol=1e-9)
-    velocities = []
-    simulate_with_true_state(
-        law,
-        simulation,
-        far[:1],
-        800,
-        callback=lambda measurement, *_: velocities.append(State(measurement.state).velocity[0, 0]),
-    )
-    assert velocities[-1] == pytest.approx(-gains.velocity, rel=0.01)
-    assert min(velocities) > -1.2 * gains.velocity

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from quadpend_baselines.controllers.lqr import Lqr, model, output_matrix, riccati, weights
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
@@ -21,10 +21,9 @@ from quadpend_baselines.modelling.linear_model import (
     POSITION,
     STATE_COLUMNS,
     VELOCITY,
-    YAW,
     linearise,
 )
-from quadpend_gym import PAPER, Constant, QuadPendulumVectorEnv, Reference, Simulation
+from quadpend_gym import PAPER, Constant, QuadPendulumVectorEnv, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import Disturbance, State
 from tests.helpers.controllers import (
@@ -32,8 +31,6 @@ from tests.helpers.controllers import (
     disturbance_of,
     hover_states,
     measurement_of,
-    rotate_states,
-    rotate_vectors,
     simulate_with_true_state,
     simulation_of,
     true_estimate,
@@ -87,22 +84,6 @@ def test_simulated_cost_of_the_kernel_is_that_of_the_cost_matrix_up_to_its_nonli
     large, small = cost.reshape(2, 2).mean(axis=0) / (0.5 * sizes**2 * (x @ P @ x)) - 1.0
     assert abs(large) < 1e-3
     assert large / small == pytest.approx(4.0, rel=0.1)
-
-
-@pytest.mark.parametrize("gains", [PLAIN, INTEGRAL], ids=["plain", "integral"])
-def test_command_near_hover_is_the_linear_feedback(gains: LqrGains) -> None:
-    """K applies in the axes of the heading, σ is in the world frame, and the command does not depend on the heading."""
-    simulation = simulation_of(UNEQUAL)
-    law, (K, _) = Lqr(gains, simulation), riccati(gains, simulation)
-    x, integral = 1e-3 * np.eye(MODEL_STATE_SIZE), np.array([0.01, -0.02, 0.03])
-    expected = x @ K[:, :MODEL_STATE_SIZE].T + (K[:, MODEL_STATE_SIZE:] @ integral if gains.integral else 0.0)
-    for angle in (0.0, 2.0):
-        measurement = measurement_of(rotate_states(states_near_hover(x), angle), Reference.hover(yaw=angle))
-        memory = np.zeros((MODEL_STATE_SIZE, 3)) + rotate_vectors(integral, angle)
-        # A yaw error rotates the axes of the heading relative to σ.
-        rows = np.abs(x[:, YAW]) == 0.0
-        command, _ = law.command(true_estimate(measurement), measurement, memory)
-        assert_allclose((command - [UNEQUAL.hover_thrust, 0.0, 0.0, 0.0])[rows], -expected[rows], atol=1e-9)
 
 
 def test_a_deviation_of_one_tolerance_costs_one_half() -> None:
@@ -173,16 +154,3 @@ def test_integrators_sum_the_error_in_the_world_frame_up_to_their_limit() -> Non
         if step in (1, 100):
             assert_allclose(memory, np.tile(step * simulation.period * np.array([0.02, -0.01, 0.03]), (rows, 1)))
     assert_allclose(memory, np.tile([limit, -limit, limit], (rows, 1)))
-
-
-def test_integrators_stop_while_a_command_saturates() -> None:
-    """The roll rate of row 0 demands more than the available torque, that of row 1 does not."""
-    simulation = Simulation()
-    law, state = Lqr(INTEGRAL, simulation), hover_states(2)
-    State(state).position[:] += [0.02, 0.0, 0.0]
-    State(state).euler_rate[0] = [50.0, 0.0, 0.0]
-    measurement = measurement_of(state)
-    command, memory = law.command(true_estimate(measurement), measurement, law.initial_memory(2))
-    assert abs(command[0, 1]) > simulation.torque_limits[0]
-    assert_array_equal(memory[0], 0.0)
-    assert memory[1, 0] > 0.0

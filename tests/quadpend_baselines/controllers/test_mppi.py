@@ -110,18 +110,6 @@ def run_law(law: Mppi, state: Floats, memory: MppiMemory | None = None, wind: Fl
     )
 
 
-def test_without_perturbations_the_command_is_the_linear_feedback_around_the_trajectory_in_wind() -> None:
-    """The gain is that of `lqr` for the period of the horizon."""
-    law = Mppi(replace(GAINS_HERE, spread=0.0), Simulation())
-    state = disturbed_states(6)
-    command, memory = run_law(law, state, wind=WIND)
-    gain, _ = riccati(FEEDBACK, Simulation(period=0.02))
-    x_d, u_d = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
-    x = rotate_state((state - x_d)[:, STATE_COLUMNS], -State(state).euler[:, 2])
-    assert_allclose(command, u_d - x @ gain.T, atol=1e-6)
-    assert_array_equal(memory.perturbation, 0.0)
-
-
 def test_a_low_temperature_selects_the_best_sample_and_a_high_one_the_mean() -> None:
     """The best sample is the linear feedback at a small tilt and a perturbed one at a tilt that it cannot recover."""
     cold = Mppi(replace(GAINS_HERE, temperature=1e-6), Simulation())

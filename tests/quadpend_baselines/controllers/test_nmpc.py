@@ -7,26 +7,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_baselines import controller
 from quadpend_baselines.controllers import nmpc
 from quadpend_baselines.controllers.lqr import riccati, weights
 from quadpend_baselines.controllers.nmpc import Nmpc, NmpcMemory
-from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.gains import LqrGains, NmpcGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
-from quadpend_gym import PAPER, QuadPendulumVectorEnv, Simulation
+from quadpend_gym import PAPER, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
-from quadpend_gym.physics.state import STATE_FIELDS, State
+from quadpend_gym.physics.state import State
 from quadpend_gym.vehicles import VEHICLES, Drag, hover_wrench, mixing
 from tests.helpers.controllers import (
     CALM,
     HOVER,
     disturbance_of,
     flat_state_and_command,
-    hover_states,
     measurement_of,
-    simulate_with_true_state,
     simulation_of,
     tilted_pendulum,
     true_estimate,
@@ -131,31 +127,6 @@ def test_no_similar_plan_within_the_limits_costs_less() -> None:
             assert cost(law, state, np.clip(changed, lowest, highest)) > least * (1.0 - 1e-9)
 
 
-def test_nmpc_recovers_from_tilts_of_20_degrees() -> None:
-    simulation, start = Simulation(), tilted_pendulum(0.35, np.array([0.3, 2.0]), 2)
-    law = Nmpc(SMALL, simulation)
-    final = simulate_with_true_state(law, simulation, start, 150)
-    moved = slice(0, STATE_FIELDS["velocity"].stop)
-    assert_allclose(final[:, moved], hover_states(2)[:, moved], atol=0.2)
-
-
-@pytest.mark.extras
-def test_nmpc_balances_a_rigid_vehicle_by_its_body_rates() -> None:
-    simulation = Simulation(vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8)
-    policy: Any = controller("nmpc", simulation)
-    policy = OutputFeedback(Nmpc, replace(policy.gains, periods=5), simulation)
-    env = QuadPendulumVectorEnv(2, vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8)
-    observation, _ = env.reset(seed=1, options={"reference": HOVER})
-    memory = None
-    for _ in range(60):
-        action, memory = policy.predict(observation, memory)
-        observation, _, terminated, _, _ = env.step(action)
-        assert not terminated.any()
-    assert_array_equal(memory.law_memory.failures, 0)
-    state = State(env.world.state)
-    assert (state.direction[:, 2] > np.cos(0.1)).all()
-
-
 def test_after_a_failure_the_law_continues_its_plan_and_then_the_feedback_of_the_lqr(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -177,9 +148,3 @@ def test_after_a_failure_the_law_continues_its_plan_and_then_the_feedback_of_the
     command, memory = run_law(law, state, memory)
     assert_array_equal([memory.failures, memory.age], [[5], [0]])
     assert_allclose(command, planned, atol=0.1)
-
-
-def test_without_casadi_one_sentence_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(nmpc, "find_spec", lambda name: None)
-    with pytest.raises(ValueError, match=r"needs CasADi, which is not installed: pip install 'quadpend-gym\[mpc\]'"):
-        controller("nmpc")

@@ -12,42 +12,10 @@ from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.protocol import to_action, to_command
 from quadpend_gym import PAPER, Simulation
 from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.vehicles import VEHICLES, hover_wrench
-from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
-from tests.helpers.controllers import make_vec_of
+from quadpend_gym.vehicles import hover_wrench
 
 INTERFACES = ("wrench", "rotors", "body_rates")
 every_interface = pytest.mark.parametrize("interface", INTERFACES)
-
-
-def fly(name: str, simulation: Simulation, velocities: bool = True) -> None:
-    """Fly two episodes of 2 s in calm air and check that none terminates."""
-    env: Any = make_vec_of(simulation, 2)
-    env = env if velocities else VectorOutputFeedbackWrapper(env)
-    policy: Any = controller(name, simulation)
-    observation, _ = env.reset(seed=3)
-    memory = None
-    for _ in range(round(2.0 / simulation.period)):
-        action, memory = policy.predict(observation, memory)
-        observation, _, terminated, _, _ = env.step(action)
-        assert not terminated.any()
-
-
-@every_interface
-@pytest.mark.parametrize("name", ["flatness", "dual-mode", "lqr", "lqi", "mppi", "adrc-tuned", "adrc-linear"])
-def test_controllers_fly_the_hummingbird_for_2_s(name: str, interface: str) -> None:
-    fly(name, Simulation(vehicle="hummingbird", interface=interface))
-
-
-@pytest.mark.parametrize("vehicle", [name for name in VEHICLES if name not in ("paper", "hummingbird")])
-def test_adrc_flies_every_other_vehicle_for_2_s(vehicle: str) -> None:
-    fly("adrc-matched", Simulation(vehicle=vehicle, interface="rotors", period=0.02, substeps=8))
-
-
-@pytest.mark.parametrize("name", ["adrc-paper", "adrc-tuned"])
-def test_adrc_flies_through_the_latency_of_a_real_vehicle_without_measured_velocities(name: str) -> None:
-    simulation = Simulation(vehicle="hummingbird", interface="body_rates", period=0.02, substeps=8, latency=0.03)
-    fly(name, simulation, velocities=False)
 
 
 @every_interface

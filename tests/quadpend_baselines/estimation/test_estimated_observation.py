@@ -1,19 +1,14 @@
 """Observations made from a state, and the observation that a controller estimates."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_baselines import controller
 from quadpend_baselines.estimation.estimator import measurement_from_observation, observation_from_state
 from quadpend_gym import PAPER
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
-from quadpend_gym.wrappers import VectorOutputFeedbackWrapper
-from tests.helpers.envs import make_vec
 
 ROD = PAPER.rod_length
 
@@ -44,15 +39,3 @@ def test_observation_from_state_inverts_measurement_from_observation(output_feed
     assert_array_equal(again.reference, measurement_from_observation(measured, ROD).reference)
     assert_array_equal(again.yaw_reference, measurement_from_observation(measured, ROD).yaw_reference)
     assert_allclose(observation_from_state(again.state, observation, ROD), observation, atol=1e-5)
-
-
-def test_estimated_observation_has_the_velocities_that_are_not_measured() -> None:
-    policy: Any = controller("flatness")
-    whole = make_vec(4)
-    hidden = VectorOutputFeedbackWrapper(make_vec(4))
-    true, observation, memory = whole.reset(seed=0)[0], hidden.reset(seed=0)[0], None
-    for _ in range(200):
-        action, memory = policy.predict(observation, memory)
-        true, observation = whole.step(action)[0], hidden.step(action)[0]
-    known = policy.update(observation, memory, None)
-    assert_allclose(policy.estimated_observation(observation, known), true, atol=1e-4)

@@ -23,14 +23,12 @@ from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Parameters, Reference, Simulation, StartSettings, Task
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
-from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from tests.helpers.controllers import (
     CALM,
     HOVER,
     disturbance_of,
     flat_state_and_command,
     make_vec_of,
-    measurement_of,
     rotate_disturbances,
     rotate_states,
     rotate_vectors,
@@ -93,20 +91,6 @@ def estimates(recording: Recording, gains: EstimatorGains, has_rates: bool, p: P
     for measurement, (_, command) in zip(measurements[1:], recording[:-1], strict=True):
         out.append(observer.update(out[-1], to_action(command, observer.simulation)[0], measurement))
     return out
-
-
-@pytest.mark.parametrize("size", [36, 27])
-def test_measurement_from_observation_is_relative_to_the_reference(size: int) -> None:
-    """The measurement is exact to single precision; rates that are not observed are nan."""
-    env = make_vec_of(simulation_of(UNEQUAL), 5)
-    env.reset(seed=3, options={"reference": CIRCLE})
-    for _ in range(10):
-        observation = env.step(np.full((5, 4), 0.05, np.float32))[0]
-    true = measurement_of(env.world.state, CIRCLE, 0.1)
-    if size == 27:
-        observation, true = observation[:, OUTPUT_FEEDBACK_COLUMNS], without_rates(true)
-    for actual, expected in zip(measurement_from_observation(observation, UNEQUAL.rod_length), true, strict=True):
-        assert_allclose(actual, expected, rtol=1e-6, atol=1e-6)
 
 
 @every_gain

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.modelling import equivalent
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
 from quadpend_gym import Simulation, StartSettings, Task
 from quadpend_gym.envs.world import World
@@ -28,8 +28,8 @@ def test_a_pole_with_inertia_moves_like_the_equivalent_point_mass(disturbance: n
     design = state.copy()
     torque = np.array([2e-5, -3e-5, 1e-5])
     flight = rigid.start(simulation, state).after(np.array([0.1, *torque]), disturbance)
-    p = equivalent.design_parameters(simulation)
-    acting = equivalent.design_disturbance(disturbance[np.newaxis], simulation)
+    model = equivalent_model(simulation)
+    p, acting = model.parameters, model.disturbance(disturbance[np.newaxis])
     command = np.array([[1.1 * p.hover_thrust, *torque]])
     advance(design, command, acting, p.as_array()[np.newaxis], 0.3, 30)
     assert_allclose(flight.state, design, atol=2e-5)
@@ -41,8 +41,8 @@ def test_a_start_without_deviation_is_on_the_trajectory_of_the_equivalent_pendul
     world.seed(rows, range(50))
     world.start_episodes(rows)
     reference = np.array([world.trajectory(row).derivatives(np.zeros(1))[0] for row in rows])
-    state, _ = equivalent.reference_trajectory(
-        reference[:, 2:, :3], reference[:, :3, 3], np.zeros((50, DISTURBANCE_SIZE)), world.simulation
+    state, _ = equivalent_model(world.simulation).trajectory(
+        reference[:, 2:, :3], reference[:, :3, 3], np.zeros((50, DISTURBANCE_SIZE))
     )
     start = State(world.state.copy())
     start.position[:] -= reference[:, 0, :3]
@@ -70,8 +70,9 @@ def test_the_torques_make_the_demanded_accelerations() -> None:
 def test_the_wanted_flat_output_of_a_raised_pivot_is_that_of_the_equations() -> None:
     """For slow motion, F and its derivatives solve (1) and (2) with F_d = ζ + l r."""
     simulation = Simulation(vehicle=replace(BODY, pivot=(0.0, 0.0, 0.06)))
-    (p, share, a, b), mu = equivalent.equivalent_model(simulation), 0.0
-    mu = share / (1.0 - share)
+    model = equivalent_model(simulation)
+    p, a, b = model.parameters, model.pendulum_arm, model.thrust_arm
+    mu = model.pivot_share / (1.0 - model.pivot_share)
     w = 0.3  # rad/s
     powers = np.array([(1j * w) ** i for i in range(2, 7)])
     sigma = powers[0] / p.gravity
@@ -80,6 +81,6 @@ def test_the_wanted_flat_output_of_a_raised_pivot_is_that_of_the_equations() -> 
     tracked = 1.0 - a * s - b * t  # F_d for F = exp(i w t)
     reference = np.zeros((1, 5, 3))
     reference[0, :, 0] = np.real(powers * tracked)
-    found = equivalent.design_reference(reference, simulation)[0, 0, 0]
+    found = model.reference(reference)[0, 0, 0]
     assert found == pytest.approx(np.real(powers[0]), rel=1e-4)
     assert np.abs(reference[0, 0, 0] - np.real(powers[0])) > 1e-3 * w**2

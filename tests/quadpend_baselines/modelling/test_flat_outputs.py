@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.modelling import flat_outputs, taylor
+from quadpend_baselines.modelling import flat_outputs
 from quadpend_gym import PAPER, Parameters, Reference, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, thrust_axis
@@ -59,11 +59,6 @@ def test_open_loop_command_follows_the_reference(
     assert open_loop(reference, disturbance, parameters) < 5e-7
 
 
-def test_open_loop_error_is_of_second_order_in_the_period_of_the_command() -> None:
-    coarse, fine = (open_loop(CIRCLE, ON_QUADROTOR, PAPER, period) for period in (1e-2, 5e-3))
-    assert coarse / fine == pytest.approx(4.0, rel=0.05)
-
-
 def test_open_loop_error_on_a_figure_eight_is_that_of_the_neglected_bob_acceleration() -> None:
     """(1) neglects s l r̈_z, which is proportional to tilt³ ω², that is to a⁴ for figure eights of the same size."""
     fast, slow = open_loop(figure_eight(1.0), CALM, PAPER), open_loop(figure_eight(0.5), CALM, PAPER)
@@ -85,25 +80,6 @@ def test_all_forces_balance_at_hover(disturbance: Floats) -> None:
         actual = accelerations(state, command, disturbance, p)
         for rate in (s.velocity, s.euler_rate, s.direction_rate, actual.position, actual.euler, actual.direction):
             assert_allclose(rate, np.zeros_like(rate), atol=1e-12)
-
-
-def random_attitudes(rows: int) -> Floats:
-    """Return series of roll, pitch and yaw of order 2, shape (3, rows, 3), with tilts up to 1 rad."""
-    rng = np.random.default_rng(8)
-    value = rng.uniform([-1.0, -1.0, -4.0], [1.0, 1.0, 4.0], (rows, 3))
-    return taylor.from_derivatives(value, *rng.normal(size=(2, rows, 3)))
-
-
-def test_attitude_and_thrust_tangent_are_inverse_functions() -> None:
-    euler = random_attitudes(50)
-    yaw = euler[..., 2]
-    assert_allclose(
-        flat_outputs.attitude_from_tangent(flat_outputs.tangent_from_attitude(euler), yaw), euler, atol=1e-10
-    )
-    tangent = 0.7 * np.random.default_rng(9).normal(size=(3, 50, 2))
-    assert_allclose(
-        flat_outputs.tangent_from_attitude(flat_outputs.attitude_from_tangent(tangent, yaw)), tangent, atol=1e-10
-    )
 
 
 def demand_and_flat_trajectory(trajectory: Reference | Waypoints, p: Parameters) -> tuple[Floats, Floats]:

@@ -11,17 +11,13 @@ from quadpend_baselines.modelling.linear_model import (
     MODEL_STATE_SIZE,
     PENDULUM,
     PENDULUM_RATE,
-    STATE_COLUMNS,
-    YAW,
     linearise,
-    rotate_state,
 )
 from quadpend_gym import PAPER, Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
 from tests.helpers import symbolic as symbolic
 from tests.helpers.controllers import simulation_of
-from tests.helpers.physics import UNEQUAL, simulate_period
+from tests.helpers.physics import UNEQUAL
 
 PERIODS = (0.002, 0.01, 0.02)
 
@@ -84,19 +80,3 @@ def test_pendulum_modes_have_the_stiffness_of_the_paper() -> None:
     aligned = np.zeros(MODEL_STATE_SIZE)
     aligned[PENDULUM.start] = aligned[EULER.start + 1] = 1.0  # r_x = θ: the pendulum points along the thrust
     assert_allclose(transition[PENDULUM_RATE] @ aligned, 0.0, atol=1e-7)
-
-
-def test_model_in_the_axes_of_the_heading_does_not_depend_on_the_yaw() -> None:
-    """The controllers rely on this symmetry: they rotate x instead of the gains."""
-    simulation, yaw = simulation_of(UNEQUAL), 0.7
-    x = 1e-5 * np.random.default_rng(7).normal(size=(1, MODEL_STATE_SIZE))
-    state = np.zeros((1, STATE_SIZE))
-    state[:, STATE_COLUMNS] = rotate_state(x, np.array([yaw]))
-    State(state).direction[:, 2] = 1.0
-    State(state).euler[:, 2] += yaw
-    hover = np.array([UNEQUAL.hover_thrust, 0.0, 0.0, 0.0])
-    after = simulate_period(state, hover, np.zeros(DISTURBANCE_SIZE), UNEQUAL, simulation.period, simulation.substeps)[
-        :, STATE_COLUMNS
-    ]
-    after[:, YAW] -= yaw
-    assert_allclose(rotate_state(after, np.array([-yaw])), x @ linearise(simulation).transition.T, atol=1e-8)

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from quadpend_baselines.gains import ADRC_GAINS
 from quadpend_gym.core.arrays import Floats
 
 ZETA = 0.9  # ζ and ζ_c of Section 5
@@ -66,34 +65,16 @@ def printed_radius(matrix: Floats) -> float:
     return float(1.0 / np.abs(np.max(np.linalg.eigvals(matrix).real)))
 
 
-# Polynomials
-
-
-@pytest.mark.parametrize("gains", ADRC_GAINS)
-def test_65_66_and_67_are_hurwitz(gains: str) -> None:
-    chosen = ADRC_GAINS[gains]
-    for order, bandwidth in ((2, chosen.vertical_bandwidth), (6, chosen.horizontal_bandwidth)):
-        poles = np.roots(polynomial(order, bandwidth, chosen.damping))
-        np.testing.assert_allclose(poles.real, -chosen.damping * bandwidth, rtol=1e-3)
-
-
-def test_hurwitz_needs_no_large_n() -> None:
+def test_65_66_and_67_are_hurwitz_for_every_n() -> None:
     """Theorem 2 says 'if and only if N ≫ 0'. Every N > 0 is sufficient, and k > 0 alone is not."""
-    assert np.max(np.roots(polynomial(6, bandwidth=1e-3)).real) < 0.0
+    for order, bandwidth in ((2, 10.0), (6, 7.0), (6, 1e-3)):
+        np.testing.assert_allclose(np.roots(polynomial(order, bandwidth)).real, -ZETA * bandwidth, rtol=1e-3)
     assert np.max(np.roots(np.ones(7)).real) > 0.0
 
 
-# The Lyapunov function
-
-
-def test_54_has_no_solution_as_printed_but_one_with_lambda_0() -> None:
+def test_54_has_a_solution_with_lambda_0() -> None:
     """With the last row −λ₀, −λ₁, −λ₂, −λ₃ of A_e, which is right inside the layer, a solution P > 0 exists."""
     with_lambda = companion_matrix(polynomial(4))
-    printed = with_lambda.copy()
-    printed[-1, 0] = 0.0
-    unknowns = np.kron(np.eye(4), printed.T) + np.kron(printed.T, np.eye(4))  # linear map of the entries of P
-    best, *_ = np.linalg.lstsq(unknowns, -np.eye(4).ravel(), rcond=None)
-    assert np.linalg.norm(unknowns @ best + np.eye(4).ravel()) > 0.99  # no P gives the entry −Q₁₁
     P = lyapunov(with_lambda)
     np.testing.assert_allclose(with_lambda.T @ P + P @ with_lambda, -np.eye(4), atol=1e-12)
     assert np.min(np.linalg.eigvalsh(P)) > 0.0
@@ -115,12 +96,12 @@ def test_57_and_70_hold_for_no_lyapunov_function(order: int) -> None:
         assert -0.5 * values[0] > claimed
 
 
-# Ultimate bounds
-
-
 @pytest.mark.parametrize("system", SECTION_5)
-def test_59_and_72_are_not_invariant_sets(system: str) -> None:
-    """'No path entering S(0, ρ) will ever leave it': the undisturbed error that starts at (ρ/2, 0, …) leaves it."""
+def test_59_and_72_are_ultimate_bounds_at_section_5s_gains_but_not_invariant_sets(system: str) -> None:
+    """'No path entering S(0, ρ) will ever leave it': the undisturbed error that starts at (ρ/2, 0, …) leaves it.
+
+    The largest eigenvalue of A_e as printed, without λ₀, is 0, so the radius (59) is infinite.
+    """
     order, bandwidth = SECTION_5[system]
     matrix = companion_matrix(polynomial(order, bandwidth))
     radius = printed_radius(matrix)
@@ -132,24 +113,12 @@ def test_59_and_72_are_not_invariant_sets(system: str) -> None:
         state = transition @ state
         path.append(np.linalg.norm(state))
     assert max(path) > 1.5 * radius
-    assert path[-1] < 1e-2 * radius
+    assert np.linalg.norm(peak_gains(order, bandwidth)) < radius
+    matrix[-1, 0] = 0.0
+    assert np.max(np.linalg.eigvals(matrix).real) == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("system", SECTION_5)
-def test_59_and_72_hold_ultimately_at_section_5s_gains(system: str) -> None:
-    """They hold with λ₀ in A_e. The largest eigenvalue of the printed A_e is 0, so the radius (59) is infinite."""
-    order, bandwidth = SECTION_5[system]
-    assert np.linalg.norm(peak_gains(order, bandwidth)) < printed_radius(companion_matrix(polynomial(order, bandwidth)))
-    if order == 4:
-        printed = companion_matrix(polynomial(order, bandwidth))
-        printed[-1, 0] = 0.0
-        assert np.max(np.linalg.eigvals(printed).real) == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("order", "bandwidth", "damping", "factor"),
-    [(4, 0.5, ZETA, 7.2), (2, 0.5, ZETA, 1.8), (6, 0.8, ZETA, 2.7), (4, 500.0, 0.2, 1.7), (6, 7.0, 0.2, 4.4)],
-)
+@pytest.mark.parametrize(("order", "bandwidth", "damping", "factor"), [(4, 0.5, ZETA, 7.2), (6, 7.0, 0.2, 4.4)])
 def test_59_and_72_fail_for_slow_or_lightly_damped_errors(
     order: int, bandwidth: float, damping: float, factor: float
 ) -> None:
@@ -202,10 +171,8 @@ def simulate(slope: float, start: Floats, seconds: float, disturbance: float = 0
     """
     step = 2e-3
     _, l3, l2, l1, _ = polynomial(4)
-    augmented = np.zeros((5, 5))
-    augmented[:4, :4] = np.eye(4, k=1)
+    augmented = np.eye(5, k=1)
     augmented[:4, 0] = -l3, -l2, -l1, 0.0
-    augmented[3, 4] = 1.0
     transition = expm(augmented * step)
     state = np.array(start, np.float64)
     inputs = disturbance * np.sin(frequency * step * (np.arange(round(seconds / step)) + 0.5))
@@ -217,17 +184,14 @@ def simulate(slope: float, start: Floats, seconds: float, disturbance: float = 0
     return out
 
 
-@pytest.mark.parametrize("start", [0.001, 1.0])
-def test_sign_term_has_the_limit_cycle_that_its_describing_function_predicts(start: float) -> None:
+def test_sign_term_has_the_limit_cycle_that_its_describing_function_predicts() -> None:
     """Without a disturbance ẽ oscillates at ω with 4ρ/(π ω⁴(4ζ²+1)) and ϑ̂ with 1.67 ρ/ω²; ϑ̂ does not converge to ϑ."""
-    errors = simulate(np.inf, np.array([start, 0.0, 0.0, 0.0]), seconds=120.0)[-20_000:]
+    errors = simulate(np.inf, np.array([1.0, 0.0, 0.0, 0.0]), seconds=120.0)[-20_000:]
     margin = 4.0 * ZETA**2 + 1.0
     amplitude, ripple = 4.0 / np.pi / margin, 4.0 / np.pi * np.hypot(1.0, 4.0 * ZETA / margin)
     assert ripple == pytest.approx(1.67, abs=0.001)
     assert np.max(np.abs(errors[:, 0])) == pytest.approx(amplitude, rel=0.03)  # the prediction is good to ±10 %
     assert np.max(np.abs(errors[:, 2])) == pytest.approx(ripple, rel=0.04)
-    crossings = np.flatnonzero((errors[1:, 0] > 0.0) & (errors[:-1, 0] <= 0.0))
-    assert np.mean(np.diff(crossings)) * 2e-3 == pytest.approx(2.0 * np.pi, rel=0.05)
 
 
 def test_saturated_term_converges_from_any_error() -> None:
@@ -237,9 +201,7 @@ def test_saturated_term_converges_from_any_error() -> None:
     margin = 4.0 * ZETA**2 + 1.0
     assert np.min(((1.0 + ZETA * s) * plant).real) > -1.0 / margin - 1e-6
     assert margin > 4.0  # δ = ρ/λ₀ is a slope of 1 in these units, a quarter of the margin
-    for start in (0.1, 10.0):
-        errors = simulate(1.0, np.array([start, 0.0, 0.0, 0.0]), seconds=120.0)
-        assert np.max(np.abs(errors[-1])) < 1e-9
+    assert np.max(np.abs(simulate(1.0, np.array([10.0, 0.0, 0.0, 0.0]), seconds=120.0)[-1])) < 1e-9
 
 
 def test_saturated_term_stays_in_its_layer() -> None:
@@ -253,7 +215,7 @@ def test_saturated_term_stays_in_its_layer() -> None:
     response = impulse_response(companion_matrix(polynomial(4)), 5e-3, 40.0)[:, :3] @ to_estimate
     gain = np.trapezoid(np.abs(response), dx=5e-3)
     assert gain == pytest.approx(5.25, rel=0.01)
-    for frequency in (0.2, 0.6, 1.0, 2.0):
+    for frequency in (0.6, 1.0):
         errors = simulate(1.0, np.zeros(4), seconds=100.0, disturbance=1.0 / 1.003, frequency=frequency)
         assert np.max(np.abs(errors[:, 0])) <= 1.0
         assert np.max(np.abs(errors[:, 2])) <= gain
