@@ -97,6 +97,13 @@ def true_estimate(measurement: Measurement, disturbance: Floats = CALM) -> Estim
     return Estimate(measurement.state, disturbances, measurement.reference, age, none, none, np.ones(rows))
 
 
+def run_law(law: Any, state: Floats, memory: Any = None, wind: Floats = CALM, reference: Reference = HOVER) -> Any:
+    """Return command and memory of a control law that receives true states, shape (n, 18), and the true wind."""
+    measurement = measurement_of(state, reference)
+    memory = law.initial_memory(len(state)) if memory is None else memory
+    return law.command(true_estimate(measurement, wind), measurement, memory)
+
+
 def simulate_with_true_state(
     law: ControlLaw,
     simulation: Simulation,

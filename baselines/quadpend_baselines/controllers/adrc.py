@@ -114,9 +114,6 @@ class ADRC(Controller):
             for a nominal simulation.
         simulation: Nominal plant, torque limits and control period; None: the default simulation.
         loop: The known delays and lags of the loop; None: there are none.
-
-    Raises:
-        ValueError: If no gains have this name.
     """
 
     def __init__(
@@ -226,7 +223,9 @@ class ADRC(Controller):
         command = self.model.body_command(later.state, command, no_force)
         wanted, _ = to_action(command, self.simulation, later.rigid)
         action = np.nan_to_num(prediction.loop.compensate(wanted, later.loop, self.simulation.period))
-        return action, self._driven(AdrcMemory(estimate, command, measurement, action, plant, plant), action)
+        return action, self.with_applied_action(
+            AdrcMemory(estimate, command, measurement, action, plant, plant), action
+        )
 
     def _euler_rate(self, measured: Measurement, predicted: Estimate) -> Floats:
         """Return estimated rates of the Euler angles, rad/s, shape (n, 3).
@@ -238,8 +237,8 @@ class ADRC(Controller):
         share = -np.expm1(-self.gains.horizontal.bandwidth * period)
         return np.asarray(np.clip(angles.euler_rate + share / period * error, -_MAX_RATE, _MAX_RATE))
 
-    def _driven(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
-        """Return the memory with the command and the plant that follow from `action`."""
+    def with_applied_action(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
+        """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
         if not isinstance(memory.plant, Estimate) or memory.measurement is None:
             return memory._replace(command=to_command(action, self.simulation), action=action)
         p, plant = self._parameters, memory.plant
@@ -269,10 +268,6 @@ class ADRC(Controller):
         out.force[:, 2] = (estimate[:, HEIGHT, DISTURBANCE] + p.gravity) * p.total_mass
         out.torque[:, 2] = estimate[:, YAW, DISTURBANCE] * p.inertia_yaw
         return out.array
-
-    def with_applied_action(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
-        """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
-        return self._driven(memory, action)
 
     @property
     def _stiffness(self) -> float:

@@ -21,11 +21,7 @@ _MIRRORED = ("direction", "direction_rate")
 
 
 def mirror_simulation(simulation: Simulation) -> Simulation:
-    """Return a simulation with the rod length −l, for the design of control laws only.
-
-    Raises:
-        ValueError: If the vehicle is rigid.
-    """
+    """Return a simulation of the paper's vehicle with the rod length −l, for the design of control laws only."""
     if not isinstance(plant_of(simulation), EulerPlant):
         raise ValueError(
             f"controllers of a hanging pendulum are for the paper's vehicle, not {simulation.vehicle.name!r}"

@@ -183,7 +183,10 @@ def period_map(simulation: Simulation) -> Any:
     """
     x, u, d = ca.SX.sym("x", STATE_SIZE), ca.SX.sym("u", COMMAND_SIZE), ca.SX.sym("d", DISTURBANCE_SIZE)
     y, h = x, simulation.period / simulation.substeps
-    substeps = {EulerPlant: (next_state, simulation.parameters), RigidPlant: (rigid_next_state, simulation)}
+    substeps: dict[type, tuple[Any, Any]] = {
+        EulerPlant: (next_state, simulation.parameters),
+        RigidPlant: (rigid_next_state, simulation),
+    }
     substep, settings = substeps[type(plant_of(simulation))]
     for _ in range(simulation.substeps):
         y = substep(y, u, d, settings, h)

@@ -106,11 +106,7 @@ class SwingUp(Controller):
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, SwingUpMemory]:
-        """Return action and memory; see `Policy.predict`.
-
-        Raises:
-            ValueError: If the observation has no velocities, or there is no plan for the simulation or its loop.
-        """
+        """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
         observed = np.atleast_2d(np.asarray(observation, np.float32))
         measurement = measurement_from_observation(observed, self.simulation.parameters.rod_length)

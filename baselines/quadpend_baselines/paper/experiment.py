@@ -6,7 +6,6 @@ figures: the reference is a helix with a slow oscillation in yaw, the initial st
 gusts begin after 10 s.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,18 +40,7 @@ CONTINUOUS_STEP = 4e-4  # s, small enough for ω_n = 500 rad/s
 RECORDING_PERIOD = 0.01  # s
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """The experiment in continuous time and with a sampled controller."""
-
-    continuous: Trajectory
-    at_1_khz: Trajectory
-    at_100_hz: Trajectory
-
-    @property
-    def trajectories(self) -> dict[str, Trajectory]:
-        """The three trajectories by name."""
-        return {"continuous": self.continuous, "1 kHz": self.at_1_khz, "100 Hz": self.at_100_hz}
+Experiment = dict[str, Trajectory]  # "continuous", "1 kHz" and "100 Hz"
 
 
 def run(gains: str = "paper", duration: float = DURATION) -> Experiment:
@@ -67,9 +55,11 @@ def run(gains: str = "paper", duration: float = DURATION) -> Experiment:
     loop = ContinuousLoop(ADRC(gains))
     every = round(RECORDING_PERIOD / CONTINUOUS_STEP)
     continuous = loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every)
-    return Experiment(
-        continuous, simulate_sampled(gains, 1e-3, duration), simulate_sampled(gains, CONTROL_PERIOD, duration)
-    )
+    sampled = {"1 kHz": 1e-3, "100 Hz": CONTROL_PERIOD}
+    return {
+        "continuous": continuous,
+        **{name: simulate_sampled(gains, period, duration) for name, period in sampled.items()},
+    }
 
 
 def start_state() -> Floats:

@@ -102,7 +102,7 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     # Without a date and with fixed ids, the SVG files are reproducible byte by byte.
     with matplotlib.rc_context({"svg.hashsalt": "quadpend", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figures = {name: _panels(experiment, title, panels) for name, (title, panels) in FIGURES.items()}
-        figures["figure_10"] = _trajectory_figure(experiment.continuous)
+        figures["figure_10"] = _trajectory_figure(experiment["continuous"])
         paths = []
         for name, figure in figures.items():
             for ending, options in ((".png", {"dpi": 200}), (".svg", {"metadata": {"Date": None}})):
@@ -121,11 +121,11 @@ def _panels(experiment: Experiment, title: str, panels: list[Panel]) -> Any:
     figure = _figure(7.5, 2.3 * (len(panels) // 2) + 0.5)
     axes = figure.subplots(len(panels) // 2, 2, sharex=True, squeeze=False).ravel()
     for axis, panel in zip(axes, panels, strict=True):
-        for name, trajectory in experiment.trajectories.items():
+        for name, trajectory in experiment.items():
             axis.plot(trajectory.time, panel.series(trajectory), linewidth=1.2, label=name, **_STYLES[name])
         if panel.comparison is not None:
-            values = panel.comparison(experiment.continuous)
-            axis.plot(experiment.continuous.time, values, **panel.comparison_style)
+            values = panel.comparison(experiment["continuous"])
+            axis.plot(experiment["continuous"].time, values, **panel.comparison_style)
         axis.axvline(GUSTS.onset, color="#888888", linewidth=0.8)
         axis.set_ylabel(panel.label)
     for axis in axes[-2:]:

@@ -19,7 +19,7 @@ _CONVERGED = 6.0  # s, after which the initial error has decayed
 
 def compute_figures_of_merit(experiment: Experiment) -> dict[str, Any]:
     """Return the figures of merit of every trajectory in SI units: errors, times, pendulum angles and estimates."""
-    return {name: _figures_of_merit(trajectory) for name, trajectory in experiment.trajectories.items()}
+    return {name: _figures_of_merit(trajectory) for name, trajectory in experiment.items()}
 
 
 def _figures_of_merit(trajectory: Trajectory) -> dict[str, Any]:

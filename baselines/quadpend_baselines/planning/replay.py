@@ -60,13 +60,9 @@ def track(solution: Solution, problem: Transcription, episode: KnownEpisode, wor
     delay = problem.plant.delay
     A, B = _with_delay(*problem.linearise(episode, solution), delay)
     commands = np.vstack([solution.actions[delay:], np.zeros((delay, ACTION_SIZE))])
-    return TrackedFlight(world, solution.states[:, :STATE_SIZE], commands, A, B, feedback(A, B))
-
-
-def feedback(A: Floats, B: Floats) -> Floats:
-    """Return the gains K_k of the time-varying regulator, shape (N, 4, n)."""
     Q = _STATE_WEIGHT * np.eye(A.shape[1])
-    return varying_gains(A, B, Q, np.eye(ACTION_SIZE), Q)
+    K = varying_gains(A, B, Q, np.eye(ACTION_SIZE), Q)
+    return TrackedFlight(world, solution.states[:, :STATE_SIZE], commands, A, B, K)
 
 
 def _with_delay(A: Floats, B: Floats, delay: int) -> tuple[Floats, Floats]:

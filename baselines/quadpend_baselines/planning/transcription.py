@@ -9,9 +9,8 @@ With the states x_k and the actions a_k (after their delay) of all N control ste
 e_k is the tracking error, f one control step of the environment (`plant`), w_k the wind over it, p the parameters, and
 (3) the limits of the task (`Limits`) with small margins. Without its second term, (1) is the squared RMSE of the
 episode. The weights ρ raise it by some hundredths of a millimetre only. They are necessary: the RMSE hardly depends on
-the yaw and on changes of the torques within a few control periods. IPOPT uses the exact Hessian
-of the Lagrangian, which is block diagonal, since stage k has the variables (x_k, a_k). The problem is not convex, so
-the flight is a local optimum.
+the yaw and on changes of the torques within a few control periods. The problem is not convex, so the flight is a local
+optimum.
 """
 
 from functools import lru_cache
@@ -31,9 +30,8 @@ ACTION_WEIGHTS = (1e-6, 1e-6, 1e-6, 1e-5)  # ρ, m²
 COSINE_MARGIN, LENGTH_MARGIN = 1e-4, 1e-3  # of the limits (3): of the cosines, and in m
 MAX_ITERATIONS = 200
 _SCALE = 1e4  # of the cost: from m² to cm²
-_LIMITED = 2  # numbers of each stage that have limits but are not variables
 _INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # how CasADi reports Ctrl-C
-_OPTIONS = {
+_OPTIONS: Any = {
     "print_time": False,
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-5, "constr_viol_tol": 1e-6, "max_iter": MAX_ITERATIONS},
 }
@@ -147,10 +145,7 @@ class Transcription:
         return lowest, highest
 
 
-@lru_cache(maxsize=8)
-def transcription(plant: Plant, limits: Limits, steps: int) -> Transcription:
-    """Return `Transcription`, built once for equal arguments."""
-    return Transcription(plant, limits, steps)
+transcription = lru_cache(maxsize=8)(Transcription)  # built once for equal arguments
 
 
 class _Stage(NamedTuple):
@@ -162,78 +157,18 @@ class _Stage(NamedTuple):
     cost: Any  # its share of (1)
     limited: Any  # numbers with limits
 
-    def function(self, name: str, inputs: list[Any], output: Any, stages: int) -> Any:
-        """Return a function of v, q and further inputs that evaluates `output` at several stages, side by side."""
-        return ca.Function(name, [self.v, self.q, *inputs], [output], {"cse": True}).map(stages)
+    def evaluated(self, output: Any, stages: int) -> Any:
+        """Return a function of v and q that evaluates `output` at several stages, side by side."""
+        return ca.Function("stage", [self.v, self.q], [output], {"cse": True}).map(stages)
 
 
 def _solver(stage: _Stage, N: int) -> Any:
-    """Return IPOPT for the problem (1)–(3), with derivatives whose blocks are evaluated stage by stage."""
-    size, given, rows = stage.v.numel(), stage.q.numel(), stage.next.numel() + _LIMITED
+    """Return IPOPT for the problem (1)–(3)."""
+    size, given = stage.v.numel(), stage.q.numel()
     V, P = ca.MX.sym("V", size * (N + 1)), ca.MX.sym("P", given * (N + 1))
     v, q = ca.reshape(V, size, N + 1), ca.reshape(P, given, N + 1)
-    cost = ca.sum2(stage.function("cost", [], stage.cost, N + 1)(v, q))
-    limited = stage.function("limited", [], stage.limited, N + 1)(v, q)
-    gaps = v[: stage.next.numel(), 1:] - stage.function("next", [], stage.next, N)(v[:, :-1], q[:, :-1])
+    cost, limited = ca.sum2(stage.evaluated(stage.cost, N + 1)(v, q)), stage.evaluated(stage.limited, N + 1)(v, q)
+    gaps = v[: stage.next.numel(), 1:] - stage.evaluated(stage.next, N)(v[:, :-1], q[:, :-1])
     g = ca.vertcat(ca.vec(ca.vertcat(gaps, limited[:, :-1])), limited[:, -1])
-    gradient = stage.function("gradient", [], ca.densify(ca.gradient(stage.cost, stage.v)), N + 1)(v, q)
-    scale, multipliers = ca.MX.sym("scale"), ca.MX.sym("multipliers", g.numel())
-    derivatives = {
-        "grad_f": ca.Function("nlp_grad_f", [V, P], [cost, ca.vec(gradient)], ["x", "p"], ["f", "grad_f_x"]),
-        "jac_g": ca.Function("nlp_jac_g", [V, P], [g, _jacobian(stage, v, q, N)], ["x", "p"], ["g", "jac_g_x"]),
-        "hess_lag": ca.Function(
-            "nlp_hess_l",
-            [V, P, scale, multipliers],
-            [_hessian(stage, v, q, scale, multipliers, rows, N)],
-            ["x", "p", "lam_f", "lam_g"],
-            ["triu_hess_gamma_x_x"],
-        ),
-    }
     problem: Any = {"x": V, "p": P, "f": cost, "g": g}
-    options: Any = {**_OPTIONS, **derivatives}
-    return ca.nlpsol("optimal_flight", "ipopt", problem, options)
-
-
-def _nonzeros(matrix: Any) -> Any:
-    return ca.vertcat(*matrix.nonzeros())
-
-
-def _jacobian(stage: _Stage, v: Any, q: Any, N: int) -> Any:
-    """Return the Jacobian of the constraints: the rows of a stage are its gap to the next stage and its limits."""
-    size, gaps = stage.v.numel(), stage.next.numel()
-    rows, stages, all_stages = gaps + _LIMITED, np.arange(N)[:, np.newaxis], np.arange(N + 1)[:, np.newaxis]
-    motion, limited = ca.jacobian(stage.next, stage.v), ca.jacobian(stage.limited, stage.v)
-    (motion_row, motion_column), (limited_row, limited_column) = (
-        np.array(matrix.sparsity().get_triplet()) for matrix in (motion, limited)
-    )
-    first_limited = np.where(all_stages < N, rows * all_stages + gaps, rows * N)
-    row = [rows * stages + motion_row, rows * stages + np.arange(gaps), first_limited + limited_row]
-    column = [size * stages + motion_column, size * (stages + 1) + np.arange(gaps), size * all_stages + limited_column]
-    values = ca.vertcat(
-        -ca.vec(stage.function("motion", [], _nonzeros(motion), N)(v[:, :-1], q[:, :-1])),
-        ca.DM.ones(gaps * N),
-        ca.vec(stage.function("limits", [], _nonzeros(limited), N + 1)(v, q)),
-    )
-    return _sparse((rows * N + _LIMITED, size * (N + 1)), row, column, values)
-
-
-def _hessian(stage: _Stage, v: Any, q: Any, scale: Any, multipliers: Any, rows: int, N: int) -> Any:
-    """Return the upper triangle of the Hessian of the Lagrangian, one block on the diagonal for each stage."""
-    size, gaps = stage.v.numel(), stage.next.numel()
-    factor, dual = ca.SX.sym("factor"), ca.SX.sym("dual", rows)
-    lagrangian = factor * stage.cost - ca.dot(dual[:gaps], stage.next) + ca.dot(dual[gaps:], stage.limited)
-    block: Any = ca.triu(ca.hessian(lagrangian, stage.v)[0])
-    row, column = np.array(block.sparsity().get_triplet())
-    before, last = ca.reshape(multipliers[: rows * N], rows, N), ca.vertcat(ca.MX(gaps, 1), multipliers[rows * N :])
-    blocks = stage.function("hessian", [factor, dual], _nonzeros(block), N + 1)
-    values = ca.vec(blocks(v, q, ca.repmat(scale, 1, N + 1), ca.horzcat(before, last)))
-    first = size * np.arange(N + 1)[:, np.newaxis]
-    return _sparse((size * (N + 1),) * 2, [first + row], [first + column], values)
-
-
-def _sparse(shape: tuple[int, int], rows: list[Any], columns: list[Any], values: Any) -> Any:
-    """Return a sparse matrix from the indices of its entries, arrays of any shape, and its values in their order."""
-    row, column = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns))
-    order = np.lexsort((row, column))
-    sparsity = ca.Sparsity.triplet(*shape, row[order].tolist(), column[order].tolist())
-    return ca.MX(sparsity, values[order.tolist()])
+    return ca.nlpsol("optimal_flight", "ipopt", problem, _OPTIONS)

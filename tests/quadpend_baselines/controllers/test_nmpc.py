@@ -1,7 +1,6 @@
 """NMPC: its model, its linear limit, optimal plans within the limits, real-time iterations, failures and refusals."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines.controllers import nmpc
 from quadpend_baselines.controllers.lqr import riccati, weights
-from quadpend_baselines.controllers.nmpc import Nmpc, NmpcMemory
+from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.gains import LqrGains, NmpcGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_gym import PAPER, Simulation
@@ -22,10 +21,9 @@ from tests.helpers.controllers import (
     HOVER,
     disturbance_of,
     flat_state_and_command,
-    measurement_of,
+    run_law,
     simulation_of,
     tilted_pendulum,
-    true_estimate,
 )
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
 
@@ -37,12 +35,11 @@ SMALL = NmpcGains(FEEDBACK, periods=8, period=0.04, iterations=1)
 WIND = disturbance_of((0.3, -0.2, 0.15), (0.05, 0.03, 0.0), (0.1, -0.05, 0.03))
 
 
-@pytest.mark.parametrize("substeps", [1, 2])
-def test_model_moves_like_the_simulation(substeps: int) -> None:
-    simulation = simulation_of(UNEQUAL, period=0.04, substeps=substeps)
+def test_model_moves_like_the_simulation() -> None:
+    simulation = simulation_of(UNEQUAL, period=0.04, substeps=2)
     state, command, wind = random_states(20, 2), random_commands(20, 2, UNEQUAL), random_disturbances(20, 2)
     moved = np.array(nmpc_model.period_map(simulation)(state.T, command.T, wind.T)).T
-    assert_allclose(moved, simulate_period(state, command, wind, UNEQUAL, 0.04, substeps), rtol=1e-10, atol=1e-10)
+    assert_allclose(moved, simulate_period(state, command, wind, UNEQUAL, 0.04, 2), rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.extras
@@ -68,13 +65,6 @@ def test_rigid_model_moves_like_the_simulation() -> None:
     assert_allclose(moved, state, rtol=1e-10, atol=1e-10)
 
 
-def run_law(law: Nmpc, state: Floats, memory: NmpcMemory | None = None, wind: Floats = CALM) -> tuple[Any, NmpcMemory]:
-    """Return command and memory of a law for states near the hover reference."""
-    measurement = measurement_of(state)
-    memory = law.initial_memory(len(state)) if memory is None else memory
-    return law.command(true_estimate(measurement, wind), measurement, memory)
-
-
 def test_near_the_reference_the_command_is_that_of_the_lqr() -> None:
     """The deviations are so small that their squares do not matter; the gain is that for the period of the horizon."""
     law = Nmpc(SMALL, Simulation())
@@ -86,12 +76,6 @@ def test_near_the_reference_the_command_is_that_of_the_lqr() -> None:
     x = rotate_state((state - x_d)[:, STATE_COLUMNS], -State(state).euler[:, 2])
     assert np.abs(command - u_d).max() > 1e-4
     assert_allclose(command, u_d - x @ gain.T, atol=1e-6)
-
-
-def test_on_the_reference_the_command_balances_the_wind() -> None:
-    x_d, u_d = flat_state_and_command(HOVER, 0.0, WIND, PAPER)
-    command, _ = run_law(Nmpc(SMALL, Simulation()), x_d, wind=WIND)
-    assert_allclose(command, u_d, atol=1e-6)
 
 
 def cost(law: Nmpc, state: Floats, commands: Floats) -> float:
@@ -131,20 +115,16 @@ def test_after_a_failure_the_law_continues_its_plan_and_then_the_feedback_of_the
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     law, state = Nmpc(SMALL, Simulation()), tilted_pendulum(0.1, 0.5)
-    planned, memory = run_law(law, state)
+    _, memory = run_law(law, state)
     plan = memory.commands[0]
-    assert_array_equal(memory.failures, 0)
     monkeypatch.setattr(nmpc, "sqp_step", lambda *_: lambda X, U, *_: (np.nan * X, np.nan * U))
-    for step in range(1, 5):
+    commands = []
+    for _ in range(5):
         command, memory = run_law(law, state, memory)
-        assert_array_equal(memory.failures, step)
-        assert_allclose(command[0], plan[0] + 0.25 * (plan[1] - plan[0]), atol=1e-12) if step == 1 else None
-    command, memory = run_law(law, state, memory)
+        commands.append(command)
+    assert_array_equal(memory.failures, 5)
+    assert_allclose(commands[0][0], plan[0] + 0.25 * (plan[1] - plan[0]), atol=1e-12)
     x_d, u_d = flat_state_and_command(HOVER, 0.0, CALM, PAPER)
     gain, _ = riccati(FEEDBACK, law.horizon_simulation)
     feedback = u_d - (state - x_d)[:, STATE_COLUMNS] @ gain.T
-    assert_allclose(command, np.clip(feedback, *law.limits.T), atol=1e-9)
-    monkeypatch.undo()
-    command, memory = run_law(law, state, memory)
-    assert_array_equal([memory.failures, memory.age], [[5], [0]])
-    assert_allclose(command, planned, atol=0.1)
+    assert_allclose(commands[-1], np.clip(feedback, *law.limits.T), atol=1e-9)

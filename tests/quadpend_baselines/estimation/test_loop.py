@@ -7,20 +7,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines.estimation.loop import FASTEST_LAG, Loop
 from quadpend_gym import Simulation
-from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, RotorFault, Rotors
+from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.sensors import Delay, Noise
 
 SIMULATION = Simulation()
 ACTIONS = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3, 4)).astype(np.float32)
-
-
-def test_loop_takes_the_models_whose_behaviour_is_known() -> None:
-    lag, limit = MotorLag(0.03), RateLimit(5.0)
-    loop = Loop.of([Noise(position=0.01), Delay(2), Delay(1)], [ActionDelay(1), lag, ActionDelay(2), limit])
-    assert loop == Loop(delay=3, actuators=(lag, limit), sensor_delay=3)
-    assert Loop.of((), [limit, ActionDelay(1), RotorFault(), Rotors()]) == Loop(delay=1)
-    assert Loop.of() == Loop()
 
 
 def test_loop_acts_as_the_actuators_in_any_order() -> None:

@@ -14,11 +14,11 @@ from quadpend_baselines.estimation.observers import (
 )
 from quadpend_baselines.gains import ObserverGains
 
-GAINS = [ObserverGains(500.0), ObserverGains(50.0), ObserverGains(15.0, damping=0.7)]
+GAINS = [ObserverGains(500.0), ObserverGains(15.0, damping=0.7)]
 
 
 @pytest.mark.parametrize("gains", GAINS)
-@pytest.mark.parametrize("period", [1e-4, 1e-3, 1e-2, 2e-2])
+@pytest.mark.parametrize("period", [1e-3, 1e-2])
 def test_poles_of_the_sampled_error_are_the_exponentials_of_the_continuous_ones(
     gains: ObserverGains, period: float
 ) -> None:
@@ -37,15 +37,9 @@ def test_prediction_is_exact_for_a_constant_input(driven: int) -> None:
     start = np.array([1.0, -2.0, 0.5, 4.0])
     estimate = start.reshape(1, 1, 4)
     for step in range(1, 50):
-        powers = np.array([(step * period) ** i for i in range(5)])
-        true = np.array([np.sum(start[i:] * powers[: 4 - i] / _factorials(4 - i)) for i in range(4)])
-        true += known_input * input_gain(driven, step * period)
+        true = chain(step * period) @ start + known_input * input_gain(driven, step * period)
         estimate = bank.update(estimate, np.full((1, 1), known_input), true[:1].reshape(1, 1))
         np.testing.assert_allclose(estimate[0, 0], true, rtol=1e-7, atol=1e-7)
-
-
-def _factorials(count: int) -> np.ndarray:
-    return np.cumprod([1.0, *range(1, count)])
 
 
 def _last_correction(gains: ObserverGains, error: float) -> float:
@@ -55,6 +49,8 @@ def _last_correction(gains: ObserverGains, error: float) -> float:
 
 def test_switching_term_is_linear_inside_its_layer_and_saturates_outside() -> None:
     linear, saturated = ObserverGains(50.0), ObserverGains(50.0, switching=10.0)
+    sign = ObserverGains(50.0, switching=10.0, layer=0.0)
     assert _last_correction(saturated, 1e-9) == _last_correction(linear, 1e-9)
     assert _last_correction(saturated, 1.0) == pytest.approx(10.0 * 0.01)
     assert _last_correction(linear, 1.0) > 1.0
+    assert [_last_correction(sign, error) for error in (1e-9, -3.0, 0.0)] == pytest.approx([0.1, -0.1, 0.0])

@@ -8,11 +8,9 @@ from numpy.testing import assert_allclose
 
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
-from quadpend_gym import Simulation, StartSettings, Task
-from quadpend_gym.envs.world import World
+from quadpend_gym import Simulation
 from quadpend_gym.physics.kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, State
-from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles import Drag, Pole, Vehicle, hover_wrench
 from tests.helpers import rigid
 
@@ -33,23 +31,6 @@ def test_a_pole_with_inertia_moves_like_the_equivalent_point_mass(disturbance: n
     command = np.array([[1.1 * p.hover_thrust, *torque]])
     advance(design, command, acting, p.as_array()[np.newaxis], 0.3, 30)
     assert_allclose(flight.state, design, atol=2e-5)
-
-
-def test_a_start_without_deviation_is_on_the_trajectory_of_the_equivalent_pendulum() -> None:
-    rows, exact = np.arange(50), StartSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    world = World(50, Scenario(task=Task(start=exact), vehicle="hummingbird"))
-    world.seed(rows, range(50))
-    world.start_episodes(rows)
-    reference = np.array([world.trajectory(row).derivatives(np.zeros(1))[0] for row in rows])
-    state, _ = equivalent_model(world.simulation).trajectory(
-        reference[:, 2:, :3], reference[:, :3, 3], np.zeros((50, DISTURBANCE_SIZE))
-    )
-    start = State(world.state.copy())
-    start.position[:] -= reference[:, 0, :3]
-    start.velocity[:] -= reference[:, 1, :3]
-    assert_allclose(start.array, state, atol=2e-3)
-    assert_allclose(start.direction, State(state).direction, atol=3e-4)
-    assert_allclose(start.direction_rate, State(state).direction_rate, atol=1e-4)
 
 
 def test_the_torques_make_the_demanded_accelerations() -> None:

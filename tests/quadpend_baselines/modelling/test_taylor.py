@@ -46,19 +46,3 @@ def test_every_function_agrees_with_sympy(name: str) -> None:
     assert actual.shape == (ORDER + 1, 2)
     expected = exact_derivatives(tuple(of_symbols(f, g) for f, g in zip(F, G, strict=True)))
     assert_allclose(taylor.to_derivatives(actual), expected, rtol=1e-11, atol=1e-10)
-
-
-@pytest.mark.parametrize("order", [0, 1, 2, 6])
-def test_derivative_lowers_the_order(order: int) -> None:
-    actual = taylor.to_derivatives(taylor.derivative(exact_series(F), order))
-    assert_allclose(actual, exact_derivatives(F)[order:], rtol=1e-13)
-
-
-@pytest.mark.parametrize("combine", [taylor.product, taylor.quotient])
-def test_product_and_quotient_have_the_lower_order_of_their_arguments(
-    combine: Callable[[Floats, Floats], Floats],
-) -> None:
-    whole = combine(exact_series(F), exact_series(G))
-    assert_allclose(combine(exact_series(F, 3), exact_series(G)), whole[:4], rtol=1e-14)
-    assert_allclose(combine(exact_series(F), exact_series(G, 2)), whole[:3], rtol=1e-14)
-    assert_allclose(combine(exact_series(F, 0), exact_series(G)), whole[:1], rtol=1e-14)
