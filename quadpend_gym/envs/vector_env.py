@@ -211,8 +211,10 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         """Return the seed of each sub-environment, or None."""
         if seed is None:
             return [None] * self.num_envs
-        seeds = list(range(seed, seed + self.num_envs)) if isinstance(seed, int | np.integer) else list(seed)
-        if len(seeds) != self.num_envs or any(item is not None and item < 0 for item in seeds):
+        numbers = int | np.integer
+        seeds = list(range(seed, seed + self.num_envs)) if isinstance(seed, numbers) else list(np.atleast_1d(seed))
+        wrong = [item for item in seeds if item is not None and not (isinstance(item, numbers) and item >= 0)]
+        if len(seeds) != self.num_envs or wrong:
             raise ValueError(f"seed must be None, an integer of at least 0, or {self.num_envs} of these, not {seed!r}")
         return seeds
 

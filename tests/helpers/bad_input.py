@@ -16,8 +16,8 @@ NAN, INF = np.nan, np.inf
 BAD_ACTIONS: dict[str, tuple[Any, Any, str]] = {
     "nan": ((NAN, 0, 0, 0), ValueError, "action must be .*nan"),
     "too large": ((0, 1.001, 0, 0), ValueError, r"action .* \[-1, 1\], not .*1.00"),
-    "short": ((0, 0, 0), ValueError, r"action must have shape \(4,\), not \(3,\)"),
-    "text": ("hover", TypeError, "action must contain only numbers, not 'hover'"),
+    "short": ((0, 0, 0), ValueError, r"action must be numbers of shape \(4,\), not \(0, 0, 0\)"),
+    "text": ("hover", ValueError, "action must be numbers of shape .* not 'hover'"),
 }
 
 

@@ -110,7 +110,7 @@ def test_without_offset_and_pole_inertia_the_translation_is_that_of_the_paper(se
     """The closed form of `dynamics` has the same thrust, attitude and forces; only its attitude model differs."""
     p = UNEQUAL
     vehicle = random_vehicle(seed, pole=Pole(p.bob_mass, p.rod_length), pivot=(0.0, 0.0, 0.0))
-    vehicle = replace(vehicle, mass=p.quadrotor_mass)
+    vehicle = replace(vehicle, mass=p.quadrotor_mass, gravity=p.gravity)
     state, disturbance = random_states(1, seed), random_disturbances(1, seed)
     command = random_commands(1, seed, p)
     closed = dynamics.accelerations(state, command, disturbance, p)
