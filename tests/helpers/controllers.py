@@ -176,13 +176,6 @@ def rotate_states(state: Floats, angle: float) -> Floats:
     return out.array
 
 
-def rotate_disturbances(disturbance: Floats, angle: float) -> Floats:
-    """Rotate the forces of disturbances, shape (..., 9), about z by `angle` (rad); the torques stay the same."""
-    out, d = Disturbance(disturbance.copy()), Disturbance(disturbance)
-    out.force[:], out.bob_force[:] = rotate_vectors(d.force, angle), rotate_vectors(d.bob_force, angle)
-    return out.array
-
-
 Agent = Callable[[Floats32], Floats32]
 
 

@@ -81,15 +81,7 @@ def _coupling_rate(q: Floats, q_dot: Floats, parameters: Parameters) -> Floats:
 
 
 def mass_matrix(q: Floats, parameters: Parameters) -> Floats:
-    """Return M(q) of equation (7), symmetric, and positive definite except at sin α = 0, where it is singular.
-
-    Args:
-        q: Coordinates, m and rad, shape (8,).
-        parameters: Physical parameters.
-
-    Returns:
-        Shape (8, 8).
-    """
+    """Return M(q) of equation (7), symmetric, and positive definite except at sin α = 0, where it is singular."""
     p = parameters
     alpha, _ = q[_ANGLES]
     matrix = np.zeros((_SIZE, _SIZE))
@@ -102,16 +94,7 @@ def mass_matrix(q: Floats, parameters: Parameters) -> Floats:
 
 
 def coriolis_matrix(q: Floats, q_dot: Floats, parameters: Parameters) -> Floats:
-    """Return C(q, q̇) of equation (7), which consists of Christoffel symbols.
-
-    Args:
-        q: Coordinates, m and rad, shape (8,).
-        q_dot: Their rates, m/s and rad/s, shape (8,).
-        parameters: Physical parameters.
-
-    Returns:
-        Shape (8, 8).
-    """
+    """Return C(q, q̇) of equation (7), which consists of Christoffel symbols."""
     p = parameters
     alpha, _ = q[_ANGLES]
     alpha_dot, beta_dot = q_dot[_ANGLES]
@@ -123,15 +106,7 @@ def coriolis_matrix(q: Floats, q_dot: Floats, parameters: Parameters) -> Floats:
 
 
 def gravity_vector(q: Floats, parameters: Parameters) -> Floats:
-    """Return G(q) of equation (7), the gradient of the potential energy.
-
-    Args:
-        q: Coordinates, m and rad, shape (8,).
-        parameters: Physical parameters.
-
-    Returns:
-        Three forces in N and five torques in N·m, shape (8,).
-    """
+    """Return G(q) of equation (7), the gradient of the potential energy."""
     p = parameters
     alpha, _ = q[_ANGLES]
     vector = np.zeros(_SIZE)
@@ -141,14 +116,7 @@ def gravity_vector(q: Floats, parameters: Parameters) -> Floats:
 
 
 def input_matrix(q: Floats) -> Floats:
-    """Return B(q) of equation (7): the thrust acts on the position along R e₃, the torques on the Euler angles.
-
-    Args:
-        q: Coordinates, m and rad, shape (8,).
-
-    Returns:
-        Shape (8, 4).
-    """
+    """Return B(q) of equation (7): the thrust acts on the position along R e₃, the torques on the Euler angles."""
     (s_roll, s_pitch, s_yaw), (c_roll, c_pitch, c_yaw) = np.sin(q[_EULER]), np.cos(q[_EULER])
     matrix = np.zeros((_SIZE, COMMAND_SIZE))
     matrix[_POSITION, THRUST] = (

@@ -66,12 +66,8 @@ class Flatness:
     ) -> tuple[Floats, tuple[()]]:
         """Return the command of equations (1)–(7); see `output_feedback.ControlLaw`.
 
-        Args:
-            estimate: Estimates of state and disturbance.
-            measurement: Holds the reference.
-            memory: Empty.
-            bandwidth_scale: Factors on the bandwidths of position, pendulum, attitude, and of height and yaw together,
-                shape (n, 4) or (1, 4).
+        `bandwidth_scale` are factors on the bandwidths of position, pendulum, attitude, and of height and yaw together,
+        shape (n, 4) or (1, 4).
         """
         model, gains, s = equivalent_model(self.simulation), self.gains, State(estimate.state)
         p, acting = model.parameters, model.disturbance(estimate.disturbance)

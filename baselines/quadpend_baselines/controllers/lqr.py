@@ -92,14 +92,7 @@ def riccati(gains: LqrGains, simulation: Simulation) -> tuple[Floats, Floats]:
 def varying_gains(A: Floats, B: Floats, Q: Floats, R: Floats, P: Floats) -> Floats:
     """Return the gains K_k of the regulator along a flight of N control steps, shape (N, m, n).
 
-        K_k = (R + B_kᵀ P_{k+1} B_k)⁻¹ B_kᵀ P_{k+1} A_k,    P_k = Q + A_kᵀ P_{k+1} (A_k − B_k K_k)
-
-    Args:
-        A: A_k, shape (N, n, n).
-        B: B_k, shape (N, n, m).
-        Q: Weights of the state, shape (n, n).
-        R: Weights of the input, shape (m, m).
-        P: P_N, shape (n, n).
+    K_k = (R + B_kᵀ P_{k+1} B_k)⁻¹ B_kᵀ P_{k+1} A_k,    P_k = Q + A_kᵀ P_{k+1} (A_k − B_k K_k),    P_N = P
     """
     gains = np.empty((len(A), B.shape[2], A.shape[1]))
     for k in range(len(A) - 1, -1, -1):
@@ -114,11 +107,7 @@ def deviation(
 ) -> tuple[Floats, Floats]:
     """Return x − x_d in the axes of the heading, shape (n, 16), SI units, and u_d, shape (n, 4), N and N·m.
 
-    Args:
-        estimate: Estimates of state and disturbance.
-        measurement: Holds the reference.
-        disturbance: The disturbance under which x_d and u_d follow the reference, N and N·m, shape (n, 9).
-        simulation: Nominal simulation.
+    x_d and u_d follow the reference under the given disturbance, N and N·m, shape (n, 9).
     """
     yaw = State(estimate.state).euler[:, 2]
     # The desired roll and pitch are computed for the actual heading, not for the desired one.

@@ -103,13 +103,7 @@ class Mppi:
         )
 
     def costs(self, estimate: Estimate, horizon: Horizon, samples: Floats) -> Floats:
-        """Return J of equation (2), shape (n, samples).
-
-        Args:
-            estimate: Estimates of state and disturbance.
-            horizon: Reference over the horizon.
-            samples: δᵏ at the knots, N and N·m, shape (n, samples, knots, 4).
-        """
+        """Return J of equation (2), shape (n, samples), for δᵏ, N and N·m, shape (n, samples, knots, 4)."""
         simulation, feedback = self.horizon_simulation, self.gains.feedback
         gain, terminal_weight = riccati(feedback, simulation)
         state_weight, command_weight = weights(feedback, simulation)

@@ -105,13 +105,7 @@ class OutputFeedback(Controller):
         return (action[0] if single else action), memory
 
     def update(self, observation: Floats32, state: OutputFeedbackMemory | None, episode_start: Any) -> Estimation:
-        """Update the estimates with new observations.
-
-        Args:
-            observation: Shape (n, 36), or (n, 27) without velocities.
-            state: As in `predict`.
-            episode_start: As in `predict`.
-        """
+        """Update the estimates with new observations, shape (n, 36), or (n, 27) without velocities."""
         measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
         rows = len(measurement.state)
         started = episode_start_mask(episode_start, state is None, rows)
@@ -129,12 +123,7 @@ class OutputFeedback(Controller):
         return Estimation(measurement, *updated)
 
     def control(self, estimation: Estimation, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
-        """Return the actions of n rows, shape (n, 4), and the memory.
-
-        Args:
-            estimation: The return value of `update`.
-            options: Passed on to the `command` method of the control law.
-        """
+        """Return the actions of n rows, shape (n, 4), and the memory; `options` are passed on to the control law."""
         prediction = self._estimator.prediction
         estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
         # A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
@@ -161,22 +150,13 @@ class OutputFeedback(Controller):
         return np.asarray(memory.estimate.innovation)
 
     def estimated_observation(self, observation: Floats32, memory: OutputFeedbackMemory | Estimation) -> Floats32:
-        """Return the observation of the estimated state, shape (n, 36).
-
-        Args:
-            observation: The current observation, shape (n, 36), or (n, 27) without velocities.
-            memory: The memory or estimation after that observation.
-        """
+        """Return the observation of the estimated state after an observation, shape (n, 36)."""
         return observation_from_state(memory.estimate.state, observation, self.simulation.parameters.rod_length)
 
     def predicted_observation(self, observation: Floats32, estimation: Estimation) -> Floats32:
         """Return the observation of the state at the time when the next action acts, shape (n, 36).
 
         Without known delays and lags it is `estimated_observation`.
-
-        Args:
-            observation: The current observation, shape (n, 36), or (n, 27) without velocities.
-            estimation: The return value of `update` for that observation.
         """
         carry_forward = self._estimator.prediction.carry_forward
         estimate, measurement = carry_forward(estimation.estimate, estimation.action, estimation.measurement)

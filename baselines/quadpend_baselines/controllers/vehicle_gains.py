@@ -69,13 +69,7 @@ def read_gain(gains: Any, path: str) -> Any:
 
 
 def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
-    """Return the gains for another vehicle.
-
-    Args:
-        gains: Gains of a controller.
-        tuned: Design parameters of the vehicle for which they were tuned.
-        other: Design parameters of the other vehicle.
-    """
+    """Return the gains for a vehicle from those that were tuned for another, by the design parameters of both."""
     rate = float(np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness))
     factors = {path: rate**exponent for path, exponent in EXPONENTS.get(type(gains), {}).items()}
     if isinstance(gains, EstimatorGains):

@@ -87,14 +87,7 @@ def measurement_of_state(measured: Measurement, model: EquivalentModel) -> AdrcM
 def state_from_chains(
     measured: Measurement, measurement: AdrcMeasurement, chains: Floats, model: EquivalentModel
 ) -> Floats:
-    """Return states with measured positions and angles, and with the rates of the chains, shape (n, 18).
-
-    Args:
-        measured: The measurement; its Euler-angle rates are taken if they are measured.
-        measurement: The equivalent measurement.
-        chains: States of the observers, shape (n, 6, 4) or (n, 8, 4).
-        model: The equivalent pendulum of the nominal plant.
-    """
+    """Return states with measured positions and angles, and with the rates of the chains, shape (n, 18)."""
     state, p = measured.state.copy(), model.parameters
     s = State(state)
     third = measurement.reference_derivative(3)[:, :2] + chains[:, LUENBERGER, 3]
@@ -119,13 +112,7 @@ def state_from_chains(
 
 
 def chains_of_state(measured: Measurement, measurement: AdrcMeasurement, model: EquivalentModel) -> Floats:
-    """Return the states of the chains without disturbances, by equations (1) and (2), shape (n, 6, 4).
-
-    Args:
-        measured: A complete state with its reference.
-        measurement: The equivalent measurement of this state.
-        model: The equivalent pendulum of the nominal plant.
-    """
+    """Return the states of the chains without disturbances, by equations (1) and (2), shape (n, 6, 4)."""
     s, p = State(measured.state), model.parameters
     rate = model.pendulum_rate(s.direction, s.direction_rate, measurement.pendulum)
     tilt_rate = model.tilt_rate(measured.state, measurement.yaw)

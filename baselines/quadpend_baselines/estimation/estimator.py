@@ -63,12 +63,7 @@ _INITIAL_RATE = 0.1  # of every rate that is not measured, SI units
 
 
 def measurement_from_observation(observation: Floats32, rod_length: float) -> Measurement:
-    """Convert observations, shape (n, 36), or (n, 27) without velocities, into a measurement.
-
-    Args:
-        observation: Laid out as in `quadpend_gym.tasks.observation`.
-        rod_length: l, m.
-    """
+    """Convert observations, shape (n, 36), or (n, 27) without velocities, into a measurement; l in m."""
     direction = read_observation(observation, "direction")
     yaw_reference = read_observation(observation, "yaw_reference")
     state = np.full((observation.shape[0], STATE_SIZE), np.nan)
@@ -153,13 +148,7 @@ class Estimator:
         return Estimate(state, calm, measurement.reference, age, memory, rigid, np.ones(rows), none)
 
     def update(self, estimate: Estimate, action: Floats32, measurement: Measurement) -> Estimate:
-        """Return the estimate one period later, by equations (1)–(2).
-
-        Args:
-            estimate: Estimate one period ago.
-            action: The action that was chosen for the period, before the known loop, shape (n, 4).
-            measurement: Measurement at the end of the period.
-        """
+        """Return the estimate one period later, by equations (1)–(2)."""
         predicted = self.prediction.advance(estimate, action)
         state, disturbance = predicted.state, estimate.disturbance.copy()
         has_rates = not bool(np.isnan(State(measurement.state).velocity[0, 0]))
@@ -212,13 +201,7 @@ class Estimator:
 def gain_table(gains: EstimatorGains, simulation: Simulation, has_rates: bool) -> Floats:
     """Return L of equation (2) for the first 100 corrections; all later corrections use the last one.
 
-    Args:
-        gains: Noise levels of the Kalman filter.
-        simulation: Nominal plant and control period.
-        has_rates: Whether the rates are measured.
-
-    Returns:
-        Shape (100, 24, 16), or (100, 24, 8) without measured rates.
+    The shape is (100, 24, 16), or (100, 24, 8) without measured rates.
     """
     model = linearise(simulation)
     size = MODEL_STATE_SIZE + MODEL_DISTURBANCE_SIZE

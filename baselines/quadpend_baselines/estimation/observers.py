@@ -68,12 +68,7 @@ class ObserverBank:
 
     @classmethod
     def design(cls, observers: list[tuple[int, ObserverGains]], period: float) -> "ObserverBank":
-        """Design observers.
-
-        Args:
-            observers: The index of the driven state and the gains of each observer.
-            period: Sampling period, s.
-        """
+        """Design observers from the driven state and the gains of each one, and the sampling period, s."""
         gains = np.array([current_gain(item, period) for _, item in observers])
         limits = np.array([np.inf if item.switching is None else item.switching * period for _, item in observers])
         slopes = [

@@ -84,24 +84,14 @@ class Prediction:
         return self.loop.memory_size + (4 if self._latency[1] else 0)
 
     def rigid(self, state: Floats, thrusts: Floats | None = None) -> Floats:
-        """Return `Estimate.rigid` for states, shape (n, 18).
-
-        Args:
-            state: The states.
-            thrusts: Rotor thrusts, N, shape (n, 4); None: those at hover.
-        """
+        """Return `Estimate.rigid` of states, shape (n, 18), with rotor thrusts, N, shape (n, 4), or those at hover."""
         rigid = plant_of(self.simulation).initial_memory(state)
         if thrusts is not None:
             rigid[:, ROTOR_THRUST:] = thrusts
         return rigid
 
     def advance(self, estimate: Estimate, action: Floats32) -> Estimate:
-        """Return the estimate one control period later, without a correction; its reference moves along.
-
-        Args:
-            estimate: Estimate at the beginning of the period.
-            action: The action that the controller has chosen for this period, shape (n, 4).
-        """
+        """Return the estimate one control period later, without a correction; its reference moves along."""
         return self._advance(estimate, action, self.simulation)
 
     def _advance(self, estimate: Estimate, action: Floats32, simulation: Simulation) -> Estimate:
@@ -160,12 +150,7 @@ def project_direction(state: Floats) -> None:
 
 
 def shift_polynomial(derivatives: Floats, time: float) -> Floats:
-    """Return the derivatives of a polynomial at a later time.
-
-    Args:
-        derivatives: Successive derivatives along axis 1, shape (n, k, …); those of higher order are zero.
-        time: s.
-    """
+    """Return the successive derivatives of a polynomial, shape (n, k, …), a time (s) later."""
     orders = derivatives.shape[1]
     out = derivatives.copy()
     for power in range(1, orders):

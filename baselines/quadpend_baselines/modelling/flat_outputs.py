@@ -50,10 +50,8 @@ class FlatTrajectory(NamedTuple):
 def flat_trajectory(reference: Floats, disturbance: Floats, p: Parameters) -> FlatTrajectory:
     """Return the trajectory that follows a reference, by equations (1)–(4).
 
-    Args:
-        reference: F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3).
-        disturbance: d_Q (N), d_B (N), d_τ (N·m), taken as constant, shape (n, 9).
-        p: The physical parameters.
+    The reference has F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3); d_Q (N), d_B (N) and d_τ (N·m), shape
+    (n, 9), are taken as constant.
     """
     acceleration = taylor.from_derivatives(*np.moveaxis(reference, 1, 0))
     horizontal, vertical = acceleration[..., :2], acceleration[..., 2]

@@ -90,10 +90,7 @@ def rotate_state(x: Floats, yaw: Floats) -> Floats:
 def rotate_disturbance(d: Floats, yaw: Floats, rotates_torque: bool = False) -> Floats:
     """Rotate the horizontal forces of d, shape (n, 8), about the vertical by `yaw`, rad, shape (n,).
 
-    Args:
-        d: Shape (n, 8).
-        yaw: rad, shape (n,).
-        rotates_torque: Whether the torque is a vector of the world frame, as for rigid vehicles, and rotates as well.
+    The torque rotates as well if it is a vector of the world frame, as for rigid vehicles.
     """
     torque = (MODEL_TORQUE.start,) if rotates_torque else ()
     return rotate(d, yaw, MODEL_FORCE.start, MODEL_BOB_FORCE.start, *torque)

@@ -90,14 +90,9 @@ class ContinuousLoop:
                 gain[3] = limit / max(item.layer, 1e-300)
 
     def simulate(self, start: Floats, reference: Reference, disturbance: Floats, step: float, every: int) -> Trajectory:
-        """Integrate the loop and record its trajectory.
+        """Integrate the loop and record every `every`-th step of `step` s, from a state of the plant, shape (18,).
 
-        Args:
-            start: State of the plant, shape (18,).
-            reference: The reference to track.
-            disturbance: The true disturbance at every half step, N and N·m, shape (2 m + 1, 9), for m steps.
-            step: Integration step, s.
-            every: Number of steps between two records.
+        The true disturbance, N and N·m, is given at every half step, shape (2 m + 1, 9), for m steps.
         """
         steps = disturbance.shape[0] // 2
         derivatives = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))

@@ -44,12 +44,7 @@ Experiment = dict[str, Trajectory]  # "continuous", "1 kHz" and "100 Hz"
 
 
 def run(gains: str = "paper", duration: float = DURATION) -> Experiment:
-    """Simulate the experiment in continuous time, at 1 kHz and at 100 Hz.
-
-    Args:
-        gains: A name in `ADRC_GAINS`.
-        duration: s.
-    """
+    """Simulate the experiment in continuous time, at 1 kHz and at 100 Hz; `gains` is a name in `ADRC_GAINS`."""
     steps = round(duration / CONTINUOUS_STEP)
     times: Floats = 0.5 * CONTINUOUS_STEP * np.arange(2 * steps + 1, dtype=np.float64)
     loop = ContinuousLoop(ADRC(gains))
@@ -68,14 +63,7 @@ def start_state() -> Floats:
 
 
 def gusts(times: Floats) -> Floats:
-    """Return the gusts at given times as the environment samples them for the seed `SEED`.
-
-    Args:
-        times: s, shape (n,).
-
-    Returns:
-        The disturbance, N and N·m, shape (n, 9).
-    """
+    """Return the gusts (N, N·m), shape (n, 9), at times (s) as the environment samples them for the seed `SEED`."""
     key = Streams.from_seeds([SEED]).derive(0).derive(WIND_STREAM).derive(0).keys
     out = np.zeros((times.size, DISTURBANCE_SIZE))
     # `sample` evaluates the gusts at the time (step + ½) · period. With a period of 1 s, step = t − ½ gives time t.
@@ -85,13 +73,7 @@ def gusts(times: Floats) -> Floats:
 
 
 def simulate_sampled(gains: str, period: float, duration: float = DURATION) -> Trajectory:
-    """Simulate the sampled controller in the environment, with single-precision observations.
-
-    Args:
-        gains: A name in `ADRC_GAINS`.
-        period: Sampling period, s.
-        duration: s.
-    """
+    """Simulate the sampled controller in the environment, with single-precision observations."""
     simulation = Simulation(period=period, substeps=max(1, round(2 * period / CONTROL_PERIOD)))
     policy = ADRC(gains, simulation)
     env = QuadPendulumEnv(period=period, substeps=simulation.substeps, duration=2.0 * duration, wind=GUSTS)

@@ -42,13 +42,7 @@ def tracked_point(state: Floats, parameters: Floats) -> Floats:
 
 
 def known_episode(env: AnyVectorEnv, seed: int, steps: int) -> KnownEpisode:
-    """Return the episode that a seed draws, shapes (steps, …).
-
-    Args:
-        env: Vector environment with one sub-environment.
-        seed: Seed of the sub-environment.
-        steps: Number N of control steps.
-    """
+    """Return the episode that a seed draws in a vector environment with one sub-environment, for N control steps."""
     env.reset(seed=seed)
     world: Any = env.unwrapped.world  # type: ignore[attr-defined]
     start, parameters = world.state[0].copy(), world.parameters[0].copy()
@@ -61,14 +55,7 @@ def known_episode(env: AnyVectorEnv, seed: int, steps: int) -> KnownEpisode:
 
 
 def record_flight(policy: Policy, env: AnyVectorEnv, seed: int, steps: int) -> Flight:
-    """Return the flight of a policy.
-
-    Args:
-        policy: The policy, adapted to the scenario of the environment.
-        env: Vector environment with one sub-environment and episodes longer than `steps`.
-        seed: Seed of the sub-environment.
-        steps: Largest number of control steps.
-    """
+    """Return the flight of a policy in one sub-environment whose episodes are longer than `steps`."""
     observation, _ = env.reset(seed=seed)
     world: Any = env.unwrapped.world  # type: ignore[attr-defined]
     states, actions, memory, start = [world.state[0].copy()], [], None, np.ones(1, np.bool_)

@@ -90,9 +90,7 @@ def _lagged(action: Any, memory: Any, ratio: float) -> tuple[Any, Any]:
 def lag_memories(plant: Plant, actions: Floats) -> Floats:
     """Return the memories of the lags before each action and after the last one, shape (N + 1, 4 × number of lags).
 
-    Args:
-        plant: The plant.
-        actions: Actions after the delay, shape (N, 4).
+    `actions` are those after the delay, shape (N, 4).
     """
     columns, inputs = [np.zeros((len(actions) + 1, 0))], actions
     for time_constant in plant.lags:

@@ -49,14 +49,7 @@ class TrackedFlight(Policy):
 
 
 def track(solution: Solution, problem: Transcription, episode: KnownEpisode, world: Any) -> TrackedFlight:
-    """Return the policy that flies a solution.
-
-    Args:
-        solution: Solution of the problem.
-        problem: The problem.
-        episode: The episode.
-        world: Simulation of the sub-environment that flies it, see `World`.
-    """
+    """Return the policy that flies a solution of a problem in the `World` of a sub-environment."""
     delay = problem.plant.delay
     A, B = _with_delay(*problem.linearise(episode, solution), delay)
     commands = np.vstack([solution.actions[delay:], np.zeros((delay, ACTION_SIZE))])

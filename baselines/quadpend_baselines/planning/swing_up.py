@@ -33,12 +33,7 @@ _OPTIONS: Any = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000}
 
 
 def plan_swing_up(simulation: Simulation, steps: int) -> tuple[Floats, Floats]:
-    """Return the states relative to the place, shape (N + 1, 18), and the actions, shape (N, 4), of a swing-up.
-
-    Args:
-        simulation: The paper's vehicle, with any parameters.
-        steps: N.
-    """
+    """Return the states relative to the place, shape (N + 1, 18), and the actions, shape (N, 4), of a swing-up."""
     x, a, known, after = step(Plant(simulation))
     motion = ca.Function("motion", [x, a, known], [after])
     numbers = np.concatenate([np.zeros(WIND_SIZE), simulation.parameters.as_array()])

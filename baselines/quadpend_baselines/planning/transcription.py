@@ -86,12 +86,9 @@ class Transcription:
         return np.hstack([states, lag_memories(self.plant, actions)]), actions
 
     def solve(self, episode: KnownEpisode, states: Floats, actions: Floats) -> Solution:
-        """Return the optimal flight of an episode.
+        """Return the optimal flight of an episode of N control steps.
 
-        Args:
-            episode: The episode, of N control steps.
-            states: States of the plant to begin with, shape (N + 1, n).
-            actions: Actions after the delay to begin with, shape (N, 4).
+        `states`, shape (N + 1, n), and `actions` after the delay, shape (N, 4), are those to begin with.
         """
         first = np.hstack([states, np.vstack([actions, np.zeros(ACTION_SIZE)])])
         lowest, highest = self._bounds(episode.start)
