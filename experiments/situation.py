@@ -42,7 +42,8 @@ def mean_situation(policy: MlpPolicy) -> Floats32:
     scenarios = [*find_scenarios(policy.card["settings"]["scenarios"]).values()]
     env = concatenate_scenarios(scenarios, EPISODES_OF_MEAN * len(scenarios))
     seen = [
-        step.memory.observations[step.active, -1, -SITUATION_SIZE:] for step in rollout(policy, env, VALIDATION_SEED)
+        step.memory.network.observations[step.active, -1, -SITUATION_SIZE:]
+        for step in rollout(policy, env, VALIDATION_SEED)
     ]
     return np.array([rows.mean(axis=0) for rows in seen if len(rows)], np.float32)
 

@@ -87,13 +87,7 @@ class Hybrid:
         return other
 
     def as_data(self) -> dict[str, Any]:
-        """Return plain data from which `hybrid_from_data` makes the same hybrid.
-
-        Raises:
-            ValueError: If the base controller was given as an object, which has no name.
-        """
-        if not isinstance(self.base_controller, str):
-            raise ValueError(f"only a base_controller with a name can be written as data, not {self.base_controller!r}")
+        """Return plain data from which `hybrid_from_data` makes the same hybrid, if its base controller has a name."""
         values: Any = self
         return {"kind": self.kind, **asdict(values)}
 
@@ -139,12 +133,17 @@ class Hybrid:
         """
         raise NotImplementedError
 
-    def _estimate(self, observation: Floats32, memory: Any) -> tuple[Floats32, Floats]:
-        """Return the observation of the estimated state, (n, 36), or a copy of the given one, and the disturbance."""
-        base = self.controller
-        estimates_state = isinstance(base, OutputFeedback)
-        estimated = base.estimated_observation(observation, memory) if estimates_state else observation.copy()
-        return estimated, base.estimated_disturbance(memory)
+    def _update(self, observation: Floats32, memory: HybridMemory | None, started: Any) -> tuple[Floats32, Any]:
+        """Return zeros and the estimation of a base controller that acts later, or else its action and memory."""
+        last = None if memory is None else memory.controller
+        if isinstance(self.controller, OutputFeedback):
+            zeros = np.zeros((len(observation), ACTION_SIZE), np.float32)
+            return zeros, self.controller.update(observation, last, started)
+        return self.controller.predict(observation, last, started)  # type: ignore[no-any-return]
+
+    def _applied(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
+        """Return the applied action, and the memory of an observer that knows it."""
+        return action, memory._replace(controller=self.controller.with_applied_action(memory.controller, action))
 
 
 @settings
@@ -178,25 +177,16 @@ class EstimateOnly(Hybrid):
         self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
     ) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        base, last = self.controller, None if memory is None else memory.controller
-        if isinstance(base, OutputFeedback):  # `base_action` and `act` compute or replace its action later
-            updated: Any = base.update(observation, last, episode_start)
-            estimated, disturbance = (
-                base.predicted_observation(observation, updated),
-                base.estimated_disturbance(updated),
-            )
-            action = np.zeros((len(observation), ACTION_SIZE), np.float32)
-        else:
-            action, updated = base.predict(observation, last, episode_start)
-            estimated, disturbance = self._estimate(observation, updated)
-        observed: list[Any] = [estimated, disturbance]
-        situation: Any = ()
+        base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
+        known = base.predicted_observation(observation, updated) if isinstance(base, OutputFeedback) else observation
+        disturbance, situation = base.estimated_disturbance(updated), None
+        observed: list[Any] = [known, disturbance]
         if self.situation:
-            known, innovation = None if memory is None else memory.situation, base.innovation(updated)
-            situation = update_situation(known, episode_start, innovation, disturbance, base.simulation.period)
+            last, innovation = None if memory is None else memory.situation, base.innovation(updated)
+            situation = update_situation(last, episode_start, innovation, disturbance, base.simulation.period)
             observed.append(situation_inputs(situation))
         seen = np.concatenate(observed, axis=1, dtype=np.float32)
-        return seen, HybridMemory(updated, action, np.zeros(len(observation)), situation)
+        return seen, HybridMemory(updated, action, np.zeros(len(observation)), situation or ())
 
     def base_action(self, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action, which only imitation needs; see `Hybrid.base_action`."""
@@ -207,7 +197,7 @@ class EstimateOnly(Hybrid):
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the policy's action unchanged and the memory; see `Hybrid.act`."""
-        return action, memory._replace(controller=self.controller.with_applied_action(memory.controller, action))
+        return self._applied(action, memory)
 
 
 class _Correction(Hybrid):
@@ -215,23 +205,22 @@ class _Correction(Hybrid):
 
     fallback_gain: float
 
-    def _observe(
-        self, observation: Floats32, updated: Any, base_action: Floats32, last: HybridMemory | None, started: Any
-    ) -> tuple[list[Any], HybridMemory]:
-        """Return estimated observation, magnified, and disturbance, and the memory.
-
-        Args:
-            observation: Observation of the environment.
-            updated: Memory of the base controller after this observation.
-            base_action: Action of the base controller, or zeros.
-            last: Memory of the last step.
-            started: Mask of the rows whose episode begins.
-        """
-        estimated, disturbance = self._estimate(observation, updated)
-        score, period = None if last is None else last.anomaly_score, self.controller.simulation.period
-        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, score, started, period)
+    def observe(
+        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
+    ) -> tuple[Floats32, HybridMemory]:
+        """Return the policy's observation and the memory; see `Hybrid.observe`."""
+        base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
+        estimates_state = isinstance(base, OutputFeedback)
+        estimated = base.estimated_observation(observation, updated) if estimates_state else observation.copy()
+        disturbance, last = base.estimated_disturbance(updated), None if memory is None else memory.anomaly_score
+        period = base.simulation.period
+        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last, episode_start, period)
         estimated[:, : REFERENCE_START - OBSERVATION_SIZE] *= _MAGNIFICATION
-        return [estimated, disturbance], HybridMemory(updated, base_action, score)
+        seen = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
+        return seen, HybridMemory(updated, action, score)
+
+    def _weighed(self, action: Floats32, memory: HybridMemory) -> Floats32:
+        return weigh_action(self.fallback_gain, action, memory.anomaly_score)
 
 
 @settings
@@ -259,16 +248,17 @@ class ResidualAction(_Correction):
         self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
     ) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        last = None if memory is None else memory.controller
-        base_action, updated = self.controller.predict(observation, last, episode_start)
-        parts, now = self._observe(observation, updated, base_action, memory, episode_start)
-        return np.concatenate([*parts, _MAGNIFICATION * base_action], axis=1, dtype=np.float32), now
+        seen, now = super().observe(observation, memory, episode_start)
+        return np.concatenate([seen, _MAGNIFICATION * now.base_action], axis=1), now
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the corrected action and the memory; see `Hybrid.act`."""
-        residual = np.float32(self.action_scale) * weigh_action(self.fallback_gain, action, memory.anomaly_score)
-        applied = np.clip(memory.base_action + residual, -1.0, 1.0)
-        return applied, memory._replace(controller=self.controller.with_applied_action(memory.controller, applied))
+        residual = np.float32(self.action_scale) * self._weighed(action, memory)
+        return self._applied(np.clip(memory.base_action + residual, -1.0, 1.0), memory)
+
+    def _update(self, observation: Floats32, memory: HybridMemory | None, started: Any) -> tuple[Floats32, Any]:
+        last = None if memory is None else memory.controller
+        return self.controller.predict(observation, last, started)  # type: ignore[no-any-return]
 
 
 @settings
@@ -298,19 +288,9 @@ class BandwidthScheduling(_Correction):
                 f"only the flatness-based controller has bandwidths to scale, not {self.base_controller!r}"
             )
 
-    def observe(
-        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
-    ) -> tuple[Floats32, HybridMemory]:
-        """Return the policy's observation and the memory; see `Hybrid.observe`."""
-        updated = self.controller.update(observation, None if memory is None else memory.controller, episode_start)
-        zeros = np.zeros((len(observation), ACTION_SIZE), np.float32)
-        parts, now = self._observe(observation, updated, zeros, memory, episode_start)
-        return np.concatenate(parts, axis=1, dtype=np.float32), now
-
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action with scaled bandwidths and the memory; see `Hybrid.act`."""
-        exponent = weigh_action(self.fallback_gain, action, memory.anomaly_score).astype(np.float64)
-        scales = (1.0 + self.action_scale) ** exponent
+        scales = (1.0 + self.action_scale) ** self._weighed(action, memory).astype(np.float64)
         applied, updated = self.controller.control(memory.controller, bandwidth_scale=scales)
         return applied, HybridMemory(updated, applied, memory.anomaly_score)
 
@@ -324,10 +304,6 @@ def hybrid_from_data(data: Any) -> Hybrid:
     Args:
         data: A mapping with the key ``kind``, one of `HYBRIDS`, and the arguments of that class, for example
             ``{"kind": "residual_action", "base_controller": "flatness", "action_scale": 0.3, "fallback_gain": 0.0}``.
-
-    Raises:
-        ValueError: If `data` is not a mapping, the kind, a field or the base controller's name is unknown, the base
-            controller does not fit the kind, or a number is out of range.
     """
     kind = data.get("kind") if isinstance(data, Mapping) else None
     if not isinstance(kind, str) or kind not in HYBRIDS or not isinstance(data.get("base_controller"), str):

@@ -49,7 +49,7 @@ def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, s
     observation, memory, started = env.reset(seed=7)[0], None, np.ones(2, np.bool_)  # rows 2 and 3 of the training
     for seen in expected:
         action, memory = adapted.predict(observation, memory, started)
-        assert_array_equal(memory.observations[:, -1], seen[2:])
+        assert_array_equal(memory.network.observations[:, -1], seen[2:])
         observation, _, terminated, truncated, _ = env.step(action)
         started = terminated | truncated
 

@@ -13,9 +13,9 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import GAINS, TUNED
 from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_train.common.files import to_json_data
-from quadpend_train.policies.loading import load_policy, policy_names
+from quadpend_train.policies.loading import load_policy, policy_fingerprint, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.policies.own import FactoryPolicy, source
+from quadpend_train.policies.own import FactoryPolicy
 from quadpend_train.training.settings import TrainSettings, settings_of_card, to_mapping
 
 _NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
@@ -70,7 +70,7 @@ def _other(name: str, policy: Any) -> tuple[dict[str, Any], Lines]:
     own = policy.factory if isinstance(policy, FactoryPolicy) else policy
     lines = {"type": type(own).__name__, "description": (inspect.getdoc(own) or "").partition("\n")[0]}
     if isinstance(policy, FactoryPolicy):
-        lines |= {"factory": source(name), "results": "cached" if policy.fingerprint else "not cached"}
+        lines |= {"factory": policy_fingerprint(name), "results": "cached" if policy.fingerprint else "not cached"}
     return lines, iter(lines.items())
 
 

@@ -31,8 +31,9 @@ class Learner(NamedTuple):
 def load_learner(value: str | Policy | Sequence[Policy]) -> Learner:
     """Load policies by name, see `load_policies`, or take policies, models of Stable-Baselines3 or torch modules."""
     if isinstance(value, str):
-        return Learner(load_policies(value), cache_fingerprints(value))
-    policies = [as_policy(item) for item in (value if isinstance(value, list | tuple) else [value])]
+        policies = load_policies(value)
+    else:
+        policies = [as_policy(item) for item in (value if isinstance(value, list | tuple) else [value])]
     return Learner(policies, cache_fingerprints(policies))
 
 

@@ -8,7 +8,7 @@ from quadpend_baselines import Policy
 from quadpend_gym.core.factories import describe_error
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.policies.conversion import PROTOCOL, ObjectPolicy
-from quadpend_train.policies.mlp_policy import MlpPolicy, lacks_interface
+from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.policies.own import FactoryPolicy
 
 
@@ -28,7 +28,7 @@ def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenar
         ValueError: If the policy fails, does not fit the scenario, or returns no valid action.
     """
     interface, memory = scenario.simulation.interface, None
-    if interface != "wrench" and isinstance(policy, MlpPolicy) and lacks_interface(policy.card):
+    if interface != "wrench" and isinstance(policy, MlpPolicy) and "interface" not in policy.card:
         logger.warn("nothing says what the actions of %s command: they are taken as those of %r", name, interface)
     try:
         adapted = policy.adapt(scenario)

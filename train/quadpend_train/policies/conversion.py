@@ -9,10 +9,9 @@ import numpy as np
 from quadpend_baselines import Policy
 from quadpend_baselines.policy.rotors import allocate_rotors
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
-from quadpend_train.policies.finite_differences import with_velocities
 from quadpend_train.policies.history import History, HistoryPolicy
+from quadpend_train.policies.normalization import Normalization
 
 PROTOCOL = (
     "a policy is an object with predict(observation, state=None, episode_start=None, deterministic=True), which takes"
@@ -50,16 +49,19 @@ class ObjectPolicy(Policy):
 
     Args:
         value: The object.
+        normalization: Normalisation of what it observes; None: there is none.
     """
 
-    def __init__(self, value: Any) -> None:
+    def __init__(self, value: Any, normalization: Normalization | None = None) -> None:
         """Keep the object."""
-        self.value = value
+        self.value, self.normalization = value, normalization
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Return what the object returns; see `quadpend_baselines.Policy.predict`."""
+        if self.normalization is not None:
+            observation = self.normalization.apply(observation)
         returned = self.value.predict(observation, state, episode_start, deterministic=deterministic)
         if not isinstance(returned, tuple) or len(returned) != 2:
             raise ValueError(f"predict returned {type(returned).__name__}, not a tuple of actions and memory")
@@ -81,26 +83,18 @@ def policy_from_function(
         history: Number of the latest observations that the function receives, oldest first.
         history_actions: Number of the latest actions that it receives after them, oldest first.
     """
-    policy = FunctionPolicy(function, size)
-    one = history == 1 and not history_actions
-    return policy if one else HistoryPolicy(policy, History(size, history, history_actions))
+    return HistoryPolicy(FunctionPolicy(function), History(size, history, history_actions))
 
 
 class FunctionPolicy(Policy):
     """A function of the observation, see `policy_from_function`."""
 
-    def __init__(self, function: Callable[[Floats32], Any], size: int) -> None:
+    def __init__(self, function: Callable[[Floats32], Any]) -> None:
         """Keep the function."""
-        self.function, self.observation_sizes = function, (size,)
+        self.function = function
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Return the action and None; see `quadpend_baselines.Policy.predict`."""
-        rows = np.atleast_2d(np.asarray(observation, np.float32))
-        action = np.clip(np.asarray(self.function(rows), np.float32), -1.0, 1.0)
-        return action.reshape(*np.shape(observation)[:-1], ACTION_SIZE), None
-
-    def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy, with velocities if it needs them."""
-        return with_velocities(self, scenario)
+        return np.clip(np.asarray(self.function(observation), np.float32), -1.0, 1.0), None

@@ -1,9 +1,10 @@
 """Policies from models of Stable-Baselines3 and torch modules: exported to an `MlpPolicy`, or run as they are."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -13,8 +14,7 @@ from quadpend_baselines import Policy
 from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.envs.spaces import action_space
-from quadpend_gym.scenarios import Scenario
-from quadpend_train.policies.finite_differences import with_velocities
+from quadpend_train.policies.conversion import ObjectPolicy
 from quadpend_train.policies.history import History, HistoryPolicy, histories_of
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 from quadpend_train.policies.normalization import Normalization, from_vec_normalize, statistics_file
@@ -23,10 +23,7 @@ from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInp
 _TOLERANCE = 1e-5  # of a component of the action: torch and numpy sum float32 numbers in different orders
 _LENGTH_ERROR = 0.1  # the length of an observed direction differs from 1 by less, also with noisy sensors
 _IDENTITIES = (torch.nn.Identity, torch.nn.Dropout, torch.nn.Flatten)  # in evaluation, for one vector per row
-_LOST = (
-    "the model was trained with normalised observations, and the statistics of VecNormalize are missing: give them"
-    " with --vec-normalize (vec_normalize=… in Python)"
-)
+_Made = TypeVar("_Made", bound=Policy)
 
 
 def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
@@ -59,31 +56,12 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     return policy
 
 
-def export_zip(path: str | Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
-    """Return the policy of a saved model, see `export`. Loading a model executes code that is in its file.
-
-    Args:
-        path: The file (.zip).
-        vec_normalize: As for `export`. None: the file that RL Baselines3 Zoo saves with the model, if the model needs
-            it and it is there, see `statistics_file`.
-        card: Further entries of the card.
-
-    Raises:
-        ValueError: If `path` is not such a file, or `export` refuses the model.
-    """
-    model = read_zip(Path(path))
-    try:
-        return export(model, _statistics(model, Path(path), vec_normalize), **card)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-
-
 def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
     """Return the policy of a model of any algorithm: exported if possible, else run by its `predict`.
 
     Args:
         model: A model of Stable-Baselines3, sb3-contrib or a library with the same interface that observes 36 or 27
-            numbers, or a history of them, and acts in [−1, 1]⁴.
+            numbers, or a history of them, and acts in [−1, 1]⁴. The memory of a recurrent one is the state of its LSTM.
         vec_normalize: As for `export`.
 
     Raises:
@@ -96,22 +74,35 @@ def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
     try:
         return export(model, vec_normalize)
     except Exception:  # networks of other libraries have other attributes
-        policy = ModelPolicy(model, normalization)
-        return policy if history.observations == 1 and not history.actions else HistoryPolicy(policy, history)
+        return HistoryPolicy(ObjectPolicy(model, normalization), history)
+
+
+def export_zip(path: str | Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
+    """Return the policy of a saved model, see `export`. Loading a model executes code that is in its file.
+
+    Args:
+        path: The file (.zip).
+        vec_normalize: As for `export`. None: the file that RL Baselines3 Zoo saves with the model, if the model needs
+            it and it is there, see `statistics_file`.
+        card: Further entries of the card.
+
+    Raises:
+        ValueError: If `path` is not such a file, or `export` refuses the model.
+    """
+    return _from_zip(Path(path), vec_normalize, partial(export, **card))
 
 
 def policy_from_zip(path: Path) -> Policy:
-    """Return the policy of a saved model, see `policy_from_model`. Loading a model executes code that is in its file.
+    """Return the policy of a saved model, see `policy_from_model` and `export_zip`."""
+    return _from_zip(path, None, policy_from_model)
 
-    Args:
-        path: The file (.zip). The statistics of `VecNormalize` are found as by `export_zip`.
 
-    Raises:
-        ValueError: If `path` is not such a file, or `policy_from_model` refuses the model.
-    """
+def _from_zip(path: Path, vec_normalize: Any, convert: Callable[[Any, Any], _Made]) -> _Made:
     model = read_zip(path)
+    if vec_normalize is None and _was_normalized(model):
+        vec_normalize = statistics_file(path)
     try:
-        return policy_from_model(model, _statistics(model, path, None))
+        return convert(model, vec_normalize)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -128,31 +119,6 @@ def policy_from_torch(module: torch.nn.Module) -> MlpPolicy:
     """
     layers, fields = read_layers([deepcopy(module).eval()])
     return MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE})
-
-
-class ModelPolicy(Policy):
-    """A model that is run by its own `predict`, since it cannot be exported.
-
-    The memory of a recurrent model is the state of its LSTM.
-    """
-
-    def __init__(self, model: Any, normalization: Normalization | None) -> None:
-        """Keep the model."""
-        self.model, self.observation_sizes, self._normalization = model, model.observation_space.shape, normalization
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Floats32, Any]:
-        """Return the action and the memory; see `quadpend_baselines.Policy.predict`."""
-        observation = np.asarray(observation, np.float32)
-        if self._normalization is not None:
-            observation = self._normalization.apply(observation)
-        action, memory = self.model.predict(observation, state, episode_start, deterministic)
-        return action, memory
-
-    def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy, with velocities if it needs them."""
-        return with_velocities(self, scenario)
 
 
 def find_history(model: Any) -> History:
@@ -172,8 +138,8 @@ def find_history(model: Any) -> History:
             " of them with at most 8 actions"
         )
     last = model._last_obs if model._last_original_obs is None else model._last_original_obs
-    if len(found) > 1 and np.ndim(last) == 2:
-        found = [history for history in found if _has_unit_directions(last, history.size)] or found
+    if len(found) > 1:
+        found = [history for history in found if _has_unit_directions(last, history)] or found
     if len(found) > 1:
         several = " or ".join(f"{history.observations} observations of {history.size}" for history in found)
         raise ValueError(
@@ -194,7 +160,7 @@ def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32
             optional `MultiScaleInputs` at the beginning, and an optional limit and tanh at the end.
     """
     found = [module for module in _flat(modules) if not isinstance(module, _IDENTITIES)]
-    fields: dict[str, Any] = {"activation": "relu", "squashed": bool(found) and type(found[-1]) is torch.nn.Tanh}
+    fields: dict[str, Any] = {"squashed": bool(found) and type(found[-1]) is torch.nn.Tanh}
     if found and isinstance(first := found[0], MultiScaleInputs):
         fields["input_scales"] = list(first.scales)
         found.pop(0)
@@ -208,8 +174,7 @@ def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32
     wrong = not all(type(item) is torch.nn.Linear for item in linear) or len(linear) != len(activations) + 1
     if wrong or not names or any(getattr(item, "alpha", 1.0) != 1.0 for item in activations):
         raise ValueError("the policy network must have linear layers with relu, tanh or elu between them")
-    fields["activation"] = names[0]
-    return [_arrays(layer) for layer in linear], fields
+    return [_arrays(layer) for layer in linear], {**fields, "activation": names[0]}
 
 
 def _flat(modules: Iterable[torch.nn.Module]) -> Iterator[torch.nn.Module]:
@@ -222,14 +187,8 @@ def _flat(modules: Iterable[torch.nn.Module]) -> Iterator[torch.nn.Module]:
 
 def _arrays(layer: Any) -> tuple[Floats32, Floats32]:
     weights = layer.weight.detach().cpu().numpy().T.astype(np.float32).copy()
-    if layer.bias is None:
-        return weights, np.zeros(weights.shape[1], np.float32)
-    return weights, layer.bias.detach().cpu().numpy().astype(np.float32).copy()
-
-
-def _statistics(model: Any, path: Path, vec_normalize: Any) -> Any:
-    """Return the given statistics, or those beside the model's file if the model needs them."""
-    return statistics_file(path) if vec_normalize is None and _was_normalized(model) else vec_normalize
+    bias = np.zeros(weights.shape[1]) if layer.bias is None else layer.bias.detach().cpu().numpy()
+    return weights, bias.astype(np.float32)
 
 
 def _normalization(model: Any, vec_normalize: Any) -> Normalization | None:
@@ -238,7 +197,10 @@ def _normalization(model: Any, vec_normalize: Any) -> Normalization | None:
     if vec_normalize is not None:
         return from_vec_normalize(vec_normalize, model.observation_space.shape[0])
     if _was_normalized(model):
-        raise ValueError(_LOST)
+        raise ValueError(
+            "the model was trained with normalised observations, and the statistics of VecNormalize are missing: give"
+            " them with --vec-normalize (vec_normalize=… in Python)"
+        )
     return None
 
 
@@ -252,14 +214,16 @@ def _was_normalized(model: Any) -> bool:
     if original is None or np.ndim(original) != 2:
         return False
     return any(
-        _has_unit_directions(original, history.size) and not _has_unit_directions(last, history.size)
+        _has_unit_directions(original, history) and not _has_unit_directions(last, history)
         for history in histories_of(np.shape(original)[1])
     )
 
 
-def _has_unit_directions(observation: Any, size: int) -> bool:
-    """Return whether the first `size` numbers of observations, shape (n, m), have directions of length 1."""
-    length = np.linalg.norm(read_observation(np.asarray(observation)[:, :size], "direction"), axis=1)
+def _has_unit_directions(observation: Any, history: History) -> bool:
+    """Return whether the first of the observations in a history, shape (n, m), have directions of length 1."""
+    if observation is None:
+        return False
+    length = np.linalg.norm(read_observation(np.asarray(observation)[:, : history.size], "direction"), axis=1)
     return bool(np.median(np.abs(length - 1.0)) < _LENGTH_ERROR)
 
 

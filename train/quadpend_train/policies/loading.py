@@ -1,15 +1,16 @@
 """Load policies by name or path, as on the command line."""
 
 import hashlib
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from quadpend_baselines import CONTROLLERS, Policy, controller
-from quadpend_gym.core.factories import is_factory
+from quadpend_gym.core.factories import find_factory, is_factory
 from quadpend_gym.core.settings import suggest
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.policies.normalization import statistics_file
-from quadpend_train.policies.own import FactoryPolicy, source
+from quadpend_train.policies.own import FactoryPolicy
 
 
 def load_policies(names: str) -> list[Policy]:
@@ -33,7 +34,7 @@ def shipped_policies() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for path in sorted(SHIPPED.glob("*-[0-9]*.npz")):
         found.setdefault(path.stem.rpartition("-")[0], []).append(path.stem)
-    return {name: sorted(seeds, key=lambda seed: int(seed.rpartition("-")[2])) for name, seeds in found.items()}
+    return found
 
 
 def load_policy(name: str) -> Policy:
@@ -53,11 +54,14 @@ def load_policy(name: str) -> Policy:
     Raises:
         ValueError: If `name` is none of these.
     """
-    if name in CONTROLLERS:
-        return controller(name)
     if is_factory(name):
         return FactoryPolicy(name)
-    path = policy_file(name)
+    policy = controller(name) if name in CONTROLLERS else _load_file(policy_file(name))
+    policy.fingerprint = policy_fingerprint(name)
+    return policy
+
+
+def _load_file(path: Path) -> Policy:
     if path.suffix != ".zip":
         return MlpPolicy.load(path)
     from quadpend_train.policies.export import policy_from_zip
@@ -65,25 +69,10 @@ def load_policy(name: str) -> Policy:
     return policy_from_zip(path)
 
 
-def policy_fingerprints(names: str) -> list[str]:
-    """Return the fingerprint of each policy in `names`, see `policy_names` and `policy_fingerprint`."""
-    return [policy_fingerprint(name) for name in policy_names(names)]
-
-
-def cache_fingerprints(policies: str | Sequence[Policy]) -> list[str] | None:
-    """Return a text for each policy that determines what it does; None if there is none for one of them.
-
-    Args:
-        policies: Policies as objects, or their names as for `load_policies`. Objects and own policies have a text only
-            if they have a `fingerprint`.
-    """
-    if isinstance(policies, str):
-        names = policy_names(policies)
-        found = [FactoryPolicy(name).fingerprint if is_factory(name) else policy_fingerprint(name) for name in names]
-    else:
-        found = [policy.fingerprint for policy in policies]
-    known = [text for text in found if text is not None]
-    return known if len(known) == len(found) else None
+def cache_fingerprints(policies: Sequence[Policy]) -> list[str] | None:
+    """Return the `fingerprint` of each policy, which determines what it does; None if one of them has none."""
+    known = [policy.fingerprint for policy in policies if policy.fingerprint is not None]
+    return known if len(known) == len(policies) else None
 
 
 def policy_fingerprint(name: str) -> str:
@@ -98,10 +87,13 @@ def policy_fingerprint(name: str) -> str:
     if name in CONTROLLERS:
         return name
     if is_factory(name):
-        return source(name)
-    path = policy_file(name)
-    statistics = statistics_file(path) if path.suffix == ".zip" else None
-    return hashlib.sha256(b"".join(part.read_bytes() for part in (path, statistics) if part)).hexdigest()
+        find_factory(name)
+        files = [sys.modules[name.partition(":")[0]].__file__]
+    else:
+        path = policy_file(name)
+        files = [str(path), str(statistics_file(path) or "") if path.suffix == ".zip" else ""]
+    content = hashlib.sha256(b"".join(Path(part).read_bytes() for part in files if part)).hexdigest()
+    return f"{name} {content}" if is_factory(name) else content
 
 
 def policy_file(name: str) -> Path:

@@ -7,28 +7,11 @@ Stable-Baselines3:
     policy = MlpPolicy.load("ppo-gain-scheduling-0")
     action, memory = policy.predict(observation, memory)
 
-Fields of a card that determine the policy:
-
-| field             | meaning                                                                                          |
-|-------------------|--------------------------------------------------------------------------------------------------|
-| `format`          | version of the format, `FORMAT`                                                                  |
-| `activation`      | activation function of the hidden layers, one of `ACTIVATIONS`                                   |
-| `squashed`        | whether the output goes through tanh; otherwise it is clipped to [−1, 1]                         |
-| `bound`           | limit of the output before tanh; optional                                                        |
-| `input_scales`    | scales s₁, s₂, … of the inputs x, which become [x, tanh(s₁ x), tanh(s₂ x), …]; optional          |
-| `normalization`   | mean, standard deviation and limit of the normalised inputs, see `Normalization`; optional       |
-| `hybrid`          | data for `quadpend_baselines.hybrid.hybrid_from_data`; null for a policy without base controller |
-| `action_repeat`   | control steps for which each output of the network is used                                       |
-| `history`         | number of latest observations that the network receives, oldest first                            |
-| `history_actions` | number of its own latest outputs that the network receives after them, oldest first              |
-| `interface`       | what an action commands, as `Simulation.interface`; optional, see `check_interface`              |
-| `vehicle`         | name of the vehicle of the training, null for the paper's; optional                              |
-
-A trained policy's card also has the settings, the score, the learning curve and the provenance of its training.
+The fields of the card are those of `Card`. A trained policy's card also has the settings and the provenance of its
+training.
 """
 
 import json
-import zipfile
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import fields
@@ -42,23 +25,23 @@ from quadpend_baselines import Policy
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.hybrid.wrappers import NO_HYBRID
-from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
+from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats, Floats32, Integers
+from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
+from quadpend_train.policies.conversion import FunctionPolicy
 from quadpend_train.policies.finite_differences import with_velocities
-from quadpend_train.policies.history import OBSERVATION_SIZES, pushed
+from quadpend_train.policies.history import OBSERVATION_SIZES, History, HistoryPolicy
 from quadpend_train.policies.normalization import Normalization
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
 # Fields of the card of a policy whose only input is the latest observation
 PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1, "history": 1, "history_actions": 0}
-_LARGEST_FILE = 64 * 2**20  # bytes, unpacked
 _COMMANDS = {"wrench": "thrust and torques", "rotors": "rotor thrusts", "body_rates": "thrust and body rates"}
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
@@ -78,9 +61,20 @@ class Score:
 
 @settings
 class Card:
-    """The fields of a card that the policy and the reports read; the docstring of the module explains the first ones.
+    """What the policy and the reports read of a card.
 
     Attributes:
+        activation: Activation function of the hidden layers.
+        squashed: Whether the output goes through tanh; otherwise it is clipped to [−1, 1].
+        hybrid: Data for `quadpend_baselines.hybrid.hybrid_from_data`; None for a policy without base controller.
+        action_repeat: Control steps for which each output of the network is used.
+        history: Number of latest observations that the network receives, oldest first.
+        history_actions: Number of its own latest outputs that the network receives after them, oldest first.
+        bound: Limit of the output before tanh.
+        input_scales: Scales s₁, s₂, … of the inputs x, which become [x, tanh(s₁ x), tanh(s₂ x), …].
+        normalization: Of the inputs.
+        interface: What an action commands, as `Simulation.interface`; None: nothing is known.
+        vehicle: Name of the vehicle of the training; None: the paper's.
         curve: Timesteps, seconds, survival and penalised RMSE (m) of each evaluation of the training.
         scenarios: Scenarios of the training with their hashes.
         source: File from which the policy was exported.
@@ -96,7 +90,7 @@ class Card:
     bound: Annotated[float | None, Range(1e-30, 1e30)] = None
     input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()
     normalization: Normalization | None = None
-    interface: Literal["wrench", "rotors", "body_rates"] = "wrench"
+    interface: Literal["wrench", "rotors", "body_rates"] | None = None
     vehicle: str | None = None
     settings: dict[str, Any] | None = None
     seed: Count = 0
@@ -111,13 +105,10 @@ class Card:
 
 
 class MlpMemory(NamedTuple):
-    """The state of a policy between two calls, for n rows; for policies of a hybrid or with a history."""
+    """The state of a policy between two calls; for policies with a hybrid, a history or action repeat."""
 
     hybrid: Any  # memory of the hybrid; None without a hybrid
-    observations: Floats32  # latest k observations of m numbers, oldest first, (n, k, m)
-    actions: Floats32  # latest j outputs of the network, oldest first, (n, j, 4)
-    output: Floats32  # latest output of the network, (n, 4)
-    steps: Integers  # control steps since the start of the episode, (n,)
+    network: Any  # of its history, see `HistoryPolicy`
 
 
 class MlpPolicy(Policy):
@@ -125,17 +116,14 @@ class MlpPolicy(Policy):
 
     Args:
         layers: Weights of shape (inputs, outputs) and biases of shape (outputs,) of each layer, float32.
-        card: Description of the policy; the module's docstring lists the fields that determine it.
+        card: The fields of `Card`, and others.
 
     Attributes:
         layers: The layers.
         card: The card.
-        input_scales: Scales of the inputs, see the module's docstring; empty without them.
+        input_scales: Scales of the inputs; empty without them.
         hybrid: The hybrid that the policy is part of, or None.
         observation_sizes: Sizes of the observations that the policy accepts: 36, 27 or both.
-
-    Raises:
-        ValueError: If the card or the layers are invalid, or do not fit together.
     """
 
     observation_sizes: tuple[int, ...]
@@ -143,22 +131,22 @@ class MlpPolicy(Policy):
     def __init__(self, layers: Sequence[tuple[Floats32, Floats32]], card: dict[str, Any]) -> None:
         """Check that layers and card fit together."""
         known = {item.name for item in fields(Card)}
-        checked = parse(Card, {name: value for name, value in card.items() if name in known}, "card")
-        self.layers, self.card = list(layers), card
-        self.hybrid: Hybrid | None = None if checked.hybrid is None else hybrid_from_data(checked.hybrid)
-        self.input_scales = checked.input_scales
-        self._action_repeat, self._history = checked.action_repeat, checked.history
-        self._history_actions, self._normalization = checked.history_actions, checked.normalization
-        self._activation, self._squashed, self._bound = ACTIVATIONS[checked.activation], checked.squashed, checked.bound
-        self._stateless = self.hybrid is None and self._history == 1 and not self._history_actions
-        _check_layers(self.layers)
-        inputs, parts = self.layers[0][0].shape[0], 1 + len(self.input_scales)
-        self.observation_sizes = tuple(size for size in OBSERVATION_SIZES if parts * self._input_size(size) == inputs)
+        self._card = read = parse(Card, {name: value for name, value in card.items() if name in known}, "card")
+        self.layers, self.card, self.input_scales = list(layers), card, read.input_scales
+        self.hybrid: Hybrid | None = None if read.hybrid is None else hybrid_from_data(read.hybrid)
+        self._activation, self._normalization = ACTIVATIONS[read.activation], read.normalization
+        sizes = {size: self._input_size(size) for size in OBSERVATION_SIZES}
+        inputs = len(self.layers[0][0]) / (1 + len(self.input_scales))
+        self.observation_sizes = tuple(size for size, count in sizes.items() if count == inputs)
         if not self.observation_sizes:
-            sizes = " or ".join(str(parts * self._input_size(size)) for size in OBSERVATION_SIZES)
-            raise ValueError(f"the first layer must take {sizes} numbers, as the card implies, not {inputs}")
-        if self._normalization and not len(self._normalization.mean) == len(self._normalization.std) == inputs // parts:
-            raise ValueError(f"normalization must have {inputs // parts} numbers, the inputs of the network")
+            raise ValueError(f"the network takes {inputs:g} numbers, not {' or '.join(map(str, sizes.values()))}")
+        with np.errstate(invalid="ignore"):
+            output = self.forward(np.zeros((1, int(inputs)), np.float32))
+        if output.shape != (1, ACTION_SIZE) or output.dtype != np.float32 or not np.isfinite(output).all():
+            raise ValueError(f"the layers must be of float32 and finite, with {ACTION_SIZE} outputs")
+        self._stateless = all(card[name] == value for name, value in PLAIN_INTERFACE.items())
+        history = History(self.observation_sizes[0], read.history, read.history_actions)
+        self._network = HistoryPolicy(FunctionPolicy(self.forward), history, read.action_repeat)
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
@@ -174,20 +162,10 @@ class MlpPolicy(Policy):
         if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
             raise ValueError(f"{str(name)!r} must be the path of a policy file or the name of a policy of this package")
         try:
-            with zipfile.ZipFile(path) as archive:
-                size = sum(item.file_size for item in archive.infolist())
-            if size > _LARGEST_FILE:
-                raise ValueError(f"the archive must have at most {_LARGEST_FILE} bytes unpacked, not {size}")
             with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-                arrays = {key: data[key] for key in data.files}
-            card = json.loads(str(arrays.pop("card")))
-            count = len(arrays) // 2
-            layers = [(arrays.pop(f"weights_{i}"), arrays.pop(f"biases_{i}")) for i in range(count)]
-            if arrays:
-                raise ValueError(f"the archive also contains {', '.join(sorted(arrays))}")
-            return cls(layers, card)
-        except KeyError as error:
-            raise ValueError(f"{path} is not a policy file: it has no {error}") from error
+                count = len(data.files) // 2
+                layers = [(data[f"weights_{i}"], data[f"biases_{i}"]) for i in range(count)]
+                return cls(layers, json.loads(str(data["card"])))
         except Exception as error:  # a broken archive can raise nearly any exception
             raise ValueError(f"{path} is not a policy file: {brief(error)}") from error
 
@@ -203,7 +181,7 @@ class MlpPolicy(Policy):
         """Return the policy with its base controller designed for a scenario, and with velocities if it needs them.
 
         Raises:
-            ValueError: If the policy was trained with another command interface, see `check_interface`.
+            ValueError: If the policy was trained with another command interface, or a hybrid is to fly a load.
         """
         check_interface(self.card, scenario.simulation)
         if self.hybrid is None:
@@ -217,11 +195,7 @@ class MlpPolicy(Policy):
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
-        """Return the action and the memory; see `quadpend_baselines.Policy.predict`.
-
-        Raises:
-            ValueError: If the policy does not accept observations of this size, or `deterministic` is False.
-        """
+        """Return the action and the memory; see `quadpend_baselines.Policy.predict`."""
         observation = np.asarray(observation, np.float32)
         if observation.shape[-1] not in self.observation_sizes:
             raise ValueError(
@@ -232,9 +206,15 @@ class MlpPolicy(Policy):
             raise ValueError("deterministic must be True: an MlpPolicy acts deterministically")
         if self._stateless:
             return self.forward(observation), None
-        single = observation.ndim == 1
-        action, memory = self._predict_rows(np.atleast_2d(observation), state, episode_start)
-        return (action[0] if single else action), memory
+        rows = np.atleast_2d(observation)
+        hybrid: Any = None
+        started = episode_start_mask(episode_start, state is None, len(rows))
+        if self.hybrid is not None:
+            rows, hybrid = self.hybrid.observe(rows, state and state.hybrid, started)
+        action, network = self._network.predict(rows, state and state.network, started)
+        if self.hybrid is not None:
+            action, hybrid = self.hybrid.act(action, hybrid)
+        return action.reshape(*observation.shape[:-1], ACTION_SIZE), MlpMemory(hybrid, network)
 
     def estimated_disturbance(self, memory: Any) -> Floats:
         """Return the base controller's estimate of the disturbance, shape (n, 9); nan without base controller."""
@@ -253,39 +233,14 @@ class MlpPolicy(Policy):
             inputs = self._activation(inputs @ weights + biases)
         weights, biases = self.layers[-1]
         output = inputs @ weights + biases
-        if self._bound is not None:
-            output = np.clip(output, -self._bound, self._bound)
-        return np.asarray(np.tanh(output) if self._squashed else np.minimum(np.maximum(output, -1.0), 1.0))
-
-    def _predict_rows(self, observation: Floats32, state: Any, episode_start: Any) -> tuple[Floats32, MlpMemory]:
-        started = episode_start_mask(episode_start, state is None, len(observation))
-        seen, hybrid = observation, None
-        if self.hybrid is not None:
-            seen, hybrid = self.hybrid.observe(observation, state and state.hybrid, started)
-        memory = MlpMemory(
-            hybrid,
-            np.repeat(seen[:, np.newaxis], self._history, axis=1),
-            np.zeros((len(seen), self._history_actions, ACTION_SIZE), np.float32),
-            np.zeros((len(seen), ACTION_SIZE), np.float32),
-            np.zeros(len(seen), np.int64),
-        )
-        if state is not None:
-            kept = state._replace(hybrid=(), observations=pushed(state.observations, seen))
-            memory = select_rows(started, memory._replace(hybrid=()), kept)
-        flat = [memory.observations.reshape(len(seen), -1), memory.actions.reshape(len(seen), -1)]
-        action = self.forward(np.concatenate(flat, axis=1))
-        if self._action_repeat > 1:
-            action = select_rows(memory.steps % self._action_repeat == 0, action, memory.output)
-        memory = MlpMemory(hybrid, memory.observations, pushed(memory.actions, action), action, memory.steps + 1)
-        if self.hybrid is not None:
-            action, hybrid = self.hybrid.act(action, memory.hybrid)
-            memory = memory._replace(hybrid=hybrid)
-        return action, memory
+        if (bound := self._card.bound) is not None:
+            output = np.clip(output, -bound, bound)
+        return np.asarray(np.tanh(output) if self._card.squashed else np.minimum(np.maximum(output, -1.0), 1.0))
 
     def _input_size(self, size: int) -> int:
         """Return how many numbers the policy passes to the network if an observation has `size` numbers."""
         seen = size if self.hybrid is None else self.hybrid.observation_size(size)
-        return int(self._history * seen + self._history_actions * ACTION_SIZE)
+        return int(self._card.history * seen + self._card.history_actions * ACTION_SIZE)
 
 
 def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
@@ -296,18 +251,11 @@ def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
     return max(float(np.abs(a - b).max()) for a, b in pairs)
 
 
-def lacks_interface(card: dict[str, Any]) -> bool:
-    """Return whether nothing says what the actions of a policy with this card command, see `check_interface`."""
-    scheduled = (card.get("hybrid") or {}).get("kind") == "bandwidth_scheduling"
-    return not (scheduled or "interface" in card or "settings" in card)
-
-
 def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
     """Check that a policy's actions mean in a simulation what they meant in its training.
 
-    The base controller of a hybrid of the kind ``"bandwidth_scheduling"`` commands any vehicle and interface. Cards of
-    policies that were trained here before there were other interfaces have no ``interface``: theirs is that of the
-    paper's vehicle, ``"wrench"``. Nothing is known about policies from elsewhere, so they are not checked.
+    The base controller of a hybrid of the kind ``"bandwidth_scheduling"`` commands any vehicle and interface. Policies
+    from elsewhere have no `interface` on their card: they are not checked.
 
     Args:
         card: The policy's card.
@@ -316,30 +264,14 @@ def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
     Raises:
         ValueError: If the interfaces differ.
     """
-    trained = card.get("interface", "wrench" if "settings" in card else None)
+    trained, interface = card.get("interface"), simulation.interface
     if trained is None or (card["hybrid"] or {}).get("kind") == "bandwidth_scheduling":
         return
-    if trained != simulation.interface:
+    if trained != interface:
         raise ValueError(
             f"the policy was trained to command {_COMMANDS[trained]} (interface {trained!r}), but an action of the"
-            f" simulation commands {_COMMANDS[simulation.interface]} (interface {simulation.interface!r})"
+            f" simulation commands {_COMMANDS[interface]} (interface {interface!r})"
         )
     vehicle = simulation.vehicle.name
     if (own := card.get("vehicle") or "paper") != vehicle:
         logger.warn("a policy trained on the vehicle %s flies the vehicle %s", own, vehicle)
-
-
-def _check_layers(layers: Sequence[tuple[Any, Any]]) -> None:
-    if not layers:
-        raise ValueError("there are no layers")
-    inputs = layers[0][0].shape[:1]
-    for i, (weights, biases) in enumerate(layers):
-        if weights.ndim != 2 or weights.shape[:1] != inputs or biases.shape != weights.shape[1:]:
-            raise ValueError(f"layer {i} has weights {weights.shape} and biases {biases.shape}, which do not fit")
-        if weights.dtype != np.float32 or biases.dtype != np.float32:
-            raise ValueError(f"layer {i} must be of float32, not {weights.dtype} and {biases.dtype}")
-        if not (np.isfinite(weights).all() and np.isfinite(biases).all()):
-            raise ValueError(f"layer {i} has numbers that are not finite")
-        inputs = biases.shape
-    if inputs != (ACTION_SIZE,):
-        raise ValueError(f"the last layer must have {ACTION_SIZE} outputs, not {inputs[0]}")

@@ -1,6 +1,7 @@
 """Normalisation of observations: that of `VecNormalize` of Stable-Baselines3, as data in the card of a policy."""
 
 import pickle
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,27 +17,20 @@ _LARGEST = float(np.finfo(np.float32).max)  # a card has no infinity
 
 @settings
 class Normalization:
-    """The map of an observation o to clip((o − mean) / std, −clip, clip).
-
-    A network cannot contain the clipping, therefore the policy file does.
-    """
+    """The map of an observation o to clip((o − mean) / std, −clip, clip), which a network cannot contain."""
 
     mean: tuple[float, ...]
     std: Annotated[tuple[float, ...], Range(1e-30, _LARGEST)]
     clip: Annotated[float, Range(1e-30, _LARGEST)]
 
-    def __post_init__(self) -> None:
-        """Keep the arrays."""
-        object.__setattr__(self, "_arrays", (np.array(self.mean), np.array(self.std)))
-
     def apply(self, observation: Floats32) -> Floats32:
         """Return normalised observations of shape (..., m), computed like in `VecNormalize`."""
-        mean, std = self._arrays  # type: ignore[attr-defined]
-        return np.asarray(np.clip((observation - mean) / std, -self.clip, self.clip), np.float32)
+        scaled = (observation - np.array(self.mean)) / np.array(self.std)
+        return np.asarray(np.clip(scaled, -self.clip, self.clip), np.float32)
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data for a policy's card."""
-        return {"mean": list(self.mean), "std": list(self.std), "clip": self.clip}
+        return {name: list(value) if name != "clip" else value for name, value in asdict(self).items()}
 
 
 def from_vec_normalize(vec_normalize: Any, size: int) -> Normalization | None:
@@ -50,25 +44,18 @@ def from_vec_normalize(vec_normalize: Any, size: int) -> Normalization | None:
     Raises:
         ValueError: If `vec_normalize` is neither, or has statistics of another number of inputs.
     """
-    source = "vec_normalize"
-    if isinstance(vec_normalize, str | Path):
-        source, path = str(vec_normalize), Path(vec_normalize)
-        try:
-            vec_normalize = pickle.loads(path.read_bytes())
-        except Exception as error:  # a damaged pickle can raise nearly any exception
-            raise ValueError(f"{path} is not a file saved by VecNormalize: {brief(error)}") from error
+    source = vec_normalize if isinstance(vec_normalize, str | Path) else "vec_normalize"
     try:
-        if not vec_normalize.norm_obs:
+        found = vec_normalize if source == "vec_normalize" else pickle.loads(Path(source).read_bytes())
+        if not found.norm_obs:
             return None
-        statistics = vec_normalize.obs_rms
-        mean, std = statistics.mean, np.sqrt(statistics.var + vec_normalize.epsilon)
-        clip = min(float(vec_normalize.clip_obs), _LARGEST)
-    except AttributeError as error:
-        kind = type(vec_normalize).__name__
-        raise ValueError(f"{source} must be a VecNormalize of Stable-Baselines3 for vectors, not {kind}") from error
+        mean, variance = found.obs_rms.mean, found.obs_rms.var
+        clip = min(float(found.clip_obs), _LARGEST)
+    except Exception as error:  # a damaged pickle can raise nearly any exception
+        raise ValueError(f"{source} is not a VecNormalize of vectors, or its file: {brief(error)}") from error
     if mean.shape != (size,):
         raise ValueError(f"{source} must have statistics of {size} numbers, the inputs of the policy, not {mean.shape}")
-    return Normalization(mean, std, clip)
+    return Normalization(mean, np.sqrt(variance + found.epsilon), clip)
 
 
 def statistics_file(model: Path) -> Path | None:

@@ -9,12 +9,9 @@ Results of own policies are cached only if the factory has an attribute `fingerp
 with the behaviour, because the cache cannot see whether the code has changed.
 """
 
-import hashlib
 import inspect
-import sys
 from collections.abc import Callable
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from gymnasium.vector import VectorEnv
@@ -46,11 +43,8 @@ class FactoryPolicy(Policy):
         Raises:
             ValueError: If the factory fails or returns no policy.
         """
-        try:
-            first = next(iter(inspect.signature(self.factory).parameters.values()), None)
-        except ValueError:  # a class of a compiled module
-            first = None
-        required = first is not None and first.default is first.empty and not first.kind.name.startswith("VAR")
+        first = next(iter(inspect.signature(self.factory).parameters.values()), None)
+        required = first is not None and first.default is first.empty and first.kind.name.startswith("POSITIONAL")
         takes = first is not None and (required or first.name == "simulation")
         made = call_factory(self.name, self.factory, *([scenario.simulation] if takes else []))
         policy, wrapper = made if isinstance(made, tuple) and len(made) == 2 else (made, None)
@@ -81,10 +75,3 @@ class _InWrapper(PolicyWrapper):
     def wrap(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
         """Return the environment in the wrapper."""
         return self._wrapper(self.policy.wrap(env))
-
-
-def source(name: str) -> str:
-    """Return the name of a factory and the hash of the file of its module, for the provenance of results."""
-    find_factory(name)
-    file = sys.modules[name.partition(":")[0]].__file__
-    return f"{name} {hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ''}".strip()

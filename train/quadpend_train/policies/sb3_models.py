@@ -17,20 +17,18 @@ from quadpend_gym.core.settings import suggest
 from quadpend_train.common.text import brief
 
 ACTIVATION_MODULES = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
-# Algorithms by the part of its module that names the policy class of a saved model
-_BY_MODULE = {
-    "recurrent": "RecurrentPPO",
-    "maskable": "MaskablePPO",
-    "tqc": "TQC",
-    "crossq": "CrossQ",
-    "ars": "ARS",
-    "qrdqn": "QRDQN",
-    "dqn": "DQN",
-    "td3": "TD3",  # and DDPG
-    "sac": "SAC",
+# Algorithms by a setting in their files that the following ones lack
+_BY_SETTING = {
+    "top_quantiles_to_drop_per_net": "TQC",
+    "delta_std": "ARS",
+    "_last_lstm_states": "RecurrentPPO",
+    "target_policy_noise": "TD3",  # and DDPG
+    "policy_delay": "CrossQ",
+    "target_entropy": "SAC",
+    "cg_max_steps": "TRPO",
+    "clip_range": "PPO",
+    "gae_lambda": "A2C",
 }
-# Algorithms by a setting that only they have, for the policy classes that algorithms share and those of users
-_BY_SETTING = {"cg_max_steps": "TRPO", "clip_range": "PPO", "gae_lambda": "A2C", "target_policy_noise": "TD3"}
 
 
 class MultiScaleInputs(torch.nn.Module):
@@ -132,34 +130,21 @@ def read_zip(path: Path) -> Any:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            data = json.loads(archive.read("data"))
-        kind = _algorithm(data)
-    except (zipfile.BadZipFile, KeyError, TypeError, ValueError, AttributeError, OSError) as error:
-        raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {brief(error)}") from error
-    except ImportError as error:
-        raise ValueError(f"{path} needs a package that is not installed: {error}") from error
-    try:
+            kind = _algorithm(json.loads(archive.read("data")))
         # Running a model needs no replay buffer, which could be larger than the memory.
         return kind.load(path, device="cpu", custom_objects={"buffer_size": 1})
     except ImportError as error:
         raise ValueError(f"{path} needs a package that is not installed: {error}") from error
     except Exception as error:  # a model can contain any code
-        raise ValueError(f"{path} is not a model of {kind.__name__}: {brief(error)}") from error
+        raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {brief(error)}") from error
 
 
 def _algorithm(data: dict[str, Any]) -> Any:
     """Return the class of the algorithm of a saved model, which the file does not name, from what the file contains."""
     module = data["policy_class"]["__module__"]
-    parts = module.split(".")
-    if parts[0] not in ("stable_baselines3", "sb3_contrib", "__main__"):  # an algorithm beside its class of policies
-        package = importlib.import_module(module.rpartition(".")[0] or module)
-        own = [
-            kind
-            for kind in vars(package).values()
-            if isinstance(kind, type) and issubclass(kind, BaseAlgorithm) and kind.__module__.startswith(parts[0])
-        ]
-        if len(own) == 1:
+    if (package := module.partition(".")[0]) not in ("stable_baselines3", "sb3_contrib", "__main__"):
+        beside = vars(importlib.import_module(module.rpartition(".")[0] or module)).values()
+        own = [kind for kind in beside if isinstance(kind, type) and issubclass(kind, BaseAlgorithm)]
+        if len(own := [kind for kind in own if kind.__module__.startswith(package)]) == 1:
             return own[0]
-    names = [name for part, name in _BY_MODULE.items() if part in parts]
-    names += [name for setting, name in _BY_SETTING.items() if setting in data]
-    return algorithm_class(names[0] if names else "SAC" if "target_entropy" in data else "PPO")
+    return algorithm_class(next((name for setting, name in _BY_SETTING.items() if setting in data), "PPO"))

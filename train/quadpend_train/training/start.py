@@ -4,11 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from gymnasium import logger
 
 from quadpend_train.policies.export import export
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
-from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface, lacks_interface
+from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface
 from quadpend_train.policies.sb3_models import actor_modules
 from quadpend_train.training.settings import TrainSettings
 
@@ -66,15 +65,11 @@ def start_policy(settings: TrainSettings) -> MlpPolicy:
 
 
 def _check_commands(policy: MlpPolicy, settings: TrainSettings) -> None:
-    """Check that the actions of the policy command what those of the training command; warn if nothing says so."""
-    name, simulation = settings.start_from, next(iter(settings.found().values())).simulation
-    interface = simulation.interface
-    if interface != "wrench" and lacks_interface(policy.card):
-        logger.warn("nothing says what the actions of %s command: they are taken as those of %r", name, interface)
+    """Check that the actions of the policy command what those of the training command."""
     try:
-        check_interface(policy.card, simulation)
+        check_interface(policy.card, next(iter(settings.found().values())).simulation)
     except ValueError as error:
-        raise ValueError(f"start_from {name}: {error}") from error
+        raise ValueError(f"start_from {settings.start_from}: {error}") from error
 
 
 def start_provenance(settings: TrainSettings) -> dict[str, Any]:
