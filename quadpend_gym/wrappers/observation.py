@@ -1,7 +1,4 @@
-"""Wrappers that change the observation: output feedback without velocities, and histories.
-
-Each wrapper exists for a single environment and, with the prefix ``Vector``, for a vector environment.
-"""
+"""Wrappers that change the observation: output feedback without velocities, and histories."""
 
 from typing import Any
 
@@ -19,12 +16,8 @@ from quadpend_gym.wrappers.same_step import last_observations, replace_final_obs
 
 
 def _without_velocities(space: Any) -> spaces.Box:
-    """Return the space of observations without velocities, after checking that `space` has them."""
     if space.shape != (OBSERVATION_SIZE,):
-        raise ValueError(
-            f"velocities can only be removed from the full observation of {OBSERVATION_SIZE} numbers, not from"
-            f" {space}: apply OutputFeedbackWrapper only once, and inside HistoryWrapper"
-        )
+        raise ValueError(f"OutputFeedbackWrapper takes {OBSERVATION_SIZE} numbers, not {space}: apply it first")
     return observation_space(OUTPUT_FEEDBACK_SIZE)
 
 
@@ -59,12 +52,12 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
-        """Reset the wrapped environment and remove the velocities from its observations."""
+        """Reset the wrapped environment."""
         observation, info = self.env.reset(seed=seed, options=options)
         return observation[:, OUTPUT_FEEDBACK_COLUMNS], info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the wrapped environment and remove the velocities from its observations."""
+        """Step the wrapped environment."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         if "final_obs" in info:
             ended = terminated | truncated
@@ -170,7 +163,7 @@ class VectorHistoryWrapper(VectorWrapper):
         if "final_obs" in info:
             replace_final_observations(info, ended, self._histories.flat())
             self._histories.start(ended, observation)
-        elif self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP and self._ended.any():
+        elif self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP:
             self._histories.start(self._ended, observation)
         self._ended = ended
         return self._histories.flat(), reward, terminated, truncated, info

@@ -13,16 +13,12 @@ from quadpend_gym.core.arrays import Booleans, Floats32
 
 
 def last_observations(observation: Floats32, info: dict[str, Any], ended: Booleans) -> Floats32:
-    """Return the observation that each sub-environment reached with the last step, before any same-step autoreset.
+    """Return the observations, shape (n, k), that the last step reached, before any same-step autoreset.
 
     Args:
         observation: The observations that `step` returned, shape (n, k).
         info: The info that `step` returned.
         ended: The sub-environments whose episode ended with the step, shape (n,).
-
-    Returns:
-        An array of shape (n, k): ``info["final_obs"]`` where an episode ended, `observation` elsewhere. Without
-        ``"final_obs"`` in `info` (another autoreset mode, or no episode ended) it is `observation` itself.
     """
     if "final_obs" not in info:
         return observation
@@ -32,13 +28,7 @@ def last_observations(observation: Floats32, info: dict[str, Any], ended: Boolea
 
 
 def replace_final_observations(info: dict[str, Any], ended: Booleans, last: Floats32) -> None:
-    """Set ``info["final_obs"]`` and its mask ``info["_final_obs"]`` to the last observations of the ended episodes.
-
-    Args:
-        info: The info that `step` returns; changed in place. The previous array is not changed.
-        ended: The sub-environments whose episode ended, shape (n,).
-        last: Observations, shape (n, k); only the rows of ended episodes are read, and they are copied.
-    """
+    """Set ``info["final_obs"]`` and its mask ``info["_final_obs"]``, to the last observations, shape (n, k)."""
     final = np.empty(ended.size, object)  # filled with None
     for row in np.flatnonzero(ended):
         final[row] = last[row].copy()

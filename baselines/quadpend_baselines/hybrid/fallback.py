@@ -34,7 +34,7 @@ def update_anomaly_score(
     disturbance: Floats,
     last_score: Floats | None,
     episode_start: Any,
-    period: float = CONTROL_PERIOD,
+    period: float,
 ) -> Floats:
     """Return q_k of equation (4), shape (n,); zeros if the fallback gain is zero.
 
@@ -42,7 +42,7 @@ def update_anomaly_score(
         fallback_gain: γ.
         observation: Estimated observation, shape (n, 36) or (n, 27).
         disturbance: Estimated disturbance, shape (n, 9).
-        last_score: q_{k−1}, shape (n,); None at the first step.
+        last_score: q_{k−1}; None at the first step.
         episode_start: Mask of the rows whose episode begins, shape (n,).
         period: T, s.
     """
@@ -57,13 +57,7 @@ def update_anomaly_score(
 
 
 def weigh_action(fallback_gain: float, action: Floats32, anomaly_score: Floats) -> Floats32:
-    """Return c a of equation (4), shape (n, 4); the action itself if the fallback gain is zero.
-
-    Args:
-        fallback_gain: γ.
-        action: Action of the policy, shape (n, 4).
-        anomaly_score: q, shape (n,).
-    """
+    """Return c a of equation (4), shape (n, 4); the action itself if the fallback gain is zero."""
     if not fallback_gain:
         return action
     weight = 1.0 / (1.0 + (fallback_gain * anomaly_score) ** 2)

@@ -114,11 +114,7 @@ class VectorHybridWrapper(VectorWrapper):
 
     @property
     def base_action(self) -> Floats32:
-        """Actions that the base controller would apply now, shape (num_envs, 4); zeros with `BandwidthScheduling`.
-
-        Raises:
-            ResetNeeded: If the environment has not been reset.
-        """
+        """Actions that the base controller would apply now, shape (num_envs, 4); zeros with `BandwidthScheduling`."""
         if self._memory is None:
             raise ResetNeeded("reset must be called before base_action")
         if self._asked is None:
@@ -129,13 +125,12 @@ class VectorHybridWrapper(VectorWrapper):
         """Begin an episode and reset the base controller in every sub-environment that is reset."""
         mask = (options or {}).get("reset_mask")  # before the reset, which may remove it from the options
         observation, info = self.env.reset(seed=seed, options=options)
-        self._asked = None
-        everywhere = np.ones(self.num_envs, np.bool_)
-        if mask is None or self._memory is None:
-            self._policy_observation, self._memory = self.hybrid.observe(observation, None, everywhere)
+        self._asked, started = None, np.ones(self.num_envs, np.bool_) if mask is None else mask
+        if self._memory is None or mask is None:
+            self._policy_observation, self._memory = self.hybrid.observe(observation, None, started)
         else:
-            self._restart(mask, observation)
-        self._ended = self._ended & ~(everywhere if mask is None else mask)
+            self._restart(started, observation)
+        self._ended = self._ended & ~started
         return self._policy_observation.copy(), info
 
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:

@@ -21,9 +21,10 @@ OPTIONS: dict[str, Any] = {"wind": "windy", "autoreset_mode": "SameStep"}
 GAMMA, PENALTY = 0.9, 2.0
 
 
-@pytest.mark.parametrize("action_repeat", [1, 5])
-@pytest.mark.parametrize("mode", ["residual_action", "bandwidth_scheduling"])
-@pytest.mark.parametrize("scenario", ["training", "turbulence"])
+@pytest.mark.parametrize(
+    ("scenario", "mode", "action_repeat"),
+    [("training", "residual_action", 5), ("turbulence", "bandwidth_scheduling", 1)],
+)
 def test_base_controller_alone_has_exactly_zero_reward(scenario: str, mode: Any, action_repeat: int) -> None:
     """In every episode: the copy has the same start, reference, wind, noise and parameters."""
     hybrid = replace(HYBRID, mode=mode, action_repeat=action_repeat)

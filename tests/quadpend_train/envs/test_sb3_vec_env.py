@@ -69,18 +69,10 @@ def test_options_and_seeds_apply_to_one_reset() -> None:
     env.seed(1)
     env.set_options({"state": {"position": [1.0, 2.0, 3.0]}})
     env.reset()
-    np.testing.assert_array_equal(env.env.unwrapped.state.position, [[1.0, 2.0, 3.0]] * 2)  # type: ignore[attr-defined]
+    inner, _ = env.get_attr("unwrapped")
+    np.testing.assert_array_equal(inner.state.position, [[1.0, 2.0, 3.0]] * 2)
     env.reset()
-    assert not np.any(env.env.unwrapped.state.position == [1.0, 2.0, 3.0])  # type: ignore[attr-defined]
-
-
-def test_attributes_and_wrappers_belong_to_the_vector_environment() -> None:
-    env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
-    assert env.get_attr("num_envs") == [2, 2]
-    assert env.env_is_wrapped(Monitor) == [True, True]
-    assert env.env_is_wrapped(gym.Wrapper) == [False, False]
-    with pytest.raises(ValueError, match="all sub-environments to set num_envs"):
-        env.set_attr("num_envs", 3, indices=[0])
+    assert not np.any(inner.state.position == [1.0, 2.0, 3.0])
 
 
 def test_means_cover_all_sub_environments_and_the_steps_since_the_last_call() -> None:

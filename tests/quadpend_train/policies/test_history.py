@@ -1,7 +1,6 @@
 """A network with a history flies beside policies without one, and its history is found from its size."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -45,18 +44,13 @@ def test_a_model_of_plain_sb3_with_a_history_flies_as_behind_the_wrapper(
     model = trained(kind, [HISTORY], tmp_path / "model.zip", **options)
     policy = load_policy(str(tmp_path / "model.zip"))
     assert isinstance(policy, MlpPolicy) == (kind is PPO)
+    assert len(compare({"lqr": "lqr", "own": policy}, {"brief": Scenario(duration=0.05)}, 2).summaries) == 2
     actions, _ = run_policy(policy, make_vec(3, **BRIEF), 60)
     env = VectorHistoryWrapper(make_vec(3, **BRIEF), 3, 2)
     observation, _ = env.reset(seed=5)
     for action in actions:
         assert_allclose(action, model.predict(observation, deterministic=True)[0], atol=1e-5)
         observation, *_ = env.step(action)
-
-
-def test_it_is_compared_with_a_controller(tmp_path: Path) -> None:
-    trained(PPO, [HISTORY], tmp_path / "model.zip", n_steps=4, batch_size=8)
-    found = compare(["flatness", str(tmp_path / "model.zip")], {"brief": Scenario(duration=0.2)}, 2)
-    assert len(found.summaries) == 2
 
 
 def test_a_function_may_have_a_history() -> None:
@@ -92,8 +86,3 @@ def test_three_whole_observations_or_four_without_velocities_are_told_apart_or_r
     assert find_history(model.learn(8)) == History(27, 4, 0)
     model.save(path)
     assert load_policy(str(path)).observation_sizes == (27,)
-
-
-def test_a_model_of_something_else_is_refused() -> None:
-    model = SimpleNamespace(observation_space=make_vec(2).action_space, policy=None)
-    assert_refused(lambda: find_history(model), "a policy observes 36 or 27 numbers, or a history", ValueError)

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -127,8 +126,8 @@ def test_action_repeat_uses_each_output_for_several_steps() -> None:
     for step in range(5):
         started[2] = step == 4
         before, (_, memory) = memory, policy.predict(OBSERVATIONS * (1.0 + step), memory, started)
-    assert_array_equal(memory.output[:2], before.output[:2])  # type: ignore[attr-defined]
-    assert (memory.output[2] != before.output[2]).any()  # type: ignore[attr-defined]
+    assert_array_equal(memory.network.output[:2], before.network.output[:2])  # type: ignore[attr-defined]
+    assert (memory.network.output[2] != before.network.output[2]).any()  # type: ignore[attr-defined]
 
 
 def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
@@ -143,17 +142,6 @@ def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
     assert (policy.predict(OBSERVATIONS)[0] != before).any(axis=1).all()
 
 
-def test_stable_baselines3_evaluates_a_policy() -> None:
-    returns, lengths = evaluate_policy(
-        mlp_policy(36 * 2, history=2),  # type: ignore[arg-type]
-        SB3VecEnv(make_vec(2, **BRIEF)),
-        n_eval_episodes=4,
-        return_episode_rewards=True,
-        warn=False,
-    )
-    assert len(returns) == len(lengths) == 4  # type: ignore[arg-type]
-
-
 def test_running_a_policy_imports_nothing_heavy(tmp_path: Path) -> None:
     mlp_policy(49, hybrid=RESIDUAL_ACTION).save(tmp_path / "policy.npz")
     code = (
@@ -166,7 +154,10 @@ def test_running_a_policy_imports_nothing_heavy(tmp_path: Path) -> None:
     assert not (HEAVY | {"sb3_contrib", "pandas", "tyro"}) & set(ran.stdout.split())
 
 
-# Files
+def test_stable_baselines3_evaluates_a_policy() -> None:
+    policy: Any = mlp_policy(36 * 2, history=2)
+    mean, _ = evaluate_policy(policy, SB3VecEnv(make_vec(2, **BRIEF)), n_eval_episodes=4, warn=False)
+    assert np.isfinite(mean)
 
 
 @pytest.mark.parametrize(
@@ -183,18 +174,6 @@ def test_saved_policy_is_loaded_unchanged(inputs: int, fields: dict[str, Any], t
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "policy.npz").read_bytes()
 
 
-def parts(inputs: int = 36, **fields: Any) -> dict[str, Any]:
-    """Arrays in a policy file."""
-    arrays: dict[str, Any] = {"card": np.array(json.dumps(card(**fields)))}
-    for i, (weights, biases) in enumerate(layers(inputs, 8, 6, 4)):
-        arrays |= {f"weights_{i}": weights, f"biases_{i}": biases}
-    return arrays
-
-
-def without(name: str) -> dict[str, Any]:
-    return {key: array for key, array in parts().items() if key != name}
-
-
 class Bomb:
     """An object that creates a file when it is unpickled."""
 
@@ -202,46 +181,28 @@ class Bomb:
         return Path.touch, (Path("exploded"),)
 
 
-BOMB = np.array([Bomb()], object)
-WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "code": ({**parts(), "weights_0": BOMB}, "allow_pickle"),
-    "code in the card": ({**parts(), "card": BOMB}, "allow_pickle"),
-    "no card": (without("card"), "no 'card'"),
-    "no weights": (without("weights_1"), "weights_1"),
-    "no layers": ({"card": parts()["card"]}, "no layers"),
-    "something else": ({**parts(), "more": np.zeros(3)}, "also contains more"),
-    "double precision": ({**parts(), "weights_1": parts()["weights_1"].astype(np.float64)}, "must be of float32"),
-    "nan": ({**parts(), "biases_2": np.full(4, np.nan, np.float32)}, "layer 2 has numbers that are not finite"),
-    "other biases": (
-        {**parts(), "biases_1": np.zeros(5, np.float32)},
-        r"layer 1 has weights \(8, 6\) and biases",
-    ),
-    "five actions": (
-        {**parts(), "weights_2": np.zeros((6, 5), np.float32), "biases_2": np.zeros(5, np.float32)},
-        "last layer must have 4 outputs, not 5",
-    ),
-    "another observation": (parts(inputs=30), "must take 36 or 27 numbers, .* not 30"),
-    "a card for more inputs": (parts(history=2), "must take 72 or 54 numbers, .* not 36"),
-    "other statistics": (parts(normalization={"mean": [0.0], "std": [1.0], "clip": 1.0}), "must have 36 numbers"),
-    "a scale of zero": (parts(input_scales=[0.0]), "card.input_scales must be .*, not"),
-    "another format": (parts(format="quadpend policy 9"), "card.format must be 'quadpend policy 2'"),
-    "another activation": (parts(activation="gelu"), "card.activation must be 'relu', 'tanh' or 'elu'"),
-    "half a history": (parts(history=1.5), "card.history must be .*, not 1.5"),
-    "a name for a hybrid": (parts(hybrid="flatness"), "card.hybrid must be .*, not 'flatness'"),
-    "an unknown base controller": (
-        parts(45, hybrid={"kind": "estimate_only", "base_controller": "nix"}),
-        "no controller 'nix'",
-    ),
-    "no JSON": ({**parts(), "card": np.array("{")}, "Expecting"),
-    "a card without end": ({**parts(), "card": np.array("[" * 100_000)}, "recursion"),
+NAN, WIDE = np.full((6, 4), np.nan, np.float32), np.zeros((36, 8))
+WRONG: dict[str, Any] = {
+    "code": ({"weights_0": np.array([Bomb()], object)}, {}, "allow_pickle"),
+    "code in the card": ({"card": np.array([Bomb()], object)}, {}, "allow_pickle"),
+    "no JSON": ({"card": np.array("{")}, {}, "Expecting"),
+    "nan": ({"weights_2": NAN}, {}, "of float32 and finite, with 4 outputs"),
+    "double precision": ({"weights_0": WIDE}, {}, "of float32 and finite"),
+    "layers that do not fit": ({"weights_1": np.zeros((5, 6), np.float32)}, {}, "size 5"),
+    "a card for more inputs": ({}, {"history": 2}, "takes 36 numbers, not 72 or 54"),
+    "another format": ({}, {"format": "quadpend policy 9"}, "card.format must be 'quadpend policy 2'"),
 }
 
 
-@pytest.mark.parametrize(("arrays", "reason"), WRONG.values(), ids=WRONG.keys())
-def test_invalid_file_is_refused_and_executes_nothing(arrays: dict[str, Any], reason: str, tmp_path: Path) -> None:
-    path = tmp_path / "wrong.npz"
-    np.savez(path, **arrays)
-    assert_refused(lambda: MlpPolicy.load(path), rf"wrong.npz is not a policy file: .*({reason})", ValueError)
+@pytest.mark.parametrize(("arrays", "fields", "reason"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_file_is_refused_in_one_sentence_and_executes_nothing(
+    arrays: Any, fields: Any, reason: str, tmp_path: Path
+) -> None:
+    right: dict[str, Any] = {"card": np.array(json.dumps(card(**fields)))}
+    for i, (weights, biases) in enumerate(layers(36, 8, 6, 4)):
+        right |= {f"weights_{i}": weights, f"biases_{i}": biases}
+    np.savez(tmp_path / "wrong.npz", **{**right, **arrays})
+    assert_refused(lambda: MlpPolicy.load(tmp_path / "wrong.npz"), f"wrong.npz is not a policy file: .*{reason}")
     assert not Path("exploded").exists()
 
 
@@ -249,28 +210,16 @@ def test_damaged_file_is_refused_or_loads_the_same_policy(tmp_path: Path) -> Non
     """Some bytes, such as those of a date, do not matter."""
     policy, path = mlp_policy(36), tmp_path / "policy.npz"
     policy.save(path)
-    whole, unharmed = path.read_bytes(), 0
-    flipped = [whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :] for i in range(0, len(whole), 97)]
-    damaged = [*flipped, *(whole[:i] for i in range(0, len(whole), 500)), b"weights and biases", bytes(1000)]
+    whole, refused = path.read_bytes(), 0
+    flipped = [whole[:i] + bytes([whole[i] ^ 0xFF]) + whole[i + 1 :] for i in range(0, len(whole), 197)]
+    damaged = [*flipped, whole[:1000], b"weights and biases"]
     for data in damaged:
         path.write_bytes(data)
         try:
-            loaded = MlpPolicy.load(path)
+            assert weight_difference(MlpPolicy.load(path), policy) == 0.0
         except ValueError as error:
-            message = str(error)
-            if "is not a policy file: " not in message:
-                raise
-        else:
-            unharmed += 1
-            assert weight_difference(loaded, policy) == 0.0
-            assert loaded.card == policy.card
-    assert unharmed < 0.3 * len(damaged)
-
-
-def test_file_that_unpacks_to_more_than_a_policy_is_refused(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "huge.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("weights_0.npy", bytes(65 * 2**20))
-    assert_refused(lambda: MlpPolicy.load(tmp_path / "huge.npz"), "at most 67108864 bytes", ValueError)
+            refused += "is not a policy file: " in str(error)
+    assert refused > 0.7 * len(damaged)
 
 
 def test_unknown_name_is_refused() -> None:

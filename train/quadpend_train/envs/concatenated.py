@@ -5,12 +5,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from quadpend_gym.envs.spaces import check_action
-from quadpend_gym.envs.step_errors import ROUNDING
-from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
 
 
@@ -28,8 +25,6 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
         """Concatenate the environments."""
         first = envs[0]
         for env in envs:
-            if (mode := env.metadata.get("autoreset_mode")) is not AutoresetMode.SAME_STEP:
-                raise ValueError(f"envs must have autoreset_mode {AutoresetMode.SAME_STEP}, not {mode}")
             if env.single_observation_space != first.single_observation_space:
                 raise ValueError(
                     f"envs must have the same observation space, not {first.single_observation_space}"
@@ -64,9 +59,6 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step every sub-environment."""
-        actions = check_action(actions, (self.num_envs, ACTION_SIZE))
-        if not (np.abs(actions) <= 1.0 + ROUNDING).all():  # before the first environment moves
-            raise ValueError(f"action must be {ACTION_SIZE} numbers in [-1, 1] for every sub-environment")
         results = [env.step(actions[rows]) for env, rows in zip(self.envs, self._rows, strict=True)]
         observation, reward, terminated, truncated = (
             np.concatenate([result[item] for result in results]) for item in range(4)

@@ -1,7 +1,4 @@
-"""An adapter from Gymnasium's `VectorEnv` to Stable-Baselines3's `VecEnv`.
-
-The adapter runs Python code for a single sub-environment only when its episode ends.
-"""
+"""An adapter from Gymnasium's `VectorEnv` to Stable-Baselines3's `VecEnv`."""
 
 import time
 from collections.abc import Sequence
@@ -9,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 
@@ -43,8 +41,7 @@ class SB3VecEnv(VecEnv):
         observation, _ = self.env.reset(seed=seeds, options=self._options[0] or None)  # type: ignore[arg-type]
         self._reset_seeds()
         self._reset_options()
-        self._returns[:] = 0.0
-        self._lengths[:] = 0
+        self._returns[:], self._lengths[:] = 0.0, 0
         return observation
 
     def restart(self, rows: Any) -> Any:
@@ -54,8 +51,7 @@ class SB3VecEnv(VecEnv):
             rows: Mask of the sub-environments, shape (num_envs,), bool.
         """
         observation, _ = self.env.reset(options={"reset_mask": rows})
-        self._returns[rows] = 0.0
-        self._lengths[rows] = 0
+        self._returns[rows], self._lengths[rows] = 0.0, 0
         return observation
 
     def step_async(self, actions: Any) -> None:
@@ -65,10 +61,8 @@ class SB3VecEnv(VecEnv):
     def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
         """Step every sub-environment.
 
-        Returns:
-            Observations, scaled rewards, whether each episode ended, and one info per sub-environment. Where an episode
-            ended, the observation is the first of the next episode and the info has ``terminal_observation``,
-            ``TimeLimit.truncated`` and ``episode``; elsewhere the info is empty.
+        Where an episode ended, the observation is the first of the next episode and the info has
+        ``terminal_observation``, ``TimeLimit.truncated`` and ``episode``; elsewhere the info is empty.
         """
         observation, reward, terminated, truncated, vector_info = self.env.step(self._actions)
         self._add_to_means(vector_info)
@@ -86,8 +80,7 @@ class SB3VecEnv(VecEnv):
                     "t": round(time.perf_counter() - self._start_time, 6),
                 },
             }
-        self._returns[ended] = 0.0
-        self._lengths[ended] = 0
+        self._returns[ended], self._lengths[ended] = 0.0, 0
         return observation, (self.reward_scale * reward).astype(np.float32), ended, infos
 
     def _add_to_means(self, vector_info: dict[str, Any]) -> None:
@@ -132,16 +125,8 @@ class SB3VecEnv(VecEnv):
         return [getattr(self.env, method_name)(*args, **kwargs)] * len(self._indices(indices))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Return whether a wrapper of this class is around the vector environment.
-
-        For Stable-Baselines3's `Monitor` it returns True, because this class provides the same episode statistics.
-        """
-        layer: Any = self.env
-        found = wrapper_class.__name__ == "Monitor"
-        while not found and layer is not None:
-            found = isinstance(layer, wrapper_class)
-            layer = getattr(layer, "env", None)
-        return [found] * len(self._indices(indices))
+        """Return True for Stable-Baselines3's `Monitor`, because this class provides the same episode statistics."""
+        return [wrapper_class is Monitor] * len(self._indices(indices))
 
     def _indices(self, indices: Any) -> Sequence[int]:
         return list(self._get_indices(indices))

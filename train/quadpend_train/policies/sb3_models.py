@@ -20,7 +20,7 @@ ACTIVATION_MODULES = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch
 # Algorithms by a setting in their files that the following ones lack
 _BY_SETTING = {
     "top_quantiles_to_drop_per_net": "TQC",
-    "delta_std": "ARS",
+    "n_delta": "ARS",
     "_last_lstm_states": "RecurrentPPO",
     "target_policy_noise": "TD3",  # and DDPG
     "policy_delay": "CrossQ",
