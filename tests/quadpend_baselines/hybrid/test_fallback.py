@@ -1,6 +1,5 @@
 """The fallback reduces the policy's action where actuators are late or the pendulum leans far."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +17,6 @@ from tests.helpers.envs import make_vec
 
 SAME_STEP = {"autoreset_mode": "SameStep"}
 FIRST = np.ones(3, np.bool_)
-Kind = Callable[[str, float, float], Hybrid]
 
 
 def scheduling(fallback_gain: float = 1.0) -> Hybrid:
@@ -32,8 +30,8 @@ def first_memory(hybrid: Hybrid, **reset: Any) -> HybridMemory:
 
 
 @pytest.mark.parametrize("kind", [ResidualAction, BandwidthScheduling])
-@pytest.mark.parametrize(("score", "gain", "weight"), [(1.0, 1.0, 0.5), (3.0, 1.0, 0.1), (1.5, 2.0, 0.1)])
-def test_anomaly_score_weighs_the_action(kind: Kind, score: float, gain: float, weight: float) -> None:
+@pytest.mark.parametrize(("score", "gain", "weight"), [(1.0, 1.0, 0.5), (1.5, 2.0, 0.1)])
+def test_anomaly_score_weighs_the_action(kind: Any, score: float, gain: float, weight: float) -> None:
     action = np.tile(np.float32([0.2, -0.6, 0.4, 0.8]), (3, 1))
     hybrid = kind("flatness", 0.5, gain)
     memory = first_memory(hybrid)._replace(anomaly_score=np.full(3, score))

@@ -59,11 +59,6 @@ def test_reward_scale_does_not_change_episode_statistics() -> None:
     assert given[3][0]["episode"]["r"] == expected[3][0]["episode"]["r"]
 
 
-def test_other_autoreset_modes_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"must have autoreset_mode AutoresetMode.SAME_STEP, not AutoresetMode.NEXT"):
-        SB3VecEnv(QuadPendulumVectorEnv(2))
-
-
 def test_options_and_seeds_apply_to_one_reset() -> None:
     env = SB3VecEnv(QuadPendulumVectorEnv(2, autoreset_mode="SameStep"))
     env.seed(1)

@@ -48,35 +48,20 @@ def test_action_is_the_output_of_the_network(activation: str, squashed: bool) ->
     assert np.abs(signal).max() > 1.0
 
 
-def test_weight_difference_is_the_largest_of_any_weight_and_infinite_between_other_shapes() -> None:
-    policy, other = mlp_policy(36), mlp_policy(36)
-    other.layers[1][1][3] += 0.25
-    assert weight_difference(policy, other) == pytest.approx(0.25)
-    assert weight_difference(policy, mlp_policy(27)) == np.inf
-    assert weight_difference(policy, MlpPolicy(layers(36, 8, 4), card())) == np.inf
-
-
 def test_wrong_observations_and_sampling_are_refused() -> None:
-    policy = mlp_policy(36)
-    assert_refused(
-        lambda: policy.predict(np.zeros(27)), r"takes observations of 36 numbers, not of shape \(27,\)", ValueError
-    )
+    policy, estimating = mlp_policy(36), mlp_policy(45, hybrid=ESTIMATE_ONLY)
     assert_refused(lambda: policy.predict(np.zeros((3, 4))), r"36 numbers, not of shape \(3, 4\)", ValueError)
     assert_refused(lambda: policy.predict(OBSERVATIONS, deterministic=False), "acts deterministically", ValueError)
-    estimating = mlp_policy(45, hybrid=ESTIMATE_ONLY)
     assert estimating.observation_sizes == (36, 27)
     assert_refused(lambda: estimating.predict(np.zeros(45)), "36 or 27 numbers", ValueError)
 
 
 ADRC = {"base_controller": "adrc-matched"}
 INTERFACES: dict[str, tuple[int, dict[str, Any]]] = {
-    "observations": (36 * 3, {"history": 3}),
     "observations and actions": (36 * 3 + 4 * 2, {"history": 3, "history_actions": 2}),
     "actions": (36 + 4, {"history_actions": 1}),
     "estimate": (45, {"hybrid": {**ESTIMATE_ONLY, **ADRC}}),
     "residual": (49, {"hybrid": {**RESIDUAL_ACTION, "action_scale": 0.3}}),
-    "residual, adrc": (49, {"hybrid": {**RESIDUAL_ACTION, **ADRC, "action_scale": 0.3}}),
-    "scheduling": (45, {"hybrid": {**BANDWIDTH_SCHEDULING, "action_scale": 0.7}}),
     "scheduling, fallback": (45, {"hybrid": {**BANDWIDTH_SCHEDULING, "action_scale": 0.7, "fallback_gain": 2.0}}),
     "residual and history": (
         49 * 2 + 4,
@@ -220,7 +205,3 @@ def test_damaged_file_is_refused_or_loads_the_same_policy(tmp_path: Path) -> Non
         except ValueError as error:
             refused += "is not a policy file: " in str(error)
     assert refused > 0.7 * len(damaged)
-
-
-def test_unknown_name_is_refused() -> None:
-    assert_refused(lambda: MlpPolicy.load("nix"), "'nix' must be the path of a policy file or the name", ValueError)

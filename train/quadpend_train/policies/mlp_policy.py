@@ -7,8 +7,8 @@ Stable-Baselines3:
     policy = MlpPolicy.load("ppo-gain-scheduling-0")
     action, memory = policy.predict(observation, memory)
 
-The fields of the card are those of `Card`. A trained policy's card also has the settings and the provenance of its
-training.
+The fields of the card that determine the policy are those of `Card`. A trained policy's card also has the settings, the
+score, the learning curve and the provenance of its training.
 """
 
 import json
@@ -48,20 +48,11 @@ ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "tanh": np.tanh,
     "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, np.float32(0.0)))),
 }
-Count = Annotated[int, Range(0, 2**53)]
-
-
-@settings
-class Score:
-    """The score of a training, see `quadpend_train.training.validation`."""
-
-    survival: Annotated[float, Range(0.0, 1.0)]
-    penalised_rmse: Annotated[float, Range(0.0, 1.0, "m")]
 
 
 @settings
 class Card:
-    """What the policy and the reports read of a card.
+    """What determines the policy in a card.
 
     Attributes:
         activation: Activation function of the hidden layers.
@@ -75,9 +66,6 @@ class Card:
         normalization: Of the inputs.
         interface: What an action commands, as `Simulation.interface`; None: nothing is known.
         vehicle: Name of the vehicle of the training; None: the paper's.
-        curve: Timesteps, seconds, survival and penalised RMSE (m) of each evaluation of the training.
-        scenarios: Scenarios of the training with their hashes.
-        source: File from which the policy was exported.
     """
 
     format: Literal["quadpend policy 2"]
@@ -92,16 +80,6 @@ class Card:
     normalization: Normalization | None = None
     interface: Literal["wrench", "rotors", "body_rates"] | None = None
     vehicle: str | None = None
-    settings: dict[str, Any] | None = None
-    seed: Count = 0
-    steps: Count = 0
-    best_at: Count = 0
-    seconds: Annotated[float, Range(0.0, 1e12, "s")] = 0.0
-    score: Score | None = None
-    curve: tuple[tuple[float, float, float, float], ...] = ()
-    scenarios: dict[str, str] | None = None
-    provenance: dict[str, Any] | None = None
-    source: str = ""
 
 
 class MlpMemory(NamedTuple):
