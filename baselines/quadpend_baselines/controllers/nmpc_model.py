@@ -53,16 +53,6 @@ def centre_acceleration(force: Any, bob_force: Any, p: Parameters) -> Any:
     return (force + bob_force) / p.total_mass - ca.vertcat(0.0, 0.0, p.gravity)
 
 
-def accelerations(state: Any, command: Any, disturbance: Any, p: Parameters) -> Acceleration:
-    """Return the second derivatives, equations (2), (3) and (5) of `dynamics`."""
-    x = {name: state[part] for name, part in STATE_FIELDS.items()}
-    d_Q, d_B = disturbance[DISTURBANCE_FIELDS["force"]], disturbance[DISTURBANCE_FIELDS["bob_force"]]
-    force = command[0] * thrust_axis(x["euler"]) + d_Q
-    direction = direction_acceleration(x["direction"], x["direction_rate"], unconstrained_acceleration(force, d_B, p))
-    position = centre_acceleration(force, d_B, p) - p.bob_mass * p.rod_length / p.total_mass * direction
-    return Acceleration(position, euler_acceleration(command, disturbance, p), direction)
-
-
 def next_state(state: Any, command: Any, disturbance: Any, p: Parameters, h: float) -> Any:
     """Return the state after one substep of length h (s), as `quadpend_gym.physics.kernel` computes it."""
     x = {name: state[part] for name, part in STATE_FIELDS.items()}
