@@ -6,10 +6,11 @@ import gymnasium as gym
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, SCALARS, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import read_reset_options
-from quadpend_gym.envs.spaces import action_space, check_action, observation_space, observed_columns
+from quadpend_gym.envs.spaces import action_space, observation_space, observed_columns
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
@@ -90,41 +91,10 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
     metadata: dict[str, Any] = _METADATA
 
-    def __init__(
-        self,
-        scenario: Any = None,
-        render_mode: str | None = None,
-        *,
-        task: Any = None,
-        wind: Any = None,
-        vehicle: Any = None,
-        interface: str | None = None,
-        latency: float | None = None,
-        sensors: Any = None,
-        actuators: Any = None,
-        parameters: Any = None,
-        period: float | None = None,
-        substeps: int | None = None,
-        duration: float | None = None,
-        output_feedback: bool | None = None,
-    ) -> None:
+    def __init__(self, scenario: Any = None, render_mode: str | None = None, **parts: Any) -> None:
         """Build the environment; the class documents the arguments."""
         check_render_mode(render_mode, self.metadata["render_modes"])
-        self.scenario = as_scenario(
-            scenario,
-            task=task,
-            wind=wind,
-            vehicle=vehicle,
-            interface=interface,
-            latency=latency,
-            sensors=sensors,
-            actuators=actuators,
-            parameters=parameters,
-            period=period,
-            substeps=substeps,
-            duration=duration,
-            output_feedback=output_feedback,
-        )
+        self.scenario = as_scenario(scenario, **parts)
         self.metadata = {**type(self).metadata, "render_fps": frames_per_second(self.scenario)}
         self.render_mode = render_mode
         self.world = World(1, self.scenario)
@@ -150,9 +120,6 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
         Returns:
             The first observation and the info.
-
-        Raises:
-            ValueError: If an option is unknown, or has a wrong shape or value.
         """
         checked = read_reset_options(options, ("state", "reference"), 1, self.scenario)
         super().reset(seed=seed)
@@ -177,7 +144,6 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
 
         Raises:
             ResetNeeded: If `reset` has not been called yet, or a wrapper has changed the simulation since then.
-            ValueError: If the action has the wrong shape, is out of range or is not finite.
         """
         action = check_action(action, (ACTION_SIZE,)).reshape(1, ACTION_SIZE)
         observation, outcome = self.world.step(action)
@@ -197,15 +163,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         )
 
     def render(self) -> Any:
-        """Return a picture as the render mode specifies.
-
-        Returns:
-            An array of shape (480, 640, 3), uint8, with ``"rgb_array"``; otherwise None.
-
-        Raises:
-            DependencyNotInstalled: If pygame-ce is not installed.
-            ResetNeeded: If `reset` has not been called yet.
-        """
+        """Return an array of shape (480, 640, 3), uint8, with the render mode ``"rgb_array"``; otherwise None."""
         if self.recorder is None:
             warn_without_render_mode(self)
             return None

@@ -1,19 +1,15 @@
-"""Layouts of the arrays that Python passes to the step kernel: settings, memory and sensed values.
+"""Layouts of the arrays that Python passes to the step kernel: memory, sensed values and settings."""
 
-Python passes the settings to the kernel as one flat float64 array, because numba unboxes one array faster than a nested
-tuple at every call. `pack_settings` writes that array and `unpack_settings` reads it inside the kernel; no other code
-depends on the positions.
-"""
-
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.jit import inlined
+from quadpend_gym.core.packing import pack, unpacker
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
-from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
+from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
+from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.observation import TARGET_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE
@@ -37,18 +33,6 @@ SENSED_STATE = slice(SENSED_ROD_LENGTH + 1, SENSED_ROD_LENGTH + 1 + STATE_SIZE)
 SENSED_SIZE = SENSED_STATE.stop
 
 
-_SETTINGS_SIZE = 18
-
-
-class CommandScale(NamedTuple):
-    """Scale of each component of an action, see `Simulation.command_scale`."""
-
-    thrust: float  # N
-    roll: float  # N·m
-    pitch: float  # N·m
-    yaw: float  # N·m
-
-
 class KernelLimits(NamedTuple):
     """The limits of a task, `quadpend_gym.tasks.Limits`, with the angles as cosines, and the side of its pendulum."""
 
@@ -70,40 +54,29 @@ class KernelWeights(NamedTuple):
     pendulum_first: float
 
 
-class RigidStep(NamedTuple):
-    """What a control step of rigid vehicles needs besides the other settings.
-
-    Attributes:
-        vehicle: The vehicle with its interface.
-        switch: Number of substeps at the beginning in which the last action acts.
-    """
-
-    vehicle: RigidSettings
-    switch: int
-
-
 class KernelSettings(NamedTuple):
-    """Settings of a task and a simulation that the step kernel reads.
+    """Settings of a task and a simulation that the step kernel reads."""
 
-    Attributes:
-        period: Control period, s.
-        command_scale: Scale of the action.
-        limits: Limits at which an episode terminates.
-        weights: Weights of the reward.
-        moves_air: Whether a wind model gives an air velocity, so that there is drag.
-        substeps: Runge–Kutta steps in a control period; 0 leaves state and clock unchanged.
-    """
-
-    period: float
-    command_scale: CommandScale
+    period: float  # s
+    command_scale: Four  # see `Simulation.command_scale`
     limits: KernelLimits
     weights: KernelWeights
-    moves_air: bool
-    substeps: int
+    moves_air: bool  # whether a wind model gives an air velocity, so that there is drag
+    substeps: int  # Runge–Kutta steps in a control period; 0 leaves state and clock unchanged
 
 
-def make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> KernelSettings:
-    """Return the kernel settings of a task and a simulation."""
+class RigidStepSettings(NamedTuple):
+    """Settings of a control step of rigid vehicles."""
+
+    kernel: KernelSettings
+    switch: int  # number of substeps at the beginning in which the last action acts
+    vehicle: RigidSettings
+
+
+unpack_settings, unpack_rigid_settings = unpacker(KernelSettings), unpacker(RigidStepSettings)
+
+
+def _make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> KernelSettings:
     limits, reward = task.limits, task.reward
     cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
     weights = np.array([reward.tracking, reward.upright, reward.yaw, reward.effort])
@@ -113,7 +86,7 @@ def make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps:
     tracking, upright, yaw, effort = weights.tolist()
     return KernelSettings(
         simulation.period,
-        CommandScale(*simulation.command_scale.tolist()),
+        Four(*simulation.command_scale.tolist()),
         KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground, task.side),
         KernelWeights(tracking, upright, yaw, effort, reward.tip, reward.pendulum_first),
         moves_air,
@@ -121,32 +94,12 @@ def make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps:
     )
 
 
-def pack_settings(settings: KernelSettings) -> Floats:
-    """Return the settings as a flat array, shape (18,), which `unpack_settings` reads."""
-    period, command_scale, limits, weights, moves_air, substeps = settings
-    return np.array([period, *command_scale, *limits, *weights, moves_air, substeps], np.float64)
+def pack_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> Floats:
+    """Return the settings of the paper's vehicle as a flat array that `unpack_settings` reads."""
+    return pack(_make_settings(task, simulation, moves_air, substeps))
 
 
-def pack_rigid_settings(settings: KernelSettings, simulation: Simulation) -> Floats:
-    """Return the settings of rigid vehicles as a flat array that `unpack_settings` and `unpack_rigid_step` read."""
-    switch = simulation.delayed_substeps % simulation.substeps
-    return np.concatenate([pack_settings(settings), [switch], pack_rigid(simulation)])
-
-
-@inlined
-def unpack_rigid_step(packed: Any) -> RigidStep:
-    """Return the vehicle in an array that `pack_rigid_settings` made."""
-    return RigidStep(unpack_rigid(packed[_SETTINGS_SIZE + 1 :]), int(packed[_SETTINGS_SIZE]))
-
-
-@inlined
-def unpack_settings(packed: Any) -> KernelSettings:
-    """Return the settings in an array that `pack_settings` made."""
-    return KernelSettings(
-        packed[0],
-        CommandScale(packed[1], packed[2], packed[3], packed[4]),
-        KernelLimits(packed[5], packed[6], packed[7], packed[8], packed[9]),
-        KernelWeights(packed[10], packed[11], packed[12], packed[13], packed[14], packed[15]),
-        packed[16] > 0.0,
-        int(packed[17]),
-    )
+def pack_rigid_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> Floats:
+    """Return the settings of rigid vehicles as a flat array that `unpack_rigid_settings` reads."""
+    settings, vehicle = _make_settings(task, simulation, moves_air, substeps), make_rigid_settings(simulation)
+    return pack(RigidStepSettings(settings, simulation.delayed_substeps % simulation.substeps, vehicle))

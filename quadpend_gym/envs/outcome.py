@@ -54,13 +54,9 @@ class StepInfo:
     """
 
     def __init__(self, air_velocity: bool, command: bool, parameters: bool) -> None:
-        """Choose the fields."""
-        optional = (
-            (air_velocity, "air_velocity", AIR_VELOCITY),
-            (command, "command", COMMAND),
-            (parameters, "parameters", PARAMETERS),
-        )
-        self._optional = tuple((name, rows) for included, name, rows in optional if included)
+        optional = {"air_velocity": AIR_VELOCITY, "command": COMMAND, "parameters": PARAMETERS}
+        included = air_velocity, command, parameters
+        self._optional = [item for item, wanted in zip(optional.items(), included, strict=True) if wanted]
         self.outcome_size: int = max((rows.stop for _, rows in self._optional), default=DISTURBANCE.stop)
 
     def read(self, outcome: Floats, scalars: Any) -> dict[str, Any]:

@@ -1,22 +1,11 @@
-"""The plants of n sub-environments: what differs between the paper's vehicle and rigid ones in a `World`.
-
-Both classes have the same attributes and methods, and `plant_rows` chooses one of them.
-"""
+"""The plants of n sub-environments: what differs between the paper's vehicle and rigid ones in a `World`."""
 
 import numpy as np
+from typing_extensions import override
 
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.delays import delay
-from quadpend_gym.envs.kernel_layout import (
-    MEMORY_ACTION,
-    MEMORY_RIGID,
-    MEMORY_SIZE,
-    MEMORY_STATE,
-    RIGID_MEMORY_SIZE,
-    make_settings,
-    pack_rigid_settings,
-    pack_settings,
-)
+from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs.step_kernel import step_euler, step_rigid
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, rigid_from_state
@@ -28,30 +17,28 @@ from quadpend_gym.vehicles import Simulation
 class EulerRows:
     """The paper's vehicle, which has no further state: an action acts at once.
 
-    Args:
-        num_envs: Number n of sub-environments.
-        simulation: The vehicle.
-
     Attributes:
-        memory: Memory of the step kernel, shape (n, 47).
+        memory: Memory of the step kernel, shape (n, 47); of rigid vehicles (n, 62).
         step: The step kernel.
     """
 
     step = staticmethod(step_euler)
+    _pack_settings = staticmethod(layout.pack_settings)
+    _memory_size = layout.MEMORY_SIZE
 
     def __init__(self, num_envs: int, simulation: Simulation) -> None:
-        self.memory = np.zeros((num_envs, MEMORY_SIZE))
+        self.memory = np.zeros((num_envs, self._memory_size))
         self._simulation = simulation
 
     def settings(self, task: Task, moves_air: bool, substeps: int) -> Floats:
         """Return the settings of the step kernel as a flat array."""
-        return pack_settings(make_settings(task, self._simulation, moves_air, substeps))
+        return self._pack_settings(task, self._simulation, moves_air, substeps)
 
     def start_episodes(self, rows: Integers) -> None:
         """Start new episodes in the sub-environments `rows`, shape (m,), whose states are in the memory."""
 
     def delay(self, action: Floats32, clock: Integers) -> Floats32:
-        """Return the actions that act in this control step, shape (n, 4)."""
+        """Return the actions that begin to act in this control step, and keep those that act later, shape (n, 4)."""
         return action
 
     def thrust(self, row: int) -> float | None:
@@ -59,55 +46,43 @@ class EulerRows:
         return None
 
 
-class RigidRows:
+class RigidRows(EulerRows):
     """Rigid vehicles with their further state, rotors and latency.
 
     With a latency of k control periods and s substeps, the action of k + 1 steps ago acts during the first s substeps
     of a step, and the action of k steps ago afterwards. Actions from before the episode are zero: hover.
-
-    Args:
-        num_envs: Number n of sub-environments.
-        simulation: The vehicle, its interface and its latency.
-
-    Attributes:
-        memory: Memory of the step kernel, shape (n, 62).
-        step: The step kernel.
     """
 
     step = staticmethod(step_rigid)
+    _pack_settings = staticmethod(layout.pack_rigid_settings)
+    _memory_size = layout.RIGID_MEMORY_SIZE
 
     def __init__(self, num_envs: int, simulation: Simulation) -> None:
-        self.memory = np.zeros((num_envs, RIGID_MEMORY_SIZE))
-        self._simulation = simulation
+        super().__init__(num_envs, simulation)
         self._periods = simulation.delayed_substeps // simulation.substeps
         self._under_way = np.zeros((self._periods * ACTION_SIZE, num_envs)).T
 
-    def settings(self, task: Task, moves_air: bool, substeps: int) -> Floats:
-        """Return the settings of the step kernel as a flat array."""
-        settings = make_settings(task, self._simulation, moves_air, substeps)
-        return pack_rigid_settings(settings, self._simulation)
-
+    @override
     def start_episodes(self, rows: Integers) -> None:
-        """Start new episodes in the sub-environments `rows`, shape (m,), whose states are in the memory."""
-        self.memory[rows, MEMORY_RIGID] = rigid_from_state(self.memory[rows, MEMORY_STATE], self._simulation)
-        self.memory[rows, MEMORY_ACTION] = 0.0
+        state = self.memory[rows, layout.MEMORY_STATE]
+        self.memory[rows, layout.MEMORY_RIGID] = rigid_from_state(state, self._simulation)
+        self.memory[rows, layout.MEMORY_ACTION] = 0.0
         self._under_way[rows] = 0.0
 
+    @override
     def delay(self, action: Floats32, clock: Integers) -> Floats32:
-        """Return the actions that begin to act in this control step, and keep those that act later, shape (n, 4)."""
         if not self._periods:
             return action
         late = np.asfortranarray(action, np.float64)
         delay(late, clock, self._under_way, self._periods)
         return late.astype(np.float32, order="C")
 
+    @override
     def thrust(self, row: int) -> float | None:
-        """Return the thrust of all rotors of a vehicle, N; None: it is the commanded one."""
-        rotors = self.memory[row, MEMORY_RIGID][ROTOR_THRUST:]
+        rotors = self.memory[row, layout.MEMORY_RIGID][ROTOR_THRUST:]
         return float(rotors.sum() if self._simulation.vehicle.rotors else rotors[0])
 
 
-def plant_rows(num_envs: int, simulation: Simulation) -> EulerRows | RigidRows:
+def plant_rows(num_envs: int, simulation: Simulation) -> EulerRows:
     """Return the rows of n sub-environments with a vehicle."""
-    rigid = isinstance(plant_of(simulation), RigidPlant)
-    return RigidRows(num_envs, simulation) if rigid else EulerRows(num_envs, simulation)
+    return (RigidRows if isinstance(plant_of(simulation), RigidPlant) else EulerRows)(num_envs, simulation)

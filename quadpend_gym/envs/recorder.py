@@ -36,7 +36,6 @@ class Recorder:
     """
 
     def __init__(self, world: World, mode: str) -> None:
-        """Allocate the history; no episode has started yet."""
         n = world.num_envs if mode == "rgb_array" else min(world.num_envs, MAX_TILES)
         self.world, self.mode, self._visible = world, mode, n
         self._started = np.zeros(n, np.bool_)
@@ -54,24 +53,14 @@ class Recorder:
         return {**self.__dict__, "_picture": None, "_window": None}
 
     def start_episodes(self, rows: Integers, outcome: Floats) -> None:
-        """Record that episodes have started.
-
-        Args:
-            rows: Indices of the sub-environments whose episodes have started, shape (m,).
-            outcome: Outcome of all sub-environments, shape (k, n), see `World.step`.
-        """
+        """Record that episodes have started in the sub-environments `rows`, shape (m,); `outcome` is that of all."""
         rows = rows[rows < self._visible]
         self._started[rows], self._outcome = True, outcome
         self._action[rows], self._return[rows], self._force_sum[rows] = 0.0, 0.0, 0.0
         self._states[self._latest, rows] = self.world.state[rows]
 
     def record_step(self, action: Floats32, outcome: Floats) -> None:
-        """Record a step of all sub-environments.
-
-        Args:
-            action: Shape (n, 4).
-            outcome: Shape (k, n), see `World.step`.
-        """
+        """Record a step of all sub-environments, see `World.step`."""
         n, self._outcome = self._visible, outcome
         self._action[:] = action[:n]
         self._return += outcome[REWARD, :n]
@@ -80,11 +69,7 @@ class Recorder:
         self._states[self._latest] = self.world.state[:n]
 
     def snapshot(self, row: int = 0) -> Snapshot:
-        """Return the snapshot of one sub-environment after its latest step.
-
-        Raises:
-            ResetNeeded: If the sub-environment has not started an episode.
-        """
+        """Return the snapshot of one sub-environment after its latest step."""
         if not self._started[row]:
             raise ResetNeeded("reset must be called before render")
         world, outcome, clock = self.world, self._outcome[:, row], int(self.world.clock[row])
@@ -95,11 +80,11 @@ class Recorder:
         # The camera follows the quadrotor with a first-order lag, computed over the history.
         fading = np.exp(-period / _CAMERA_LAG * np.arange(len(states) - 1, -1, -1))
         fading[1:] *= -np.expm1(-period / _CAMERA_LAG)
-        thrust = 1.0 + float(self._action[row, THRUST])
-        if len(outcome) == OUTCOME_SIZE:  # with actuators, the thrust after the actuators
-            thrust = float(outcome[COMMAND][THRUST]) / world.simulation.command_scale[THRUST]
+        weight, thrust = world.simulation.command_scale[THRUST], 1.0 + float(self._action[row, THRUST])
         if (acting := world.thrust(row)) is not None:
-            thrust = acting / world.simulation.command_scale[THRUST]
+            thrust = acting / weight
+        elif len(outcome) == OUTCOME_SIZE:  # with actuators, the thrust after the actuators
+            thrust = float(outcome[COMMAND][THRUST]) / weight
         return Snapshot(
             clock * period,
             State(states[-1].copy()),
@@ -139,16 +124,7 @@ class Recorder:
         return self._window is not None and bool(self._window.pop_end_request())
 
     def render(self) -> Any:
-        """Return the picture or pictures that the render mode specifies.
-
-        Returns:
-            A tuple of one array of shape (480, 640, 3), uint8, for each sub-environment with ``"rgb_array"``; one such
-            array with ``"mosaic"``; None with ``"human"``, whose window `show` updates.
-
-        Raises:
-            DependencyNotInstalled: If pygame-ce is not installed.
-            ResetNeeded: If a visible sub-environment has not started an episode.
-        """
+        """Return the pictures of the render mode: a tuple, with ``"mosaic"`` one, and None with ``"human"``."""
         if self.mode == "human":
             self.snapshot(int(self._started.argmin()))  # raises ResetNeeded if any has not started
             return None
@@ -170,11 +146,7 @@ class Recorder:
 
 
 def check_render_mode(mode: str | None, modes: list[str]) -> None:
-    """Check that `mode` is None or one of `modes`.
-
-    Raises:
-        ValueError: If it is not.
-    """
+    """Check that `mode` is None or one of `modes`."""
     if mode is not None and mode not in modes:
         raise ValueError(f"render_mode must be None or one of {', '.join(modes)}, not {mode!r}")
 

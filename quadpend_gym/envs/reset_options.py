@@ -7,7 +7,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import suggest
-from quadpend_gym.physics.kernel import DIVERGENCE_LIMIT
+from quadpend_gym.physics.euler_kernel import DIVERGENCE_LIMIT
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks.feasibility import check_feasible
@@ -17,21 +17,18 @@ _SHORTEST_DIRECTION = 1e-9  # of a direction before its normalisation
 
 
 class ResetOptions(NamedTuple):
-    """Checked options of a reset of m sub-environments; everything that they do not fix is drawn.
+    """Checked options of a reset of m sub-environments; everything that they do not fix is drawn."""
 
-    Attributes:
-        state: Fixed fields of the state by name, each of shape (3,) or (m, 3).
-        references: Fixed references: one for all sub-environments or one for each; empty: they are not fixed.
-    """
-
-    state: dict[str, Floats]
-    references: tuple[Trajectory, ...]
+    state: dict[str, Floats]  # fixed fields of the state by name, each of shape (3,) or (m, 3)
+    references: tuple[Trajectory, ...]  # one for all sub-environments or one for each; empty: they are not fixed
 
 
 NO_OPTIONS = ResetOptions({}, ())
 
 
-def read_reset_options(options: Mapping[str, Any] | None, known: Sequence[str], count: int, scenario: Scenario) -> Any:
+def read_reset_options(
+    options: Mapping[str, Any] | None, known: Sequence[str], count: int, scenario: Scenario
+) -> ResetOptions:
     """Return the `ResetOptions` of a reset, after checking them before the reset changes anything.
 
     Args:
@@ -40,11 +37,8 @@ def read_reset_options(options: Mapping[str, Any] | None, known: Sequence[str], 
         known: Names of the options.
         count: Number of sub-environments that are reset.
         scenario: The scenario, for the check whether a reference can be flown.
-
-    Raises:
-        ValueError: If an option or a field is unknown, or a value has a wrong shape or cannot be flown.
     """
-    given = options or {}
+    given: Mapping[str, Any] = options or {}
     if unknown := [name for name in given if name not in known]:
         raise ValueError(
             f"there is no option {unknown[0]!r}{suggest(unknown[0], known)}; the options are {', '.join(known)}"

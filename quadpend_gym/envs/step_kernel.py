@@ -5,8 +5,8 @@ observation (`quadpend_gym.tasks.observation`) and the wind (`quadpend_gym.wind`
 
 1. converts the action a to the command u = s_u (1 + a₀), τᵢ = sᵢ aᵢ for i = 1, 2, 3 (`Simulation.command_scale`),
 2. adds the wind's forces and torque, and drag if the wind has a velocity (`quadpend_gym.physics.drag`),
-3. integrates the equations of motion over one control period (`quadpend_gym.physics.kernel`; rigid vehicles do 1 to 3
-   in `quadpend_gym.physics.rigid_kernel`),
+3. integrates the equations of motion over one control period (`quadpend_gym.physics.euler_kernel`; rigid vehicles do 1
+   to 3 in `quadpend_gym.physics.rigid_kernel`),
 4. evaluates the reference at the new time and measures tracking errors, reward terms and termination,
 5. writes outcome and observation.
 
@@ -22,59 +22,15 @@ import numpy as np
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.elementary import arcsin
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.envs.kernel_layout import (
-    MEMORY_ACTION,
-    MEMORY_PARAMETERS,
-    MEMORY_REFERENCE,
-    MEMORY_RIGID,
-    MEMORY_STATE,
-    SENSED_ROD_LENGTH,
-    SENSED_SIZE,
-    SENSED_STATE,
-    CommandScale,
-    KernelLimits,
-    KernelWeights,
-    unpack_rigid_step,
-    unpack_settings,
-)
-from quadpend_gym.envs.outcome import (
-    AIR_VELOCITY,
-    COMMAND,
-    DISTURBANCE,
-    EFFORT_TERM,
-    OUTCOME_SIZE,
-    PARAMETERS,
-    REWARD,
-    TERMINATED,
-    TILT,
-    TRACKING_ERROR,
-    TRACKING_TERM,
-    UPRIGHT_TERM,
-    YAW_TERM,
-)
-from quadpend_gym.envs.step_errors import NO_ERROR, find_error
+from quadpend_gym.envs import kernel_layout as layout
+from quadpend_gym.envs import outcome as rows
+from quadpend_gym.envs.inputs import NO_ERROR, find_error
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import thrust_axis
-from quadpend_gym.physics.kernel import (
-    BLOCK,
-    DIVERGENCE_LIMIT,
-    THRUST_AXIS,
-    gather,
-    integrate,
-    scatter,
-)
+from quadpend_gym.physics.euler_kernel import BLOCK, DIVERGENCE_LIMIT, THRUST_AXIS, gather, integrate, scatter
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
-from quadpend_gym.physics.state import (
-    ACTION_SIZE,
-    COMMAND_TORQUE,
-    DIRECTION,
-    DIRECTION_RATE,
-    EULER,
-    POSITION,
-    STATE_SIZE,
-    THRUST,
-)
-from quadpend_gym.physics.vectors import Vec3, load, norm, store
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, EULER, POSITION, STATE_SIZE
+from quadpend_gym.physics.vectors import Four, Vec3, load, load_four, norm, store, store_four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     REFERENCE_START,
@@ -93,12 +49,12 @@ from quadpend_gym.vehicles.parameters import ROD_LENGTH
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and the further
 # state of rigid vehicles, the action, the reference and the time.
-_SENSED = slice(OUTCOME_SIZE, OUTCOME_SIZE + SENSED_SIZE)
+_SENSED = slice(rows.OUTCOME_SIZE, rows.OUTCOME_SIZE + layout.SENSED_SIZE)
 _STATE, _ACTION, _REFERENCE, _TIME, _END = accumulate(
-    (OUTCOME_SIZE + SENSED_STATE.start, RIGID_LANE_SIZE, ACTION_SIZE, REFERENCE_SIZE, 1)
+    (rows.OUTCOME_SIZE + layout.SENSED_STATE.start, RIGID_LANE_SIZE, ACTION_SIZE, REFERENCE_SIZE, 1)
 )
-_WIND = slice(DISTURBANCE.start, AIR_VELOCITY.stop)
-_TRACKING_ERROR = TRACKING_ERROR.start  # first row, for `store`
+_WIND = slice(rows.DISTURBANCE.start, rows.AIR_VELOCITY.stop)
+_TRACKING_ERROR = rows.TRACKING_ERROR.start  # first row, for `store`
 
 
 @inlined
@@ -113,13 +69,11 @@ def _copy(lanes_in: Any, lanes: int, out: Any) -> None:
 
 
 @inlined
-def _command(action: Any, scale: CommandScale, lanes: int, out: Any) -> None:
+def _command(action: Any, scale: Four, lanes: int, out: Any) -> None:
     """Write thrust and torques for each action; an action has the order of a command."""
     for lane in range(lanes):
-        out[THRUST, lane] = scale.thrust * (1.0 + action[THRUST, lane])
-        out[COMMAND_TORQUE, lane] = scale.roll * action[COMMAND_TORQUE, lane]
-        out[COMMAND_TORQUE + 1, lane] = scale.pitch * action[COMMAND_TORQUE + 1, lane]
-        out[COMMAND_TORQUE + 2, lane] = scale.yaw * action[COMMAND_TORQUE + 2, lane]
+        a = load_four(action, 0, lane)
+        store_four(out, 0, lane, Four(scale.a * (1.0 + a.a), scale.b * a.b, scale.c * a.c, scale.d * a.d))
 
 
 @inlined
@@ -131,7 +85,7 @@ def _diverged(state: Any, lane: int) -> bool:
 
 
 @inlined
-def _outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: KernelLimits) -> bool:
+def _outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: layout.KernelLimits) -> bool:
     """Return whether the state is outside the task's limits."""
     height, vertical = state[POSITION + 2, lane], state[DIRECTION + 2, lane]
     return bool(
@@ -144,66 +98,45 @@ def _outside(state: Any, lane: int, error: Vec3, rod_length: float, limits: Kern
 
 @inlined
 def _measure(
-    state: Any,
-    action: Any,
-    physics: Any,
-    lane: int,
-    tracking: TrackingErrors,
-    limits: KernelLimits,
-    weights: KernelWeights,
-    out: Any,
+    state: Any, action: Any, rod_length: float, lane: int, tracking: TrackingErrors, settings: Any, out: Any
 ) -> None:
     """Write reward, termination, tracking error and tilt into column `lane` of an outcome."""
-    r = load(state, DIRECTION, lane)
+    r, limits, weights = load(state, DIRECTION, lane), settings.limits, settings.weights
     cosine = limits.side * r.z
     terms = reward_terms(tracking.error, cosine, tracking.yaw_error, action, lane, weights.tip)
-    out[TRACKING_TERM, lane] = terms.tracking
-    out[UPRIGHT_TERM, lane] = terms.upright
-    out[YAW_TERM, lane] = terms.yaw
-    out[EFFORT_TERM, lane] = terms.effort
+    store_four(out, rows.TRACKING_TERM, lane, terms)
     store(out, _TRACKING_ERROR, lane, tracking.error)
-    out[TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - limits.side)), 1.0))
-    out[REWARD, lane] = pendulum_factor(cosine, load(state, DIRECTION_RATE, lane), weights.pendulum_first) * (
+    out[rows.TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - limits.side)), 1.0))
+    out[rows.REWARD, lane] = pendulum_factor(cosine, load(state, DIRECTION_RATE, lane), weights.pendulum_first) * (
         weights.tracking * terms.tracking
         + weights.upright * terms.upright
         + weights.yaw * terms.yaw
         + weights.effort * terms.effort
     )
-    outside = _outside(state, lane, tracking.error, physics[ROD_LENGTH, lane], limits)
-    out[TERMINATED, lane] = 1.0 if outside else 0.0
+    out[rows.TERMINATED, lane] = 1.0 if _outside(state, lane, tracking.error, rod_length, limits) else 0.0
 
 
 @inlined
-def control_step(
-    memory: Any,
-    clock: Any,
-    wind: Any,
-    action: Any,
-    settings: Any,
-    observation: Any,
-    outcome: Any,
-    sensed: Any,
-    trajectories: Any,
-    rigid: Any,
-) -> int:
+def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: Any) -> int:
     """Advance n sub-environments, as `step_euler` describes.
 
-    `trajectories` is a `PackedTrajectories` or None; `rigid` is a `RigidStep`, or None for the paper's attitude model.
+    `trajectories` is a `PackedTrajectories` or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle.
     """
+    memory, clock, wind, action, observation, outcome, sensed = arrays
     error = find_error(action, wind)
     if error != NO_ERROR:
         return error
-    state, parameters, reference = memory[:, MEMORY_STATE], memory[:, MEMORY_PARAMETERS], memory[:, MEMORY_REFERENCE]
-    period, command_scale, limits, weights, moves_air, substeps = unpack_settings(settings)
+    state, parameters = memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS]
+    reference, period, substeps = memory[:, layout.MEMORY_REFERENCE], task.period, task.substeps
     buffer = np.empty((_END, BLOCK))
-    disturbance_lanes, velocity_lanes = buffer[DISTURBANCE], buffer[AIR_VELOCITY]
-    physics_lanes, command_lanes = buffer[PARAMETERS], buffer[COMMAND]
+    disturbance_lanes, velocity_lanes = buffer[rows.DISTURBANCE], buffer[rows.AIR_VELOCITY]
+    physics_lanes, command_lanes = buffer[rows.PARAMETERS], buffer[rows.COMMAND]
     sensed_lanes, state_lanes = buffer[_SENSED], buffer[_STATE:_ACTION]
     action_lanes, reference_lanes, time = buffer[_ACTION:_REFERENCE], buffer[_REFERENCE:_TIME], buffer[_TIME]
     observation_lanes = np.empty((OBSERVATION_SIZE, BLOCK), np.float32)
     diverged = np.empty(BLOCK, np.bool_)
     if rigid is not None:
-        rigid_memory, last_action = memory[:, MEMORY_RIGID], memory[:, MEMORY_ACTION]
+        rigid_memory, last_action = memory[:, layout.MEMORY_RIGID], memory[:, layout.MEMORY_ACTION]
         last_lanes = np.empty((ACTION_SIZE, BLOCK))
     for first in range(0, state.shape[0], BLOCK):
         lanes = min(BLOCK, state.shape[0] - first)
@@ -213,8 +146,8 @@ def control_step(
         gather(reference, first, lanes, reference_lanes)
         _copy(wind[:, first:], lanes, buffer[_WIND])
         if rigid is None:
-            _command(action_lanes, command_scale, lanes, command_lanes)
-            if moves_air:
+            _command(action_lanes, task.command_scale, lanes, command_lanes)
+            if task.moves_air:
                 for lane in range(lanes):
                     add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
             integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
@@ -253,12 +186,12 @@ def control_step(
             observe_reference(point, lane, observation_lanes)
             target = Target(point.d0, point.d1, point.yaw)
             store_target(target, sensed_lanes, lane)
-            sensed_lanes[SENSED_ROD_LENGTH, lane] = physics_lanes[ROD_LENGTH, lane]
+            sensed_lanes[layout.SENSED_ROD_LENGTH, lane] = physics_lanes[ROD_LENGTH, lane]
             tracking = tracking_errors(state_lanes, lane, physics_lanes[ROD_LENGTH, lane], target)
-            _measure(state_lanes, action_lanes, physics_lanes, lane, tracking, limits, weights, buffer)
+            _measure(state_lanes, action_lanes, physics_lanes[ROD_LENGTH, lane], lane, tracking, task, buffer)
         for lane in range(lanes):
             if diverged[lane]:
-                buffer[TERMINATED, lane] = 1.0
+                buffer[rows.TERMINATED, lane] = 1.0
         scatter(state_lanes, first, lanes, state)
         if rigid is not None:
             scatter(state_lanes[RIGID:], first, lanes, rigid_memory)
@@ -302,7 +235,7 @@ def step_euler(
         clock: Control steps since each episode began, shape (n,), changed in place.
         wind: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n).
         action: Shape (n, 4), each component in [−1, 1].
-        settings: Packed `KernelSettings`, see `kernel_layout.pack_settings`.
+        settings: A packed `KernelSettings`.
         observation: Output, shape (n, 36).
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
         sensed: Shape (26, 0) without sensors. With sensors an output of shape (26, n): the step then writes only the
@@ -312,12 +245,12 @@ def step_euler(
         first: The other field of `PackedTrajectories`, shape (n,).
 
     Returns:
-        `NO_ERROR`, or the error code that `check_inputs` returns; with an error, no array is changed.
+        The error code of `inputs`; with an error, no array is changed.
     """
+    arrays, task = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_settings(settings)
     if numbers.size == 0:
-        return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, None, None)
-    trajectories = PackedTrajectories(numbers, first)
-    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories, None)
+        return _step(arrays, task, None, None)
+    return _step(arrays, task, PackedTrajectories(numbers, first), None)
 
 
 @compiled
@@ -333,15 +266,11 @@ def step_rigid(
     numbers: Floats,
     first: Integers,
 ) -> int:
-    """As `step_euler`, for rigid vehicles.
-
-    `memory` has shape (n, 62), and `settings` are those of `kernel_layout.pack_rigid_settings`.
-    """
-    rigid = unpack_rigid_step(settings)
+    """As `step_euler`, for rigid vehicles: `memory` has shape (n, 62), `settings` are a packed `RigidStepSettings`."""
+    arrays, rigid = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_rigid_settings(settings)
     if numbers.size == 0:
-        return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, None, rigid)
-    trajectories = PackedTrajectories(numbers, first)
-    return control_step(memory, clock, wind, action, settings, observation, outcome, sensed, trajectories, rigid)
+        return _step(arrays, rigid.kernel, None, rigid)
+    return _step(arrays, rigid.kernel, PackedTrajectories(numbers, first), rigid)
 
 
 @compiled
@@ -352,12 +281,13 @@ def observe_sensed(sensed: Floats, observation: Floats32) -> None:
         sensed: The array that a step has written and the sensors have changed, shape (26, n).
         observation: Output, shape (n, 36); the reference's part is left unchanged.
     """
-    state, lanes = sensed[SENSED_STATE], np.empty((REFERENCE_START, BLOCK), np.float32)
+    state, lanes = sensed[layout.SENSED_STATE], np.empty((REFERENCE_START, BLOCK), np.float32)
     for first in range(0, sensed.shape[1], BLOCK):
         size = min(BLOCK, sensed.shape[1] - first)
         for lane in range(size):
             column = first + lane
-            tracking = tracking_errors(state, column, sensed[SENSED_ROD_LENGTH, column], load_target(sensed, column))
+            rod_length, target = sensed[layout.SENSED_ROD_LENGTH, column], load_target(sensed, column)
+            tracking = tracking_errors(state, column, rod_length, target)
             observe_state(state, column, tracking, lanes, lane)
         for lane in range(size):
             for field in range(REFERENCE_START):

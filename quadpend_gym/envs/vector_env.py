@@ -10,10 +10,11 @@ from gymnasium.vector.utils import batch_space
 
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
 from quadpend_gym.envs.env import frames_per_second
+from quadpend_gym.envs.inputs import check_action
 from quadpend_gym.envs.outcome import REWARD, TERMINATED
 from quadpend_gym.envs.recorder import Recorder, check_render_mode, warn_without_render_mode
 from quadpend_gym.envs.reset_options import read_reset_options
-from quadpend_gym.envs.spaces import action_space, check_action, observation_space, observed_columns
+from quadpend_gym.envs.spaces import action_space, observation_space, observed_columns
 from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, State
 from quadpend_gym.scenarios.library import as_scenario
@@ -53,14 +54,13 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         **parts: Any,
     ) -> None:
         """Build the environment; the class documents the arguments."""
-        if not isinstance(num_envs, int) or num_envs < 1:
-            raise ValueError(f"num_envs must be a whole number of at least 1, not {num_envs!r}")
-        if max_episode_steps is not None and (not isinstance(max_episode_steps, int) or max_episode_steps < 1):
-            raise ValueError(f"max_episode_steps must be a whole number of at least 1, not {max_episode_steps!r}")
         check_render_mode(render_mode, self.metadata["render_modes"])
         self.scenario = as_scenario(scenario, **parts)
         self.num_envs = num_envs
         self.max_episode_steps = self.scenario.steps if max_episode_steps is None else max_episode_steps
+        for name in ("num_envs", "max_episode_steps"):
+            if not isinstance(number := getattr(self, name), int) or number < 1:
+                raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
         self.render_mode = render_mode
         self.autoreset_mode = _as_autoreset_mode(autoreset_mode)
         fps = frames_per_second(self.scenario)
@@ -94,9 +94,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
         Returns:
             The observations of all sub-environments, shape (num_envs, 36), and the info.
-
-        Raises:
-            ValueError: If a seed is not a non-negative integer, or an option is unknown or has a wrong value.
         """
         mask = self._mask((options or {}).get("reset_mask"))
         rows = np.flatnonzero(mask)
@@ -123,24 +120,20 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
 
         Raises:
             ResetNeeded: If a sub-environment has no running episode.
-            ValueError: If the actions have the wrong shape, or one of them is out of range or not finite.
         """
         actions = check_action(actions, (self.num_envs, ACTION_SIZE))
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
-            raise ResetNeeded(
-                f"the episode of sub-environment {self._ended.argmax()} is over: reset it with"
-                " options={'reset_mask': …}"
-            )
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
-            actions = np.where(
-                self._ended[:, np.newaxis], np.float32(0.0), actions
-            )  # ignored: the step only starts their next episode
+            row = self._ended.argmax()
+            raise ResetNeeded(f"the episode of sub-environment {row} is over: reset with options={{'reset_mask': …}}")
+        restarts = self.autoreset_mode is AutoresetMode.NEXT_STEP and bool(self._ended.any())
+        if restarts:  # actions are ignored where the step only starts the next episode
+            actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)
         observation, outcome = self.world.step(actions)
         reward = outcome[REWARD].copy()
         terminated = outcome[TERMINATED] != 0.0
         if self.recorder is not None:
             self.recorder.record_step(actions, outcome)
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._ended.any():
+        if restarts:
             reward[self._ended], terminated[self._ended] = 0.0, False
             self._restart(np.flatnonzero(self._ended), observation, outcome)
         truncated = self._truncated()
@@ -152,7 +145,9 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             final_obs = np.empty(self.num_envs, object)  # filled with None
             for row, last in zip(rows, observation[rows], strict=True):
                 final_obs[row] = last[self._columns]
-            final_info = self._info(_copy_columns(outcome, rows), ended)
+            final_outcome = np.zeros(outcome.shape)
+            final_outcome[:, rows] = outcome[:, rows]
+            final_info = self._info(final_outcome, ended)
             final = {"final_obs": final_obs, "final_info": final_info, "_final_obs": ended, "_final_info": ended}
             self._restart(rows, observation, outcome)
         if self.recorder is not None:
@@ -161,15 +156,10 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return observation[:, self._columns], reward, terminated, truncated, {**info, **final}
 
     def render(self) -> Any:
-        """Return the picture or pictures that the render mode specifies.
+        """Return the pictures of the render mode.
 
-        Returns:
-            A tuple of arrays of shape (480, 640, 3), uint8, with ``"rgb_array"``; one such array with ``"mosaic"``;
-            otherwise None.
-
-        Raises:
-            DependencyNotInstalled: If pygame-ce is not installed.
-            ResetNeeded: If a sub-environment has not been reset yet.
+        They are a tuple of arrays of shape (480, 640, 3), uint8, with ``"rgb_array"``, one such array with
+        ``"mosaic"``, and otherwise None.
         """
         if self.recorder is None:
             warn_without_render_mode(self)
@@ -182,7 +172,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
             self.recorder.close()
 
     def _truncated(self) -> Booleans:
-        """Return whether each running episode is truncated, shape (num_envs,)."""
         if self.recorder is not None and self.recorder.pop_end_request():
             return np.ones(self.num_envs, np.bool_)
         return np.asarray(self.world.clock >= self.max_episode_steps)
@@ -208,7 +197,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         self._seeded[rows] = True
 
     def _seeds(self, seed: Any) -> list[Any]:
-        """Return the seed of each sub-environment, or None."""
         if seed is None:
             return [None] * self.num_envs
         numbers = int | np.integer
@@ -219,7 +207,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         return seeds
 
     def _mask(self, mask: Any) -> Booleans:
-        """Return which sub-environments are reset."""
         found = np.array(np.ones(self.num_envs, np.bool_) if mask is None else mask)
         if found.dtype != np.bool_ or found.shape != (self.num_envs,) or not found.any():
             raise ValueError(
@@ -234,13 +221,6 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         info["reward_terms"] = {**terms, **{f"_{name}": mask for name in terms}}
         arrays = {name: value if name == "reward_terms" else value.T for name, value in info.items()}
         return {**arrays, **{f"_{name}": mask for name in arrays}}
-
-
-def _copy_columns(array: Floats, columns: Integers) -> Floats:
-    """Return an array that equals `array` in some columns and is zero elsewhere."""
-    out = np.zeros(array.shape)
-    out[:, columns] = array[:, columns]
-    return out
 
 
 def _as_autoreset_mode(value: Any) -> AutoresetMode:

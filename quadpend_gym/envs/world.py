@@ -20,23 +20,17 @@ from quadpend_gym.actuators import check_chain
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
-from quadpend_gym.envs.kernel_layout import (
-    MEMORY_PARAMETERS,
-    MEMORY_REFERENCE,
-    MEMORY_STATE,
-    SENSED_SIZE,
-    SENSED_STATE,
-)
+from quadpend_gym.envs.inputs import NO_ERROR, check_inputs, clip_rounding, raise_step_error
+from quadpend_gym.envs.kernel_layout import MEMORY_PARAMETERS, MEMORY_REFERENCE, MEMORY_STATE, SENSED_SIZE, SENSED_STATE
 from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.plant_rows import plant_rows
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_errors import NO_ERROR, check_inputs, clip_rounding, raise_step_error
 from quadpend_gym.envs.step_kernel import observe_sensed
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.sensors import check_periods
-from quadpend_gym.tasks import Task, flatten
+from quadpend_gym.tasks import flatten
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
 from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories, start_pole
@@ -56,10 +50,6 @@ class World:
         scenario: Task, vehicle, wind, sensors, actuators and parameters, the same for all.
 
     Attributes:
-        scenario: The scenario; wrappers may have added to it.
-        task: Its task.
-        simulation: Its vehicle with interface, control period and substeps.
-        num_envs: Number n of sub-environments.
         clock: Control steps since each episode began, shape (n,).
         episode: Number of the current episode of each sub-environment since it was seeded, shape (n,); −1 before the
             first.
@@ -68,11 +58,8 @@ class World:
 
     def __init__(self, num_envs: int, scenario: Scenario) -> None:
         """Allocate the arrays; every sub-environment needs `seed` and `start_episodes` before `step`."""
-        task, simulation = scenario.task, scenario.simulation
-        self.scenario = scenario
-        self.task: Task = task
-        self.simulation = simulation
-        self.num_envs = num_envs
+        self.num_envs, self.scenario = num_envs, scenario
+        task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
         self._plant = plant_rows(num_envs, simulation)
         self._memory = self._plant.memory
         self.parameters[:] = simulation.parameters.as_array()
@@ -136,11 +123,7 @@ class World:
         self._require_reset()
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
-        """Add sensors after the existing ones. Every sub-environment must then start a new episode.
-
-        Raises:
-            ValueError: If the period of a sensor does not fit the control period.
-        """
+        """Add sensors after the existing ones. Every sub-environment must then start a new episode."""
         check_periods(models, self.simulation.period)
         self._sensors = ModelBatch((*self._sensors.models, *models), self.num_envs)
         if models:
@@ -149,11 +132,7 @@ class World:
         self._require_reset()
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
-        """Add actuators before the existing ones. Every sub-environment must then start a new episode.
-
-        Raises:
-            ValueError: If the actuators do not fit together in this order.
-        """
+        """Add actuators before the existing ones. Every sub-environment must then start a new episode."""
         models = (*models, *self._actuators.models)
         check_chain(models, self.simulation)
         # The last actuator has stream 0, so one added in front does not change the random numbers of the others.
@@ -161,11 +140,7 @@ class World:
         self._require_reset()
 
     def draw_parameters(self, ranges: ParameterRanges | Around) -> None:
-        """Draw the parameters of every episode from `ranges`. Every sub-environment must then start a new episode.
-
-        Raises:
-            ValueError: If the parameters are drawn already.
-        """
+        """Draw the parameters of every episode from `ranges`. Every sub-environment must then start a new episode."""
         if self._parameter_ranges is not None:
             raise ValueError("the parameters are drawn already: give all ranges to one ParameterWrapper")
         nominal = self.simulation.parameters
@@ -194,9 +169,6 @@ class World:
             rows: Indices of the sub-environments, shape (m,).
             options: Fixed state and reference. A fixed direction is normalised, and the direction rate loses its
                 component along the direction.
-
-        Raises:
-            ValueError: If a wind model with ``moves_air`` False gives an air velocity.
         """
         self.episode[rows] += 1
         self.clock[rows] = 0
@@ -222,7 +194,6 @@ class World:
         self.start_episodes(rows)
 
     def _set_start(self, rows: Integers, options: ResetOptions) -> None:
-        """Set reference and state of new episodes."""
         self._set_reference(rows, options.references)
         keys, table = (self._seeds, self.episode), self._trajectories
         arguments = rows, *keys, *self._start_settings, self.parameters, self.reference, self.state
@@ -252,7 +223,6 @@ class World:
         self._trajectories.assign(rows, [None if isinstance(item, Reference) else item for item in fixed or (None,)])
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
-        """Draw the wind over the first control period of new episodes."""
         period, step, wind = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
         self._wind_models.start_episodes(
             rows, streams, lambda model, memory, random: model.sample(wind, memory, step, period, random)
@@ -262,13 +232,11 @@ class World:
         self.wind[rows] = wind
 
     def _sample_wind(self) -> None:
-        """Draw the wind over the next control period."""
         period, wind = self.simulation.period, self.wind
         wind[:] = 0.0
         self._wind_models.apply(lambda model, memory, random: model.sample(wind, memory, self.clock, period, random))
 
     def _start_sensors(self, rows: Integers, streams: Streams) -> None:
-        """Measure the first states of new episodes."""
         period, step, measured = self.simulation.period, self.clock[rows], np.asfortranarray(self.state[rows])
         self._sensors.start_episodes(
             rows, streams, lambda model, memory, random: model.sense(measured, memory, step, period, random)
@@ -324,7 +292,7 @@ class World:
 
         Raises:
             ResetNeeded: If a sub-environment has no episode.
-            ValueError: If an action is out of range or not finite, or the wind is not finite. Nothing has changed then.
+            ValueError: If an action or the wind is wrong. Nothing has changed then.
         """
         if not self._can_step:
             where = "" if self.num_envs == 1 else f"sub-environment {self._needs_reset.argmax()} has no episode: "
@@ -346,7 +314,7 @@ class World:
             return self._step_clipped(error, action)
         if self._sensors.models:
             self._sense()
-            observe_sensed(self._sensed, observation)
+            observe_sensed(sensed, observation)
         if self._wind_models.models:
             self._sample_wind()
         return observation, outcome[:, : self.num_envs] if self._padded else outcome

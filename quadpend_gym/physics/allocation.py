@@ -20,8 +20,20 @@ from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors
 from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
-from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, after, allocate, clip4
-from quadpend_gym.physics.vectors import Four, Vec3, add, apply, axpy, cross, inverse, load, load_four, multiply
+from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, allocate, clip4, thrusts_after
+from quadpend_gym.physics.vectors import (
+    Four,
+    Vec3,
+    add,
+    apply,
+    axpy,
+    cross,
+    inverse,
+    load,
+    load_four,
+    multiply,
+    store_four,
+)
 from quadpend_gym.vehicles import Simulation, hover_wrench
 
 _LAGS = 1.0  # H in units of L
@@ -69,8 +81,8 @@ def _rigid_actions(
             now.c + response[0] * (demanded.c - now.c),
             now.d + response[0] * (demanded.d - now.d),
         )
+        store_four(reached.T, 0, row, demanded)
         for i in range(4):
-            reached[row, i] = demanded[i]
             out[row, i] = (wrench[i] - hover[i]) / scales[i]
         if settings.interface == BODY_RATES:
             rate = load(rigid.T, BODY_RATE, row)
@@ -88,15 +100,12 @@ def _rigid_actions(
 
 
 def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tuple[Floats, Floats]:
-    """Return the actions for demanded thrusts (N) and torques (N·m), and the part of these within the rotors' limits.
+    """Return the actions, not limited, for demanded thrusts (N) and torques (N·m), and what the rotors can reach.
 
     Args:
         command: Thrust and torques about the body's axes, including those of hover, shape (n, 4).
         rigid: Quaternion, body rate and rotor thrusts, shape (n, 11), see `quadpend_gym.physics.rigid_kernel`.
         simulation: A rigid vehicle with its interface.
-
-    Returns:
-        Actions, not limited, and thrusts and torques, both of shape (n, 4).
     """
     out, reached = np.empty_like(command), np.empty_like(command)
     response = np.array(_response(simulation))
@@ -107,7 +116,7 @@ def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tup
 
 
 @compiled
-def _rotor_response(
+def _mean_wrench(
     action: Floats, rate: Floats, thrusts: Floats, packed: Floats, step: float, substeps: int, mean: Floats
 ) -> None:
     settings = unpack_rigid(packed)
@@ -119,14 +128,8 @@ def _rotor_response(
         for _ in range(substeps):
             now = load_four(thrusts.T, 0, row)
             wanted = command_rotors(given, now, omega, settings)
-            for i in range(4):
-                thrusts[row, i] = after(now[i], wanted[i], rotors.rise.z, rotors.fall.z)
-            middle = Four(
-                after(now.a, wanted.a, rotors.rise.y, rotors.fall.y),
-                after(now.b, wanted.b, rotors.rise.y, rotors.fall.y),
-                after(now.c, wanted.c, rotors.rise.y, rotors.fall.y),
-                after(now.d, wanted.d, rotors.rise.y, rotors.fall.y),
-            )
+            store_four(thrusts.T, 0, row, thrusts_after(now, wanted, rotors.rise.z, rotors.fall.z))
+            middle = thrusts_after(now, wanted, rotors.rise.y, rotors.fall.y)
             wrench = multiply(rotors.mixing, middle)
             for i in range(4):
                 mean[row, i] += wrench[i] / substeps
@@ -135,23 +138,18 @@ def _rotor_response(
             omega = axpy(step, turn, omega)
 
 
-def rotor_response(
-    action: Floats | Floats32, rate: Floats, thrusts: Floats, simulation: Simulation
-) -> tuple[Floats, Floats]:
-    """Return the mean thrust (N) and torques (N·m) over a control period, and the rotor thrusts (N) at its end.
+def mean_wrench(action: Floats | Floats32, rigid: Floats, simulation: Simulation) -> Floats:
+    """Return the mean thrust (N) and torques (N·m) of actions over a control period, shape (n, 4).
 
     The body rate changes by the nominal torques alone, as far as the on-board loop needs it.
 
     Args:
         action: Actions, shape (n, 4).
-        rate: ω at the beginning of the period, rad/s, shape (n, 3).
-        thrusts: Rotor thrusts at the beginning, N, shape (n, 4).
+        rigid: Quaternion, body rate and rotor thrusts at the beginning, shape (n, 11).
         simulation: A rigid vehicle with its interface.
-
-    Returns:
-        Two arrays of shape (n, 4).
     """
-    mean, end, step = np.empty((len(rate), 4)), thrusts.copy(), simulation.period / simulation.substeps
+    mean, step = np.empty((len(rigid), 4)), simulation.period / simulation.substeps
+    rate, thrusts = rigid[:, BODY_RATE : BODY_RATE + 3].copy(), rigid[:, ROTOR_THRUST : ROTOR_THRUST + 4].copy()
     given = np.asarray(action, np.float64)
-    _rotor_response(given, np.ascontiguousarray(rate), end, pack_rigid(simulation), step, simulation.substeps, mean)
-    return mean, end
+    _mean_wrench(given, rate, thrusts, pack_rigid(simulation), step, simulation.substeps, mean)
+    return mean

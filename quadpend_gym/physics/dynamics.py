@@ -138,10 +138,6 @@ def centre_offset(physics: Physics) -> float:
     return physics.bob_mass * physics.rod_length / (physics.quadrotor_mass + physics.bob_mass)
 
 
-# Layout of the array of second derivatives.
-_POSITION, _EULER, _DIRECTION, _SIZE = 0, 3, 6, 9
-
-
 @compiled
 def _accelerations(state: Floats, command: Floats, disturbance: Floats, parameters: Floats, out: Floats) -> None:
     for row in range(state.shape[1]):
@@ -151,11 +147,9 @@ def _accelerations(state: Floats, command: Floats, disturbance: Floats, paramete
         bob_force = load(disturbance, BOB_FORCE, row)
         w = unconstrained_acceleration(force, bob_force, physics)
         r_ddot = direction_acceleration(load(state, DIRECTION, row), load(state, DIRECTION_RATE, row), w)
-        position_ddot = axpy(-centre_offset(physics), r_ddot, centre_acceleration(force, bob_force, physics))
-        euler_ddot = euler_acceleration(torque, physics)
-        store(out, _POSITION, row, position_ddot)
-        store(out, _EULER, row, euler_ddot)
-        store(out, _DIRECTION, row, r_ddot)
+        store(out, 0, row, axpy(-centre_offset(physics), r_ddot, centre_acceleration(force, bob_force, physics)))
+        store(out, 3, row, euler_acceleration(torque, physics))
+        store(out, 6, row, r_ddot)
 
 
 @dataclass(frozen=True)
@@ -184,11 +178,11 @@ def accelerations(state: Floats, command: Floats, disturbance: Floats, parameter
         full = np.broadcast_to(array, (*shape, array.shape[-1]))
         return np.ascontiguousarray(full.reshape(-1, array.shape[-1]).T, dtype=np.float64)
 
-    out = np.empty((_SIZE, int(np.prod(shape))))
+    count = int(np.prod(shape))
+    out = np.empty((3, 3, count))
     physics = np.broadcast_to(parameters.as_array(), (*shape, PARAMETERS_SIZE))
-    _accelerations(columns(state), columns(command), columns(disturbance), columns(physics), out)
-    rows = np.ascontiguousarray(out.T).reshape(*shape, _SIZE)
-    return Accelerations(rows[..., _POSITION:_EULER], rows[..., _EULER:_DIRECTION], rows[..., _DIRECTION:_SIZE])
+    _accelerations(columns(state), columns(command), columns(disturbance), columns(physics), out.reshape(9, count))
+    return Accelerations(*(np.ascontiguousarray(part.T).reshape(*shape, 3) for part in out))
 
 
 def energy(state: Floats, parameters: Parameters) -> Floats:

@@ -1,37 +1,32 @@
 """The two plants, as objects: how a vehicle moves under actions, and which actions make demanded thrust and torques.
 
-`plant_of` returns the plant of a simulation: `EulerPlant` for the paper's attitude model, `RigidPlant` for rigid bodies
-with rotors and a loop on board. Both have the same methods. They compute a batch of n vehicles with the equations of
-`quadpend_gym.physics.dynamics` and `quadpend_gym.physics.rigid_body`.
+Both have the same methods. They compute a batch of n vehicles with the equations of `quadpend_gym.physics.dynamics` and
+`quadpend_gym.physics.rigid_body`.
 """
 
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from typing_extensions import override
 
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.allocation import rigid_actions, rotor_response
-from quadpend_gym.physics.kernel import advance
-from quadpend_gym.physics.rigid_kernel import (
-    BODY_RATE,
-    RIGID_SIZE,
-    ROTOR_THRUST,
-    advance_rigid,
-    rigid_from_state,
-)
+from quadpend_gym.physics.allocation import mean_wrench, rigid_actions
+from quadpend_gym.physics.euler_kernel import advance
+from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, advance_rigid, rigid_from_state
+from quadpend_gym.physics.rigid_settings import pack_rigid
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, THRUST
 from quadpend_gym.vehicles import Simulation
+
+_HOVER = np.eye(COMMAND_SIZE)[THRUST]
 
 
 class EulerPlant:
     """The paper's vehicle: thrust and torques act as they are commanded.
 
-    Args:
-        simulation: The vehicle with its control period and substeps.
-
     Attributes:
-        memory_size: Numbers of a vehicle besides its state: 0.
+        memory_size: Numbers k of a vehicle besides its state; for rigid vehicles quaternion, body rate and rotor
+            thrusts, see `quadpend_gym.physics.rigid_kernel`.
         torque_in_world: Whether the torque of a disturbance is a vector of the world frame; else it is about the φ, θ
             and ψ axes.
     """
@@ -43,27 +38,30 @@ class EulerPlant:
         self.simulation = simulation
 
     def initial_memory(self, state: Floats) -> Floats:
-        """Return the memory of vehicles at hover thrust with states of shape (n, 18), shape (n, 0)."""
+        """Return the memory of vehicles at hover thrust with states of shape (n, 18), shape (n, k)."""
         return np.empty((len(state), 0))
 
     def command(self, action: Floats32 | Floats, memory: Floats | None = None) -> Floats:
-        """Return the thrust (N) and torques (N·m) of actions, both of shape (n, 4)."""
+        """Return the thrust (N) and torques (N·m) of actions, both of shape (n, 4).
+
+        Rigid vehicles: their mean over a control period that begins with `memory`, by default at hover.
+        """
         scale = self.simulation.command_scale
-        return np.asarray(scale * [1.0, 0.0, 0.0, 0.0] + scale * action)
+        return np.asarray(scale * _HOVER + scale * action)
 
     def actions_for(self, command: Floats, memory: Floats | None = None) -> tuple[Floats32, Floats]:
         """Return the actions that make demanded thrust (N) and torques (N·m), and what these actions make.
 
         Args:
-            command: Demanded thrust and torques, shape (n, 4).
-            memory: Not used.
+            command: Demanded thrust and torques about the axes of the body, shape (n, 4).
+            memory: Memory at the time when the action begins to act; None: hover.
 
         Returns:
-            Actions clipped to [−1, 1], shape (n, 4), and their thrust and torques, shape (n, 4).
+            Actions clipped to [−1, 1], shape (n, 4), and their thrust and torques, shape (n, 4); for rigid vehicles
+            those within the limits of the rotors, without their lag.
         """
         scale = self.simulation.command_scale
-        hover = scale * [1.0, 0.0, 0.0, 0.0]
-        action = np.clip((command - hover) / scale, -1.0, 1.0).astype(np.float32)
+        action = np.clip((command - scale * _HOVER) / scale, -1.0, 1.0).astype(np.float32)
         return action, self.command(action)
 
     def advance(
@@ -76,7 +74,17 @@ class EulerPlant:
         action_before: Floats | None = None,
         switch: int = 0,
     ) -> None:
-        """Advance states, shape (n, 18), in place by one control period; see `RigidPlant.advance`."""
+        """Advance states and their memories in place by one control period in air at rest.
+
+        Args:
+            state: States, shape (n, 18).
+            memory: Memories, shape (n, k).
+            action: Actions, shape (n, 4).
+            disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9); rigid vehicles add their drag to them.
+            parameters: Physical parameters in the order of `Parameters.as_array`, shape (n, 9).
+            action_before: Actions of rigid vehicles during the first `switch` substeps, shape (n, 4); None: `action`.
+            switch: Number of substeps at the beginning in which `action_before` acts.
+        """
         self.advance_under(self.command(action), state, disturbance, parameters)
 
     def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:
@@ -84,54 +92,27 @@ class EulerPlant:
         advance(state, command, disturbance, parameters, self.simulation.period, self.simulation.substeps)
 
 
-class RigidPlant:
-    """A rigid body with rotors, a loop on board, and one of the command interfaces.
-
-    Args:
-        simulation: The vehicle with its interface, control period and substeps.
-
-    Attributes:
-        memory_size: Numbers of a vehicle besides its state: quaternion, body rate and rotor thrusts, see
-            `quadpend_gym.physics.rigid_kernel`.
-        torque_in_world: As for `EulerPlant`.
-    """
+class RigidPlant(EulerPlant):
+    """A rigid body with rotors, a loop on board, and one of the command interfaces."""
 
     memory_size = RIGID_SIZE
     torque_in_world = True
 
-    def __init__(self, simulation: Simulation) -> None:
-        self.simulation = simulation
-
+    @override
     def initial_memory(self, state: Floats) -> Floats:
-        """Return the memory of vehicles at hover thrust with states of shape (n, 18), shape (n, 11)."""
         return rigid_from_state(state, self.simulation)
 
+    @override
     def command(self, action: Floats32 | Floats, memory: Floats | None = None) -> Floats:
-        """Return the mean thrust (N) and torques (N·m) of actions over a control period, shape (n, 4).
+        return mean_wrench(action, self._hovering(len(action)) if memory is None else memory, self.simulation)
 
-        Args:
-            action: Shape (n, 4).
-            memory: Memory at the beginning, shape (n, 11); None: hover.
-        """
-        start = self._hovering(len(action)) if memory is None else memory
-        rate, thrusts = start[:, BODY_RATE : BODY_RATE + 3], start[:, ROTOR_THRUST : ROTOR_THRUST + 4]
-        return rotor_response(action, rate, thrusts, self.simulation)[0]
-
+    @override
     def actions_for(self, command: Floats, memory: Floats | None = None) -> tuple[Floats32, Floats]:
-        """Return the actions that make demanded thrust (N) and torques (N·m), and what these actions make.
-
-        Args:
-            command: Demanded thrust and torques about the axes of the body, shape (n, 4).
-            memory: Memory at the time when the action begins to act, shape (n, 11); None: hover.
-
-        Returns:
-            Actions clipped to [−1, 1], shape (n, 4), and thrust and torques within the limits of the rotors, without
-            their lag, shape (n, 4).
-        """
         start = self._hovering(len(command)) if memory is None else memory
         unlimited, reached = rigid_actions(command, start, self.simulation)
         return np.clip(unlimited, -1.0, 1.0).astype(np.float32), reached
 
+    @override
     def advance(
         self,
         state: Floats,
@@ -142,33 +123,16 @@ class RigidPlant:
         action_before: Floats | None = None,
         switch: int = 0,
     ) -> None:
-        """Advance states, shape (n, 18), and their memories in place by one control period in air at rest.
+        simulation, given = self.simulation, np.asarray(action, np.float64)
+        before = given if action_before is None else np.asarray(action_before, np.float64)
+        arrays = state, memory, before, given, disturbance, parameters
+        advance_rigid(*arrays, pack_rigid(simulation), simulation.period, simulation.substeps, switch)
 
-        Args:
-            state: States.
-            memory: Memories, shape (n, 11).
-            action: Actions, shape (n, 4).
-            disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9); drag is added to them.
-            parameters: Physical parameters, shape (n, 9).
-            action_before: Actions during the first `switch` substeps, shape (n, 4); None: `action`.
-            switch: Number of substeps at the beginning in which `action_before` acts.
-        """
-        advance_rigid(
-            state,
-            memory,
-            np.asarray(action, np.float64),
-            disturbance,
-            parameters,
-            self.simulation,
-            action_before,
-            switch,
-        )
-
+    @override
     def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:
-        """Advance states in place under thrust (N) and torques (N·m) that act at once, shape (n, 4)."""
         vehicle = replace(self.simulation.vehicle, rotors=None, torque=self.simulation.torque_limits)
         direct = RigidPlant(replace(self.simulation, vehicle=vehicle, interface="wrench", latency=0.0))
-        hover = np.eye(COMMAND_SIZE)[THRUST] * self.simulation.parameters.hover_thrust
+        hover = _HOVER * self.simulation.parameters.hover_thrust
         action = (command - hover) / direct.simulation.command_scale
         direct.advance(state, direct.initial_memory(state), action, disturbance, parameters)
 
@@ -176,10 +140,7 @@ class RigidPlant:
         return self.initial_memory(np.zeros((rows, STATE_SIZE)))
 
 
-Plant = EulerPlant | RigidPlant
-
-
 @lru_cache(maxsize=128)
-def plant_of(simulation: Simulation) -> Plant:
-    """Return the plant of a simulation."""
+def plant_of(simulation: Simulation) -> EulerPlant:
+    """Return the plant of a simulation: that of the paper's attitude model, or of a rigid body."""
     return RigidPlant(simulation) if simulation.vehicle.attitude == "rigid" else EulerPlant(simulation)

@@ -43,7 +43,7 @@ from quadpend_gym.physics.attitude import (
 )
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import Physics, load_physics
-from quadpend_gym.physics.kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
+from quadpend_gym.physics.euler_kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
 from quadpend_gym.physics.rigid_body import (
     LANE_BODY_SIZE,
     Loads,
@@ -56,16 +56,16 @@ from quadpend_gym.physics.rigid_body import (
     rigid_physics,
     store_body,
 )
-from quadpend_gym.physics.rigid_settings import RigidSettings, hover_thrusts_of, pack_rigid, unpack_rigid
+from quadpend_gym.physics.rigid_settings import RigidSettings, hover_thrusts_of, unpack_rigid
 from quadpend_gym.physics.rotors import (
     BODY_RATES,
     ROTOR_THRUSTS,
-    after,
     allocate,
     clip4,
-    from_hover,
     propeller_momentum,
     rate_loop,
+    thrusts_after,
+    thrusts_from_hover,
 )
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
@@ -107,26 +107,14 @@ _WANTED, _ROTOR_DRAG, _MOMENTUM, _BODY, RIGID_LANE_SIZE = accumulate((RIGID + RI
 
 @inlined
 def _load_quaternion(state: Any, lane: int) -> Quaternion:
-    return Quaternion(
-        state[_QUATERNION, lane],
-        state[_QUATERNION + 1, lane],
-        state[_QUATERNION + 2, lane],
-        state[_QUATERNION + 3, lane],
-    )
+    q = load_four(state, _QUATERNION, lane)
+    return Quaternion(q.a, q.b, q.c, q.d)
 
 
 @inlined
 def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings) -> Four:
-    """Return the rotor thrusts that an action commands, N.
-
-    Args:
-        action: Components in [−1, 1].
-        thrusts: Present thrusts, N.
-        rate: ω, rad/s.
-        rigid: Settings of the vehicle.
-    """
+    """Return the rotor thrusts (N) that an action commands; `thrusts` are the present ones (N), `rate` is ω (rad/s)."""
     rotors, scales = rigid.rotors, rigid.command_scale
-    hover, low, high = rotors.hover, rotors.lowest, rotors.highest
     thrust = scales.a * (1.0 + action.a)
     torque, trim = Vec3(scales.b * action.b, scales.c * action.c, scales.d * action.d), rigid.trim
     if rigid.interface == BODY_RATES:
@@ -134,15 +122,8 @@ def command_rotors(action: Four, thrusts: Four, rate: Vec3, rigid: RigidSettings
         torque = rate_loop(rate, torque, axpy(-1.0, trim, Vec3(present.b, present.c, present.d)), rigid.loop)
     wrench = Four(thrust, torque.x + trim.x, torque.y + trim.y, torque.z + trim.z)
     if rotors.has_rotors == 0.0:
-        return clip4(wrench, low, high)
-    if rigid.interface == ROTOR_THRUSTS:
-        return Four(
-            from_hover(action.a, low.a, hover.a, high.a),
-            from_hover(action.b, low.b, hover.b, high.b),
-            from_hover(action.c, low.c, hover.c, high.c),
-            from_hover(action.d, low.d, hover.d, high.d),
-        )
-    return allocate(wrench, rotors)
+        return clip4(wrench, rotors.lowest, rotors.highest)
+    return thrusts_from_hover(action, rotors) if rigid.interface == ROTOR_THRUSTS else allocate(wrench, rotors)
 
 
 @inlined
@@ -164,25 +145,15 @@ def _wrench(thrusts: Four, rigid: RigidSettings) -> Wrench:
 
 
 @inlined
-def _thrusts_after(start: Four, wanted: Four, rise: float, fall: float) -> Four:
-    return Four(
-        after(start.a, wanted.a, rise, fall),
-        after(start.b, wanted.b, rise, fall),
-        after(start.c, wanted.c, rise, fall),
-        after(start.d, wanted.d, rise, fall),
-    )
-
-
-@inlined
 def _substep(
     state: Any, disturbance: Any, physics: Physics, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
 ) -> None:
     """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
     rotors = rigid.rotors
     start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
-    thrusts_1 = _thrusts_after(start, wanted, rotors.rise.z, rotors.fall.z)
-    wrench_0 = _wrench(_thrusts_after(start, wanted, rotors.rise.x, rotors.fall.x), rigid)
-    wrench_m = _wrench(_thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y), rigid)
+    thrusts_1 = thrusts_after(start, wanted, rotors.rise.z, rotors.fall.z)
+    wrench_0 = _wrench(thrusts_after(start, wanted, rotors.rise.x, rotors.fall.x), rigid)
+    wrench_m = _wrench(thrusts_after(start, wanted, rotors.rise.y, rotors.fall.y), rigid)
     wrench_1 = _wrench(thrusts_1, rigid)
     force = add(load(disturbance, FORCE, lane), load(state, _ROTOR_DRAG, lane))
     bob_force = load(disturbance, BOB_FORCE, lane)
@@ -279,7 +250,7 @@ def integrate_rigid(
         if has_momentum:
             for lane in range(lanes):
                 start, wanted = load_four(state, _ROTOR_THRUST, lane), load_four(state, _WANTED, lane)
-                middle = _thrusts_after(start, wanted, rigid.rotors.rise.y, rigid.rotors.fall.y)
+                middle = thrusts_after(start, wanted, rigid.rotors.rise.y, rigid.rotors.fall.y)
                 state[_MOMENTUM, lane] = propeller_momentum(middle, rigid.rotors)
         for lane in range(lanes):
             physics, body = load_physics(parameters, lane), load_body(state, _BODY, lane, rigid.pivot, rigid.shape)
@@ -288,14 +259,8 @@ def integrate_rigid(
         _store_outputs(state, lane)
 
 
-# Ends of the parts of the buffer in `advance_rigid`.
-_BEFORE, _ACTION, _DISTURBANCE, _VELOCITY, _PHYSICS, _END = accumulate(
-    (RIGID_LANE_SIZE, ACTION_SIZE, ACTION_SIZE, DISTURBANCE_SIZE, 3, PARAMETERS_SIZE)
-)
-
-
 @compiled
-def _advance_rigid(
+def advance_rigid(
     state: Floats,
     memory: Floats,
     action_before: Floats,
@@ -307,12 +272,14 @@ def _advance_rigid(
     substeps: int,
     switch: int,
 ) -> None:
+    """Advance n states and their memories, shape (n, 11), in place by one period, see `RigidPlant.advance`.
+
+    `packed` is a packed `RigidSettings`.
+    """
     rigid = unpack_rigid(packed)
-    buffer = np.empty((_END, BLOCK))
-    state_lanes, before_lanes = buffer[:_BEFORE], buffer[_BEFORE:_ACTION]
-    action_lanes, disturbance_lanes = buffer[_ACTION:_DISTURBANCE], buffer[_DISTURBANCE:_VELOCITY]
-    velocity_lanes, physics_lanes = buffer[_VELOCITY:_PHYSICS], buffer[_PHYSICS:_END]
-    velocity_lanes[:] = 0.0
+    state_lanes, before_lanes = np.empty((RIGID_LANE_SIZE, BLOCK)), np.empty((ACTION_SIZE, BLOCK))
+    action_lanes, disturbance_lanes = np.empty((ACTION_SIZE, BLOCK)), np.empty((DISTURBANCE_SIZE, BLOCK))
+    velocity_lanes, physics_lanes = np.zeros((3, BLOCK)), np.empty((PARAMETERS_SIZE, BLOCK))
     for first in range(0, state.shape[0], BLOCK):
         lanes = min(BLOCK, state.shape[0] - first)
         gather(state, first, lanes, state_lanes)
@@ -338,63 +305,17 @@ def _advance_rigid(
         scatter(state_lanes[RIGID:], first, lanes, memory)
 
 
-def advance_rigid(
-    state: Floats,
-    memory: Floats,
-    action: Floats,
-    disturbance: Floats,
-    parameters: Floats,
-    simulation: Simulation,
-    action_before: Floats | None = None,
-    switch: int = 0,
-) -> None:
-    """Advance n states in place by one control period in air at rest, during which the disturbances are constant.
-
-    Args:
-        state: States, shape (n, 18), see `State`.
-        memory: Quaternion, body rate and rotor thrusts, shape (n, 11), changed in place.
-        action: Actions, shape (n, 4), components in [−1, 1].
-        disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9), see `Disturbance`; the drag is added to them.
-        parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
-        simulation: The vehicle, its interface, period and substeps.
-        action_before: Actions during the first `switch` substeps, shape (n, 4); None: `action`.
-        switch: Number of substeps at the beginning in which `action_before` acts.
-    """
-    packed, before = pack_rigid(simulation), action if action_before is None else action_before
-    _advance_rigid(
-        state,
-        memory,
-        np.asarray(before, np.float64),
-        np.asarray(action, np.float64),
-        disturbance,
-        parameters,
-        packed,
-        simulation.period,
-        simulation.substeps,
-        switch,
-    )
-
-
 @compiled
 def _rigid_memory(state: Floats, hover: Floats, memory: Floats) -> None:
     for row in range(state.shape[0]):
-        euler = Vec3(state[row, EULER], state[row, EULER + 1], state[row, EULER + 2])
-        rate = Vec3(state[row, EULER_RATE], state[row, EULER_RATE + 1], state[row, EULER_RATE + 2])
-        q, omega = quaternion_from_euler(euler), body_rate(euler, rate)
-        for i in range(4):
-            memory[row, QUATERNION + i] = q[i]
-            memory[row, ROTOR_THRUST + i] = hover[i]
-        for i in range(3):
-            memory[row, BODY_RATE + i] = omega[i]
+        euler, rate = load(state.T, EULER, row), load(state.T, EULER_RATE, row)
+        store_four(memory.T, QUATERNION, row, quaternion_from_euler(euler))
+        store(memory.T, BODY_RATE, row, body_rate(euler, rate))
+        store_four(memory.T, ROTOR_THRUST, row, hover)
 
 
 def rigid_from_state(state: Floats, simulation: Simulation) -> Floats:
-    """Return quaternion, body rate and the rotor thrusts at hover for states, shape (n, 11).
-
-    Args:
-        state: States, shape (n, 18).
-        simulation: The vehicle.
-    """
+    """Return quaternion, body rate and the rotor thrusts at hover, shape (n, 11), for states of shape (n, 18)."""
     memory = np.empty((len(state), RIGID_SIZE))
     _rigid_memory(np.ascontiguousarray(state), hover_thrusts_of(simulation), memory)
     return memory

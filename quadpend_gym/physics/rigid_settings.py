@@ -1,28 +1,18 @@
-"""The numbers of a rigid vehicle that compiled functions read, packed into one flat array.
-
-Python passes them as one float64 array, because numba unboxes one array faster than a nested tuple at every call.
-`pack_rigid` writes the array and `unpack_rigid` reads it; no other code depends on the positions.
-"""
+"""The numbers of a rigid vehicle that compiled functions read."""
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.rotors import (
-    BODY_RATES,
-    ROTOR_THRUSTS,
-    WRENCH,
-    RateLoopSettings,
-    RotorSettings,
-    rate_loop_gains,
-)
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics import rotors as codes
+from quadpend_gym.physics.rotors import RateLoopSettings, RotorSettings, rate_loop_gains
 from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3
 from quadpend_gym.vehicles import Simulation, hover_wrench, mixing
 
-_CODES = {"wrench": WRENCH, "body_rates": BODY_RATES, "rotors": ROTOR_THRUSTS}
+_CODES = {"wrench": codes.WRENCH, "body_rates": codes.BODY_RATES, "rotors": codes.ROTOR_THRUSTS}
 
 
 class RigidSettings(NamedTuple):
@@ -53,8 +43,7 @@ class RigidSettings(NamedTuple):
     rotors: RotorSettings
 
 
-def _flat(value: Any) -> list[float]:
-    return [x for item in value for x in _flat(item)] if isinstance(value, tuple) else [float(value)]
+unpack_rigid = unpacker(RigidSettings)
 
 
 def _symmetric(a: Floats) -> Symmetric:
@@ -78,20 +67,18 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     rotors = vehicle.rotors
     if rotors is None:
         forward = np.eye(4)
-        torque = simulation.command_scale[1:] if simulation.interface == "wrench" else _torques(simulation)
-        reach = np.concatenate([hover[:1], torque])
+        roll_pitch, yaw = simulation.torque_limits
+        reach = np.array([hover[0], roll_pitch, roll_pitch, yaw])
         low, high = hover - reach, hover + reach
         lags, spins, momentum = (0.0, 0.0), np.zeros(4), 0.0
     else:
         forward = mixing(vehicle)
         low, high = np.full(4, rotors.thrust[0]), np.full(4, rotors.thrust[1])
-        lags = rotors.lags
-        spins = np.array(rotors.spins, float)
+        lags, spins = rotors.lags, np.array(rotors.spins, float)
         coefficient = rotors.thrust_coefficient
         momentum = 0.0 if coefficient is None else rotors.inertia / np.sqrt(coefficient)
     backward = np.linalg.inv(forward)
-    loop = vehicle.rate_loop
-    gains = rate_loop_gains(loop.time_constant, 0.5 * (lags[0] + lags[1]), step)
+    gains = rate_loop_gains(vehicle.rate_loop.time_constant, 0.5 * (lags[0] + lags[1]), step)
     settings = RotorSettings(
         0.0 if rotors is None else 1.0,
         Matrix4(*(Four(*row) for row in forward.tolist())),
@@ -118,11 +105,6 @@ def make_rigid_settings(simulation: Simulation) -> RigidSettings:
     )
 
 
-def _torques(simulation: Simulation) -> Floats:
-    roll_pitch, yaw = simulation.torque_limits
-    return np.array([roll_pitch, roll_pitch, yaw])
-
-
 def _decays(lag: float, step: float) -> Vec3:
     """Return the shares of a thrust error that are left at the start, the middle and the end of a substep."""
     if lag == 0.0:
@@ -133,50 +115,6 @@ def _decays(lag: float, step: float) -> Vec3:
 @lru_cache(maxsize=128)
 def pack_rigid(simulation: Simulation) -> Floats:
     """Return the settings of a rigid vehicle as a flat array that `unpack_rigid` reads."""
-    packed = np.array(_flat(make_rigid_settings(simulation)))
+    packed = pack(make_rigid_settings(simulation))
     packed.flags.writeable = False
     return packed
-
-
-@inlined
-def _vec3(v: Any, first: int) -> Vec3:
-    return Vec3(v[first], v[first + 1], v[first + 2])
-
-
-@inlined
-def _four(v: Any, first: int) -> Four:
-    return Four(v[first], v[first + 1], v[first + 2], v[first + 3])
-
-
-@inlined
-def _matrix(v: Any, first: int) -> Matrix4:
-    return Matrix4(_four(v, first), _four(v, first + 4), _four(v, first + 8), _four(v, first + 12))
-
-
-@inlined
-def unpack_rigid(packed: Any) -> RigidSettings:
-    """Return the settings in an array that `pack_rigid` made."""
-    inertia = Symmetric(packed[23], packed[24], packed[25], packed[26], packed[27], packed[28])
-    return RigidSettings(
-        packed[0],
-        _four(packed, 1),
-        _vec3(packed, 5),
-        _vec3(packed, 8),
-        _vec3(packed, 11),
-        packed[14],
-        _vec3(packed, 15),
-        _vec3(packed, 18),
-        RateLoopSettings(packed[21], packed[22], inertia),
-        RotorSettings(
-            packed[29],
-            _matrix(packed, 30),
-            _matrix(packed, 46),
-            _four(packed, 62),
-            _four(packed, 66),
-            _four(packed, 70),
-            _four(packed, 74),
-            _vec3(packed, 78),
-            _vec3(packed, 81),
-            packed[84],
-        ),
-    )

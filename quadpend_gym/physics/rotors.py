@@ -210,16 +210,37 @@ def rate_loop(rate: Vec3, wanted: Vec3, torque: Vec3, loop: RateLoopSettings) ->
 
 
 @inlined
-def from_hover(action: float, low: float, hover: float, high: float) -> float:
-    """Return the thrust of a rotor that an action in [−1, 1] commands: low at −1, hover at 0, high at 1."""
+def _from_hover(action: float, low: float, hover: float, high: float) -> float:
     return hover + action * (high - hover if action > 0.0 else hover - low)
 
 
 @inlined
-def after(start: float, wanted: float, rise: float, fall: float) -> float:
-    """Return the thrust after a time at which `rise` or `fall` of the difference from the command is left."""
+def thrusts_from_hover(action: Four, rotors: RotorSettings) -> Four:
+    """Return the rotor thrusts (N) that actions in [−1, 1] command: lowest at −1, hover at 0, highest at 1."""
+    low, hover, high = rotors.lowest, rotors.hover, rotors.highest
+    return Four(
+        _from_hover(action.a, low.a, hover.a, high.a),
+        _from_hover(action.b, low.b, hover.b, high.b),
+        _from_hover(action.c, low.c, hover.c, high.c),
+        _from_hover(action.d, low.d, hover.d, high.d),
+    )
+
+
+@inlined
+def _after(start: float, wanted: float, rise: float, fall: float) -> float:
     gap = start - wanted
     return wanted + gap * (rise if gap < 0.0 else fall)
+
+
+@inlined
+def thrusts_after(start: Four, wanted: Four, rise: float, fall: float) -> Four:
+    """Return the thrusts after a time at which `rise` or `fall` of the difference from the command is left."""
+    return Four(
+        _after(start.a, wanted.a, rise, fall),
+        _after(start.b, wanted.b, rise, fall),
+        _after(start.c, wanted.c, rise, fall),
+        _after(start.d, wanted.d, rise, fall),
+    )
 
 
 @inlined

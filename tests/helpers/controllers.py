@@ -19,7 +19,7 @@ from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, Disturbance, State
 from quadpend_gym.vehicles import Pole, Vehicle
 

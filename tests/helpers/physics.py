@@ -4,7 +4,7 @@ import numpy as np
 
 from quadpend_gym import PAPER, Parameters
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE, THRUST, State
 
 # All values are different, so that swapped parameters change the result.

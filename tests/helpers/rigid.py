@@ -10,14 +10,9 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.attitude import Quaternion
 from quadpend_gym.physics.dynamics import load_physics
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_body import Loads, Motion, Wrench, derivative, rigid_physics
-from quadpend_gym.physics.rigid_kernel import (
-    BODY_RATE,
-    QUATERNION,
-    ROTOR_THRUST,
-    advance_rigid,
-    rigid_from_state,
-)
+from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.rigid_settings import pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.physics.vectors import axpy, load, scale, store
@@ -68,7 +63,7 @@ def rotors_of(vehicle: Vehicle) -> Rotors:
 
 @dataclass(frozen=True)
 class Flight:
-    """A vehicle in motion: state (n, 18) and memory (n, 11), see `advance_rigid`; `simulation` names the vehicle."""
+    """A vehicle in motion: state (n, 18) and memory (n, 11), see `plants`; `simulation` names the vehicle."""
 
     simulation: Simulation
     state: Floats
@@ -108,7 +103,7 @@ class Flight:
                 (self.simulation.parameters.as_array(), 9),
             )
         )
-        advance_rigid(state, memory, action, disturbance, parameters, self.simulation, **arguments)
+        plant_of(self.simulation).advance(state, memory, action, disturbance, parameters, **arguments)
         return Flight(self.simulation, state, memory)
 
 

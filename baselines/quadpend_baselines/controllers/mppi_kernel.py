@@ -1,6 +1,6 @@
 """The compiled rollout of `mppi`: the integration of the environment's kernel, with feedback and cost.
 
-Each sampled trajectory of a row is one lane of the (field, lane) buffers, which `quadpend_gym.physics.kernel`
+Each sampled trajectory of a row is one lane of the (field, lane) buffers, which `quadpend_gym.physics.euler_kernel`
 describes.
 """
 
@@ -14,7 +14,7 @@ from quadpend_baselines.modelling.linear_model import MODEL_STATE_SIZE
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics.kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate
+from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, THRUST_AXIS, integrate
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     DIRECTION,

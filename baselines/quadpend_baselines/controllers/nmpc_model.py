@@ -1,7 +1,7 @@
 """The equations of motion in CasADi's symbols, which CasADi can differentiate: the model of `nmpc`.
 
-The functions repeat the equations of `quadpend_gym.physics.dynamics`, one substep of `quadpend_gym.physics.kernel`, and
-the equations of `quadpend_gym.physics.rigid_body` under their numbers and symbols. Tests compare them. A rigid vehicle
+The functions repeat the equations of `quadpend_gym.physics.dynamics`, one substep of `physics.euler_kernel`, and the
+equations of `quadpend_gym.physics.rigid_body` under their numbers and symbols. Tests compare them. A rigid vehicle
 has the same 18 numbers as state here, since its attitude stays away from the singularity of the Euler angles: equations
 (3) and (4) of `quadpend_gym.physics.attitude` convert body rates and Euler-angle rates. The model has the drag
 against the body rate, but no other drag, no lag of the rotors and no gyroscopic torque of the propellers.
@@ -54,7 +54,7 @@ def centre_acceleration(force: Any, bob_force: Any, p: Parameters) -> Any:
 
 
 def next_state(state: Any, command: Any, disturbance: Any, p: Parameters, h: float) -> Any:
-    """Return the state after one substep of length h (s), as `quadpend_gym.physics.kernel` computes it."""
+    """Return the state after one substep of length h (s), as `quadpend_gym.physics.euler_kernel` computes it."""
     x = {name: state[part] for name, part in STATE_FIELDS.items()}
     d_Q, d_B = disturbance[DISTURBANCE_FIELDS["force"]], disturbance[DISTURBANCE_FIELDS["bob_force"]]
     euler_ddot = euler_acceleration(command, disturbance, p)

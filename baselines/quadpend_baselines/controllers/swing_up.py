@@ -45,7 +45,7 @@ from quadpend_baselines.modelling.planar import limit_norm, rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     DIRECTION,

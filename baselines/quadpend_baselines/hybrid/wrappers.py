@@ -19,8 +19,8 @@ from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid.hybrids import Hybrid, HybridMemory, hybrid_from_data
 from quadpend_baselines.policy.protocol import replace_rows
 from quadpend_gym.core.arrays import Booleans, Floats32
-from quadpend_gym.envs.spaces import check_action, observation_space
-from quadpend_gym.envs.step_errors import clip_rounding
+from quadpend_gym.envs.inputs import check_action, clip_rounding
+from quadpend_gym.envs.spaces import observation_space
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations

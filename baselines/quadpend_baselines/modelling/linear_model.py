@@ -59,7 +59,7 @@ class LinearModel(NamedTuple):
 def linearise(simulation: Simulation) -> LinearModel:
     """Return the model (1) over one control period, from central differences of `kernel.advance`.
 
-    The model of a rigid vehicle is that of `rigid_kernel.advance_rigid` without the lag of the rotors and without
+    The model of a rigid vehicle is that of `RigidPlant.advance` without the lag of the rotors and without
     latency; its torques are about the axes of the body, and its pivot and drag are those of the vehicle.
     """
     sizes = (MODEL_STATE_SIZE, COMMAND_SIZE, MODEL_DISTURBANCE_SIZE)

@@ -10,7 +10,7 @@ from quadpend_baselines.controllers.lqr import riccati
 from quadpend_baselines.gains import HANGING_GAINS
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise
 from quadpend_gym import Reference, Simulation, State
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.scenarios import Scenario
 from tests.helpers.envs import AT_REST

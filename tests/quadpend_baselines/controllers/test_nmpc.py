@@ -13,7 +13,8 @@ from quadpend_baselines.gains import LqrGains, NmpcGains
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, rotate_state
 from quadpend_gym import PAPER, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, advance_rigid, rigid_from_state
+from quadpend_gym.physics.plants import plant_of
+from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.state import State
 from quadpend_gym.vehicles import VEHICLES, Drag, hover_wrench, mixing
 from tests.helpers.controllers import (
@@ -61,7 +62,8 @@ def test_rigid_model_moves_like_the_simulation() -> None:
     memory = rigid_from_state(state, simulation)
     memory[:, ROTOR_THRUST:] = np.linalg.solve(mixing(vehicle), command.T).T
     moved = np.array(nmpc_model.period_map(simulation)(state.T, command.T, wind.T)).T
-    advance_rigid(state, memory, action, wind, np.tile(simulation.parameters.as_array(), (6, 1)), simulation)
+    parameters = np.tile(simulation.parameters.as_array(), (6, 1))
+    plant_of(simulation).advance(state, memory, action, wind, parameters)
     assert_allclose(moved, state, rtol=1e-10, atol=1e-10)
 
 

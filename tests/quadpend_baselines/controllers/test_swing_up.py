@@ -9,7 +9,7 @@ from quadpend_baselines import controller
 from quadpend_baselines.controllers.swing_up import read_plan
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation, State
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_train.evaluation.episodes import run_episodes
 

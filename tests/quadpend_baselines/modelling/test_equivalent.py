@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
 from quadpend_gym import Simulation
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, State
 from quadpend_gym.vehicles import Drag, Pole, Vehicle, hover_wrench
 from tests.helpers import rigid

@@ -11,7 +11,7 @@ import pytest
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import thrust_axis
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.vehicles import PAPER

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, energy, momentum
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     COMMAND_TORQUE,

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, Sinusoid, StillAir, Task
 from quadpend_gym.physics.dynamics import momentum
-from quadpend_gym.physics.kernel import advance
+from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.wind import KINDS, Sum, as_wind
 from tests.helpers.envs import (
     ENDLESS,

@@ -8,7 +8,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym.physics.kernel import advance as kernel_advance
+from quadpend_gym.physics.euler_kernel import advance as kernel_advance
 from quadpend_gym.physics.state import STATE_SIZE, State
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles import PAPER

@@ -1,8 +1,8 @@
 """The equations of motion of the paper's vehicle and their integration in PyTorch, with gradients, for n rows.
 
 The equations are those of `quadpend_gym.physics.dynamics`, (1) to (5), and of `quadpend_gym.physics.drag`, and the
-integration is that of `quadpend_gym.physics.kernel`; these modules explain symbols, units and frames. In float64 the
-results agree to 1e-12 (``tests/quadpend_train/differentiable/test_plant.py``).
+integration is that of `quadpend_gym.physics.euler_kernel`; these modules explain symbols, units and frames. In float64
+the results agree to 1e-12 (``tests/quadpend_train/differentiable/test_plant.py``).
 """
 
 from functools import lru_cache

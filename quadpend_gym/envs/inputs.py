@@ -1,4 +1,4 @@
-"""Checks of the inputs of a step, and their exceptions.
+"""Checks of the inputs of a step: actions and wind.
 
 Compiled code cannot raise an exception with a message that depends on array values, so the kernel returns one integer:
 `NO_ERROR`, the row of a wrong action, or −2 − row for a wrong wind.
@@ -14,6 +14,7 @@ from quadpend_gym.physics.state import ACTION_SIZE
 
 NO_ERROR = -1
 _LARGEST_WIND = 1e20  # N, N·m and m/s: the numbers that a step computes from larger ones would overflow
+_FLOAT32 = np.dtype(np.float32)
 ROUNDING = 1e-6  # by how much an action may exceed ±1: a few units in the last place of float32
 
 
@@ -23,17 +24,23 @@ def clip_rounding(action: Floats32) -> Floats32:
     return np.clip(action, -1.0, 1.0) if 1.0 < largest <= 1.0 + ROUNDING else action
 
 
-def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> None:
-    """Raise ValueError for an error code of the step kernel; return if it is `NO_ERROR`.
+def check_action(action: Any, shape: tuple[int, ...]) -> Floats32:
+    """Return an action of the shape `shape` as a contiguous, aligned and writable float32 array.
 
-    Args:
-        code: The return value of the kernel.
-        action: The actions that the kernel checked, shape (n, 4).
-        wind: The wind that the kernel checked, shape (n, 12).
-        action_name: Name of the action in the message.
+    The step checks the range. The kernels only read the action, but numba compiles a kernel again, for ten seconds, for
+    a read-only or misaligned array, so such an action is copied.
     """
-    if code == NO_ERROR:
-        return
+    if type(action) is np.ndarray and action.dtype is _FLOAT32 and action.shape == shape:
+        return action if action.flags.carray else np.array(action, order="C")
+    array = np.asarray(action)
+    if array.shape != shape or array.dtype.kind not in "iuf":
+        raise ValueError(f"action must be numbers of shape {shape}, not {action!r}")
+    with np.errstate(over="ignore"):  # an overflow gives inf, which the step rejects
+        return array.astype(np.float32, order="C")
+
+
+def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str) -> None:
+    """Raise ValueError for an error code; actions have the shape (n, 4), the wind (n, 12)."""
     if code < NO_ERROR:
         row = -2 - code
         raise ValueError(f"wind must be finite numbers below 1e20, not {wind[row].tolist()} in sub-environment {row}")
@@ -46,7 +53,12 @@ def raise_step_error(code: int, action: Any, wind: Any, action_name: str) -> Non
 
 @inlined
 def find_error(action: Any, wind: Any) -> int:
-    """As `check_inputs`, for compiled functions."""
+    """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
+
+    Args:
+        action: Shape (n, 4).
+        wind: Shape (12, n).
+    """
     for row in range(action.shape[0]):
         for component in range(ACTION_SIZE):
             if not (abs(action[row, component]) <= 1.0):
@@ -64,10 +76,5 @@ def find_error(action: Any, wind: Any) -> int:
 
 @compiled
 def check_inputs(action: Floats32, wind: Floats) -> int:
-    """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
-
-    Args:
-        action: Shape (n, 4).
-        wind: Shape (12, n).
-    """
+    """As `find_error`, for calls from Python."""
     return find_error(action, wind)

@@ -1,4 +1,4 @@
-"""Integration in time: the compiled loop that advances a batch of states by one control period.
+"""Integration in time of the paper's vehicle: the compiled loop that advances a batch of states by one control period.
 
 One substep of length h uses the classical Runge–Kutta method (RK4) in coordinates in which most of the motion has an
 exact solution; `quadpend_gym.physics.dynamics` has the equations:
@@ -15,7 +15,6 @@ for each sub-environment, so that the compiler can turn every loop over lanes in
 sub-environment runs the same code and gives bit-identical results.
 """
 
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -54,8 +53,6 @@ BLOCK = 64  # sub-environments in a block
 # In the (field, lane) buffers, the thrust axis follows the state.
 THRUST_AXIS = STATE_SIZE
 LANE_STATE_SIZE = STATE_SIZE + 3
-# Ends of the parts of the buffer in `advance`.
-_COMMAND, _DISTURBANCE, _PHYSICS, _END = accumulate((LANE_STATE_SIZE, COMMAND_SIZE, DISTURBANCE_SIZE, PARAMETERS_SIZE))
 DIVERGENCE_LIMIT = 1e6  # a state diverges when the sum of its absolute values reaches this
 
 
@@ -155,9 +152,8 @@ def advance(
         period: Length of the period, s.
         substeps: Number of Runge–Kutta steps in the period.
     """
-    buffer = np.empty((_END, BLOCK))
-    state_lanes, command_lanes = buffer[:_COMMAND], buffer[_COMMAND:_DISTURBANCE]
-    disturbance_lanes, physics_lanes = buffer[_DISTURBANCE:_PHYSICS], buffer[_PHYSICS:_END]
+    state_lanes, command_lanes = np.empty((LANE_STATE_SIZE, BLOCK)), np.empty((COMMAND_SIZE, BLOCK))
+    disturbance_lanes, physics_lanes = np.empty((DISTURBANCE_SIZE, BLOCK)), np.empty((PARAMETERS_SIZE, BLOCK))
     for first in range(0, state.shape[0], BLOCK):
         lanes = min(BLOCK, state.shape[0] - first)
         gather(state, first, lanes, state_lanes)
