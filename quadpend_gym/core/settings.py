@@ -34,13 +34,8 @@ from typing_extensions import dataclass_transform
 
 Settings = TypeVar("Settings")
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
-_PARTS = {
-    "tuple": "items_schema",
-    "union": "choices",
-    "nullable": "schema",
-    "function-before": "schema",
-}  # of a schema of pydantic
-_PARTS |= {"function-after": "schema", "function-before": "schema"}
+_PARTS = {"tuple": "items_schema", "union": "choices"}  # of a schema of pydantic
+_PARTS |= dict.fromkeys(("nullable", "function-after", "function-before"), "schema")
 _LONGEST = 200  # characters of a value in a sentence
 
 
@@ -159,9 +154,6 @@ def parse(kind: type[Settings], value: Any, name: str) -> Settings:
         kind: Settings class.
         value: An instance, which is returned as it is, or a mapping of the fields.
         name: What the value is, for the sentence about wrong data.
-
-    Raises:
-        ValueError: If the value is neither, or a field is missing, unknown, of the wrong type or out of its range.
     """
     if isinstance(value, kind):
         return value
@@ -208,12 +200,7 @@ def plain(value: Any) -> Any:
 
 
 def suggest(value: Any, known: Iterable[str]) -> str:
-    """Return " (did you mean 'windy'?)" with the known name that is most similar to `value`, or "" if none is similar.
-
-    Args:
-        value: Unknown name, of any type.
-        known: Known names.
-    """
+    """Return " (did you mean 'windy'?)" with the known name most similar to `value`, or "" if none is similar."""
     similar = get_close_matches(str(value), list(known), 1)
     return f" (did you mean {similar[0]!r}?)" if similar else ""
 

@@ -94,13 +94,9 @@ def _fill_normal(keys: Keys, index: NDArray[np.int64], out: NDArray[np.float64])
 
 @dataclass(frozen=True)
 class Streams:
-    """A batch of n random streams, usually one for each sub-environment.
+    """A batch of n random streams, usually one for each sub-environment."""
 
-    Attributes:
-        keys: Keys of the streams, shape (n,).
-    """
-
-    keys: Keys
+    keys: Keys  # shape (n,)
 
     @classmethod
     def from_seeds(cls, seeds: list[int]) -> "Streams":
@@ -109,11 +105,7 @@ class Streams:
         return cls(np.concatenate(states) if states else np.empty(0, np.uint64))
 
     def derive(self, numbers: int | NDArray[np.int64]) -> "Streams":
-        """Return one substream of each stream.
-
-        Args:
-            numbers: Number of the substream: one integer for all streams, or an array of shape (n,).
-        """
+        """Return one substream of each stream: the one of this number, or of the numbers of shape (n,)."""
         out = np.empty_like(self.keys)
         if isinstance(numbers, int):
             _derive_same(self.keys, numbers, out)
@@ -122,7 +114,6 @@ class Streams:
         return Streams(out)
 
     def __getitem__(self, rows: Any) -> "Streams":
-        """Return the streams with indices `rows`."""
         return Streams(self.keys[rows])
 
     def uniform(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
@@ -141,16 +132,7 @@ class Streams:
         return out.T
 
     def between(self, index: int | NDArray[np.int64], lowest: Any, highest: Any) -> NDArray[np.float64]:
-        """Draw numbers uniform between bounds.
-
-        Args:
-            index: As in `uniform`.
-            lowest: Lower bounds, shape (columns,).
-            highest: Upper bounds, shape (columns,).
-
-        Returns:
-            Shape (n, columns).
-        """
+        """Draw numbers uniform between bounds of shape (columns,), shape (n, columns); `index` is as in `uniform`."""
         low, high = np.asarray(lowest), np.asarray(highest)
         return np.asarray(low + (high - low) * self.uniform(index, low.size))
 

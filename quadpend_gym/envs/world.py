@@ -57,7 +57,6 @@ class World:
     """
 
     def __init__(self, num_envs: int, scenario: Scenario) -> None:
-        """Allocate the arrays; every sub-environment needs `seed` and `start_episodes` before `step`."""
         self.num_envs, self.scenario = num_envs, scenario
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
         self._plant = plant_rows(num_envs, simulation)

@@ -68,23 +68,14 @@ from quadpend_gym.physics.vectors import (
 
 
 class RigidPhysics(NamedTuple):
-    """What equations (1) to (9) need of a body with a pole; constant during a control period.
+    """What equations (1) to (9) need of a body with a pole; constant during a control period."""
 
-    Attributes:
-        inertia: I, kg·m².
-        per_inertia: I⁻¹, 1/(kg·m²).
-        mobility: W, 1/kg.
-        per_coupling: C⁻¹, 1.
-        pivot: p, m.
-        shape: J/(m l²), 1.
-    """
-
-    inertia: Symmetric
-    per_inertia: Symmetric
-    mobility: Symmetric
-    per_coupling: Symmetric
-    pivot: Vec3
-    shape: float
+    inertia: Symmetric  # I, kg·m²
+    per_inertia: Symmetric  # I⁻¹, 1/(kg·m²)
+    mobility: Symmetric  # W, 1/kg
+    per_coupling: Symmetric  # C⁻¹, 1
+    pivot: Vec3  # p, m
+    shape: float  # J/(m l²), 1
 
 
 class Wrench(NamedTuple):
@@ -95,23 +86,14 @@ class Wrench(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """What acts on the two bodies besides the rotors; constant during a substep.
+    """What acts on the two bodies besides the rotors; constant during a substep."""
 
-    Attributes:
-        force: d_Q with the drag, N, world frame.
-        bob_force: d_B with the drag, N, world frame.
-        relative: d_Q/M − d_B/m, m/s², world frame.
-        torque: d_τ, N·m, world frame.
-        momentum: h, N·m·s.
-        angular_drag: Coefficients of the torque against ω, N·m·s/rad, body frame.
-    """
-
-    force: Vec3
-    bob_force: Vec3
-    relative: Vec3
-    torque: Vec3
-    momentum: float
-    angular_drag: Vec3
+    force: Vec3  # d_Q with the drag, N, world frame
+    bob_force: Vec3  # d_B with the drag, N, world frame
+    relative: Vec3  # d_Q/M − d_B/m, m/s², world frame
+    torque: Vec3  # d_τ, N·m, world frame
+    momentum: float  # h, N·m·s
+    angular_drag: Vec3  # coefficients of the torque against ω, N·m·s/rad, body frame
 
 
 class Motion(NamedTuple):
@@ -132,14 +114,7 @@ class Derivative(NamedTuple):
 
 @inlined
 def rigid_physics(physics: Physics, correlation: Vec3, pivot: Vec3, shape: float) -> RigidPhysics:
-    """Return the constants of a body.
-
-    Args:
-        physics: Masses and moments of inertia.
-        correlation: Products of inertia divided by the roots of the moments: xy, xz, yz.
-        pivot: p, m.
-        shape: J/(m l²).
-    """
+    """Return the constants of a body, see `RigidSettings` for the arguments."""
     moments = Vec3(physics.inertia_roll, physics.inertia_pitch, physics.inertia_yaw)
     root, c = Vec3(np.sqrt(moments.x), np.sqrt(moments.y), np.sqrt(moments.z)), correlation
     products = Vec3(c.x * root.x * root.y, c.y * root.x * root.z, c.z * root.y * root.z)

@@ -16,31 +16,18 @@ _CODES = {"wrench": codes.WRENCH, "body_rates": codes.BODY_RATES, "rotors": code
 
 
 class RigidSettings(NamedTuple):
-    """A rigid vehicle with its interface.
+    """A rigid vehicle with its interface."""
 
-    Attributes:
-        interface: Code of the interface, see `rotors`.
-        trim: Torque about x and y at a zero action that balances a pole beside the centre of mass, N·m.
-        command_scale: Thrust at a zero action (N), and torques (N·m) or body rates (rad/s) at an action of 1.
-        correlation: Products of inertia divided by the roots of the moments: xy, xz, yz.
-        pivot: p, m, body frame.
-        shape: J/(m l²) of the pole.
-        rotor_drag: Drag of the rotors, N·s/m, body frame.
-        angular_drag: Torque against the body rate, N·m·s/rad, body frame.
-        loop: The on-board rate loop.
-        rotors: The rotors.
-    """
-
-    interface: float
-    command_scale: Four
-    trim: Vec3
-    correlation: Vec3
-    pivot: Vec3
-    shape: float
-    rotor_drag: Vec3
-    angular_drag: Vec3
-    loop: RateLoopSettings
-    rotors: RotorSettings
+    interface: float  # code of the interface, see `rotors`
+    command_scale: Four  # thrust at a zero action (N), and torques (N·m) or body rates (rad/s) at an action of 1
+    trim: Vec3  # torque about x and y at a zero action that balances a pole beside the centre of mass, N·m
+    correlation: Vec3  # products of inertia divided by the roots of the moments: xy, xz, yz
+    pivot: Vec3  # p, m, body frame
+    shape: float  # J/(m l²) of the pole
+    rotor_drag: Vec3  # drag of the rotors, N·s/m, body frame
+    angular_drag: Vec3  # torque against the body rate, N·m·s/rad, body frame
+    loop: RateLoopSettings  # the on-board rate loop
+    rotors: RotorSettings  # the rotors
 
 
 unpack_rigid = unpacker(RigidSettings)

@@ -40,31 +40,19 @@ class Ratio(NamedTuple):
 
 
 class RotorSettings(NamedTuple):
-    """Rotors of a vehicle inside compiled functions.
+    """Rotors of a vehicle inside compiled functions."""
 
-    Attributes:
-        has_rotors: Above zero if the vehicle has rotors.
-        mixing: Maps rotor thrusts (N) to thrust (N) and torques (N·m).
-        unmixing: Its inverse.
-        hover: Thrusts at hover, N.
-        lowest: Lowest thrusts, N; without rotors the lowest thrust and torques.
-        highest: Highest thrusts, N.
-        spins: Sign of the yaw torque of each rotor.
-        rise: Share of a thrust error that is left at the start, the middle and the end of a substep, rising thrust.
-        fall: The same for falling thrust.
-        momentum: J_p/√c, N·m·s/√N: a rotor with the thrust f has the angular momentum J_p √(f/c); c is the thrust per
-            squared speed, N·s²/rad².
-    """
-
-    has_rotors: float
-    mixing: Matrix4
-    unmixing: Matrix4
-    hover: Four
-    lowest: Four
-    highest: Four
-    spins: Four
-    rise: Vec3
-    fall: Vec3
+    has_rotors: float  # above zero if the vehicle has rotors
+    mixing: Matrix4  # maps rotor thrusts (N) to thrust (N) and torques (N·m)
+    unmixing: Matrix4  # its inverse
+    hover: Four  # thrusts at hover, N
+    lowest: Four  # lowest thrusts, N; without rotors the lowest thrust and torques
+    highest: Four  # highest thrusts, N
+    spins: Four  # sign of the yaw torque of each rotor
+    rise: Vec3  # share of a thrust error that is left at the start, the middle and the end of a substep, rising thrust
+    fall: Vec3  # the same for falling thrust
+    # J_p/√c, N·m·s/√N: a rotor with the thrust f has the angular momentum J_p √(f/c); c is the thrust per squared
+    # speed, N·s²/rad²
     momentum: float
 
 

@@ -17,9 +17,6 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
 
     The file has the fields of one `Scenario`, or the tables ``scenarios`` (scenarios by name), ``sets`` (names of
     scenarios by the name of the set) and ``defaults`` (fields of all scenarios).
-
-    Raises:
-        ValueError: If the file cannot be read or has a wrong field.
     """
     try:
         data = read_mapping(path)
@@ -57,9 +54,6 @@ def find_scenarios(names: str | Iterable[str | Scenario]) -> dict[str, Scenario]
         names: Each is a `Scenario`, or a text: the name of a scenario or of a set of this package; the path of a TOML
             or JSON file, whose scenarios all count; JSON that begins with a brace; or ``"module:factory"``, a function
             that returns a `Scenario` or a wind. NAME=TEXT gives one scenario another name.
-
-    Raises:
-        ValueError: If there is no such scenario, a field is wrong, or two different scenarios have the same name.
     """
     found: dict[str, Scenario] = {}
     for item in [names] if isinstance(names, str) else names:
@@ -100,7 +94,6 @@ def as_scenario(value: Any, **parts: Any) -> Scenario:
 
 
 def _scenarios(text: str) -> list[Scenario]:
-    """Return the scenarios of a text."""
     scenarios, sets = shipped()
     if text in scenarios:
         return [scenarios[text]]

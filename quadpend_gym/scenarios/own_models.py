@@ -27,15 +27,7 @@ def own_models(value: Any) -> list[Any]:
 
 
 def check_own_models(name: str, scenario: Scenario) -> None:
-    """Run a scenario with own models for two steps, so that their errors are found before a long evaluation.
-
-    Args:
-        name: Name of the scenario for the error message.
-        scenario: The scenario.
-
-    Raises:
-        ValueError: If a model fails or returns values that are not finite.
-    """
+    """Run a scenario with own models for two steps, so that their errors are found before a long evaluation."""
     if not own_models(scenario):
         return
     try:

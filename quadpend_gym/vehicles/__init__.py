@@ -3,7 +3,7 @@
 from quadpend_gym.vehicles.parameters import PARAMETER_NAMES, Parameters
 from quadpend_gym.vehicles.parts import POLES, Drag, Pole, RateLoop, Rotors
 from quadpend_gym.vehicles.registry import VEHICLES, as_vehicle
-from quadpend_gym.vehicles.simulation import CONTROL_PERIOD, INTERFACES, Simulation, as_simulation
+from quadpend_gym.vehicles.simulation import CONTROL_PERIOD, INTERFACES, Simulation
 from quadpend_gym.vehicles.vehicle import Vehicle, hover_thrusts, hover_wrench, mixing, torque_limits
 
 PAPER = VEHICLES["paper"].parameters
@@ -22,7 +22,6 @@ __all__ = [
     "Rotors",
     "Simulation",
     "Vehicle",
-    "as_simulation",
     "as_vehicle",
     "hover_thrusts",
     "hover_wrench",

@@ -20,9 +20,6 @@ def as_vehicle(value: Any) -> Vehicle:
     Args:
         value: A `Vehicle`, the name of one in `VEHICLES`, the path of a TOML file (it ends in .toml), a mapping of the
             fields of `Vehicle`, or None for the paper's vehicle.
-
-    Raises:
-        ValueError: If `value` is none of these, there is no such vehicle or file, or a field is wrong.
     """
     if value is None:
         return VEHICLES["paper"]

@@ -2,7 +2,7 @@
 
 from dataclasses import field
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 
@@ -13,9 +13,8 @@ from quadpend_gym.vehicles.registry import VEHICLES, VehicleField
 from quadpend_gym.vehicles.vehicle import Vehicle, torque_limits
 
 CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
-INTERFACES = ("wrench", "rotors", "body_rates")
 Interface = Literal["wrench", "rotors", "body_rates"]
-_MOST_SUBSTEPS = 10_000
+INTERFACES: tuple[str, ...] = get_args(Interface)
 _MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
 # Largest rate at which linear drag slows a motion, times the length of a substep. The drag of the rotors is constant
 # during a substep, so it would reverse the motion above 1. Angular drag is part of the Runge-Kutta step, which is
@@ -40,7 +39,7 @@ class Simulation:
     vehicle: Annotated[Vehicle, VehicleField] = field(default_factory=lambda: VEHICLES["paper"])
     interface: Interface = "wrench"
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
-    substeps: Annotated[int, Range(1, _MOST_SUBSTEPS)] = 2
+    substeps: Annotated[int, Range(1, 10_000)] = 2
     latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
     pendulum: Literal["upright", "hanging"] = "upright"
 
@@ -95,7 +94,7 @@ class Simulation:
 
 
 def _check_interface(simulation: Simulation) -> None:
-    if not simulation.is_rigid:
+    if simulation.vehicle.attitude == "euler":
         if simulation.interface != "wrench":
             raise ValueError(
                 f"interface must be 'wrench', not {simulation.interface!r}: the paper's attitude model has no rotors"
@@ -122,8 +121,3 @@ def _check_damping(simulation: Simulation) -> None:
             f"substeps must be at least {least}, not {simulation.substeps}: drag.{name} = {getattr(drag, name)!r} slows"
             f" the vehicle in {1.0 / rates[name]:.2g} s, and a substep may last {_MOST_DAMPED[name]:g} times as long"
         )
-
-
-def as_simulation(value: Any) -> Simulation:
-    """Return a simulation: `value` itself, one with the fields of a mapping, or for None the default one."""
-    return value if isinstance(value, Simulation) else Simulation(**(value or {}))

@@ -101,11 +101,7 @@ class Vehicle:
 
 
 def mixing(vehicle: Vehicle) -> Floats:
-    """Return the matrix from the rotor thrusts to thrust and torques about x, y, z, N and N·m, shape (4, 4).
-
-    Raises:
-        ValueError: If the vehicle has no rotors.
-    """
+    """Return the matrix from the rotor thrusts to thrust and torques about x, y, z, N and N·m, shape (4, 4)."""
     rotors = _rotors(vehicle)
     x, y, _ = np.array(rotors.positions).T
     return np.array([np.ones(4), y, -x, rotors.torque_per_thrust * np.array(rotors.spins)])
@@ -126,9 +122,6 @@ def hover_thrusts(vehicle: Vehicle) -> Floats:
     """Return the rotor thrusts that hold body and upright pole at rest, N, shape (4,).
 
     They make no torque, unless the pivot is beside the centre of mass.
-
-    Raises:
-        ValueError: If the vehicle has no rotors.
     """
     return np.asarray(np.linalg.solve(mixing(vehicle), hover_wrench(vehicle.parameters, vehicle.pivot)))
 

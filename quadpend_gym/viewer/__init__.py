@@ -8,11 +8,7 @@ from gymnasium.error import DependencyNotInstalled
 
 
 def check_pygame() -> None:
-    """Check that pygame-ce is installed.
-
-    Raises:
-        DependencyNotInstalled: If pygame is missing, or is not pygame-ce.
-    """
+    """Raise DependencyNotInstalled if pygame is missing, or is not pygame-ce."""
     try:
         from pygame.draw import aacircle  # noqa: F401  # only pygame-ce has this function
     except ImportError as error:

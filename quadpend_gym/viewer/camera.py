@@ -49,19 +49,12 @@ class Camera:
 
 
 class View(NamedTuple):
-    """The projection of a camera at a fixed position.
+    """The projection of a camera at a fixed position."""
 
-    Attributes:
-        origin: Position C of the camera, m, shape (3,).
-        axes: Unit vectors to the right, up and forward, shape (3, 3).
-        focal_length: F, pixels.
-        centre: Centre of the picture, pixels from the left and from the top.
-    """
-
-    origin: Floats
-    axes: Floats
-    focal_length: float
-    centre: tuple[float, float]
+    origin: Floats  # position C of the camera, m, shape (3,)
+    axes: Floats  # unit vectors to the right, up and forward, shape (3, 3)
+    focal_length: float  # F, pixels
+    centre: tuple[float, float]  # centre of the picture, pixels from the left and from the top
 
     def to_camera(self, points: Floats) -> Floats:
         """Convert world points, shape (..., 3), to offsets to the right, up and forward, m."""

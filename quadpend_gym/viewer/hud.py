@@ -9,7 +9,7 @@ from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import View
 from quadpend_gym.viewer.palette import Colour, blend
-from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon, text_width, write
+from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon, rectangle, text_width, write
 from quadpend_gym.viewer.shape import PAPER_SHAPE
 from quadpend_gym.viewer.snapshot import Snapshot
 
@@ -40,7 +40,8 @@ def draw(surface: Any, view: View, snapshot: Snapshot, title: str, colour: Colou
     _draw_numbers(canvas, margin, snapshot, title, colour)
     _draw_legend(canvas, (width - 100.0 * unit, margin), snapshot.shape.pole_name, colour)
     row = height - margin - radius - 26.0 * unit
-    to_picture = _horizontal_rotation(view)
+    right = view.axes[0, :2]
+    to_picture = np.array([right, [-right[1], right[0]]])  # horizontal vectors to (right, away from the camera)
     _draw_tilt(canvas, (margin + radius + 8.0 * unit, row), radius, snapshot, to_picture, colour)
     wind_dial = (width - margin - radius - 8.0 * unit, row)
     max_force = _MAX_FORCE * (PAPER_SHAPE.metres_per_newton / snapshot.shape.metres_per_newton)
@@ -53,7 +54,8 @@ def _draw_numbers(canvas: _Canvas, margin: float, snapshot: Snapshot, title: str
     surface, unit = canvas
     title_size = round(26 * unit)
     panel_width = max(150.0 * unit, text_width(title, title_size) + 16.0 * unit)
-    _draw_panel(surface, (margin, margin), (panel_width, (102.0 if title else 74.0) * unit))
+    panel = panel_width, (102.0 if title else 74.0) * unit
+    rectangle(surface, (margin, margin), panel, palette.WHITE, _PANEL_OPACITY)
     y = margin + 8.0 * unit
     if title:
         write(surface, title, (margin + 8.0 * unit, y), title_size, blend(colour, palette.INK, 0.15))
@@ -71,7 +73,7 @@ def _draw_numbers(canvas: _Canvas, margin: float, snapshot: Snapshot, title: str
 def _draw_legend(canvas: _Canvas, at: tuple[float, float], pole: str, colour: Colour) -> None:
     """Draw the symbols of bob, target and wind with their names."""
     (surface, unit), (x, y) = canvas, at
-    _draw_panel(surface, at, (88.0 * unit, 74.0 * unit))
+    rectangle(surface, at, (88.0 * unit, 74.0 * unit), palette.WHITE, _PANEL_OPACITY)
     circle(surface, (x + 16.0 * unit, y + 15.0 * unit), 5.0 * unit, colour)
     circle(surface, (x + 16.0 * unit, y + 36.0 * unit), 7.0 * unit, palette.REFERENCE, max(round(2.0 * unit), 1))
     arrow_y = y + 57.0 * unit
@@ -113,20 +115,12 @@ def _draw_wind(
 def _draw_thrust(canvas: _Canvas, at: Any, width: float, height: float, fraction: float) -> None:
     """Draw a bar that is filled to a fraction of its height, with a mark at one half, which is hover."""
     (surface, unit), (x, y) = canvas, at
-    _draw_panel(surface, (x, y), (width, height))
-    top = y + height * (1.0 - min(max(fraction, 0.0), 1.0))
-    corners = np.array([[x, top], [x + width, top], [x + width, y + height], [x, y + height]])
-    polygon(surface, corners, palette.SKY_BLUE)
+    rectangle(surface, (x, y), (width, height), palette.WHITE, _PANEL_OPACITY)
+    filled = height * min(max(fraction, 0.0), 1.0)
+    rectangle(surface, (x, y + height - filled), (width, filled), palette.SKY_BLUE)
     hover = y + 0.5 * height
     line(surface, (x - 3.0 * unit, hover), (x + width + 3.0 * unit, hover), palette.INK)
     canvas.write("thrust", (x + 0.5 * width, y + height + 7.0 * unit), anchor="midtop")
-
-
-def _draw_panel(surface: Any, at: tuple[float, float], size: tuple[float, float]) -> None:
-    """Draw a translucent rectangle behind text."""
-    (x, y), (w, h) = at, size
-    corners = np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])
-    polygon(surface, corners, palette.WHITE, _PANEL_OPACITY)
 
 
 def _draw_dial(canvas: _Canvas, at: tuple[float, float], radius: float, caption: str) -> None:
@@ -137,9 +131,3 @@ def _draw_dial(canvas: _Canvas, at: tuple[float, float], radius: float, caption:
     polygon(surface, np.asarray(at) + (radius + 4.0 * unit) * unit_circle, palette.WHITE, _PANEL_OPACITY)
     circle(surface, at, radius, palette.GREY, width=1)
     canvas.write(caption, (at[0], at[1] + radius + 7.0 * unit), anchor="midtop")
-
-
-def _horizontal_rotation(view: View) -> Floats:
-    """Return the rotation of horizontal world vectors to components (right, away from the camera), shape (2, 2)."""
-    right = view.axes[0, :2]
-    return np.array([right, [-right[1], right[0]]])

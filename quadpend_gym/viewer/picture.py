@@ -18,25 +18,16 @@ _TARGET_BELOW = 0.24  # camera target below the vehicle, divided by the distance
 
 
 class Picture:
-    """Draws snapshots onto pygame surfaces with one camera.
-
-    Attributes:
-        camera: The camera, which may be changed between two pictures.
-    """
+    """Draws snapshots onto pygame surfaces with one camera, which may be changed between two pictures."""
 
     def __init__(self, camera: Camera | None = None) -> None:
-        """Prepare a picture of 640 × 480 pixels."""
         self.camera = camera or Camera()
         self._surface = pygame.Surface(SIZE)
 
     def draw(self, surface: Any, snapshot: Snapshot, title: str = "", colour: Colour = palette.BOB) -> None:
-        """Draw a snapshot over the whole of a surface.
+        """Draw a snapshot, with a title in the top left corner, over the whole of a surface.
 
-        Args:
-            surface: Surface of pygame to draw on.
-            snapshot: Snapshot to draw.
-            title: Title in the top left corner.
-            colour: Colour of the bob, its trail and the title.
+        `colour` is that of the bob, its trail and the title.
         """
         shape = snapshot.shape
         camera = replace(self.camera, distance=self.camera.distance * shape.distance_scale)

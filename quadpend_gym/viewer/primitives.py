@@ -14,6 +14,12 @@ Point: TypeAlias = Any  # two or more numbers; the first two are pixels from the
 _MAX_COORDINATE = 16000.0  # pixels; gfxdraw uses 16-bit integers
 
 
+def rectangle(surface: Any, at: Point, size: Point, colour: Colour, opacity: int = 255) -> None:
+    """Fill a rectangle whose top left corner is at `at`."""
+    (x, y), (w, h) = at, size
+    polygon(surface, np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]), colour, opacity)
+
+
 def polygon(surface: Any, points: Floats, colour: Colour, opacity: int = 255) -> None:
     """Fill a polygon with corners of shape (n, 2) or wider."""
     corners = _corners(points)
@@ -59,13 +65,7 @@ def arrow(surface: Any, start: Point, end: Point, colour: Colour, width: float) 
 def write(surface: Any, text: str, at: Point, size: int, colour: Colour, anchor: str = "topleft") -> float:
     """Write a line of text and return its right end, pixels.
 
-    Args:
-        surface: Surface of pygame to write on.
-        text: The line of text.
-        at: Position of the anchor, pixels.
-        size: Font size, pixels.
-        colour: Colour of the text.
-        anchor: Point of the text's rectangle that is placed at `at`, as an attribute of `pygame.Rect`.
+    `anchor` is the point of the text's rectangle that is placed at `at`, an attribute of `pygame.Rect`.
     """
     rendered = _render(text, size, colour)
     box = rendered.get_rect(**{anchor: (round(at[0]), round(at[1]))})

@@ -16,37 +16,21 @@ _PAPER_DISTANCE = 3.4  # m, from the camera to the paper's vehicle
 
 
 class Shape(NamedTuple):
-    """Sizes of a vehicle in pictures, m, in the body frame.
+    """Sizes of a vehicle in pictures, m, in the body frame."""
 
-    Attributes:
-        hubs: Ends of the arms, from the centre of mass, shape (4, 3).
-        spins: Signs of the rotors' yaw torques; a rotor turns against its torque.
-        front: Whether each rotor is drawn in the colour of the front.
-        rotor: Radius of the rotors.
-        pivot: Pivot of the pole from the centre of mass, shape (3,).
-        bob: Radius of the ball that marks the pole's centre of mass.
-        pole: Width of the pole.
-        pole_ratio: Length of the pole divided by the distance from the pivot to its centre of mass.
-        scale: Size relative to the paper's vehicle, for body, arms and blades.
-        distance_scale: Distance of the camera relative to that from the paper's vehicle.
-        lift: Height of the point that the camera looks at above that of the paper's vehicle.
-        metres_per_newton: Length of the arrow of a force, m/N.
-        pole_name: Name of the ball in the legend.
-    """
-
-    hubs: Floats
-    spins: tuple[int, ...] = (1, -1, 1, -1)
-    front: tuple[bool, ...] = (True, False, False, False)
-    rotor: float = 0.11
-    pivot: Floats = np.zeros(3)
-    bob: float = 0.045
-    pole: float = 0.016
-    pole_ratio: float = 1.0
-    scale: float = 1.0
-    distance_scale: float = 1.0
-    lift: float = 0.0
-    metres_per_newton: float = 0.7
-    pole_name: str = "bob"
+    hubs: Floats  # ends of the arms, from the centre of mass, shape (4, 3)
+    spins: tuple[int, ...] = (1, -1, 1, -1)  # signs of the rotors' yaw torques; a rotor turns against its torque
+    front: tuple[bool, ...] = (True, False, False, False)  # whether each rotor is drawn in the colour of the front
+    rotor: float = 0.11  # radius of the rotors
+    pivot: Floats = np.zeros(3)  # pivot of the pole from the centre of mass, shape (3,)
+    bob: float = 0.045  # radius of the ball that marks the pole's centre of mass
+    pole: float = 0.016  # width of the pole
+    pole_ratio: float = 1.0  # length of the pole divided by the distance from the pivot to its centre of mass
+    scale: float = 1.0  # size relative to the paper's vehicle, for body, arms and blades
+    distance_scale: float = 1.0  # distance of the camera relative to that from the paper's vehicle
+    lift: float = 0.0  # height of the point that the camera looks at above that of the paper's vehicle
+    metres_per_newton: float = 0.7  # length of the arrow of a force, m/N
+    pole_name: str = "bob"  # name of the ball in the legend
 
 
 PAPER_SHAPE = Shape(ARM * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))

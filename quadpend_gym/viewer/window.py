@@ -27,19 +27,9 @@ _MIN_SPEED, _MAX_SPEED = 1.0 / 16.0, 4.0
 
 
 class Controls:
-    """The state of a window that keys and mouse change.
-
-    Attributes:
-        paused: Whether playback is paused.
-        speed: Playback speed; 1 is real time.
-        steps: Number of single steps still to make while paused.
-        end_requested: Whether the user has asked to end the running episode.
-        closed: Whether the window is closed, or the user has asked to close it.
-        help: Whether the list of keys is shown.
-    """
+    """The state of a window that keys and mouse change, and its camera."""
 
     def __init__(self, picture: Picture) -> None:
-        """Control the camera of a picture."""
         self._camera = picture.camera
         self._orbit_keys = {
             pygame.K_LEFT: (-_ORBIT_STEP, 0.0),
@@ -48,8 +38,12 @@ class Controls:
             pygame.K_DOWN: (0.0, -_ORBIT_STEP),
             pygame.K_t: (0.0, _TO_TOP),
         }
-        self.paused, self.help, self.end_requested, self.closed = False, False, False, False
-        self.speed, self.steps = 1.0, 0
+        self.paused, self.help = False, False  # help: whether the list of keys is shown
+        self.speed, self.steps = 1.0, 0  # 1 is real time; number of single steps still to make while paused
+        self.end_requested, self.closed = (
+            False,
+            False,
+        )  # of the running episode; whether the window is or is to be closed
 
     def handle(self, event: Any) -> None:
         """Respond to an event of pygame."""
@@ -86,17 +80,9 @@ class Controls:
 
 
 class Window:
-    """A window that shows snapshots in real time.
-
-    Args:
-        period: Time between two snapshots, s.
-
-    Raises:
-        Error: If no window can be opened.
-    """
+    """A window that shows snapshots in real time, one in every `period` (s)."""
 
     def __init__(self, period: float) -> None:
-        """Open the window."""
         self.picture, self._period = Picture(), period
         self._controls = Controls(self.picture)
         self._screen = open_window("QuadPendulum", SIZE)
@@ -108,11 +94,7 @@ class Window:
         return requested
 
     def show(self, snapshots: Callable[[], Sequence[Snapshot]]) -> None:
-        """Show the current snapshots and wait until the next ones are due.
-
-        Args:
-            snapshots: Function that returns the current snapshots; it is called only if a picture is drawn.
-        """
+        """Show the current snapshots, which are made only if a picture is drawn, and wait until the next are due."""
         controls = self._controls
         controls.closed |= not pygame.display.get_init()  # other code may have closed pygame's one window
         if controls.closed:
@@ -148,11 +130,7 @@ class Window:
 
 
 def open_window(title: str, size: tuple[int, int]) -> Any:
-    """Open a resizable window and return its surface. Pygame has one window per process.
-
-    Raises:
-        Error: If the window cannot be opened.
-    """
+    """Open a resizable window and return its surface. Pygame has one window per process."""
     try:
         pygame.display.init()
         pygame.display.set_caption(title)

@@ -61,7 +61,6 @@ class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], wind: Any) -> None:
-        """Wrap `env`."""
         RecordConstructorArgs.__init__(self, wind=wind)
         gym.Wrapper.__init__(self, env)
         add_wind(env, wind)
@@ -71,7 +70,6 @@ class VectorWindWrapper(VectorWrapper):
     """`WindWrapper` for a vector environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], wind: Any) -> None:
-        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         add_wind(env, wind)
 
@@ -85,7 +83,6 @@ class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], sensors: Any) -> None:
-        """Wrap `env`."""
         RecordConstructorArgs.__init__(self, sensors=sensors)
         gym.Wrapper.__init__(self, env)
         add_sensors(env, sensors)
@@ -95,7 +92,6 @@ class VectorSensorWrapper(VectorWrapper):
     """`SensorWrapper` for a vector environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], sensors: Any) -> None:
-        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         add_sensors(env, sensors)
 
@@ -109,7 +105,6 @@ class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], actuators: Any) -> None:
-        """Wrap `env`."""
         RecordConstructorArgs.__init__(self, actuators=actuators)
         gym.Wrapper.__init__(self, env)
         add_actuators(env, actuators)
@@ -119,7 +114,6 @@ class VectorActuatorWrapper(VectorWrapper):
     """`ActuatorWrapper` for a vector environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], actuators: Any) -> None:
-        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         add_actuators(env, actuators)
 
@@ -133,7 +127,6 @@ class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:
-        """Wrap `env`."""
         RecordConstructorArgs.__init__(self, ranges=ranges)
         gym.Wrapper.__init__(self, env)
         draw_parameters(env, ranges)
@@ -143,6 +136,5 @@ class VectorParameterWrapper(VectorWrapper):
     """`ParameterWrapper` for a vector environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], ranges: Any) -> None:
-        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         draw_parameters(env, ranges)
