@@ -52,7 +52,7 @@ def can_be_planned(scenario: Scenario) -> bool:
     task = scenario.task
     upright = task.pendulum == "upright" and task.reward.pendulum_first == 0.0
     known = all(isinstance(model, ActionDelay | MotorLag) for model in scenario.actuators)
-    return upright and known and not scenario.simulation.is_rigid
+    return upright and known and scenario.vehicle.attitude == "euler"
 
 
 def plant_of(scenario: Scenario) -> Plant:

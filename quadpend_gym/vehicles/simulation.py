@@ -57,11 +57,6 @@ class Simulation:
                 f" (period / substeps), not {self.latency:g} s"
             )
 
-    @property
-    def is_rigid(self) -> bool:
-        """Whether the vehicle is a rigid body; else it has the paper's attitude model."""
-        return self.vehicle.attitude == "rigid"
-
     @cached_property
     def parameters(self) -> Parameters:
         """The physical parameters of the vehicle; with a hanging pendulum, the rod length is negative."""

@@ -29,7 +29,7 @@ def check_covered(name: str, scenario: Scenario) -> None:
         ValueError: If it has another task than balancing, a rigid vehicle, other actuators than `ActionDelay` and
             `MotorLag`, or a trajectory that is not a `Reference`.
     """
-    if scenario.simulation.is_rigid:
+    if scenario.vehicle.attitude == "rigid":
         raise ValueError(
             f"algo 'apg' cannot fly the vehicle {scenario.simulation.vehicle.name!r}: the differentiable dynamics"
             f" covers only the paper's vehicle (scenario {name})"
