@@ -123,8 +123,8 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         """
         actions = check_action(actions, (self.num_envs, ACTION_SIZE))
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
-            row = self._ended.argmax()
-            raise ResetNeeded(f"the episode of sub-environment {row} is over: reset with options={{'reset_mask': …}}")
+            i = self._ended.argmax()
+            raise ResetNeeded(f"the episode of sub-environment {i} is over: reset it with options={{'reset_mask': …}}")
         restarts = self.autoreset_mode is AutoresetMode.NEXT_STEP and bool(self._ended.any())
         if restarts:  # actions are ignored where the step only starts the next episode
             actions = np.where(self._ended[:, np.newaxis], np.float32(0.0), actions)
