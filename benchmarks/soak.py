@@ -26,10 +26,9 @@ from experiments.pages import fill
 from quadpend_gym import QuadPendulumEnv
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common import executors
-from quadpend_train.common.files import toml_text
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
+from quadpend_train.training.settings import PRESETS, TrainSettings, read_settings
 from quadpend_train.training.train import train
 from tests.helpers.random_settings import random_scenario
 
@@ -43,7 +42,7 @@ LONGEST_STEP = 1.0  # s of processor time, for up to 1024 sub-environments
 _EXPECTED = ".*(the wind pushes with up to|the trajectory (needs|reaches))"  # warnings about settings, not about steps
 _WARM_UP = 100  # configurations, after which all compiled code is loaded
 ROWS = (1, 7, 64, 1024, 4096)
-SCENARIO = {"wind": [{"kind": "gusts", "force": 1.0}, {"kind": "constant"}], "duration": 4.0, "period": 0.02}
+SCENARIO = {"duration": 4.0, "period": 0.02, "wind": {"kind": "gusts", "force": 1.0}}
 
 
 class Outcome(NamedTuple):
@@ -168,9 +167,9 @@ def read_damaged(kind: str, seed: int) -> None:
             MlpPolicy.load("apg-0").save(path)
             path.write_bytes(damaged_bytes(path.read_bytes(), random))
         else:
-            data = SCENARIO if kind == "scenarios" else to_mapping(read_settings("ppo-gain-scheduling"))
-            path = Path(folder, f"file{random.choice(['.json', '.toml'])}")
-            text = json.dumps(data) if path.suffix == ".json" else toml_text(data)
+            preset = PRESETS / "ppo-gain-scheduling.toml"
+            path = Path(folder, "file.json" if kind == "scenarios" else preset.name)
+            text = json.dumps(SCENARIO) if kind == "scenarios" else preset.read_text(encoding="utf-8")
             path.write_bytes(damaged_bytes(text.encode(), random))
         try:
             READ[kind](path)

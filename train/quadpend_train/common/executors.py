@@ -1,4 +1,4 @@
-"""Run the calls of a study in this process, in several processes, or on a Ray cluster.
+"""Run calls in this process, in several processes, or on a Ray cluster.
 
 Executors have the interface of `concurrent.futures`. `run` takes calls by name. A call that fails does not stop the
 others and is named when they have ended, so a study gives the same results on every executor.
@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from tqdm.auto import tqdm
 
@@ -27,16 +27,9 @@ from quadpend_gym.core.factories import describe_error
 from quadpend_train.common.text import brief
 
 Name = TypeVar("Name", bound=Hashable)
+Call = Callable[[], Any]
 _LONGEST = 400  # characters of the message of a failure
 _ADDRESS = re.compile(r"auto|local|(ray://)?[\w.-]+:\d+")
-_CALLS_OF_A_CORE = 4  # calls that are submitted to Ray at once, for each core of the cluster
-
-
-class Call(Protocol):
-    """A function without arguments."""
-
-    def __call__(self) -> Any:
-        """Return the result."""
 
 
 class CallsFailedError(RuntimeError):
@@ -52,13 +45,11 @@ class CallsFailedError(RuntimeError):
     def __init__(self, failures: Mapping[Any, BaseException], calls: int, what: str, kept: str) -> None:
         others = f"; the results of the others {kept}" if kept and calls > len(failures) else ""
         lines = [f"{len(failures)} of {calls} {what}s failed{others}:"]
-        lines += [f"  {_text(name)}: {brief(_reason(error), _LONGEST)}" for name, error in failures.items()]
+        for name, error in failures.items():
+            parts = name if isinstance(name, tuple) else (name,)
+            lines.append(f"  {', '.join(map(str, parts))}: {brief(_reason(error), _LONGEST)}")
         super().__init__("\n".join(lines))
         self.failures = dict(failures)
-
-
-def _text(name: Any) -> str:
-    return ", ".join(map(str, name)) if isinstance(name, tuple) else str(name)
 
 
 def _reason(error: BaseException) -> str:
@@ -78,10 +69,6 @@ def executor(jobs: int = 1, cluster: str | None = None) -> Executor:
         jobs: Number of processes; 1 is this process.
         cluster: Ray cluster: ``auto`` (that of this machine), ``local`` (start one on this machine), ``HOST:PORT`` or
             ``ray://HOST:PORT``; None: this machine, without Ray.
-
-    Raises:
-        ModuleNotFoundError: If there is a cluster and Ray is not installed.
-        ValueError: If `jobs` is below 1, both are given, or there is no such cluster.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, not {jobs}")
@@ -139,7 +126,7 @@ def run(
 
 
 def _completed(calls: Mapping[Name, Call], pool: Executor) -> Iterator[tuple[Name, "Future[Any]"]]:
-    """Yield calls as they end. Only a few are submitted at once, so that results arrive while others wait."""
+    """Yield calls as they end. Only a few are submitted at once: a killed process of loky fails all submitted ones."""
     waiting = iter(calls.items())
     running: dict[Future[Any], Name] = {}
     while True:
@@ -164,7 +151,7 @@ class _ThisProcess(Executor):
 
 
 class _Processes(Executor):
-    """The processes of loky, which end with this process. A call whose process is killed fails alone."""
+    """The processes of loky, which end with this process."""
 
     def __init__(self, jobs: int) -> None:
         self.ahead = jobs
@@ -226,8 +213,10 @@ def _blocked_signals() -> Iterator[None]:
 class _Ray(Executor):
     """A Ray cluster whose machines share the working directory and the packages of this process.
 
-    A call whose worker or node dies is repeated by Ray.
+    Ray repeats a call whose worker or node dies, and ends the calls of a process that ends.
     """
+
+    ahead = sys.maxsize
 
     def __init__(self, address: str) -> None:
         if not _ADDRESS.fullmatch(address):
@@ -241,25 +230,11 @@ class _Ray(Executor):
             ray.init(address, runtime_env={"env_vars": variables}, **options)
         except (OSError, RuntimeError) as error:
             raise ValueError(f"there is no Ray cluster at {address}: {brief(error)}") from error
-        self._ray = ray
         self._task = ray.remote(max_retries=2)(_call_in_folder)
-        self._running: dict[Future[Any], Any] = {}
-
-    @property
-    def ahead(self) -> int:
-        """Number of calls that are submitted at once."""
-        return max(int(_CALLS_OF_A_CORE * self._ray.cluster_resources().get("CPU", 1.0)), 1)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        reference = self._task.remote(partial(fn, *args, **kwargs), os.getcwd(), sys.argv)
-        future: Future[Any] = reference.future()
-        self._running[future] = reference
-        future.add_done_callback(self._running.pop)
+        future: Future[Any] = self._task.remote(partial(fn, *args, **kwargs), os.getcwd(), sys.argv).future()
         return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        for reference in list(self._running.values()) if cancel_futures else ():
-            self._ray.cancel(reference, force=True)
 
 
 def _call_in_folder(call: Call, folder: str, command: list[str]) -> Any:

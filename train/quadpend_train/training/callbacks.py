@@ -7,7 +7,6 @@ from typing import Any
 
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
-from tqdm.auto import tqdm
 
 from quadpend_train.common.files import atomic, write_bytes
 from quadpend_train.policies.export import export
@@ -65,11 +64,7 @@ class CheckpointSegments(BaseCallback):
                 return
             save_checkpoint(self.model, self.folder)
         self.segment_start = steps
-        self._start_segment()
-
-    def _start_segment(self) -> None:
         model: Any = self.model
-        steps, settings = self.num_timesteps, self.settings
         env = model.get_env()
         if settings.curriculum:
             env.env = make_env(settings, steps).env
@@ -87,9 +82,6 @@ class StopConditions(BaseCallback):
     Args:
         settings: The settings of the run.
         end: Time at which training stops, as `time.perf_counter` returns it.
-
-    Raises:
-        FloatingPointError: If a weight is not finite.
     """
 
     def __init__(self, settings: TrainSettings, end: float) -> None:
@@ -191,40 +183,23 @@ class RewardTerms(BaseCallback):
 
 
 class ProgressBar(BaseCallback):
-    """Show a progress bar with the mean length and return of the latest episodes and the latest score."""
+    """Show the mean length and return of the latest episodes and the latest score on a progress bar."""
 
-    def __init__(self, settings: TrainSettings, evaluation: EvaluationCallback) -> None:
+    def __init__(self, bar: Any, evaluation: EvaluationCallback) -> None:
         super().__init__()
-        self.settings, self.evaluation = settings, evaluation
-        self.bar: Any = None
-
-    def _on_training_start(self) -> None:
-        total = self.settings.total_timesteps
-        scenario = next(iter(self.settings.found().values()))
-        self.action_period = scenario.simulation.period * self.settings.hybrid.action_repeat  # s
-        self.bar = tqdm(total=total, initial=self.num_timesteps, unit="step", unit_scale=True, mininterval=0.5)
+        self.bar, self.evaluation = bar, evaluation
 
     def _on_rollout_end(self) -> None:
         if self.num_timesteps - self.bar.n < 1000:
             return
-        parts = list(self.settings.stage(self.num_timesteps)) if self.settings.curriculum else []
+        parts = []
         if episodes := self.model.ep_info_buffer:
-            parts.append(
-                f"episodes of {self.action_period * sum(item['l'] for item in episodes) / len(episodes):.1f} s"
-            )
-            parts.append(f"return {sum(item['r'] for item in episodes) / len(episodes):.0f}")
+            means = (sum(item[key] for item in episodes) / len(episodes) for key in "lr")
+            parts.append("episodes of {:.0f} actions, return {:.0f}".format(*means))
         if self.evaluation.scores:
             parts.append(f"penalised RMSE {1e3 * self.evaluation.scores[-1].penalised_rmse:.0f} mm")
         self.bar.set_postfix_str(", ".join(parts), refresh=False)
         self.bar.update(self.num_timesteps - self.bar.n)
-
-    def _on_training_end(self) -> None:
-        self.bar.update(self.num_timesteps - self.bar.n)
-
-    def close(self) -> None:
-        """Leave the bar on the terminal as it is."""
-        if self.bar is not None:
-            self.bar.close()
 
     def _on_step(self) -> bool:
         return True

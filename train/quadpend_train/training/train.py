@@ -16,7 +16,6 @@ An interrupted run resumes from its latest checkpoint and gives the same policy 
 continues from its model, see `extend`.
 """
 
-import math
 import shlex
 import time
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ from typing import Any
 
 import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from tqdm.auto import tqdm
 
 from quadpend_gym.scenarios import check_own_models
 from quadpend_train.common.files import atomic
@@ -44,7 +44,7 @@ from quadpend_train.training.callbacks import (
     first_seed,
     save_checkpoint,
 )
-from quadpend_train.training.dagger import dagger
+from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import check_curriculum, make_env
 from quadpend_train.training.run_folder import (
     CHECKPOINT,
@@ -68,16 +68,13 @@ LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run 
 def train(
     settings: TrainSettings, folder: Path, *, progress: bool = True, callbacks: Sequence[BaseCallback] = ()
 ) -> Path:
-    """Train a policy from scratch.
+    """Train a policy from scratch, and return its path.
 
     Args:
         settings: The settings of the run.
         folder: The folder of the run; it is created. See `resume` for a folder with an interrupted run.
         progress: Whether to show a progress bar.
         callbacks: Additional callbacks of Stable-Baselines3.
-
-    Returns:
-        The path of the trained policy.
 
     Raises:
         BlockingIOError: If another process trains in the folder.
@@ -86,19 +83,18 @@ def train(
     """
     if (folder / SETTINGS).exists():
         raise FileExistsError(f"{folder} contains a run already: resume it, or choose another folder")
-    end = _end(settings)
-    model = _untrained_model(settings, folder)
+    model = initial_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
         if settings.start_from:
             start_policy(settings).save(folder / START)
         write_json(folder / PROVENANCE, {**provenance(), **start_provenance(settings)})
         write_json(folder / SETTINGS, to_mapping(settings))
-        return _run(model, settings, folder, end, progress, callbacks)
+        return _run(model, settings, folder, progress, callbacks)
 
 
 def resume(folder: Path, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
-    """Continue an interrupted run from its latest checkpoint, or from scratch if it has none.
+    """Continue an interrupted run from its latest checkpoint, or from scratch if it has none, as `train` does.
 
     Loading a checkpoint executes code that is in it: resume only runs whose source you trust.
 
@@ -107,27 +103,20 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
         settings: The settings of the run, in which only `LIMITS` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
 
-    Returns:
-        The path of the trained policy.
-
     Raises:
-        BlockingIOError: If another process trains in the folder.
         FileNotFoundError: If the folder contains no run, or a finished one.
-        ValueError: If another setting is changed.
-        FloatingPointError: If training diverged.
     """
     stored = _stored_settings(folder)
     with locked(folder):
         if (folder / POLICY).is_file():
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
         settings = _checked_limits(stored, settings, LIMITS)
-        end = _end(settings)
         if not (folder / CHECKPOINT).is_file():
-            return _run(_untrained_model(settings, folder, folder / START), settings, folder, end, progress)
-        model = _load(settings, folder, CHECKPOINT)
+            return _run(initial_model(settings, folder, folder / START), settings, folder, progress)
+        model = _load(settings, folder / CHECKPOINT)
         if hasattr(model, "replay_buffer"):
             model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
-        return _run(model, settings, folder, end, progress)
+        return _run(model, settings, folder, progress)
 
 
 def train_or_resume(settings: TrainSettings, folder: Path, *, progress: bool = True) -> Path:
@@ -152,12 +141,8 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
         settings: The settings of the run, in which only ``max_seconds`` may be changed; None: unchanged.
         progress: Whether to show a progress bar.
 
-    Returns:
-        The path of the trained policy.
-
     Raises:
         FileNotFoundError: If the folder contains no finished run.
-        ValueError: If `more_steps` is below 1, or another setting is changed.
     """
     if more_steps < 1:
         raise ValueError(f"more_steps must be at least 1, not {more_steps}")
@@ -166,7 +151,7 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
         raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
     with locked(folder):
         settings = _checked_limits(stored, settings, LIMITS[:1])
-        model, made = _load(settings, folder, MODEL), read_provenance(folder)
+        model, made = _load(settings, folder / MODEL), read_provenance(folder)
         steps = model.num_timesteps
         if hasattr(model, "replay_buffer"):
             model.learning_starts = steps + settings.argument("learning_starts")
@@ -186,39 +171,20 @@ def _stored_settings(folder: Path) -> TrainSettings:
 
 def _checked_limits(stored: TrainSettings, settings: TrainSettings | None, limits: Sequence[str]) -> TrainSettings:
     """Return `settings`, or `stored` if there are none, after checking that they differ in `limits` only."""
-    if settings is None:
-        return stored
-    for name, value in vars(stored).items():
+    for name, value in vars(stored).items() if settings else ():
         if name not in limits and getattr(settings, name) != value:
             raise ValueError(f"a continued run may change {' and '.join(limits)} only: {name} must be {value!r}")
-    return settings
+    return settings or stored
 
 
-def _end(settings: TrainSettings) -> float:
-    """Return the time at which `max_seconds` ends training, as `time.perf_counter` returns it."""
-    return time.perf_counter() + settings.max_seconds if settings.max_seconds else math.inf
-
-
-def _load(settings: TrainSettings, folder: Path, name: str) -> Any:
+def _load(settings: TrainSettings, path: Path) -> Any:
     """Return the model of a run from its checkpoint or its final model."""
     torch.set_num_threads(settings.num_threads)
-    return load_model(settings, make_env(settings), folder / name)
+    return load_model(settings, make_env(settings), path)
 
 
-def initial_model(settings: TrainSettings, folder: Path | None) -> Any:
-    """Return the model with which a run starts: untrained, from a policy, or after imitation of the base controller.
-
-    Args:
-        settings: The settings of the run.
-        folder: The folder for TensorBoard's event files; None writes no event files.
-    """
-    model = _untrained_model(settings, folder)
-    _imitate(model, settings, math.inf)
-    return model
-
-
-def _untrained_model(settings: TrainSettings, folder: Path | None, start: Path | None = None) -> Any:
-    """Return the model of a run, with the network of the policy `start_from` if the settings name one.
+def initial_model(settings: TrainSettings, folder: Path | None = None, start: Path | None = None) -> Any:
+    """Return the model of a run before imitation and training, with the network of `start_from` if there is one.
 
     Args:
         settings: The settings of the run.
@@ -237,41 +203,30 @@ def _untrained_model(settings: TrainSettings, folder: Path | None, start: Path |
     return model
 
 
-def _imitate(model: Any, settings: TrainSettings, end: float) -> None:
-    """Train the actor to imitate the base controller, if the settings say so.
+def imitate(model: Any, settings: TrainSettings, end: float = float("inf")) -> None:
+    """Train the actor to imitate the base controller, until a time of `time.perf_counter` at most.
 
     Imitation uses no rewards: its environment has no baseline copies.
     """
-    if not settings.hybrid.imitation_timesteps:
-        return
-
-    def check_time() -> None:
-        if time.perf_counter() >= end:
-            raise TimeoutError
-
     hybrid = replace(settings.hybrid, baseline_relative_reward=False, failure_penalty=0.0)
     env = make_env(replace(settings, hybrid=hybrid))
     env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
     try:
-        error = dagger(model, env, settings, check_time)
+        error = Imitation(model, env, settings, end).fit()
     except TimeoutError:
-        print(f"The imitation of {settings.hybrid.base_controller} was stopped by max_seconds.")
-        return
-    print(f"Imitation of {settings.hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
+        print(f"The imitation of {hybrid.base_controller} was stopped by max_seconds.")
+    else:
+        print(f"Imitation of {hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
 
 
 def _run(
-    model: Any,
-    settings: TrainSettings,
-    folder: Path,
-    end: float,
-    progress: bool,
-    callbacks: Sequence[BaseCallback] = (),
+    model: Any, settings: TrainSettings, folder: Path, progress: bool, callbacks: Sequence[BaseCallback] = ()
 ) -> Path:
     """Imitate, learn, and write model and policy. After an imitation, the model is the first checkpoint."""
+    end = time.perf_counter() + (settings.max_seconds or float("inf"))
     try:
         if settings.hybrid.imitation_timesteps and not (folder / CHECKPOINT).is_file():
-            _imitate(model, settings, end)
+            imitate(model, settings, end)
             save_checkpoint(model, folder)
         return _learn(model, settings, folder, end, progress, callbacks)
     except KeyboardInterrupt:
@@ -281,27 +236,26 @@ def _run(
 def _learn(
     model: Any, settings: TrainSettings, folder: Path, end: float, progress: bool, callbacks: Sequence[BaseCallback]
 ) -> Path:
-    steps, begin = settings.total_timesteps - model.num_timesteps, time.perf_counter()
+    begin = time.perf_counter()
     stop, evaluation = StopConditions(settings, end), EvaluationCallback(settings, folder)
-    bar = ProgressBar(settings, evaluation)
     callbacks = [CheckpointSegments(settings, folder), stop, evaluation, RewardTerms(), *callbacks]
-    callbacks += [bar] if progress else []
-    try:
-        model.learn(max(steps, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
-        stop.check_finite()
-    except ValueError as error:  # torch refuses a distribution whose parameters are not finite
-        stop.check_finite()
-        if "found invalid values" in str(error):
-            raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
-        raise
-    finally:
-        bar.close()
+    total, before = settings.total_timesteps, model.num_timesteps
+    with tqdm(total=total, initial=before, unit="step", unit_scale=True, disable=not progress) as bar:
+        try:
+            callbacks.append(ProgressBar(bar, evaluation))
+            model.learn(max(total - before, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
+            stop.check_finite()
+        except ValueError as error:  # torch refuses a distribution whose parameters are not finite
+            stop.check_finite()
+            if "found invalid values" in str(error):
+                raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
+            raise
     if stop.time_is_up:
         # A stopped run lacks at least a rollout, whose gradient steps it has not made.
-        missing = max(settings.total_timesteps - model.num_timesteps, settings.rollout_timesteps())
+        missing = max(total - model.num_timesteps, settings.rollout_timesteps())
         print(
-            f"max_seconds ended the training early, after {model.num_timesteps} of {settings.total_timesteps}"
-            f" timesteps: `quadpend train --resume {folder} --more-steps {missing}` continues it."
+            f"max_seconds ended the training early, after {model.num_timesteps} of {total} timesteps:"
+            f" `quadpend train --resume {folder} --more-steps {missing}` continues it."
         )
     with atomic(folder / MODEL) as unfinished:
         model.save(unfinished)
