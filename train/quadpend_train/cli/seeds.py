@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -19,11 +20,7 @@ _MOST = 1000  # seeds
 
 
 def parse_seeds(text: str) -> list[int]:
-    """Return the seeds of a text such as ``"0-4"`` or ``"0,2,5-7"``.
-
-    Raises:
-        ValueError: If it is not such a text, or a seed is repeated.
-    """
+    """Return the seeds of a text such as ``"0-4"`` or ``"0,2,5-7"``."""
     seeds: list[int] = []
     for part in text.split(","):
         found = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", part.strip())
@@ -36,55 +33,52 @@ def parse_seeds(text: str) -> list[int]:
     return seeds
 
 
-def run_folder(out: Path, seed: int) -> Path:
-    """Return the folder of the run of a training seed."""
-    return out.with_name(f"{out.name}-{seed}")
+def run_folders(out: Path, seeds: str) -> dict[int, Path]:
+    """Return the folder of each training seed."""
+    return {seed: out.with_name(f"{out.name}-{seed}") for seed in parse_seeds(seeds)}
 
 
-def begun(out: Path, seeds: list[int]) -> list[Path]:
-    """Return the folders of the seeds that contain a run, finished or not."""
-    return [folder for seed in seeds if (folder := run_folder(out, seed)).joinpath(SETTINGS).is_file()]
+def begun(folders: Sequence[Path]) -> list[Path]:
+    """Return the folders that contain a run, finished or not."""
+    return [folder for folder in folders if (folder / SETTINGS).is_file()]
 
 
-def train_seeds(run: TrainSettings, seeds: list[int], out: Path, resume: bool, execute: Executor) -> list[Path]:
-    """Train with each seed. Finished runs are skipped, and interrupted ones continue.
+def train_seeds(run: TrainSettings, seeds: str, out: Path, resume: bool, execute: Executor) -> list[Path]:
+    """Train with each seed, and return the run folders. Finished runs are skipped, and interrupted ones continue.
 
     Args:
         run: Settings, whose seed is replaced.
-        seeds: The training seeds.
+        seeds: The training seeds, see `parse_seeds`.
         out: Start of the names of the run folders.
         resume: Whether to continue interrupted runs.
         execute: What runs the trainings.
 
-    Returns:
-        The folders of the runs.
-
     Raises:
         CallsFailedError: If trainings fail; the others are finished.
-        ValueError: If a folder has an interrupted run and `resume` is False, or a run with other settings.
     """
+    folders, calls = run_folders(out, seeds), {}
+    if resume and not begun([*folders.values()]):
+        raise FileNotFoundError(f"{', '.join(map(str, folders.values()))} contain no run")
     writable_folder(out.parent)
-    folders = {seed: run_folder(out, seed) for seed in seeds}
-    calls = {}
     for seed, folder in folders.items():
         settings = replace(run, seed=seed)
         print(f"{folder}: {_state(folder, settings, resume)}", flush=True)
         if not (folder / POLICY).is_file():
             calls[f"seed {seed}"] = partial(training.train_or_resume, settings, folder, progress=False)
-    run_calls(calls, execute, what="training", kept=f"are in {out}-…", finished=len(seeds) - len(calls))
-    return list(folders.values())
+    try:
+        run_calls(calls, execute, what="training", kept=f"are in {out}-…", finished=len(folders) - len(calls))
+    except KeyboardInterrupt:
+        command = f"quadpend train --resume {shlex.quote(str(out))} --seeds {seeds}"
+        raise KeyboardInterrupt(f"`{command}` continues the runs" if begun([*folders.values()]) else "") from None
+    return [*folders.values()]
 
 
 def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
-    """Return what will be done with a folder.
-
-    Raises:
-        ValueError: If it contains a run that cannot be used.
-    """
-    if not (stored := folder / SETTINGS).is_file():
+    """Return what will be done with a folder."""
+    if not begun([folder]):
         return "a new run"
     limits: dict[str, Any] = dict.fromkeys(training.LIMITS, 0)
-    if replace(read_settings(str(stored)), **limits) != replace(settings, **limits):
+    if replace(read_settings(str(folder / SETTINGS)), **limits) != replace(settings, **limits):
         raise ValueError(f"{folder} contains a run with other settings: choose another folder with --out")
     if (folder / POLICY).is_file():
         return "finished, skipped"
@@ -93,21 +87,21 @@ def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
     return "interrupted, continues from its last checkpoint"
 
 
-def how_to_continue(out: Path, seeds: str, jobs: int = 1, cluster: str | None = None) -> str:
-    """Return how interrupted trainings continue; empty if nothing has been written."""
-    if not begun(out, parse_seeds(seeds)):
-        return ""
-    where = f" --jobs {jobs}" if jobs > 1 else f" --cluster {cluster}" if cluster else ""
-    return f"`quadpend train --resume {shlex.quote(str(out))} --seeds {seeds}{where}` continues the runs"
+def summary(folders: Sequence[Path], options: Sequence[str]) -> str:
+    """Return a line about each policy, and the command that compares them with a classical controller.
 
-
-def summary(folders: list[Path]) -> str:
-    """Return a line about each policy, and the command that compares them with a classical controller."""
+    Args:
+        folders: The run folders.
+        options: Scenarios as they were given, and the options after them; empty for the scenarios of the settings.
+    """
     lines = []
     for folder in folders:
         card = MlpPolicy.load(folder / POLICY).card
         survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
-        lines.append(f"{folder}: survives {survival:.1%} of the episodes; penalised RMSE {1e3 * rmse:.1f} mm.")
-    command = ["quadpend", "evaluate", "flatness", f"mine={','.join(map(str, folders))}", "--scenarios"]
-    lines.append(f"Compare them with a classical controller: {shlex.join([*command, *card['settings']['scenarios']])}")
-    return "\n".join(lines)
+        lines.append(
+            f"Trained policy: {folder / POLICY}\nIn its training scenarios it survives {survival:.1%} of the episodes;"
+            f" penalised RMSE {1e3 * rmse:.1f} mm."
+        )
+    scenarios = options or card["settings"]["scenarios"]
+    command = ["quadpend", "evaluate", "flatness", f"mine={','.join(map(str, folders))}", "--scenarios", *scenarios]
+    return "\n".join([*lines, f"Compare with a classical controller: {shlex.join(command)}"])

@@ -5,7 +5,6 @@ The parameters of these functions are the options of the commands. Slow imports 
 """
 
 import json
-import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -43,23 +42,16 @@ class _Source:
 
 
 def default_settings(options: Sequence[str]) -> dict[str, Any]:
-    """Return the settings whose values are the defaults of the options of `train`, as its parameter `run`.
-
-    Args:
-        options: Options of the command.
-    """
-    from quadpend_train.cli.seeds import begun, parse_seeds
-    from quadpend_train.training.run_folder import SETTINGS
+    """Return the settings whose values are the defaults of the options of `train`, as its parameter `run`."""
+    from quadpend_train.cli.seeds import begun, run_folders
 
     found = tyro.cli(_Source, args=options, return_unknown_args=True, add_help=False, console_outputs=False)[0]
-    if found.resume:
-        if found.settings or found.set:
-            raise ValueError("--resume continues a run with its own settings: give no --settings and no --set with it")
-        runs = begun(found.resume, parse_seeds(found.seeds)) if found.seeds else [found.resume]
-        stored = (runs[0] if runs else found.resume) / SETTINGS
-        return {"run": read_settings(str(stored) if stored.is_file() else "ppo")}
-    run = _base(found.settings, found.algo, found.start_from)
-    return {"run": with_values(run, _values(found.set))}
+    if not found.resume:
+        return {"run": with_values(_base(found.settings, found.algo, found.start_from), _values(found.set))}
+    if found.settings or found.set:
+        raise ValueError("--resume continues a run with its own settings: give no --settings and no --set with it")
+    runs = begun([*run_folders(found.resume, found.seeds).values()] if found.seeds else [found.resume])
+    return {"run": read_settings(str(runs[0] / "settings.json") if runs else "ppo")}
 
 
 def _base(settings: str | None, algo: str | None, start_from: str | None) -> TrainSettings:
@@ -127,74 +119,40 @@ def train(
         jobs: Number of processes for several seeds; the results do not depend on it.
         cluster: Ray cluster that trains several seeds instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
     """
-    from quadpend_train.policies.mlp_policy import MlpPolicy
+    from quadpend_train.cli.seeds import summary, train_seeds
     from quadpend_train.training import train as training
 
+    changes = {"--vehicle": vehicle, "--interface": interface}
     if seeds is None and (jobs != 1 or cluster is not None):
         raise ValueError("--jobs and --cluster train several seeds: give them with --seeds")
-
-    if resume and (vehicle or interface):
+    if resume and (vehicle or interface or out != DEFAULT_OUT):
         raise ValueError(
-            "--resume continues a run with its own scenarios: give no --vehicle and no --interface with it"
+            "--resume continues a run with its own scenarios in its own folder: give no --vehicle, no --interface and"
+            " no --out with it"
         )
-    if resume and out != DEFAULT_OUT:
-        raise ValueError("--resume continues a run in its own folder: give no --out with it")
+    if more_steps is not None and (seeds is not None or not resume):
+        raise ValueError("--more-steps continues one finished run: give its folder with --resume, and no --seeds")
     if resume:
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
-    typed = run.scenarios
+    typed = [] if resume else [*run.scenarios, *(part for pair in changes.items() if pair[1] for part in pair if part)]
     if vehicle or interface:
-        run = replace(
-            run,
-            scenarios=_changed(run.scenarios, vehicle, interface),
-            curriculum=tuple(text for stage in run.curriculum for text in _changed([stage], vehicle, interface)),
-        )
+        curriculum = [text for stage in run.curriculum for text in _changed([stage], vehicle, interface)]
+        run = replace(run, scenarios=_changed(run.scenarios, vehicle, interface), curriculum=tuple(curriculum))
     if seeds is not None:
-        _train_seeds(run, seeds, resume, out, more_steps, jobs, cluster)
-        return
-    if more_steps is not None:
-        if not resume:
-            raise ValueError("--more-steps continues a finished run: give its folder with --resume")
-        path = training.extend(resume, more_steps, run)
+        folders = train_seeds(run, seeds, resume or out, resume is not None, executor(jobs, cluster))
+    elif resume and more_steps is not None:
+        folders = [training.extend(resume, more_steps, run).parent]
+    elif resume:
+        folders = [training.resume(resume, run).parent]
     else:
-        path = training.resume(resume, run) if resume else training.train(run, writable_folder(out))
-    card = MlpPolicy.load(path).card
-    survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
-    scenarios = card["settings"]["scenarios"] if resume else typed
-    changes = {"--vehicle": vehicle, "--interface": interface}
-    print(f"Trained policy: {path}")
-    print(f"In its training scenarios it survives {survival:.1%} of the episodes; penalised RMSE {1e3 * rmse:.1f} mm.")
-    command = ["quadpend", "evaluate", "flatness", f"mine={path.parent}", "--scenarios", *scenarios]
-    command += [part for option, value in changes.items() if value for part in (option, value)]
-    print(f"Compare it with a classical controller: {shlex.join(command)}")
+        folders = [training.train(run, writable_folder(out)).parent]
+    print(summary(folders, typed))
 
 
 def _changed(scenarios: Sequence[str], vehicle: str | None, interface: str | None) -> tuple[str, ...]:
     """Return scenarios with another vehicle and interface, as texts."""
     changed = (scenario.with_vehicle(vehicle, interface) for scenario in find_scenarios(scenarios).values())
     return as_texts(find_scenarios(changed))
-
-
-def _train_seeds(
-    run: TrainSettings,
-    text: str,
-    resume: Path | None,
-    out: Path,
-    more_steps: int | None,
-    jobs: int,
-    cluster: str | None,
-) -> None:
-    from quadpend_train.cli import seeds
-
-    if more_steps is not None:
-        raise ValueError("--more-steps continues one run: give no --seeds with it")
-    chosen, start = seeds.parse_seeds(text), resume or out
-    if resume and not seeds.begun(start, chosen):
-        raise FileNotFoundError(f"{seeds.run_folder(start, chosen[0])} and the others contain no run")
-    try:
-        folders = seeds.train_seeds(run, chosen, start, resume is not None, executor(jobs, cluster))
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(seeds.how_to_continue(start, text, jobs, cluster)) from None
-    print(seeds.summary(folders))
 
 
 def export(

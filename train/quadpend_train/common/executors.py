@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from tqdm.auto import tqdm
 
@@ -27,9 +27,15 @@ from quadpend_gym.core.factories import describe_error
 from quadpend_train.common.text import brief
 
 Name = TypeVar("Name", bound=Hashable)
-Call = Callable[[], Any]
 _LONGEST = 400  # characters of the message of a failure
 _ADDRESS = re.compile(r"auto|local|(ray://)?[\w.-]+:\d+")
+
+
+class Call(Protocol):
+    """A function without arguments."""
+
+    def __call__(self) -> Any:
+        """Return the result."""
 
 
 class CallsFailedError(RuntimeError):

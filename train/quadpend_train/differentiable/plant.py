@@ -23,12 +23,7 @@ from quadpend_train.differentiable.dynamics import Forces, Motion, Physics, adva
 
 
 def check_covered(name: str, scenario: Scenario) -> None:
-    """Check that the differentiable dynamics covers a scenario.
-
-    Raises:
-        ValueError: If it has another task than balancing, a rigid vehicle, other actuators than `ActionDelay` and
-            `MotorLag`, or a trajectory that is not a `Reference`.
-    """
+    """Check that the differentiable dynamics covers a scenario."""
     if scenario.vehicle.attitude == "rigid":
         raise ValueError(
             f"algo 'apg' cannot fly the vehicle {scenario.simulation.vehicle.name!r}: the differentiable dynamics"

@@ -40,9 +40,6 @@ def open_study(
         seed: Seed; processes that share a study need different ones, so that they propose different trials.
         start: Values of the first trial.
         pruner: What stops trials early; None: nothing.
-
-    Raises:
-        ValueError: If the storage cannot be opened.
     """
     with quiet():
         try:

@@ -27,9 +27,6 @@ def read_space(path: Path | None, start: TrainSettings) -> tuple[dict[str, BaseD
     Returns:
         The distributions and the values at the start by the path of the setting, such as ``ppo.n_epochs``. A setting
         that the start leaves to the algorithm starts with the lowest or the first value.
-
-    Raises:
-        ValueError: If the file has an unknown setting, or a value that is not permitted.
     """
     file, known = path or SPACES / f"{start.algo}.toml", dict(flat(to_mapping(start)))
     if not file.is_file():
@@ -71,10 +68,6 @@ def _choice(value: Any) -> Any:
 
 
 def proposed(start: TrainSettings, values: Mapping[str, Any]) -> TrainSettings:
-    """Return settings with the values of a trial.
-
-    Raises:
-        ValueError: If a value is out of range, or contradicts another one.
-    """
+    """Return settings with the values of a trial."""
     is_json = {name: isinstance(value, str) and value.startswith("[") for name, value in values.items()}
     return with_values(start, {name: json.loads(values[name]) if is_json[name] else values[name] for name in values})

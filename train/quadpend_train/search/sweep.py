@@ -98,9 +98,6 @@ def search(sweep: Sweep, trials: int, jobs: int = 1) -> optuna.Study:
         sweep: What to search for.
         trials: Number of finished trials, those that were stopped early included.
         jobs: Number of processes.
-
-    Raises:
-        ValueError: If the storage cannot be opened, or the training of no trial ended.
     """
     study = sweep.open()  # before the other processes, which then need not create it
     if len(finished(study)) < trials:

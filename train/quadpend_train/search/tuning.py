@@ -47,10 +47,6 @@ class Search:
         name: Key of `SEARCH_SPACES`.
         scenarios: Scenarios, as for `find_scenarios`.
         episodes: Number of episodes in each scenario.
-
-    Raises:
-        ValueError: If the controller has no search space, or the scenarios have different nominal simulations,
-            observations or sides of the pendulum.
     """
 
     def __init__(self, name: str, scenarios: Sequence[str | Scenario] = ("training",), episodes: int = 48) -> None:
@@ -145,11 +141,7 @@ def score(
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Check that controllers have a search space.
-
-    Raises:
-        ValueError: If one of them has none.
-    """
+    """Check that controllers have a search space."""
     for name in names:
         if name not in SEARCH_SPACES:
             raise ValueError(

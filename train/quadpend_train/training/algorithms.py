@@ -13,21 +13,10 @@ from quadpend_train.training.settings import TrainSettings
 
 
 def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> Any:
-    """Return an untrained model.
-
-    Args:
-        settings: The training settings.
-        env: The training environment.
-        folder: The folder for TensorBoard's event files; None writes no event files.
-
-    Raises:
-        ValueError: If the algorithm has no continuous actions, or APG does not cover the settings.
-    """
-    kind, arguments = (
-        (APG, _apg(settings))
-        if settings.algo == "apg"
-        else (algorithm_class(settings.algo), as_python(settings.arguments))
-    )
+    """Return an untrained model, which writes TensorBoard's event files to the folder, if there is one."""
+    is_apg = settings.algo == "apg"
+    kind = APG if is_apg else algorithm_class(settings.algo)
+    arguments = _apg(settings) if is_apg else as_python(settings.arguments)
     if settings.input_scales:
         arguments["policy_kwargs"] = {
             **arguments.get("policy_kwargs", {}),
@@ -56,13 +45,7 @@ def _apg(settings: TrainSettings) -> dict[str, Any]:
 
 
 def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
-    """Return a model from a file that its method `save` wrote. Except for APG this executes code that is in the file.
-
-    Args:
-        settings: The training settings.
-        env: The training environment.
-        path: The file; events of TensorBoard are written to its folder.
-    """
+    """Return a model from a file that `save` wrote. Except for APG this executes code that is in the file."""
     if settings.algo != "apg":
         return algorithm_class(settings.algo).load(path, env=env, device="cpu")
     model = make_model(settings, env, path.parent)

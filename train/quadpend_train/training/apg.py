@@ -81,7 +81,7 @@ class APG(OnPolicyAlgorithm):
         env: Training environment, an `SB3VecEnv` with the sub-environments of `scenarios`.
         scenarios: The scenarios, which `check_covered` accepts.
         apg: Settings.
-        options: Further arguments of `OnPolicyAlgorithm`.
+        options: As for `OnPolicyAlgorithm`.
     """
 
     policy_aliases = OnPolicyAlgorithm.policy_aliases | {"MlpPolicy": ActorCriticPolicy}
@@ -238,12 +238,7 @@ class APG(OnPolicyAlgorithm):
 
 
 def check_apg(settings: TrainSettings) -> None:
-    """Check that APG covers the settings of a run.
-
-    Raises:
-        ValueError: If the policy does not act alone on one observation with all velocities, a setting is not used by
-            APG, or the differentiable dynamics does not cover a scenario.
-    """
+    """Check that APG covers the settings of a run."""
     if settings.hybrid.mode != "estimate_only":
         raise ValueError(f"mode must be 'estimate_only' with algo 'apg', not {settings.hybrid.mode!r}")
     default = TrainSettings()

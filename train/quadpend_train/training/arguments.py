@@ -41,15 +41,7 @@ _SET |= {"observation_space", "action_space", "lr_schedule", "features_extractor
 
 
 def complete(algo: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments together with those of `DEFAULTS`.
-
-    Args:
-        algo: Name of the algorithm.
-        given: Arguments as data.
-
-    Raises:
-        ValueError: If there is no such algorithm, or it has no such argument.
-    """
+    """Return arguments of an algorithm, as data, together with those of `DEFAULTS`, after a check of their names."""
     from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, algorithm_class
 
     arguments = {**DEFAULTS.get(algo, {}), **given}

@@ -34,15 +34,10 @@ def concatenate_scenarios(
     evaluation.
 
     Args:
-        scenarios: The scenarios.
+        scenarios: The scenarios, with the same observation and nominal simulation.
         num_envs: Number of sub-environments in all, a multiple of the number of scenarios.
         max_episode_steps: Control steps after which an episode is truncated; None: those of each scenario.
-        hybrid: The data of a hybrid to put around the environment of each scenario; None: there is no hybrid.
-
-    Raises:
-        TypeError: If the base controller does not support the hybrid's mode.
-        ValueError: If the scenarios have different observations or different nominal simulations, or the hybrid does
-            not accept an observation.
+        hybrid: Data of a hybrid around the environment of each scenario.
     """
     share = num_envs // len(scenarios)
     envs = [
@@ -80,13 +75,8 @@ def hybrid_wrappers(env: Any) -> list[VectorHybridWrapper]:
 
 
 def check_curriculum(settings: TrainSettings) -> None:
-    """Check that one policy and one base controller fit all stages of the curriculum.
-
-    Raises:
-        ValueError: If the stages have different observations or different nominal simulations.
-    """
-    scenarios = [*settings.all_scenarios().values()]
-    concatenate_scenarios(scenarios, len(scenarios))
+    """Check that one policy and one base controller fit all stages of the curriculum."""
+    concatenate_scenarios(scenarios := [*settings.all_scenarios().values()], len(scenarios))
 
 
 def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
@@ -99,13 +89,7 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
 
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
-    """Return the training environment for Stable-Baselines3 at a timestep of the training.
-
-    Raises:
-        TypeError: If the base controller does not support the hybrid's mode.
-        ValueError: If a scenario of a hybrid has rotors as actuators, or the scenarios or the hybrid do not fit, see
-            `concatenate_scenarios`.
-    """
+    """Return the training environment for Stable-Baselines3 at a timestep of the training."""
     _check_rotors(settings)
     scenarios = [_with_reward(scenario, settings.reward) for scenario in settings.found(timesteps).values()]
     steps, hybrid = settings.max_episode_steps or None, settings.hybrid

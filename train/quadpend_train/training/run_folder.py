@@ -20,11 +20,7 @@ MODEL, POLICY = "model.zip", "policy.npz"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Let no other process train in a folder during the block. The operating system releases the lock of a process.
-
-    Raises:
-        BlockingIOError: If another process trains in the folder.
-    """
+    """Let no other process train in a folder during the block. The operating system releases the lock of a process."""
     try:
         with FileLock(folder / ".lock", timeout=0):
             yield

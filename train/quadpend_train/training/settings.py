@@ -266,9 +266,6 @@ def read_settings(name: str) -> TrainSettings:
     Args:
         name: The name of a preset (``"ppo"``), the path of a TOML or JSON file, such as the ``settings.json`` of a
             run, or the path of a policy file, whose card has the settings of its training.
-
-    Raises:
-        ValueError: If the file does not exist, or has an unknown setting or a value out of range.
     """
     path = PRESETS / f"{name}.toml"
     path = path if path.is_file() else Path(name)
@@ -283,30 +280,14 @@ def read_settings(name: str) -> TrainSettings:
 
 
 def settings_of_card(card: Mapping[str, Any], name: str) -> TrainSettings:
-    """Return the settings with which a policy was trained.
-
-    Args:
-        card: The card of the policy.
-        name: Name of the policy, for error messages.
-
-    Raises:
-        ValueError: If it has no settings, or they are unknown or out of range.
-    """
+    """Return the settings with which the policy `name` was trained, from its card."""
     if "settings" not in card:
         raise ValueError(f"the card of {name} has no settings: the policy was exported, not trained here")
     return from_mapping(card["settings"], f"the card of {name}")
 
 
 def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
-    """Return training settings from a mapping; a setting that is missing has its default value.
-
-    Args:
-        values: Settings by name, some or all.
-        source: Where the settings come from, for error messages.
-
-    Raises:
-        ValueError: If a name is unknown or a value out of range.
-    """
+    """Return training settings from a mapping, as `read_settings`; messages about errors name the source."""
     algo = values.get("algo", "ppo")
     own = {item.name for item in fields(TrainSettings)} - {"arguments"}
     table = {} if algo in own else values.get(algo, {})
@@ -320,14 +301,10 @@ def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
                 f" are {', '.join(known)}"
             )
     given = {name: value for name, value in values.items() if name in own}
-    given |= {name: _texts(given[name]) for name in ("scenarios", "curriculum") if name in given}
+    for name in {"scenarios", "curriculum"} & given.keys():  # one or several, as texts or mappings
+        items = given[name] if isinstance(given[name], list | tuple) else [given[name]]
+        given[name] = [json.dumps(item) if isinstance(item, dict) else item for item in items]
     return parse(TrainSettings, {**given, "arguments": dict(table)}, source)
-
-
-def _texts(value: Any) -> Any:
-    """Return one scenario or several as texts; mappings become JSON."""
-    items = value if isinstance(value, list | tuple) else [value]
-    return [json.dumps(item) if isinstance(item, dict) else item for item in items]
 
 
 def to_mapping(settings: TrainSettings) -> dict[str, Any]:
@@ -338,11 +315,7 @@ def to_mapping(settings: TrainSettings) -> dict[str, Any]:
 
 
 def with_values(settings: TrainSettings, values: Mapping[str, Any]) -> TrainSettings:
-    """Return settings with other values, by paths such as ``ppo.learning_rate`` or ``num_envs``.
-
-    Raises:
-        ValueError: If a setting is unknown, or a value is out of range.
-    """
+    """Return settings with other values, by paths such as ``ppo.learning_rate`` or ``num_envs``."""
     data = to_mapping(settings)
     for path, value in values.items():
         *tables, name = path.split(".")

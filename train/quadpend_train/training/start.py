@@ -13,23 +13,11 @@ from quadpend_train.training.settings import TrainSettings
 
 START = "start.npz"  # copy of the policy in the run folder, with which the run resumes
 # Fields of a card that must be the same, with their defaults
-_COMPARED = {
-    **dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")),
-    **PLAIN_INTERFACE,
-}
+_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")) | PLAIN_INTERFACE
 
 
 def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None:
-    """Copy the network of the policy `start_from` to the actor of an untrained model.
-
-    Args:
-        model: The model of `settings`.
-        settings: The settings of the run.
-        copied: A copy of the policy, which is used if it exists.
-
-    Raises:
-        ValueError: If there is no such policy, or its network does not fit the settings.
-    """
+    """Copy the network of the policy `start_from`, or of its copy if that exists, to the actor of a model."""
     name, expected = settings.start_from, export(model, **settings.policy_interface())
     policy = MlpPolicy.load(copied) if copied and copied.is_file() else start_policy(settings)
     _check_commands(policy, settings)
@@ -53,11 +41,7 @@ def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None
 
 
 def start_policy(settings: TrainSettings) -> MlpPolicy:
-    """Return the policy `start_from`.
-
-    Raises:
-        ValueError: If there is no such policy, or it is not a feedforward network.
-    """
+    """Return the policy `start_from`."""
     policy = load_policy(settings.start_from)
     if not isinstance(policy, MlpPolicy):
         raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
@@ -79,15 +63,7 @@ def start_provenance(settings: TrainSettings) -> dict[str, Any]:
 
 
 def check_reproducible(card: dict[str, Any], name: str) -> None:
-    """Check that a training from a card would give the same weights on the same machine.
-
-    Args:
-        card: The card of a trained policy.
-        name: The name of the policy, for error messages.
-
-    Raises:
-        ValueError: If the policy from which training started is not there or has changed, or the run was continued.
-    """
+    """Check that a training from the card of the policy `name` would give the same weights on the same machine."""
     if continued := card["provenance"].get("continued_at"):
         raise ValueError(
             f"the training of {name} was continued after {', '.join(map(str, continued))} steps, so that one run from"

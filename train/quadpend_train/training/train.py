@@ -243,7 +243,9 @@ def _learn(
     with tqdm(total=total, initial=before, unit="step", unit_scale=True, disable=not progress) as bar:
         try:
             callbacks.append(ProgressBar(bar, evaluation))
-            model.learn(max(total - before, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events")
+            model.learn(
+                max(total - before, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events"
+            )
             stop.check_finite()
         except ValueError as error:  # torch refuses a distribution whose parameters are not finite
             stop.check_finite()

@@ -1,7 +1,6 @@
 """Validation: score a policy in its training scenarios, in episodes that are not used for training.
 
-The scores of a run are its learning curve, in the file ``curve.csv``. The file is for its readers: a resumed run takes
-the scores from its checkpoint.
+The scores of a run are its learning curve, in ``curve.csv``; a resumed run takes them from its checkpoint.
 """
 
 import csv
@@ -36,15 +35,9 @@ class Score(NamedTuple):
 
 
 def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEED) -> tuple[float, float]:
-    """Run a policy in the training scenarios of a run.
+    """Return survival and penalised RMSE (m) of a policy in the training scenarios of a run, see `Score`.
 
-    Args:
-        policy: The policy. As in evaluation, `Policy.adapt` adapts it to each scenario.
-        settings: The settings of the run.
-        seed: The seed of the first episode of the first scenario; episodes of different scenarios have different seeds.
-
-    Returns:
-        Survival and penalised RMSE (m), see `Score`; means over `n_eval_episodes` episodes of each scenario.
+    They are means over `n_eval_episodes` episodes of each scenario, with different seeds in different scenarios.
     """
     episodes = settings.n_eval_episodes
     results = [
