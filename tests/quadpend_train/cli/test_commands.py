@@ -7,7 +7,6 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,12 +18,9 @@ from quadpend_gym.vehicles import POLES, VEHICLES
 from quadpend_train.cli.main import COMMANDS, main
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training import run_folder
-from quadpend_train.training import train as training
 from quadpend_train.training.settings import PRESETS
-from tests.helpers.policies import card, layers
 from tests.helpers.sources import ROOT
-from tests.helpers.training import BRIEF
+from tests.helpers.training import interrupt_at
 from tests.quadpend_gym.vehicles.test_bad_vehicles import GOOD
 
 BLOCKED = """
@@ -92,53 +88,6 @@ def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().out == f"quadpend {__version__}\n"
 
 
-def test_list_names_training_seeds_and_leaves_out_json(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["list", "policies"])
-    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[1:] if line}
-    assert lines["ppo-load"].endswith("; 1 seed, ppo-load-0")
-    assert lines["ppo-alone"].endswith("; 5 seeds, ppo-alone-0 to ppo-alone-4")
-    assert "scenarios (given in JSON); survival" in lines["ppo-alone"]
-
-
-def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["list"])
-    tables = dict(re.findall(r"(\w+):\n(.*?)\n\n", capsys.readouterr().out, re.DOTALL))
-    listed = {name: {line.split()[0] for line in text.splitlines()} for name, text in tables.items()}
-    assert listed["policies"] >= {*CONTROLLERS, *shipped_policies()}
-    assert listed["scenarios"] == {*SCENARIOS, *SETS}
-    assert listed["settings"] == {path.stem for path in PRESETS.glob("*.toml")}
-    assert listed["tasks"] == set(TASKS)
-    assert listed["vehicles"] == set(VEHICLES)
-    assert listed["poles"] == set(POLES)
-    assert listed["winds"] == {*wind.PRESETS, *wind.KINDS} - {"sum"}
-    assert listed["sensors"] == set(sensors.KINDS)
-    assert listed["actuators"] == set(actuators.KINDS)
-    main(["list", "vehicles"])
-    assert "rotors for 2.8 times the weight with a lag of 15 ms" in capsys.readouterr().out
-    main(["list", "scenarios"])
-    printed = capsys.readouterr().out
-    assert printed.startswith("scenarios:\n")
-    assert re.search(rf"\n  steady +{SCENARIOS['steady'].description}\n", printed)
-    assert "policies" not in printed
-
-
-def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["card", "ppo-gain-scheduling-0"])
-    text = re.sub(r"\s+", " ", capsys.readouterr().out)
-    for part in ("hybrid: kind=bandwidth_scheduling", "45 → 64 → 64 → 4, relu", "36 or 27 numbers", "every 10 control"):
-        assert part in text
-    for part in ("by PPO in training: 1015808 timesteps", "ppo.gamma=0.92", "ppo.n_steps=16", "seed 0", "RMSE 24.2 mm"):
-        assert part in text
-    for part in ("gae_lambda", "n_eval_episodes"):  # these settings have their default values
-        assert part not in text
-    assert "quadpend evaluate ppo-gain-scheduling-0 flatness" in text
-
-
-def test_card_as_json_is_the_card(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["card", "ppo-gain-scheduling-0", "--json"])
-    assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-gain-scheduling-0").card
-
-
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -199,37 +148,51 @@ def test_every_command_with_scenarios_takes_a_vehicle(
     assert "interface must be 'wrench', not 'rotors'" in refused([*command, "--interface", "rotors"], capsys)
 
 
-def test_a_resumed_run_may_have_other_limits_only(
+def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["list"])
+    tables = dict(re.findall(r"(\w+):\n(.*?)\n\n", capsys.readouterr().out, re.DOTALL))
+    listed = {name: {line.split()[0] for line in text.splitlines()} for name, text in tables.items()}
+    assert listed["policies"] >= {*CONTROLLERS, *shipped_policies()}
+    assert listed["scenarios"] == {*SCENARIOS, *SETS}
+    assert listed["settings"] == {path.stem for path in PRESETS.glob("*.toml")}
+    expected = {"tasks": set(TASKS), "vehicles": set(VEHICLES), "poles": set(POLES)}
+    expected |= {"sensors": set(sensors.KINDS), "actuators": set(actuators.KINDS)}
+    assert {name: listed[name] for name in expected} == expected
+    assert listed["winds"] == {*wind.PRESETS, *wind.KINDS} - {"sum"}
+
+
+def test_card_describes_a_learned_policy(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["card", "ppo-gain-scheduling-0"])
+    text = re.sub(r"\s+", " ", capsys.readouterr().out)
+    for part in ("hybrid: kind=bandwidth_scheduling", "45 → 64 → 64 → 4, relu", "every 10 control", "ppo.gamma=0.92"):
+        assert part in text
+    assert "n_eval_episodes" not in text  # this setting has its default value
+    main(["card", "ppo-gain-scheduling-0", "--json"])
+    assert json.loads(capsys.readouterr().out) == MlpPolicy.load("ppo-gain-scheduling-0").card
+
+
+def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run_folder.write_json(tmp_path / "settings.json", training.to_mapping(BRIEF))
-    run_folder.write_json(tmp_path / "provenance.json", {})
-    resume = ["train", "--resume", str(tmp_path)]
-    assert "may change max_seconds and patience only: seed must be 0" in refused([*resume, "--seed", "9"], capsys)
+    """In the scenarios and with the vehicle as they were given; a resumed run may have other limits only."""
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text(GOOD)
+    options = ["--settings", "fast-hummingbird", "--vehicle", "mine.toml", "--num-envs", "4", "--n-eval-episodes", "1"]
+    with monkeypatch.context() as patch:
+        interrupt_at(4, patch)
+        with pytest.raises(SystemExit, match="130"):
+            main(["train", *options, "--out", "run"])
+    assert "`quadpend train --resume run` continues the run" in capsys.readouterr().err
+    resume = ["train", "--resume", "run"]
+    with pytest.raises(SystemExit, match="2"):
+        main([*resume, "--seed", "9"])
+    assert "may change max_seconds and patience only: seed must be 0" in capsys.readouterr().err
     main([*resume, "--max-seconds", "1e-3"])
-    printed = capsys.readouterr().out
-    assert f"Trained policy: {tmp_path / 'policy.npz'}\n" in printed
-    assert f"quadpend evaluate flatness mine={tmp_path} --scenarios '{{" in printed
-    described = MlpPolicy.load(tmp_path / "policy.npz").card
-    assert described["steps"] < BRIEF.total_timesteps
-    assert described["settings"]["max_seconds"] == 1e-3
-
-
-def test_the_command_printed_after_training_has_scenario_and_vehicle_as_they_were_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def save(settings: Any, folder: Path, **_: Any) -> Path:
-        score = {"survival": 1.0, "penalised_rmse": 0.1}
-        trained = {"steps": 1, "best_at": 1, "seconds": 1.0, "seed": 0, "curve": []}
-        described = card(score=score, settings=training.to_mapping(settings), **trained)
-        MlpPolicy(layers(36, 4), described).save(folder / "policy.npz")
-        return folder / "policy.npz"
-
-    vehicle, run = tmp_path / "mine.toml", tmp_path / "run"
-    vehicle.write_text(GOOD)
-    monkeypatch.setattr(training, "train", save)
-    main(["train", "--settings", "fast-hummingbird", "--vehicle", str(vehicle), "--out", str(run)])
-    command = f"quadpend evaluate flatness mine={run} --scenarios hummingbird_learning --vehicle {vehicle}"
+    assert "Trained policy: run/policy.npz\n" in capsys.readouterr().out
+    card = MlpPolicy.load("run/policy.npz").card
+    assert (card["stopped_by"], card["settings"]["max_seconds"]) == ("max_seconds", 1e-3)
+    (trained_in,) = card["settings"]["scenarios"]
+    assert find_scenario(trained_in) == find_scenario("hummingbird_learning").with_vehicle("mine.toml")
+    main(["train", *options, "--max-seconds", "1e-3", "--out", "other"])
+    command = "quadpend evaluate flatness mine=other --scenarios hummingbird_learning --vehicle mine.toml"
     assert capsys.readouterr().out.endswith(f": {command}\n")
-    (trained_in,) = MlpPolicy.load(run / "policy.npz").card["settings"]["scenarios"]
-    assert find_scenario(trained_in) == find_scenario("hummingbird_learning").with_vehicle(str(vehicle))

@@ -17,7 +17,7 @@ from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs the process table of Linux")
 SECONDS = 20.0  # on a busy machine; on an idle one, a command ends within one or two
-SMALL = ["--num-envs", "16", "--batch-size", "128", "--net-arch", "16", "--n-eval-episodes", "2", "--save-freq", "4096"]
+SMALL = ["--num-envs", "16", "--set", "ppo.batch_size=128", "--n-eval-episodes", "2", "--save-freq", "4096"]
 TRAIN = ["train", "--settings", "ppo", "--out", "run", *SMALL]
 SLOW_POLICY = """
 import os, subprocess, time
@@ -80,16 +80,15 @@ def processes_of(session: int) -> list[str]:
     [
         (TRAIN, lambda: Path("run/checkpoint.zip").exists(), signal.SIGINT, 1, "`quadpend train --resume run` cont"),
         ([*EVALUATE, "2"], lambda: running(2), signal.SIGINT, 2, "finished results are cached, and the same command"),
-        ([*EVALUATE, "2"], lambda: running(2), signal.SIGTERM, 2, "finished results are cached, and the same command"),
         (
             ["tune", "lqr", "--scenarios", "calm", "--episodes", "4", "--out", "out"],
-            lambda: any(Path().glob("out/*.trials.json")),
+            lambda: Path("out/trials.log").exists(),
             signal.SIGTERM,
             1,
             "finished trials are saved, and the same command continues",
         ),
     ],
-    ids=["train", "two processes", "two processes, SIGTERM", "tune"],
+    ids=["train", "two processes", "tune"],
 )
 @pytest.mark.usefixtures("folder")
 def test_an_interrupted_command_ends_soon_and_leaves_nothing_behind(

@@ -116,11 +116,3 @@ def test_a_command_with_a_failing_policy_ends_with_status_1(
     assert ended.value.code == 1
     assert "mine: KeyError: 'no gain'" in capsys.readouterr().err
     assert len(list((tmp_path / cache.FOLDER).iterdir())) == 1
-
-
-@pytest.mark.parametrize("pool", [2, pytest.param("local", marks=pytest.mark.extras)], indirect=True)
-def test_results_of_episodes_do_not_depend_on_the_executor(pool: Executor) -> None:
-    jobs = {name: Job(load_learner(name), BRIEF, 3, 0) for name in ("flatness", "lqr")}
-    here, there = run_jobs(jobs), run_jobs(jobs, processes=pool)
-    for name in jobs:
-        assert [array.tobytes() for array in here[name]] == [array.tobytes() for array in there[name]]

@@ -6,13 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import optuna
 import pytest
 from optuna.trial import TrialState
 
 from quadpend_train.cli.main import main
 from quadpend_train.common.files import write_text
-from quadpend_train.reports import search_plots
 from quadpend_train.search import space, sweep
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
 from quadpend_train.training.validation import Score, write_curve
@@ -133,10 +131,3 @@ def test_a_file_that_is_no_storage_is_refused(tmp_path: Path) -> None:
     (tmp_path / "trials.log").write_text("no journal")
     with pytest.raises(ValueError, match=r"the storage .*trials.log cannot be opened"):
         searched(tmp_path).open()
-
-
-def test_importances_are_those_of_the_search() -> None:
-    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
-    study.optimize(lambda trial: trial.suggest_float("a", 0, 1) ** 2 + 1e-3 * trial.suggest_float("b", 0, 1), 60)
-    assert search_plots.importances(study)["a"] > 0.7
-    assert search_plots.draw(study, "value").axes[1].get_yticklabels()[-1].get_text() == "a"

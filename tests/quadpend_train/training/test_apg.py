@@ -99,18 +99,6 @@ def test_the_same_share_of_the_rows_of_each_scenario_begins_a_new_episode_with_a
     assert (starts[0] != starts[1]).any()
 
 
-def test_falls_in_a_window_are_logged() -> None:
-    settings = replace(
-        BRIEF, scenarios=("calm",), num_envs=4, max_episode_steps=100, apg=replace(BRIEF.apg, window=100)
-    )
-    model, env = model_and_env(settings)
-    with torch.no_grad():
-        model.policy.action_net.bias[0] = -5.0  # no thrust
-    cost(model, env)
-    model.train()
-    assert model.logger.name_to_value["train/falls"] == 4
-
-
 def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
     model, env = model_and_env(BRIEF)
     model.learn(2 * 16 * 30)

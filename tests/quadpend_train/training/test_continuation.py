@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from numpy.testing import assert_array_equal
 
 from quadpend_train.cli.main import main
+from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import train as training
-from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings
+from quadpend_train.training.environment import make_env
+from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings, settings_of_card
+from quadpend_train.training.start import check_reproducible
 from quadpend_train.training.validation import read_curve
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
@@ -45,8 +47,8 @@ each_algorithm = pytest.mark.parametrize("settings", [SHORTER, SHORTER_SAC], ids
 )
 def test_training_starts_with_the_network_of_the_policy(settings: TrainSettings, tmp_path: Path) -> None:
     """The rest of the model is the untrained model of the settings."""
-    start, fresh = train_policy(settings, tmp_path), training.initial_model(replace(settings, seed=1), None)
-    model = training.initial_model(replace(settings, start_from=str(tmp_path), seed=1), None)
+    start, fresh = train_policy(settings, tmp_path), training.initial_model(replace(settings, seed=1))
+    model = training.initial_model(replace(settings, start_from=str(tmp_path), seed=1))
     assert weight_difference(training.export(model, **settings.policy_interface()), start) == 0.0
     arrays, others = model.policy.state_dict(), fresh.policy.state_dict()
     changed = {name for name in arrays if not bool((arrays[name] == others[name]).all())}
@@ -65,7 +67,7 @@ def test_interrupted_fine_tuning_equals_an_uninterrupted_one(
 ) -> None:
     """Also after the policy from which it started has been deleted."""
     start = tmp_path / "start.npz"
-    training.export(training.initial_model(settings, None)).save(start)
+    training.export(training.initial_model(settings)).save(start)
     tuned = replace(settings, start_from=str(start))
     policy = train_policy(tuned, tmp_path / "whole")
     assert policy.card["settings"]["start_from"] == str(start)
@@ -74,7 +76,7 @@ def test_interrupted_fine_tuning_equals_an_uninterrupted_one(
     assert len(recorded["sha256"]) == 64
     for steps in (64, settings.save_freq + 64):
         broken = tmp_path / f"broken_{steps}"
-        training.export(training.initial_model(settings, None)).save(start)
+        training.export(training.initial_model(settings)).save(start)
         with monkeypatch.context() as patch:
             interrupt_at(steps, patch)
             with pytest.raises(KeyboardInterrupt):
@@ -94,7 +96,7 @@ def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
     assert settings == replace(SHORTER, start_from=str(start), seed=4)  # other settings are those of the policy
     main(["reproduce", str(tmp_path / "run"), "--out", str(tmp_path / "again")])
     assert "The weights are the same." in capsys.readouterr().out
-    training.export(training.initial_model(replace(SHORTER, seed=1), None)).save(start)
+    training.export(training.initial_model(replace(SHORTER, seed=1))).save(start)
     for change, message in ((lambda: None, "start.npz has changed since"), (start.unlink, "there is no policy")):
         change()
         with pytest.raises(SystemExit):
@@ -139,11 +141,11 @@ def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None
     )
     mlp_policy(36, interface="wrench").save(start)
     assert_refused(
-        lambda: training.initial_model(rates, None), "start.npz: the policy was trained to command thrust and torques"
+        lambda: training.initial_model(rates), "start.npz: the policy was trained to command thrust and torques"
     )
     mlp_policy(36, interface="body_rates", vehicle="hummingbird").save(start)
-    training.initial_model(rates, None)
-    assert_refused(lambda: training.initial_model(replace(rates, scenarios=("calm",)), None), "'body_rates'.*'wrench'")
+    training.initial_model(rates)
+    assert_refused(lambda: training.initial_model(replace(rates, scenarios=("calm",))), "'body_rates'.*'wrench'")
 
 
 @each_algorithm
@@ -157,7 +159,8 @@ def test_finished_run_goes_on_from_its_model(
     with monkeypatch.context() as patch:  # the continuation is a run that was interrupted after the first part
         patch.setattr(training, "resume", lambda folder, **options: folder)
         training.extend(tmp_path, 300, progress=False)
-    assert_same(trained_arrays(checkpoint(tmp_path, settings)), before)
+    model = algorithm_class(settings.algo).load(tmp_path / "checkpoint.zip", device="cpu")
+    assert_same(trained_arrays(model), before)
     policy = MlpPolicy.load(training.resume(tmp_path, progress=False))
     assert model_of(tmp_path, settings).num_timesteps >= steps + 300
     assert policy.card["settings"] == json.loads((tmp_path / "settings.json").read_text())
@@ -169,35 +172,16 @@ def test_finished_run_goes_on_from_its_model(
     assert not list(tmp_path.glob("checkpoint*")) + list(tmp_path.glob("buffer*"))
 
 
-def checkpoint(folder: Path, settings: TrainSettings) -> Any:
-    return algorithm_class(settings.algo).load(folder / "checkpoint.zip", device="cpu")
-
-
-@each_algorithm
-def test_interrupted_continuation_equals_an_uninterrupted_one(
-    settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("whole", "broken"):
-        train_policy(settings, tmp_path / name)
-    whole = MlpPolicy.load(training.extend(tmp_path / "whole", 512, progress=False))
-    steps = settings.total_timesteps
-    with monkeypatch.context() as patch:
-        interrupt_at(steps + settings.save_freq + 32, patch)
-        with pytest.raises(KeyboardInterrupt):
-            training.extend(tmp_path / "broken", 512, progress=False)
-    resumed = MlpPolicy.load(training.resume(tmp_path / "broken", progress=False))
-    assert weight_difference(resumed, whole) == 0.0
-    arrays = [trained_arrays(model_of(tmp_path / name, settings)) for name in ("whole", "broken")]
-    for one, other in zip(*arrays, strict=True):
-        assert_array_equal(one, other)
+@pytest.mark.parametrize("name", [seed for seeds in shipped_policies().values() for seed in seeds])
+def test_every_shipped_policy_can_be_trained_again_from_its_card(name: str) -> None:
+    card = MlpPolicy.load(name).card
+    check_reproducible(card, name)
+    make_env(settings_of_card(card, name))
 
 
 def test_run_that_cannot_go_on_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert_refused(lambda: training.extend(tmp_path, 10), "contains no run", FileNotFoundError)
     train_policy(SHORTER, tmp_path)
-    with pytest.raises(SystemExit):
-        main(["train", "--more-steps", "10"])
-    assert "--more-steps continues a finished run: give its folder with --resume" in capsys.readouterr().err
     assert_refused(lambda: training.extend(tmp_path, 0), "more_steps must be at least 1, not 0", ValueError)
     (tmp_path / "policy.npz").rename(tmp_path / "away.npz")
     assert_refused(lambda: training.extend(tmp_path, 10), "is not finished: resume it without", FileNotFoundError)

@@ -10,8 +10,8 @@ import pytest
 from stable_baselines3 import PPO
 
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
+from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 from tests.helpers.envs import assert_same
 from tests.helpers.training import (
@@ -61,7 +61,6 @@ RUNS: dict[str, TrainSettings] = {
         eval_freq=256,
     ),
 }
-every_run = pytest.mark.parametrize("settings", RUNS.values(), ids=RUNS.keys())
 
 
 def curve(folder: Path) -> list[list[str]]:
@@ -74,7 +73,7 @@ def curve(folder: Path) -> list[list[str]]:
     return [[row[0], *row[2:]] for row in rows]
 
 
-@every_run
+@pytest.mark.parametrize("settings", RUNS.values(), ids=RUNS.keys())
 def test_resumed_run_equals_an_uninterrupted_run(
     settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -118,52 +117,39 @@ def test_interrupted_run_resumes_from_its_latest_checkpoint(tmp_path: Path, monk
     training.resume(tmp_path, progress=False)
     with pytest.raises(FileNotFoundError, match="is finished: there is nothing to resume"):
         training.resume(tmp_path)
+    with pytest.raises(FileExistsError, match="contains a run already: resume it, or choose another folder"):
+        train_policy(SEGMENTS, tmp_path)
+    with pytest.raises(FileNotFoundError, match="contains no run"):
+        training.resume(tmp_path / "nowhere")
 
 
-@pytest.mark.parametrize("after", [0, 1, 2, 3])
-def test_interruption_while_a_checkpoint_is_saved_leaves_a_usable_checkpoint(
+@pytest.mark.parametrize("after", [0, 1])
+def test_a_checkpoint_that_was_interrupted_is_the_old_one(
     after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Model and replay buffer belong together: both are from the old checkpoint or both from the new one."""
-    settings = replace(SEGMENTS_SAC, total_timesteps=384)
+    settings, number, rename = replace(SEGMENTS_SAC, total_timesteps=384), -2 - after, Path.replace
     policy = train_policy(settings, tmp_path / "whole")
-    broken = tmp_path / "broken"
-    save, rename = callbacks.save_checkpoint, Path.replace
 
-    def interrupted_save(model: Any, folder: Path) -> None:
-        if model.num_timesteps < 256:
-            return save(model, folder)
-        done = 0
-
-        def interrupt_after(call: Any) -> Any:
-            def wrapper(*args: Any, **kwargs: Any) -> Any:
-                nonlocal done
-                if done == after:
-                    raise KeyboardInterrupt
-                done += 1
-                return call(*args, **kwargs)
-
-            return wrapper
-
-        with monkeypatch.context() as patch:
-            patch.setattr(Path, "replace", interrupt_after(rename))
-            for name in ("save", "save_replay_buffer"):
-                patch.setattr(type(model), name, interrupt_after(getattr(type(model), name)))
-            return save(model, folder)
+    def interrupted(self: Path, target: Path) -> Path:
+        nonlocal number
+        number += target.name.startswith(("checkpoint", "buffer"))
+        if number == 1:
+            raise KeyboardInterrupt
+        return rename(self, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr(callbacks, "save_checkpoint", interrupted_save)
+        patch.setattr(Path, "replace", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            train_policy(settings, broken)
-    assert weight_difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
+            train_policy(settings, tmp_path / "broken")
+    assert weight_difference(MlpPolicy.load(training.resume(tmp_path / "broken", progress=False)), policy) == 0.0
 
 
-def test_run_interrupted_during_or_just_after_its_imitation_gives_the_same_policy(
+def test_an_interrupted_imitation_starts_again_and_a_finished_one_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The imitation starts again in the first case and is not repeated in the second."""
-    settings, fit, fits = RUNS["ppo, imitation"], dagger._fit, 0
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    settings, fit, fits = RUNS["ppo, imitation"], Imitation._fit, 0
+    policy = train_policy(settings, tmp_path / "whole")
 
     def interrupted_fit(*arguments: Any) -> None:
         nonlocal fits
@@ -172,22 +158,12 @@ def test_run_interrupted_during_or_just_after_its_imitation_gives_the_same_polic
             raise KeyboardInterrupt
         fit(*arguments)
 
-    policy = train_policy(settings, whole)
-    monkeypatch.setattr(dagger, "_fit", interrupted_fit)
+    monkeypatch.setattr(Imitation, "_fit", interrupted_fit)
     with pytest.raises(KeyboardInterrupt):
-        train_policy(settings, broken)
+        train_policy(settings, tmp_path / "broken")
     with monkeypatch.context() as patch:
         interrupt_at(32, patch)
         with pytest.raises(KeyboardInterrupt):
-            training.resume(broken, progress=False)
+            training.resume(tmp_path / "broken", progress=False)
+    assert weight_difference(MlpPolicy.load(training.resume(tmp_path / "broken", progress=False)), policy) == 0.0
     assert fits == 13
-    assert weight_difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
-    assert fits == 13
-
-
-def test_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
-    train_policy(BRIEF, tmp_path)
-    with pytest.raises(FileExistsError, match="contains a run already: resume it, or choose another folder"):
-        train_policy(BRIEF, tmp_path)
-    with pytest.raises(FileNotFoundError, match="contains no run"):
-        training.resume(tmp_path / "nowhere")

@@ -10,10 +10,9 @@ import pytest
 
 from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
 from quadpend_train.training.run_folder import locked
-from quadpend_train.training.validation import Score, read_curve, write_curve
+from quadpend_train.training.validation import read_curve
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.training import BRIEF, interrupt_at, train_policy
 
@@ -52,30 +51,6 @@ def test_scores_and_best_policy_come_from_the_checkpoint(interrupted: Path, tmp_
     curves = [[score._replace(seconds=0.0) for score in read_curve(run)] for run in (interrupted, tmp_path / "whole")]
     assert curves[0] == curves[1]
     assert "command" in json.loads((interrupted / "provenance.json").read_text())
-
-
-def test_a_policy_of_a_dropped_evaluation_is_not_the_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An evaluation after the checkpoint was the best, but the resumed run does not repeat it."""
-    settings = replace(BRIEF, eval_freq=128, save_freq=256, total_timesteps=512)
-    scores = iter([(1.0, rmse) for rmse in (0.5, 0.4, 0.3, 0.1)])
-    with monkeypatch.context() as patch:
-        patch.setattr(callbacks, "validate", lambda *_: next(scores))
-        interrupt_at(450, patch)
-        with pytest.raises(KeyboardInterrupt):
-            train_policy(settings, tmp_path)
-    late = MlpPolicy.load(tmp_path / "best.npz")
-    monkeypatch.setattr(callbacks, "validate", lambda *_: (1.0, 0.6))
-    policy = MlpPolicy.load(training.resume(tmp_path, progress=False))
-    assert [row[3] for row in policy.card["curve"]][:2] == [0.5, 0.6]
-    assert policy.card["best_at"] == 0
-    assert weight_difference(policy, late) > 0.0
-
-
-def test_the_curve_is_read_as_it_was_written(tmp_path: Path) -> None:
-    scores = [Score(0, 0.0, 0.5, 0.25), Score(64, 1.5, 1.0, 0.125)]
-    assert read_curve(tmp_path) == []
-    write_curve(tmp_path, scores)
-    assert read_curve(tmp_path) == scores
 
 
 def test_a_second_process_in_a_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

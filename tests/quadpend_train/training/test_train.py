@@ -9,23 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from numpy.testing import assert_array_equal
-from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from quadpend_gym import RewardWeights
-from quadpend_train.evaluation.episodes import TEST_SEED, VALIDATION_SEED, run_episodes
+from quadpend_train.evaluation.episodes import TEST_SEED, VALIDATION_SEED
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weight_difference
-from quadpend_train.training import callbacks, dagger, validation
+from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model
 from quadpend_train.training.callbacks import first_seed
+from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings, from_mapping, read_settings
 from quadpend_train.training.validation import read_curve, validate
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.envs import assert_same
 from tests.helpers.training import (
     BRIEF,
     BRIEF_SAC,
@@ -33,12 +31,10 @@ from tests.helpers.training import (
     SHORT,
     model_of,
     train_policy,
-    trained_arrays,
     with_arguments,
 )
 
 RESIDUAL = HybridSettings("flatness", "residual_action", action_scale=0.3)
-ROTORS = json.dumps({"actuators": "rotors"})
 EVALUATED = replace(BRIEF, eval_freq=256)
 SAC_BRIEF = replace(BRIEF_SAC, total_timesteps=256)
 
@@ -57,30 +53,12 @@ class AtRolloutStart(BaseCallback):
         return True
 
 
-def test_run_folder_has_settings_provenance_scores_model_and_policy(tmp_path: Path) -> None:
-    path = training.train(EVALUATED, tmp_path, progress=False)
-    assert path == tmp_path / "policy.npz"
-    assert model_of(tmp_path, EVALUATED).num_timesteps == EVALUATED.total_timesteps
-    assert read_settings(str(tmp_path / "settings.json")) == EVALUATED
-    provenance = json.loads((tmp_path / "provenance.json").read_text())
-    assert {"command", "commit", "python", "packages"} <= set(provenance)
-    names = {item.name for item in tmp_path.iterdir() if not item.name.startswith("events")}
-    assert names == {".lock", "settings.json", "provenance.json", "curve.csv", "best.npz", "model.zip", "policy.npz"}
-
-
-@pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
-def test_same_settings_give_the_same_weights_and_other_seeds_give_others(algo: str, tmp_path: Path) -> None:
-    settings = BRIEF if algo == "ppo" else replace(SAC_BRIEF, algo=algo)
-    first, second = (train_policy(settings, tmp_path / name) for name in "ab")
-    assert weight_difference(first, second) == 0.0
-    assert_same(*(trained_arrays(model_of(tmp_path / name, settings)) for name in "ab"))
-    assert weight_difference(first, train_policy(replace(settings, seed=1), tmp_path / "c")) > 0.0
-
-
 def test_card_records_how_the_policy_was_trained(tmp_path: Path) -> None:
     settings = replace(EVALUATED, scenarios=(SHORT, OTHER), seed=3)
     policy = train_policy(settings, tmp_path)
     card = json.loads(json.dumps(policy.card))
+    names = {item.name for item in tmp_path.iterdir() if not item.name.startswith("events")}
+    assert names == {".lock", "settings.json", "provenance.json", "curve.csv", "best.npz", "model.zip", "policy.npz"}
     assert card["settings"] == json.loads((tmp_path / "settings.json").read_text())
     assert card["seed"] == 3
     assert card["steps"] == settings.total_timesteps
@@ -120,17 +98,7 @@ def replace_scores(patch: pytest.MonkeyPatch, *scores: float) -> list[MlpPolicy]
     return evaluated
 
 
-def test_best_policy_is_saved_with_evaluations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    evaluated = replace_scores(monkeypatch, 0.5, 0.4, 0.3, 0.35, 0.3)
-    policy = train_policy(EVALUATED, tmp_path)
-    assert [score.steps for score in read_curve(tmp_path)] == [0, 256, 512, 768, 1024]
-    assert [score.penalised_rmse for score in read_curve(tmp_path)] == [0.5, 0.4, 0.3, 0.35, 0.3]
-    assert weight_difference(policy, evaluated[2]) == 0.0
-    assert weight_difference(policy, evaluated[3]) > 0.0
-    assert [score.seconds for score in read_curve(tmp_path)] == sorted(score.seconds for score in read_curve(tmp_path))
-
-
-def test_patience_stops_a_run_that_does_not_improve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_patience_stops_a_run_and_its_best_policy_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     evaluated = replace_scores(monkeypatch, 0.5, 0.3, 0.4, 0.35, 0.36)
     settings = replace(EVALUATED, total_timesteps=10**8, patience=2)
     policy = train_policy(settings, tmp_path)
@@ -138,33 +106,6 @@ def test_patience_stops_a_run_that_does_not_improve(tmp_path: Path, monkeypatch:
     assert steps[:4] == [0, 256, 512, 768]
     assert steps[-1] <= 1024
     assert weight_difference(policy, evaluated[1]) == 0.0
-
-
-def test_evaluations_use_the_training_scenarios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Equally often, in episodes that are not used for training, and without the scenarios of the curriculum."""
-    evaluated: list[Any] = []
-    run = validation.run_episodes
-
-    def record(policies: Any, scenario: str, *args: int) -> Any:
-        evaluated.append((scenario, *args))
-        return run(policies, scenario, *args)
-
-    monkeypatch.setattr(validation, "run_episodes", record)
-    third = json.dumps({**json.loads(SHORT), "wind": "storm"})
-    settings = replace(
-        EVALUATED, scenarios=(SHORT, OTHER), curriculum=(third,), curriculum_steps=512, total_timesteps=512
-    )
-    train_policy(settings, tmp_path)
-    seeds = [VALIDATION_SEED] * 3 + [training.CARD_SEED]
-    names = settings.scenarios
-    assert evaluated == [(name, 2, seed + 2 * i) for seed in seeds for i, name in enumerate(names)]
-
-
-def test_validation_gives_the_metrics_of_run_episodes() -> None:
-    settings = replace(BRIEF, scenarios=("hover",), seed=4)
-    policy = training.export(training.initial_model(settings, None), **settings.policy_interface())
-    results = run_episodes([policy], "hover", 2)
-    assert validate(policy, settings) == (results.survived.mean(), results.penalised_rmse.mean())
 
 
 def test_tensorboard_has_reward_terms_and_evaluations(tmp_path: Path) -> None:
@@ -179,11 +120,6 @@ def test_tensorboard_has_reward_terms_and_evaluations(tmp_path: Path) -> None:
         for term in terms - {"tracking_error"}:
             assert all(0.0 < event.value <= 1.0 for event in events.Scalars(f"reward/{term}"))
         assert all(0.0 < event.value < 1.0 for event in events.Scalars("reward/tracking_error"))
-
-
-def test_training_stops_after_max_seconds(tmp_path: Path) -> None:
-    train_policy(replace(BRIEF, total_timesteps=10**9, max_seconds=0.3), tmp_path)
-    assert model_of(tmp_path, BRIEF).num_timesteps < 10**6
 
 
 @pytest.mark.parametrize(
@@ -237,27 +173,6 @@ def test_every_stage_of_the_curriculum_has_its_share_of_the_steps(save_freq: int
     assert stages == [0.03, 0.04, 0.05, 0.05]
 
 
-@pytest.mark.parametrize(("kind", "settings"), [(PPO, BRIEF), (SAC, SAC_BRIEF)], ids=["ppo", "sac"])
-def test_gsde_noise_is_sampled_every_sde_sample_freq_steps(
-    kind: Any, settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And by PPO at the start of every rollout."""
-    sampled_at: set[int] = set()
-    sde = {"use_sde": True, "sde_sample_freq": 8} | ({} if kind is PPO else {"train_freq": 8})
-    model = make_model(with_arguments(settings, **sde), make_env(settings), None)
-    part = model.policy if kind is PPO else model.actor
-    reset = part.reset_noise
-
-    def count(batch_size: int = 1) -> None:
-        if batch_size == settings.num_envs:  # not for a batch of a gradient step
-            sampled_at.add(model.num_timesteps)
-        reset(batch_size)
-
-    monkeypatch.setattr(part, "reset_noise", count)
-    model.learn(256)
-    assert sampled_at == {0, 128}
-
-
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
 @pytest.mark.parametrize("use_sde", [False, True])
 def test_hybrid_starts_close_to_its_base_controller(algo: str, use_sde: bool) -> None:
@@ -273,53 +188,11 @@ def test_hybrid_starts_close_to_its_base_controller(algo: str, use_sde: bool) ->
     assert np.abs(small).mean() < 0.5 * np.abs(large).mean()
 
 
-@pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
-def test_imitation_reduces_the_error_in_every_round(algo: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The error is over all samples so far; in the end it is far below that of zero actions."""
-    rounds: list[tuple[float, float, float]] = []
-
-    def record_errors(model: Any, optimizer: Any, inputs: Any, targets: Any, *args: Any) -> None:
-        def error() -> float:
-            return float(np.sqrt(np.mean((model.predict(inputs, deterministic=True)[0] - targets) ** 2)))
-
-        before = error()
-        fit(model, optimizer, inputs, targets, *args)
-        rounds.append((before, error(), float(np.sqrt(np.mean(targets**2)))))
-
-    fit = dagger._fit
-    monkeypatch.setattr(dagger, "_fit", record_errors)
-    monkeypatch.setattr(dagger, "_BATCH_SIZE", 32)
-    training.initial_model(
-        replace(
-            with_arguments(BRIEF if algo == "ppo" else BRIEF_SAC, policy_kwargs={"net_arch": (32,)}),
-            algo=algo,
-            scenarios=("calm",),
-            num_envs=64,
-            hybrid=HybridSettings("lqr", imitation_timesteps=9600),
-        ),
-        None,
-    )
-    assert len(rounds) == 10
-    assert all(after < before for before, after, _ in rounds)
-    assert rounds[-1][1] < 0.6 * rounds[-1][2]
-
-
 def test_runs_and_evaluations_share_no_episode() -> None:
     blocks = [first_seed(TrainSettings(seed=seed)) for seed in range(3)]
     largest = 2**31  # more than the seeds that a run uses
     assert all(after - before > largest for before, after in pairwise(blocks))
     assert blocks[0] > max(TEST_SEED, VALIDATION_SEED) + largest
-
-
-@pytest.mark.parametrize("settings", [BRIEF, SAC_BRIEF], ids=["ppo", "sac"])
-def test_new_run_starts_with_the_first_seeds_of_its_block(settings: TrainSettings, tmp_path: Path) -> None:
-    observations: list[Any] = []
-    train_policy(
-        settings, tmp_path, callbacks=[AtRolloutStart(lambda model: observations.append(model._last_obs.copy()))]
-    )
-    expected = make_env(settings)
-    expected.seed(first_seed(settings))
-    assert_array_equal(observations[0], expected.reset())
 
 
 def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
@@ -332,15 +205,44 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
 
 @pytest.mark.parametrize(
     ("other", "changes"),
-    [("output_feedback", {}), (json.dumps({"simulation": {"period": 0.02}}), {"hybrid": RESIDUAL})],
+    [("output_feedback", {}), (json.dumps({"period": 0.02}), {"hybrid": RESIDUAL})],
     ids=["observation", "simulation"],
 )
 def test_stages_of_a_curriculum_that_do_not_fit_are_refused_before_training(
     other: str, changes: dict[str, Any]
 ) -> None:
-    def start() -> None:
-        training.initial_model(
-            replace(BRIEF, **changes, curriculum=(other,), curriculum_steps=256, save_freq=256), None
-        )
+    settings = replace(BRIEF, **changes, curriculum=(other,), curriculum_steps=256, save_freq=256)
+    assert_refused(lambda: training.initial_model(settings), "same", ValueError)
 
-    assert_refused(start, "curriculum|same", ValueError)
+
+@pytest.mark.parametrize("settings", [BRIEF, replace(BRIEF_SAC, algo="tqc")], ids=["ppo", "tqc"])
+def test_imitation_approaches_the_base_controller(settings: TrainSettings, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In every round, the error over all labels so far gets smaller."""
+    fit, rounds = Imitation._fit, []
+
+    def record_errors(self: Imitation, inputs: Any, targets: Any, rates: Any) -> None:
+        def error() -> float:
+            return float(np.mean((self.model.predict(inputs, deterministic=True)[0] - targets) ** 2))
+
+        before = error()
+        fit(self, inputs, targets, rates)
+        rounds.append((before, error(), float(np.mean(targets**2))))
+
+    monkeypatch.setattr(Imitation, "_fit", record_errors)
+    monkeypatch.setattr(dagger, "_BATCH_SIZE", 32)
+    settings = replace(
+        settings, scenarios=("calm",), num_envs=64, hybrid=HybridSettings("lqr", imitation_timesteps=9600)
+    )
+    settings = with_arguments(settings, policy_kwargs={"net_arch": (32,)})
+    training.imitate(training.initial_model(settings), settings)
+    assert len(rounds) == 10
+    assert all(after < before for before, after, _ in rounds)
+    assert rounds[-1][1] < 0.4 * rounds[-1][2]
+
+
+def test_max_seconds_stop_training_and_imitation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hybrid = HybridSettings("lqr", imitation_timesteps=10**7)
+    train_policy(replace(BRIEF, total_timesteps=10**9, max_seconds=0.3), tmp_path / "alone")
+    train_policy(replace(BRIEF, hybrid=hybrid, num_envs=256, max_seconds=0.3), tmp_path / "imitation")
+    assert model_of(tmp_path / "alone", BRIEF).num_timesteps < 10**6
+    assert "The imitation of lqr was stopped by max_seconds." in capsys.readouterr().out
