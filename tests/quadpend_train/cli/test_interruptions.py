@@ -137,9 +137,3 @@ def test_processes_end_when_the_command_is_killed() -> None:
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGKILL)  # what the policy has started
     process.communicate()
-
-
-def test_a_program_that_calls_commands_keeps_its_signal_handlers(capsys: pytest.CaptureFixture[str]) -> None:
-    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    main(["--version"])
-    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before

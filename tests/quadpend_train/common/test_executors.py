@@ -9,14 +9,11 @@ from typing import Any
 
 import pytest
 
-from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.common.executors import CallsFailedError, executor, run
 from quadpend_train.evaluation import cache
-from quadpend_train.evaluation.jobs import Job, load_learner, run_jobs
 from tests.helpers.own_code import write_module
 
-BRIEF = Scenario(duration=0.2)
 FAILING = """
 from quadpend_baselines import controller
 class Failing:
@@ -92,27 +89,16 @@ def test_wrong_numbers_and_clusters_are_refused(arguments: Any, message: str) ->
         executor(*arguments)
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("jobs", ["1", "2"])
 def test_a_failing_policy_is_named_and_the_other_results_are_cached(
-    processes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    jobs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = write_module(tmp_path, monkeypatch, FAILING)
-    policies = {"mine": f"{module}:make", "flatness": "flatness", "lqr": "lqr"}
-    jobs = {("calm", name): Job(load_learner(policy), BRIEF, 2, 0) for name, policy in policies.items()}
-    with pytest.raises(CallsFailedError) as raised:
-        run_jobs(jobs, tmp_path / "cache", processes=processes)
-    first, second = str(raised.value).splitlines()
-    assert first == "1 of 3 jobs failed; the results of the others are cached:"
-    assert second == f"  calm, mine: KeyError: 'no gain' ({module}.py, line 9)"
-    assert len(list((tmp_path / "cache").iterdir())) == 2
-
-
-def test_a_command_with_a_failing_policy_ends_with_status_1(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    module = write_module(tmp_path, monkeypatch, FAILING)
+    scenario = ["--scenarios", '{"duration": 0.2}', "--episodes", "2", "--jobs", jobs]
     with pytest.raises(SystemExit) as ended:
-        main(["evaluate", f"mine={module}:make", "lqr", "--scenarios", '{"duration": 0.2}', "--episodes", "2"])
+        main(["evaluate", f"mine={module}:make", "lqr", *scenario])
     assert ended.value.code == 1
-    assert "mine: KeyError: 'no gain'" in capsys.readouterr().err
+    head, failure = capsys.readouterr().err.strip().splitlines()[-2:]
+    assert head.endswith("1 of 2 jobs failed; the results of the others are cached:")
+    assert failure.endswith(f"mine: KeyError: 'no gain' ({module}.py, line 9)")
     assert len(list((tmp_path / cache.FOLDER).iterdir())) == 1

@@ -86,19 +86,6 @@ def test_gradient_of_the_cost_equals_a_finite_difference(scenario: str, base_con
         assert found[i] == pytest.approx(expected, rel=0.01, abs=tolerance * float(np.abs(found).max()))
 
 
-def test_the_same_share_of_the_rows_of_each_scenario_begins_a_new_episode_with_a_window() -> None:
-    model, env = model_and_env(replace(BRIEF, apg=replace(BRIEF.apg, restart=0.25)))
-    env.reset()
-    starts = []
-    for window in range(2):
-        model.num_timesteps = window * 30 * env.num_envs
-        model._last_episode_starts = np.zeros(env.num_envs, np.bool_)
-        model._restart_rows(env)
-        starts.append(model._last_episode_starts.reshape(2, 8))
-        assert starts[-1].sum(axis=1).tolist() == [2, 2]
-    assert (starts[0] != starts[1]).any()
-
-
 def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
     model, env = model_and_env(BRIEF)
     model.learn(2 * 16 * 30)

@@ -1,7 +1,8 @@
 """A resumed run gives bit for bit the policy of an uninterrupted run."""
 
-import csv
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,14 @@ from typing import Any
 import pytest
 from stable_baselines3 import PPO
 
+from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import train as training
 from quadpend_train.training.dagger import Imitation
+from quadpend_train.training.run_folder import locked
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
+from quadpend_train.training.validation import read_curve
+from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.training import (
     BRIEF,
@@ -30,27 +35,22 @@ SEGMENTS = replace(BRIEF, save_freq=512)  # a segment has two rollouts
 SEGMENTS_SAC = replace(BRIEF_SAC, save_freq=128)
 RESIDUAL = HybridSettings("adrc-matched", "residual_action", action_scale=0.3)
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
+MIXED = replace(SEGMENTS, scenarios=(SHORT, OTHER), eval_freq=256, save_freq=256)
+INPUTS = replace(SEGMENTS, history=2, history_actions=1, input_scales=(8.0,), critic_warmup_steps=700, save_freq=256)
+GSDE_SAC = with_arguments(SEGMENTS_SAC, use_sde=True, sde_sample_freq=4, train_freq=4)
+RELATIVE = replace(RESIDUAL, baseline_relative_reward=True, failure_penalty=2.0, action_repeat=4)
 RUNS: dict[str, TrainSettings] = {
-    "ppo": SEGMENTS,
-    "ppo, curriculum": replace(SEGMENTS, curriculum=(OTHER, SHORT), curriculum_steps=512, save_freq=256),
-    "ppo, residual action": replace(SEGMENTS, hybrid=RESIDUAL),
-    "ppo, bandwidth scheduling": replace(SEGMENTS, hybrid=HybridSettings("flatness", "bandwidth_scheduling")),
-    "ppo, history and input scales": replace(SEGMENTS, history=2, history_actions=1, input_scales=(8.0,)),
+    "ppo, evaluated, curriculum": replace(MIXED, curriculum=(OTHER, SHORT), curriculum_steps=512),
+    "ppo, history, input scales, critic first": INPUTS,
     "ppo, gSDE": with_arguments(SEGMENTS, use_sde=True, sde_sample_freq=4),
-    "ppo, evaluated": replace(SEGMENTS, eval_freq=256, save_freq=256),
-    "ppo, mixed": replace(SEGMENTS, scenarios=(SHORT, OTHER)),
-    "ppo, critic first": replace(SEGMENTS, critic_warmup_steps=700, save_freq=256),
+    "ppo, bandwidth scheduling": replace(SEGMENTS, hybrid=HybridSettings("flatness", "bandwidth_scheduling")),
+    "ppo, baseline-relative and repeated": replace(SEGMENTS, hybrid=RELATIVE),
     "ppo, imitation": replace(SEGMENTS, hybrid=HybridSettings("adrc-matched", imitation_timesteps=320)),
     "ppo, long rollouts": replace(with_arguments(SEGMENTS, n_steps=24, n_epochs=2), total_timesteps=1200),
-    "ppo, baseline-relative and repeated": replace(
-        SEGMENTS, hybrid=replace(RESIDUAL, baseline_relative_reward=True, failure_penalty=2.0, action_repeat=4)
+    "sac, gSDE": GSDE_SAC,
+    "tqc, residual action, evaluated, curriculum": replace(
+        SEGMENTS_SAC, algo="tqc", hybrid=RESIDUAL, eval_freq=128, curriculum=(OTHER,), curriculum_steps=256
     ),
-    "sac": SEGMENTS_SAC,
-    "sac, gSDE": with_arguments(SEGMENTS_SAC, use_sde=True, sde_sample_freq=4, train_freq=4),
-    "sac, residual action, evaluated, curriculum": replace(
-        SEGMENTS_SAC, hybrid=RESIDUAL, eval_freq=128, curriculum=(OTHER,), curriculum_steps=256
-    ),
-    "tqc": replace(SEGMENTS_SAC, algo="tqc"),
     "apg, mixed": replace(
         SEGMENTS,
         algo="apg",
@@ -61,16 +61,6 @@ RUNS: dict[str, TrainSettings] = {
         eval_freq=256,
     ),
 }
-
-
-def curve(folder: Path) -> list[list[str]]:
-    """Return the lines of the training curve without the seconds."""
-    if not (folder / "curve.csv").exists():
-        return []
-    with (folder / "curve.csv").open(newline="") as file:
-        rows = list(csv.reader(file))
-    assert rows[0] == ["steps", "seconds", "survival", "penalised_rmse"]
-    return [[row[0], *row[2:]] for row in rows]
 
 
 @pytest.mark.parametrize("settings", RUNS.values(), ids=RUNS.keys())
@@ -94,12 +84,15 @@ def test_resumed_run_equals_an_uninterrupted_run(
             with pytest.raises(KeyboardInterrupt):
                 training.resume(broken, progress=False) if number else train_policy(settings, broken)
     assert (broken / "checkpoint.zip").exists()
+    for name in ("curve.csv", "best.npz"):  # scores and best policy come from the checkpoint
+        (broken / name).unlink(missing_ok=True)
     resumed = MlpPolicy.load(training.resume(broken, progress=False))
     assert weight_difference(policy, resumed) == 0.0
     assert_same(trained_arrays(model_of(broken, settings)), trained_arrays(model_of(whole, settings)))
     assert model_of(broken, settings).num_timesteps == model_of(whole, settings).num_timesteps
-    assert curve(broken) == curve(whole)
-    assert bool(curve(whole)) == bool(settings.eval_freq)
+    curves = [[score._replace(seconds=0.0) for score in read_curve(folder)] for folder in (broken, whole)]
+    assert curves[0] == curves[1]
+    assert bool(curves[0]) == bool(settings.eval_freq)
     assert resumed.card["score"] == policy.card["score"]
     if settings.eval_freq:
         best = [MlpPolicy.load(folder / "best.npz") for folder in (broken, whole)]
@@ -167,3 +160,31 @@ def test_an_interrupted_imitation_starts_again_and_a_finished_one_does_not(
             training.resume(tmp_path / "broken", progress=False)
     assert weight_difference(MlpPolicy.load(training.resume(tmp_path / "broken", progress=False)), policy) == 0.0
     assert fits == 13
+
+
+def test_a_run_exists_from_its_settings_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a killed process wrote before them, the same command replaces."""
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "to_mapping", lambda _: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            train_policy(BRIEF, tmp_path / "run")
+    assert_refused(lambda: training.resume(tmp_path / "run"), "contains no run", FileNotFoundError)
+    again, expected = train_policy(BRIEF, tmp_path / "run"), train_policy(BRIEF, tmp_path / "other")
+    assert weight_difference(again, expected) == 0.0
+
+
+def test_a_second_process_in_a_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The lock of a process that was killed does not stay."""
+    code = (
+        "import sys, time; from pathlib import Path; from quadpend_train.training.run_folder import locked\n"
+        "with locked(Path(sys.argv[1])): print('locked', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        with pytest.raises(SystemExit, match="2"):
+            main(["train", "--total-timesteps", "256", "--out", str(tmp_path)])
+        assert f"another process trains in {tmp_path}" in capsys.readouterr().err
+        process.kill()
+    with locked(tmp_path):
+        pass

@@ -6,6 +6,7 @@ This module imports no library at module level, so that `quadpend --help` starts
 import errno
 import io
 import os
+import re
 import signal
 import sys
 import threading
@@ -15,15 +16,6 @@ from typing import Any, NamedTuple, NoReturn
 
 _CACHED = "finished results are cached, and the same command continues"
 _SAVED = "finished trials are saved, and the same command continues"
-_EXTRAS = {
-    "train": (
-        *("tyro", "torch", "stable_baselines3", "sb3_contrib", "tensorboard", "tqdm", "rich", "matplotlib", "jinja2"),
-        *("optuna", "cmaes", "filelock", "fsspec", "markupsafe", "PIL", "loky", "pandas"),
-    ),
-    "view": ("pygame", "moviepy", "imageio", "imageio_ffmpeg"),
-    "mpc": ("casadi",),
-    "cluster": ("ray",),
-}
 _TRACEBACK = "--traceback"
 _LONGEST = 4000  # characters of a sentence
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -177,8 +169,11 @@ def _execute(name: str, options: list[str]) -> None:
 def _sentence(error: Exception) -> str:
     """Return the sentence about wrong input or about a missing package; empty for errors of the program."""
     if isinstance(error, ModuleNotFoundError):
+        from importlib.metadata import requires
+
         name = (error.name or "").partition(".")[0]
-        extra = next((extra for extra, modules in _EXTRAS.items() if name in modules), "")
+        pattern = re.compile(rf"{re.escape(name.replace('_', '-'))}\b.*extra == ['\"](\w+)['\"]", re.IGNORECASE)
+        extra = next((found[1] for line in requires("quadpend-gym") or () if (found := pattern.match(line))), "")
         return extra and f"this command needs {name}, which is not installed: pip install 'quadpend-gym[{extra}]'"
     from gymnasium.error import Error
 

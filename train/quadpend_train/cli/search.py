@@ -70,7 +70,6 @@ def sweep(
     space: Path | None = None,
     storage: str | None = None,
     jobs: int = 1,
-    eval_freq: int = 0,
     seed: Seed = 0,
 ) -> None:
     """Search for settings of a learner: each trial is a brief training, scored by the penalised RMSE of its policy.
@@ -89,7 +88,6 @@ def sweep(
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
             processes; the default is a file in OUT.
         jobs: Number of processes.
-        eval_freq: Timesteps between two evaluations of a trial; 0 for a 64th of the timesteps of a whole training.
         seed: Random seed of the search.
     """
     from quadpend_train.reports import figures, search_plots
@@ -101,7 +99,7 @@ def sweep(
     start = read_settings(settings)
     ranges, values = search_space.read_space(space, start)
     where = storage or str(out / "trials.log")
-    searched = study_of_settings.Sweep(start, ranges, values, seconds, out, where, eval_freq, seed)
+    searched = study_of_settings.Sweep(start, ranges, values, seconds, out, where, seed)
     study = study_of_settings.search(searched, trials, jobs)
     lines = study_of_settings.write_results(study, searched)
     figure = search_plots.draw(study, "penalised RMSE (mm)", 1e3)

@@ -68,12 +68,8 @@ def run_trials(
 ) -> None:
     """Take trials until the study has enough finished ones, those of all processes together.
 
-    Args:
-        study: Study of `open_study`.
-        space: Distributions of the parameters.
-        objective: Function that returns the value of a trial, or raises `optuna.TrialPruned`.
-        trials: Number of finished trials. With n processes, up to n - 1 more trials are made.
-        progress: Whether to show a progress bar.
+    With n processes, up to n - 1 more trials are made. `objective` returns the value of a trial, or raises
+    `optuna.TrialPruned`.
     """
     with quiet(), tqdm(total=trials, unit="trial", disable=not progress) as bar:
         while (count := len(finished(study))) < trials:

@@ -50,7 +50,6 @@ class Sweep(NamedTuple):
         seconds: Duration of the training of a trial, s.
         out: Folder for the trainings.
         storage: File or URL for `open_study`.
-        eval_freq: Timesteps between two evaluations of a trial; 0 for 64 evaluations in the timesteps of `start`.
         seed: Seed of the search; the seed of the trainings is that of `start`.
     """
 
@@ -60,13 +59,12 @@ class Sweep(NamedTuple):
     seconds: float
     out: Path
     storage: str
-    eval_freq: int = 0
     seed: int = 0
 
     @property
     def trial_start(self) -> TrainSettings:
         """Settings of the training of the first trial."""
-        every = self.eval_freq or max(self.start.total_timesteps // _EVALUATIONS, 1)
+        every = max(self.start.total_timesteps // _EVALUATIONS, 1)
         return replace(self.start, max_seconds=self.seconds, eval_freq=every, patience=0)
 
     @property
@@ -90,15 +88,7 @@ class Sweep(NamedTuple):
 
 
 def search(sweep: Sweep, trials: int, jobs: int = 1) -> optuna.Study:
-    """Make trials until there are enough finished ones, together with those of other processes.
-
-    An interrupted search continues with its finished trials.
-
-    Args:
-        sweep: What to search for.
-        trials: Number of finished trials, those that were stopped early included.
-        jobs: Number of processes.
-    """
+    """Make trials in `jobs` processes until `trials` are finished, together with those of other processes."""
     study = sweep.open()  # before the other processes, which then need not create it
     if len(finished(study)) < trials:
         run_calls({worker: partial(_work, sweep, trials, worker) for worker in range(jobs)}, jobs, what="process")
