@@ -71,7 +71,7 @@ def test_resumed_run_equals_an_uninterrupted_run(
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     policy = train_policy(settings, whole)
     rows = settings.num_envs
-    rollout = rows if settings.algo in ("sac", "tqc") else settings.rollout_timesteps()
+    rollout = rows * (8 if settings.algo == "apg" else settings.argument("n_steps") or 1)
     segment = rollout * -(-settings.save_freq // rollout)
     stops = (
         [segment // 2, segment + segment // 2 + rows, 2 * segment + rows]

@@ -228,11 +228,6 @@ class TrainSettings:
         """Return the scenarios at a timestep of the training by name; None is the end of the training."""
         return find_scenarios(self.scenarios if timesteps is None else self.stage(timesteps))
 
-    def rollout_timesteps(self) -> int:
-        """Return the timesteps of a rollout, after which the networks are trained."""
-        steps = self.apg.window if self.algo == "apg" else self.argument("train_freq") or self.argument("n_steps")
-        return int(steps[0] if isinstance(steps, tuple) else steps) * self.num_envs
-
     def policy_interface(self) -> dict[str, Any]:
         """Return the fields of a policy's card that say what the policy observes and how its action is applied."""
         return {

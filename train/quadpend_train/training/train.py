@@ -253,8 +253,7 @@ def _learn(
                 raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
             raise
     if stop.time_is_up:
-        # A stopped run lacks at least a rollout, whose gradient steps it has not made.
-        missing = max(total - model.num_timesteps, settings.rollout_timesteps())
+        missing = max(total - model.num_timesteps, 1)
         print(
             f"max_seconds ended the training early, after {model.num_timesteps} of {total} timesteps:"
             f" `quadpend train --resume {folder} --more-steps {missing}` continues it."
