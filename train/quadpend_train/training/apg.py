@@ -124,7 +124,7 @@ class APG(OnPolicyAlgorithm):
         for _ in range(self.apg.window):
             physics, wind = as_physics(_gather(everything, "parameters")), _gather(everything, "wind")
             time = self._plant.simulation.period * (1.0 + _gather(everything, "clock"))
-            target = reference_derivatives(_gather(everything, "reference"), time, orders=2)
+            target = reference_derivatives(_gather(everything, "reference"), time)
             action = self._mean_action(torch.cat([state, memory, last], dim=1))
             last = action.clamp(-1.0, 1.0)
             after, memory = self._plant.step(as_motion(state), last, wind, physics, memory)
@@ -192,7 +192,7 @@ class APG(OnPolicyAlgorithm):
         cost = cost + w.yaw * tracking.yaw_error[:, 0] ** 2
         cost = cost + w.effort * (action**2).sum(dim=1) + w.rate * (motion.euler_rate**2).sum(dim=1)
         excess = torch.relu(action.abs() - 1.0)
-        near = margins(motion, tracking, rod_length, self._limits)[:3]
+        near = margins(motion, tracking, self._limits)
         lean = torch.relu(0.6 - torch.cat(near, dim=1))
         total: Tensor = (cost + w.lean * (lean**2).sum(dim=1) + (excess**2).sum(dim=1)).sum()
         return squared, total
