@@ -159,6 +159,7 @@ def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text(GOOD)
     options = ["--settings", "fast-hummingbird", "--vehicle", "mine.toml", "--num-envs", "4", "--n-eval-episodes", "1"]
+    options += ["--set", "ppo.batch_size=64"]
     with monkeypatch.context() as patch:
         interrupt_at(4, patch)
         with pytest.raises(SystemExit, match="130"):

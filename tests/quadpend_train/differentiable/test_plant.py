@@ -72,7 +72,7 @@ SCENARIOS = [
     Scenario(),
     Scenario(wind="storm", parameters={"share": 0.2}),
     Scenario(actuators=[{"kind": "motor_lag", "time_constant": 0.02}, {"kind": "action_delay", "steps": 2}]),
-    Scenario(wind="windy", actuators=[{"kind": "action_delay", "steps": 1}], env_id="QuadPendulumHover-v0"),
+    Scenario(wind="windy", actuators=[{"kind": "action_delay", "steps": 1}], task="hover"),
 ]
 
 
