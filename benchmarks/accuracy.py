@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -46,21 +46,10 @@ TRIALS = 2000
 SLOW_TRIALS = 500  # of the interquartile mean
 FAMILY, FAMILY_TRIALS = 16, 1000  # scenarios of a comparison, and simulated comparisons
 
-Draw = Callable[[np.random.Generator, tuple[int, ...]], Any]
+RARE = "mean, 1 % falls"
 
-
-class Population(NamedTuple):
-    """A distribution of values of an episode.
-
-    Attributes:
-        draw: Draws values of a shape.
-        mean: Mean of the distribution.
-        middle: Interquartile mean of the distribution.
-    """
-
-    draw: Draw
-    mean: float
-    middle: float
+Draw = Callable[[np.random.Generator, tuple[int, ...]], Any]  # values of a shape
+Sample = Callable[[np.random.Generator, int], Any]  # values of n episodes
 
 
 def _with_falls(random: np.random.Generator, shape: tuple[int, ...], share: float = 0.05) -> Any:
@@ -80,22 +69,11 @@ DRAWS: dict[str, tuple[Draw, float]] = {
 }
 
 
-def populations() -> dict[str, Population]:
-    """Return the populations from which values are drawn, by name."""
-    return {name: Population(draw, mean, _interquartile_mean(draw)) for name, (draw, mean) in DRAWS.items()}
-
-
 def energy_drift(steps: int) -> tuple[float, float, float]:
-    """Return the energy of the pendulum relative to the quadrotor, and its largest drift in an episode and in `steps`.
+    """Return mean |E| of the pendulum relative to the quadrotor, its largest drift in an episode and in `steps`, J.
 
     At constant hover thrust without a disturbance E = ½ μ l² |ṙ|² + μ l (u / m_q) r_z is constant, with the reduced
     mass μ = m_q m_c / (m_q + m_c). Some of the pendulums turn over, the others swing.
-
-    Args:
-        steps: Number of control periods.
-
-    Returns:
-        Mean |E| of the starts, largest drift within an episode, largest drift within `steps`, J.
     """
     p, rows = UNEQUAL, 64
     reduced = p.quadrotor_mass * p.bob_mass / (p.quadrotor_mass + p.bob_mass)
@@ -212,112 +190,96 @@ def _points(parameters: Parameters, period: float, run: Comparison) -> Iterable[
         yield period / number * run.rate, error / parameters.rod_length, gain
 
 
-def _coverage(estimate: Callable[[Any], Any], draw: Callable[[], Any], truth: float, trials: int) -> str:
-    intervals = [estimate(draw()) for _ in range(trials)]
-    return f"{100.0 * np.mean([low <= truth <= high for _, low, high in intervals]):.1f}"
+def _one_seed(draw: Draw) -> Sample:
+    return lambda random, n: draw(random, (1, n))
 
 
-def _episodes(draw: Draw, random: np.random.Generator, number: int) -> Any:
-    return draw(random, (1, number))
+def _survivals(share: float) -> Sample:
+    return lambda random, n: random.random((1, n)) < share
 
 
-def _survivals(share: float, random: np.random.Generator, number: int) -> Any:
-    return random.random((1, number)) < share
+def _two_policies(random: np.random.Generator, n: int) -> Any:
+    return _survivals(0.95)(random, n), _survivals(0.9)(random, n)
 
 
-def _training_seeds(seeds: int, random: np.random.Generator, number: int) -> Any:
-    return random.normal(size=(seeds, 1)) + random.normal(size=(1, number)) + random.normal(size=(seeds, number))
+def _signs(share: float) -> Sample:
+    """Draw −1 with probability `share`, otherwise 1."""
+    return lambda random, n: np.where(random.random((1, n)) < share, -1.0, 1.0)
+
+
+def _training_seeds(seeds: int, effect: Callable[..., Any] = np.random.Generator.normal, mean: float = 0.0) -> Sample:
+    """Draw effects of seeds, effects of episodes and a residual."""
+
+    def draw(random: np.random.Generator, n: int) -> Any:
+        effects = effect(random, size=(seeds, 1)) - mean + random.normal(size=(1, n))
+        return effects + random.normal(size=(seeds, n))
+
+    return draw
 
 
 def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
     """Return a Markdown table with the coverage in % of every 95 % interval by the number of episodes."""
-    random, rows = np.random.default_rng(1), []
-
-    def add(name: str, estimate: Any, draw: Callable[[int], Any], truth: float, number: int = trials) -> None:
-        rows.append([name, *(_coverage(estimate, partial(draw, n), truth, number) for n in SIZES)])
-
-    known = populations()
-    for name, population in known.items():
-        add(f"mean, {name}", statistics.mean, partial(_episodes, population.draw, random), population.mean)
-    rare = partial(_episodes, partial(_with_falls, share=0.01), np.random.default_rng(3))
-    add("mean, 1 % falls", statistics.mean, rare, 0.01 + 0.99 * 0.02)
-    for name, population in known.items():
-        draw = partial(_episodes, population.draw, random)
-        add(f"interquartile mean, {name}", statistics.interquartile_mean, draw, population.middle, slow_trials)
-    for share in (0.9, 0.99):
-        add(f"survival of {100 * share:g} %", statistics.proportion, partial(_survivals, share, random), share)
-    add(
-        "difference of survivals, 95 % and 90 %",
-        lambda pair: statistics.paired_proportion(*pair),
-        lambda n: (_survivals(0.95, random, n), _survivals(0.9, random, n)),
-        0.05,
-    )
-
-    def improvement(values: Any) -> Any:
-        return statistics.probability_of_improvement(values, np.zeros_like(values))
-
-    for share in (0.5, 0.9, 0.99):
-        add(f"probability of improvement of {100 * share:g} %", improvement, partial(p_signs, random, share), share)
-    for seeds in (2, 5):
-        draw = partial(_training_seeds, seeds, random)
-        add(f"mean over {seeds} training seeds, normal", statistics.mean, draw, 0.0)
-    add(
-        "interquartile mean over 5 training seeds, normal",
-        statistics.interquartile_mean,
-        partial(_training_seeds, 5, random),
-        0.0,
-        slow_trials // 2,
-    )
+    middles = {name: _interquartile_mean(draw) for name, (draw, _) in DRAWS.items()}
+    rare = _one_seed(partial(_with_falls, share=0.01))
+    cases: list[tuple[str, Any, Sample, float, int]] = [
+        *((f"mean, {name}", statistics.mean, _one_seed(draw), mean, trials) for name, (draw, mean) in DRAWS.items()),
+        (RARE, statistics.mean, rare, 0.01 + 0.99 * 0.02, trials),
+        *(
+            (f"interquartile mean, {name}", statistics.interquartile_mean, _one_seed(draw), middles[name], slow_trials)
+            for name, (draw, _) in DRAWS.items()
+        ),
+        *((f"survival of {100 * p:g} %", statistics.proportion, _survivals(p), p, trials) for p in (0.9, 0.99)),
+        (
+            "difference of survivals, 95 % and 90 %",
+            lambda x: statistics.paired_proportion(*x),
+            _two_policies,
+            0.05,
+            trials,
+        ),
+        *(
+            (f"probability of improvement of {100 * p:g} %", _improvement, _signs(p), p, trials)
+            for p in (0.5, 0.9, 0.99)
+        ),
+        *((f"mean over {n} training seeds, normal", statistics.mean, _training_seeds(n), 0.0, trials) for n in (2, 5)),
+        (
+            "interquartile mean over 5 training seeds, normal",
+            statistics.interquartile_mean,
+            _training_seeds(5),
+            0.0,
+            slow_trials // 2,
+        ),
+    ]
+    shared, own, rows = np.random.default_rng(1), np.random.default_rng(3), []
+    for name, estimate, draw, truth, number in cases:
+        random = own if name == RARE else shared
+        found = [[estimate(draw(random, n)) for _ in range(number)] for n in SIZES]
+        rows.append([name, *(f"{100.0 * np.mean([x.low <= truth <= x.high for x in row]):.1f}" for row in found)])
     return markdown_table(["interval", *(f"{n} episodes" for n in SIZES)], rows)
 
 
-def p_signs(random: np.random.Generator, share: float, number: int) -> Any:
-    """Return −1 with probability `share`, otherwise 1, shape (1, number)."""
-    return np.where(random.random((1, number)) < share, -1.0, 1.0)
+def _improvement(values: Any) -> Any:
+    return statistics.probability_of_improvement(values, np.zeros_like(values))
 
 
 def error_table(trials: int = TRIALS, families: int = FAMILY_TRIALS) -> str:
     """Return a Markdown table with the share in % of true hypotheses that the tests reject at the 5 % level."""
-    random = np.random.default_rng(2)
-
-    def rate(p: Callable[[int], float], number: int) -> list[str]:
-        return [f"{100.0 * np.mean([p(n) < 0.05 for _ in range(number)]):.1f}" for n in SIZES]
-
-    rows: list[list[str]] = []
-
-    def equal(draw: Draw, n: int) -> float:
-        return statistics.p_value(draw(random, (1, n)) - draw(random, (1, n)))
-
-    rows += [[f"RMSE, both {name}", *rate(partial(equal, draw), trials)] for name, (draw, _) in DRAWS.items()]
-    rows.append(
-        [
-            "survival, both 95 %",
-            *rate(
-                lambda n: statistics.p_proportion(random.random((1, n)) < 0.95, random.random((1, n)) < 0.95), trials
-            ),
-        ]
-    )
-
-    def learner(n: int) -> float:
-        effects = random.normal(size=(5, 1)) + random.normal(size=(1, n))
-        return statistics.p_value(effects + random.normal(size=(5, n)))
-
-    rows.append(["RMSE, five training seeds", *rate(learner, trials)])
+    random, p_value = np.random.default_rng(2), statistics.p_value
+    cases: dict[str, Callable[[int], float]] = {
+        f"RMSE, both {name}": partial(lambda draw, n: p_value(draw(random, (1, n)) - draw(random, (1, n))), draw)
+        for name, (draw, _) in DRAWS.items()
+    }
+    cases["survival, both 95 %"] = lambda n: statistics.p_proportion(*(_survivals(0.95)(random, n) for _ in range(2)))
+    cases["RMSE, five training seeds"] = lambda n: p_value(_training_seeds(5)(random, n))
     for name in ("exponential", "lognormal"):
-        draw, truth = DRAWS[name]
-        rows.append(
-            [
-                f"RMSE, {name} differences with mean zero",
-                *rate(partial(lambda d, m, n: statistics.p_value(d(random, (1, n)) - m), draw, truth), trials),
-            ]
-        )
-
-    def skewed_learner(n: int) -> float:
-        effects = random.exponential(size=(5, 1)) - 1.0 + random.normal(size=(1, n))
-        return statistics.p_value(effects + random.normal(size=(5, n)))
-
-    rows.append(["RMSE, five training seeds with exponential effects", *rate(skewed_learner, trials)])
-    rows.append([f"any of {FAMILY} scenarios, corrected", *rate(lambda n: _family(random, n), families)])
+        shifted = partial(lambda draw, mean, n: p_value(draw(random, (1, n)) - mean), *DRAWS[name])
+        cases[f"RMSE, {name} differences with mean zero"] = shifted
+    skewed = _training_seeds(5, np.random.Generator.exponential, 1.0)
+    cases["RMSE, five training seeds with exponential effects"] = lambda n: p_value(skewed(random, n))
+    cases[f"any of {FAMILY} scenarios, corrected"] = partial(_family, random)
+    rows = []
+    for name, p in cases.items():
+        number = families if name.startswith("any") else trials
+        rows.append([name, *(f"{100.0 * np.mean([p(n) < 0.05 for _ in range(number)]):.1f}" for n in SIZES)])
     return markdown_table(["hypothesis", *(f"{n} episodes" for n in SIZES)], rows)
 
 
@@ -333,12 +295,7 @@ def _family(random: np.random.Generator, episodes: int) -> float:
 
 
 def run(document: Path, steps: int = 1_000_000) -> None:
-    """Measure and update the page.
-
-    Args:
-        document: Page with the parts energy, mujoco, rule, rigid, drag, coverage and errors.
-        steps: Control periods of the energy's drift.
-    """
+    """Measure and update the page; the energy drifts for a number of control periods."""
     energy, episode, largest = energy_drift(steps)
     drift = [
         ["mean of |E|", f"{energy:.2g} J"],

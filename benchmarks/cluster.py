@@ -17,15 +17,19 @@ from statistics import median
 
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common.executors import Call, executor, run
-from quadpend_train.evaluation.jobs import Job, load_learner
+from quadpend_train.evaluation.jobs import Job
+from quadpend_train.policies.loading import load_policies
 
 SCENARIOS, POLICIES = ("calm", "windy", "noisy", "gusts"), ("flatness", "lqr", "adrc-paper", "ppo-gain-scheduling-0")
 
 
 def cells(episodes: int) -> dict[tuple[str, str], Job]:
     """Return the cells of the study."""
-    found, learners = {name: find_scenario(name) for name in SCENARIOS}, {name: load_learner(name) for name in POLICIES}
-    return {(name, policy): Job(learners[policy], found[name], episodes, 0) for name in found for policy in learners}
+    found, policies = (
+        {name: find_scenario(name) for name in SCENARIOS},
+        {name: load_policies(name) for name in POLICIES},
+    )
+    return {(name, policy): Job(policies[policy], found[name], episodes, 0) for name in found for policy in policies}
 
 
 def seconds(pool: Executor, calls: Mapping[tuple[str, str], Call]) -> float:

@@ -127,12 +127,7 @@ class _GoalCallback(BaseCallback):
 
 
 def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, list[GoalTime]]:
-    """Train and return when each goal is reached, one value for each training seed.
-
-    Args:
-        seeds: Number of training seeds, counted from 0.
-        names: Keys of `GOALS`.
-    """
+    """Train with seeds from 0, and return when each goal is reached, one value for each training seed."""
     goals = {name: GOALS[name] for name in names}
     checks = {name: [goal.make_check(seed) for seed in BLOCK_SEEDS] for name, goal in goals.items()}
     times: dict[str, list[GoalTime]] = {name: [] for name in names}

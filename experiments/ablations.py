@@ -23,9 +23,9 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.scenarios import find_scenarios
-from quadpend_train.evaluation.cache import code_hash
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
+from quadpend_train.evaluation.jobs import code_hash
 from quadpend_train.evaluation.statistics import mean
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.environment import concatenate_scenarios
@@ -38,16 +38,7 @@ SEEDS, EPISODES = 3, 100
 
 
 class Ablation(NamedTuple):
-    """One ablation of ablations.toml.
-
-    Attributes:
-        title: Description of the part.
-        scenario: Scenario of the evaluation, and of the training unless the settings name another one.
-        base: Names of shared settings of both trainings.
-        part: Names of shared settings of the training with the part.
-        without: Further settings of both trainings.
-        added: Further settings of the training with the part.
-    """
+    """One ablation of ablations.toml, which describes the fields; the scenario is also that of the evaluation."""
 
     title: str
     scenario: str = "windy"

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from gymnasium.vector import AutoresetMode
 
-from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, options, write_data
+from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, options
 from quadpend_baselines import controller
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.planning.episode import Flight, KnownEpisode, known_episode, record_flight, tracked_point
@@ -34,8 +34,8 @@ from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.episodes import FALL_ERROR, collect_results
 from quadpend_train.evaluation.formatting import format_interval, format_number, markdown_table
-from quadpend_train.evaluation.leaderboard import LeaderboardRow
-from quadpend_train.evaluation.statistics import Interval, mean, proportion
+from quadpend_train.evaluation.leaderboard import LeaderboardRow, standing
+from quadpend_train.evaluation.statistics import Interval, mean
 from quadpend_train.evaluation.table import cells
 from quadpend_train.reports import figures
 
@@ -143,7 +143,8 @@ def read(path: Path, scenarios: Sequence[str], episodes: int, seed: int) -> dict
     """Return the stored episodes of each scenario, with the column `penalised_rmse`, mm; a fall counts as 1 m."""
     table = pd.read_csv(path)
     fall = _MM * FALL_ERROR
-    table["penalised_rmse"] = table["rmse"].clip(upper=fall).where(table["survived"] == 1, fall)
+    table["survived"] = table["survived"] == 1
+    table["penalised_rmse"] = table["rmse"].clip(upper=fall).where(table["survived"], fall)
     table = table[(table["seed"] >= seed) & (table["seed"] < seed + episodes)]
     return {name: table[table["scenario"] == name].sort_values("seed") for name in scenarios}
 
@@ -161,20 +162,11 @@ def bound_row(found: Mapping[str, pd.DataFrame], comparison: Comparison, referen
     values = cells(comparison.table)
     control = np.median([_MM * values[name, reference]["penalised_rmse"].mean(axis=0) for name in found], axis=0)
     planned = np.mean([_column(flights, "penalised_rmse") for flights in found.values()], axis=0)
-    level = float(control.mean())
-    survived = {name: _column(flights, "survived") == 1 for name, flights in found.items()}
-    worst = min(survived, key=lambda name: float(survived[name].mean()))
-    pooled = proportion(np.concatenate(list(survived.values()), axis=1))
-    survival = mean(np.mean(list(survived.values()), axis=0)).clipped(0.0, 1.0).widened(pooled)
-    return LeaderboardRow(
-        f"{CLAIRVOYANT} (no policy; from {episodes} episodes)",
-        Interval(*(level + value for value in mean(planned - control[:episodes]))),
-        survival.scaled(100.0),
-        proportion(survived[worst]).scaled(100.0),
-        worst,
-        None,
-        None,
-    )
+    columns = ("survived", "penalised_rmse")
+    shown = {name: {key: _column(flights, key) for key in columns} for name, flights in found.items()}
+    difference = mean(planned - control[:episodes])
+    row = standing(f"{CLAIRVOYANT} (no policy; from {episodes} episodes)", shown)
+    return row._replace(penalised_rmse=Interval(*(float(control.mean()) + x for x in difference)))
 
 
 def _column(flights: pd.DataFrame, name: str) -> Any:
@@ -222,8 +214,6 @@ def main() -> None:
     table, gaps = gap_table(found, comparison)
     label = "penalised RMSE minus that of the best flight that was found (mm)"
     figures.write_png(interval_figure(gaps, label, log=True), FOLDER / "bound.png")
-    write_text(FOLDER / "bound.md", table + "\n")
-    write_data(FOLDER / "bound.json", gaps, episodes=given.episodes, seed=given.seed)
     fill(DOCS / "bound.md", {"bound": f"{made_by('bound', given.episodes, given.seed)}\n\n{table}"})
 
 

@@ -1,7 +1,6 @@
 """What the experiments share: their options, and the generated parts of the pages of docs/."""
 
 import argparse
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_train.common.files import to_json_data, write_text
-from quadpend_train.common.provenance import provenance
+from quadpend_train.common.files import write_text
 from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.statistics import Interval
@@ -30,15 +28,7 @@ def options(description: str | None, episodes: int) -> argparse.Namespace:
 
 
 def fill(path: Path, parts: Mapping[str, str]) -> None:
-    """Replace the text between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the rest of the file does not change.
-
-    Args:
-        path: Markdown file.
-        parts: New texts by name.
-
-    Raises:
-        ValueError: If the file does not contain the comments of a part exactly once.
-    """
+    """Replace the text between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the rest stays."""
     text = path.read_text(encoding="utf-8")
     for name, part in parts.items():
         pattern = re.compile(rf"(<!-- begin {re.escape(name)} -->\n).*?(<!-- end {re.escape(name)} -->)", re.DOTALL)
@@ -55,20 +45,14 @@ def made_by(experiment: str, episodes: int, seed: int) -> str:
     return f"`python -m experiments.{experiment}`: {episodes} episodes in each scenario, seeds from {seed}."
 
 
-def write_data(path: Path, results: Any, **more: Any) -> None:
-    """Write numbers as JSON, with their provenance."""
-    data = {"provenance": provenance(), **more, "results": to_json_data(results)}
-    write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+def with_survival(number: str, summary: Mapping[str, Interval]) -> str:
+    """Return a number, followed by the survival if that is below 100 %."""
+    survival = summary["survival"].value
+    return number if survival == 100.0 else f"{number} ({survival:.3g} %)"
 
 
 def interval_figure(rows: Mapping[str, Mapping[str, Interval]], label: str, log: bool = False) -> Any:
-    """Return a figure with a line of points and intervals for each row, one point for each series.
-
-    Args:
-        rows: Intervals by the names of row and series; all rows have the same series.
-        label: Label of the horizontal axis.
-        log: Whether the horizontal scale is logarithmic; otherwise a line marks zero.
-    """
+    """Return a figure with a point and its interval for each row and series, on a logarithmic scale or around zero."""
     names = list(next(iter(rows.values())))
     figure = figures.new_figure(7.0, 0.9 + (0.14 + 0.11 * len(names)) * len(rows))
     ((axis,),) = figures.add_axes(figure, 1, 1)

@@ -25,6 +25,7 @@ from quadpend_gym import Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Sim
 from quadpend_gym.sensors import Noise
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wrappers import VectorSensorWrapper
+from quadpend_train.evaluation.formatting import markdown_table
 
 EPISODES, SEED, STEPS = 50, 0, 1000
 STEADY_FORCE = 0.1  # N
@@ -121,12 +122,12 @@ def simulate(case: Case, steps: int = STEPS, settling: int = STEPS // 2) -> dict
 
 def markdown(table: pd.DataFrame) -> str:
     """Return the table as Markdown."""
-    lines = [f"| {' | '.join(['group', 'case', *COLUMNS])} |", "|---" * (len(COLUMNS) + 2) + "|"]
+    rows = []
     for row in table.to_dict("records"):
         cells = [form.format(row[column]) for column, form in COLUMNS.items()]
         cells = ["–" if cell == "nan" else "0" if abs(float(cell)) < 5e-4 else cell for cell in cells]
-        lines.append(f"| {row['group']} | {row['name']} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        rows.append([row["group"], row["name"], *cells])
+    return markdown_table(["group", "case", *COLUMNS], rows) + "\n"
 
 
 def draw(table: pd.DataFrame, path: Path) -> None:

@@ -25,27 +25,16 @@ Fields = dict[str, Any]  # of a `Scenario`
 
 @dataclass(frozen=True)
 class PerturbationAxis:
-    """One kind of perturbation.
-
-    Attributes:
-        title: Name of the quantity that is varied.
-        unit: Unit of the values; empty for factors.
-        values: Values of the quantity, ascending.
-        fields: Function from a value to the changed fields of the scenario.
-        start: Function from a value and headings (rad, shape (n,)) to fields of the state
-            (`quadpend_gym.physics.state`). The environment draws the other fields. None: it draws all fields.
-        nominal: Value without a perturbation, one of `values`. If it is not the first one, the perturbation grows in
-            both directions.
-        scale: Scale of the values in plots.
-    """
+    """One kind of perturbation, of which `values` are ascending."""
 
     title: str
     unit: str
     values: tuple[float, ...]
-    fields: Callable[[float], Fields]
+    fields: Callable[[float], Fields]  # from a value to the changed fields of the scenario
+    # From a value and headings (rad, shape (n,)) to fields of the state; the environment draws the others.
     start: Callable[[float, Floats], dict[str, Floats]] | None = None
-    nominal: float = 0.0
-    scale: Literal["linear", "symlog"] = "linear"
+    nominal: float = 0.0  # without a perturbation; if it is not the first value, the perturbation grows both ways
+    scale: Literal["linear", "symlog"] = "linear"  # in plots
 
     @property
     def label(self) -> str:
@@ -75,10 +64,6 @@ def _tilted(tilt: float, heading: Floats) -> dict[str, Floats]:
 
 def _displaced(distance: float, heading: Floats) -> dict[str, Floats]:
     return {"position": _cylindrical(distance, heading, HOVER_HEIGHT)}
-
-
-def _hover(_: float) -> Fields:
-    return {"task": "hover"}
 
 
 def _steady_force(force: float) -> Fields:
@@ -121,8 +106,8 @@ _ERRORS, _DELAYS = (0.0, 0.02, 0.05, 0.2, 0.5, 2.0, 5.0), (0.0, 10.0, 20.0, 30.0
 _LAGS, _FACTORS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 60.0), (0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0)
 _MASSES, _ROD = _parameter_factor("quadrotor_mass", "bob_mass"), _parameter_factor("rod_length")
 PERTURBATION_AXES = {
-    "tilt": PerturbationAxis("initial tilt", "rad", _TILTS, _hover, _tilted),
-    "offset": PerturbationAxis("initial distance", "m", _DISTANCES, _hover, _displaced),
+    "tilt": PerturbationAxis("initial tilt", "rad", _TILTS, lambda _: {"task": "hover"}, _tilted),
+    "offset": PerturbationAxis("initial distance", "m", _DISTANCES, lambda _: {"task": "hover"}, _displaced),
     "wind": PerturbationAxis("steady force", "N", _FORCES, _steady_force),
     "turbulence": PerturbationAxis("Dryden turbulence, W₂₀", "m/s", _SPEEDS, _turbulence),
     "noise": PerturbationAxis("sensor noise", "mm, mrad", _ERRORS, _sensor_noise, scale="symlog"),

@@ -8,12 +8,11 @@ start; all others are those of hover, and nothing is random. `experiments.robust
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Booleans, Floats, Integers
+from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks import TASKS
 from quadpend_train.evaluation.episodes import EpisodeResults
@@ -28,26 +27,13 @@ def settling_times(survived: Booleans, error: Any, period: float) -> Floats:
     """Return the time after which the error stays below `SETTLED_ERROR`, s, shape (s, n).
 
     It is nan for an episode that has not settled: after a fall, or if the error is not below the limit during the last
-    second, or during the whole of a shorter episode.
-
-    Args:
-        survived: Whether the episodes were survived, shape (s, n).
-        error: Error after each step, m, shape (s, n, T).
-        period: Control period, s.
+    second, or during the whole of a shorter episode. The error after each step has the shape (s, n, T), in m.
     """
     outside = ~(error < SETTLED_ERROR)
     steps = outside.shape[-1]
     last = np.where(outside.any(axis=-1), steps - np.argmax(outside[..., ::-1], axis=-1), 0)  # steps until it stays
     settled = survived & (last <= max(steps - round(REST / period), 0))
     return np.where(settled, period * last, np.nan)
-
-
-class Outcome(IntEnum):
-    """How an episode ended."""
-
-    FELL = 0
-    UNSETTLED = 1  # survived, but away from the hover point
-    RECOVERED = 2
 
 
 class GridAxis(NamedTuple):
@@ -89,28 +75,27 @@ class StartGrid:
 
 
 class RecoveryMap(NamedTuple):
-    """Outcomes of all starts of a grid, and the times to recover, s, nan where it does not; shape (s, ny, nx)."""
+    """Whether each start of a grid survives, and the time to recover, s, nan where it does not; shape (s, ny, nx)."""
 
-    outcome: Integers
+    survived: Booleans
     time: Floats
 
     @property
     def recovered(self) -> float:
-        """Share of recovered starts over all training seeds."""
-        return float(np.mean(self.outcome == Outcome.RECOVERED))
+        """Share of recovered starts over all training seeds, %."""
+        return float(100.0 * np.mean(~np.isnan(self.time)))
 
 
-def classify(results: EpisodeResults, grid: StartGrid, period: float) -> RecoveryMap:
-    """Return the outcomes of the episodes of a grid, in the order of `StartGrid.options`."""
+def recovery_map(results: EpisodeResults, grid: StartGrid, period: float) -> RecoveryMap:
+    """Return the map of the episodes of a grid, in the order of `StartGrid.options`."""
+    shape = (len(results.survived), grid.y.values.size, grid.x.values.size)
     time = settling_times(results.survived, results.error, period)
-    outcome = np.where(np.isnan(time), np.where(results.survived, Outcome.UNSETTLED, Outcome.FELL), Outcome.RECOVERED)
-    shape = (len(outcome), grid.y.values.size, grid.x.values.size)
-    return RecoveryMap(outcome.reshape(shape), time.reshape(shape))
+    return RecoveryMap(results.survived.reshape(shape), time.reshape(shape))
 
 
 def largest_recovered(found: RecoveryMap, values: Floats) -> float:
     """Return the largest of ascending values such that a policy recovers from all up to it; nan if there is none."""
-    fails = (found.outcome != Outcome.RECOVERED).reshape(-1, values.size).any(axis=0)
+    fails = np.isnan(found.time).reshape(-1, values.size).any(axis=0)
     count = int(fails.argmax()) if fails.any() else values.size
     return float(values[count - 1]) if count else np.nan
 
@@ -119,17 +104,14 @@ def _in_xz_plane(x: Floats, z: Floats) -> Floats:
     return np.column_stack([x, np.zeros_like(x), z])
 
 
-def _tilted(angle: Floats) -> Floats:
-    """Return directions of a pendulum that is tilted by `angle` (rad) towards x, shape (n, 3)."""
-    return _in_xz_plane(np.sin(angle), np.cos(angle))
-
-
 def _tilt_and_rate(angle: Floats, rate: Floats) -> dict[str, Floats]:
-    return {"direction": _tilted(angle), "direction_rate": _in_xz_plane(rate * np.cos(angle), -rate * np.sin(angle))}
+    x, z = np.sin(angle), np.cos(angle)
+    return {"direction": _in_xz_plane(x, z), "direction_rate": _in_xz_plane(rate * z, -rate * x)}
 
 
 def _tilt_and_offset(angle: Floats, offset: Floats) -> dict[str, Floats]:
-    return {"direction": _tilted(angle), "position": _in_xz_plane(offset, np.full_like(offset, HOVER_HEIGHT))}
+    position = _in_xz_plane(offset, np.full_like(offset, HOVER_HEIGHT))
+    return {"direction": _in_xz_plane(np.sin(angle), np.cos(angle)), "position": position}
 
 
 _TILT = GridAxis("initial tilt", "rad", np.linspace(-0.7, 0.7, 25))

@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from experiments import bound
-from experiments.pages import CACHE, DOCS, fill, made_by, options
+from experiments.pages import CACHE, DOCS, fill, made_by, options, with_survival
 from quadpend_baselines.gains import TUNED
 from quadpend_gym.scenarios import SETS
 from quadpend_train.common.files import write_text
@@ -61,9 +61,9 @@ def matrix(comparison: Comparison) -> str:
         smallest = min(summary["penalised_rmse"].value for summary in summaries)
         row = [scenario]
         for summary in summaries:
-            rmse, survival = summary["penalised_rmse"].value, summary["survival"].value
+            rmse = summary["penalised_rmse"].value
             number = f"**{format_number(rmse)}**" if rmse == smallest else format_number(rmse)
-            row.append(number if survival == 100.0 else f"{number} ({survival:.3g} %)")
+            row.append(with_survival(number, summary))
         rows.append(row)
     return markdown_table(["scenario", *comparison.policies], rows)
 

@@ -16,20 +16,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.pages import CACHE, DOCS, fill, write_data
+from experiments.pages import CACHE, DOCS, fill
 from experiments.perturbations import PERTURBATION_AXES, PerturbationAxis
-from experiments.recovery import CALM_HOVER, START_GRIDS, Outcome, RecoveryMap, StartGrid, classify
+from experiments.recovery import CALM_HOVER, START_GRIDS, RecoveryMap, StartGrid, recovery_map
 from experiments.results import CLASSICAL, LEARNED
 from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import markdown_table
-from quadpend_train.evaluation.jobs import Job, load_learner, run_jobs
+from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import summarise, values_of
+from quadpend_train.policies.loading import load_policies
 from quadpend_train.reports import figures
 
 TOLERATED_SURVIVAL = 90.0  # %
-OUTCOMES = {Outcome.FELL: ("fell", "#c9c9c9"), Outcome.UNSETTLED: ("survived, not settled", "#D55E00")}
+OUTCOMES = {"fell": "#c9c9c9", "survived, not settled": "#D55E00"}
 LONGEST = 6.0  # s, end of the colour scale of the recovery times
 Curve = list[dict[str, Interval]]  # metrics at each value of an axis
 
@@ -49,24 +50,15 @@ class Robustness(NamedTuple):
 
 
 def measure(
-    policies: Mapping[str, Any],
+    policies: Mapping[str, str],
     episodes: int,
     seed: int = TEST_SEED,
     axes: Mapping[str, PerturbationAxis] = PERTURBATION_AXES,
     grids: Mapping[str, StartGrid] = START_GRIDS,
     **settings: Any,
 ) -> Robustness:
-    """Evaluate every policy at all values of every axis and from all starts of every grid.
-
-    Args:
-        policies: Policies by name, as for `load_learner`.
-        episodes: Number of episodes at each value of an axis.
-        seed: Seed of the first episode.
-        axes: Perturbation axes by name.
-        grids: Grids of starts by name.
-        settings: Further arguments of `run_jobs`.
-    """
-    learners = {name: load_learner(policy) for name, policy in policies.items()}
+    """Evaluate every policy at all values of every axis and from all starts of every grid; `settings` of `run_jobs`."""
+    learners = {name: load_policies(policy) for name, policy in policies.items()}
     jobs: dict[Any, Job] = {
         (name, policy, value): Job(learner, axis.scenario(value), episodes, seed, axis.options(value, episodes, seed))
         for name, axis in axes.items()
@@ -85,30 +77,26 @@ def measure(
         for policy in learners
     }
     maps = {
-        (name, policy): classify(results[name, policy], grid, CALM_HOVER.simulation.period)
+        (name, policy): recovery_map(results[name, policy], grid, CALM_HOVER.simulation.period)
         for name, grid in grids.items()
         for policy in learners
     }
     return Robustness(axes, grids, curves, maps)
 
 
-class Limit(NamedTuple):
-    """Value at which survival falls below `TOLERATED_SURVIVAL`; nan if it is the nominal one, the last one if never."""
+def tolerance_limit(values: Sequence[float], survival: Sequence[float]) -> float:
+    """Return the value at which survivals, %, at values from the nominal one outwards fall below `TOLERATED_SURVIVAL`.
 
-    value: float
-    reached: bool
-
-
-def tolerance_limit(values: Sequence[float], survival: Sequence[float]) -> Limit:
-    """Return the limit for survivals, %, at values from the nominal one outwards."""
+    It is nan if the nominal value is below, and infinite if none is.
+    """
     below = [share < TOLERATED_SURVIVAL for share in survival]
-    if below[0]:
-        return Limit(np.nan, True)
     if not any(below):
-        return Limit(values[-1], False)
+        return np.inf
     i = below.index(True)
+    if not i:
+        return np.nan
     fraction = (survival[i - 1] - TOLERATED_SURVIVAL) / (survival[i - 1] - survival[i])
-    return Limit(values[i - 1] + fraction * (values[i] - values[i - 1]), True)
+    return values[i - 1] + fraction * (values[i] - values[i - 1])
 
 
 def tolerated_range(axis: PerturbationAxis, curve: Curve) -> str:
@@ -121,18 +109,13 @@ def tolerated_range(axis: PerturbationAxis, curve: Curve) -> str:
     for sign, outwards in (("<", slice(nominal, None, -1)), (">", slice(nominal, None))):
         if sign == "<" and not nominal:
             continue
-        shares = np.array([point["survival"] for point in curve])[outwards].T
-        found = [tolerance_limit(axis.values[outwards], share.tolist()) for share in shares]
-        estimate, low, high = (_limit_text(limit, sign) for limit in found)
+        values, shares = axis.values[outwards], np.array([point["survival"] for point in curve])[outwards].T
+        limits = [tolerance_limit(values, share.tolist()) for share in shares]
+        shown = {np.inf: f"{sign} {values[-1]:g}"}
+        estimate, low, high = (shown.get(x, "–" if np.isnan(x) else f"{x:.2g}") for x in limits)
         low, high = (low, high) if sign == ">" else (high, low)
-        texts.append(f"{estimate} [{low}, {high}]" if found[1].reached else estimate)
+        texts.append(estimate if limits[1] == np.inf else f"{estimate} [{low}, {high}]")
     return " to ".join(texts)
-
-
-def _limit_text(limit: Limit, sign: str) -> str:
-    if np.isnan(limit.value):
-        return "–"
-    return f"{limit.value:.2g}" if limit.reached else f"{sign} {limit.value:g}"
 
 
 def markdown(found: Robustness) -> str:
@@ -142,7 +125,7 @@ def markdown(found: Robustness) -> str:
         for name, axis in found.axes.items()
     ]
     for name, grid in found.grids.items():
-        shares = (f"{100.0 * found.maps[name, policy].recovered:.0f}" for policy in found.policies)
+        shares = (f"{found.maps[name, policy].recovered:.0f}" for policy in found.policies)
         rows.append([f"{grid.title.lower()}: recovered (%)", *shares])
     return markdown_table(["", *found.policies], rows)
 
@@ -193,20 +176,19 @@ def draw_maps(found: Robustness, name: str) -> Any:
     axes = figures.add_axes(figure, rows, columns, sharex=True, sharey=True)
     ends = [(v[0] - 0.5 * (v[1] - v[0]), v[-1] + 0.5 * (v[1] - v[0])) for v in (grid.x.values, grid.y.values)]
     style: Any = {"origin": "lower", "aspect": "auto", "extent": [*ends[0], *ends[1]], "interpolation": "none"}
-    background = ListedColormap([colour for _, colour in OUTCOMES.values()])
+    background = ListedColormap([*OUTCOMES.values()])
     for axis, policy in zip(axes.ravel(), found.policies, strict=False):
-        outcome, time = (array[0] for array in found.maps[name, policy])
-        axis.imshow(outcome >= Outcome.UNSETTLED, cmap=background, vmin=0, vmax=1, **style)
+        survived, time = (array[0] for array in found.maps[name, policy])
+        axis.imshow(survived, cmap=background, vmin=0, vmax=1, **style)
         image = axis.imshow(np.ma.masked_invalid(time), cmap="viridis_r", vmin=0.0, vmax=LONGEST, **style)
         axis.locator_params(nbins=5)
         axis.set(xlabel=f"{grid.x.title} ({grid.x.unit})", ylabel=f"{grid.y.title} ({grid.y.unit})")
-        share = 100.0 * found.maps[name, policy].recovered
-        axis.set_title(f"{figure_text(policy)}: {share:.0f} %", fontsize=9)
+        axis.set_title(f"{figure_text(policy)}: {found.maps[name, policy].recovered:.0f} %", fontsize=9)
         axis.label_outer()
     for axis in axes.ravel()[len(found.policies) :]:
         axis.set_axis_off()
     figure.colorbar(image, ax=axes, label="time to recover (s)", shrink=0.7)
-    handles = [Patch(color=colour, label=label) for label, colour in OUTCOMES.values()]
+    handles = [Patch(color=colour, label=label) for label, colour in OUTCOMES.items()]
     figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
     return figure
 
@@ -227,8 +209,6 @@ def main() -> None:
     figures.write_png(draw_curves(found), given.out / "curves.png")
     for name in found.grids:
         figures.write_png(draw_maps(found, name), given.out / f"{name}.png")
-    curves = {f"{axis}, {policy}": curve for (axis, policy), curve in found.curves.items()}
-    write_data(given.out / "robustness.json", curves, episodes=given.episodes, seed=TEST_SEED)
     if not named:
         fill(DOCS / "results.md", {"robustness": markdown(found)})
     print(markdown(found))

@@ -14,19 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, options, write_data
+from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, options
 from quadpend_baselines.hybrid import EstimateOnly, HybridMemory
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import find_scenarios
-from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
-from quadpend_train.evaluation.jobs import load_learner
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import cells, differences
+from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import figures
 from quadpend_train.training.environment import concatenate_scenarios
@@ -34,7 +33,6 @@ from quadpend_train.training.environment import concatenate_scenarios
 POLICY = "apg"
 SCENARIOS = ("uncertain", "lagged", "noisy", "dryden_severe", "upset")
 EPISODES_OF_MEAN = 32  # of each training scenario
-FOLDER = DOCS / "situation"
 
 
 def mean_situation(policy: MlpPolicy) -> Floats32:
@@ -49,12 +47,7 @@ def mean_situation(policy: MlpPolicy) -> Floats32:
 
 
 class MeanSituation(EstimateOnly):
-    """`EstimateOnly` whose policy observes a table of situations instead of its own.
-
-    Args:
-        hybrid: The hybrid whose base controller it has.
-        table: Situation at each step of an episode, shape (steps, 12); the last one counts for all later steps.
-    """
+    """`EstimateOnly` whose policy observes a table of situations, shape (steps, 12), instead of its own."""
 
     table: Floats32
 
@@ -80,7 +73,7 @@ def with_mean_situation(policy: Any) -> MlpPolicy:
 
 def measure(name: str, scenarios: tuple[str, ...], episodes: int, seed: int, jobs: int) -> dict[str, Any]:
     """Return the penalised RMSE of both policies and their differences, by scenario."""
-    held: Any = [with_mean_situation(policy) for policy in load_learner(name).policies]
+    held: Any = [with_mean_situation(policy) for policy in load_policies(name)]
     own = compare([name], scenarios, episodes, seed, CACHE, jobs=jobs)
     mean = compare({name: held}, scenarios, episodes, seed)
     values, others = cells(own.table), cells(mean.table)
@@ -112,9 +105,7 @@ def main() -> None:
     shown = {"all episodes, a fall counts as 1 m": "penalised_rmse", "episodes that both survive": "rmse"}
     rows = {scenario: {label: row[key] for label, key in shown.items()} for scenario, row in measured.items()}
     label = "RMSE with the own situation minus RMSE with the mean situation (mm)"
-    figures.write_png(interval_figure(rows, label), FOLDER / "situation.png")
-    write_text(FOLDER / "situation.md", markdown(measured) + "\n")
-    write_data(FOLDER / "situation.json", measured, episodes=given.episodes, seed=given.seed)
+    figures.write_png(interval_figure(rows, label), DOCS / "situation/situation.png")
     text = f"{made_by('situation', given.episodes, given.seed)}\n\n{markdown(measured)}"
     fill(DOCS / "results.md", {"situation": text})
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from experiments.pages import CACHE, DOCS, fill, options
+from experiments.pages import CACHE, DOCS, fill, options, with_survival
 from experiments.perturbations import Fields, PerturbationAxis
 from experiments.recovery import settling_times
 from experiments.robustness import draw_axis
@@ -22,14 +22,12 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_gym.tasks.references import Reference
-from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
 from quadpend_train.evaluation.table import Cell, cells
 from quadpend_train.reports import figures
 
-FOLDER = DOCS / "tasks-results"
 SOON = 5.0  # s
 SETTLING = {
     "settled": "settled (%)",
@@ -45,19 +43,12 @@ TRACKING = {
 }
 
 
-class Part(NamedTuple):
-    """A part of the page: a set of scenarios, the policies, and the metrics of the table with their headings."""
-
-    scenarios: str
-    policies: tuple[str, ...]
-    columns: dict[str, str]
-
-
+# Parts of the page: a set of scenarios, the policies, and the metrics of the table with their headings
 PARTS = {
-    "swing-up": Part("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), SETTLING),
-    "load": Part("test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
-    "recovery": Part("test-recovery", ("swing-up", "ppo-recovery", "sac-recovery"), SETTLING),
-    "agile": Part("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),
+    "swing-up": ("test-swing-up", ("swing-up", "ppo-swing-up", "sac-swing-up"), SETTLING),
+    "load": ("test-load", ("flatness", "dual-mode", "mppi", "lqi", "lqr", "ppo-load", "sac-load"), TRACKING),
+    "recovery": ("test-recovery", ("swing-up", "ppo-recovery", "sac-recovery"), SETTLING),
+    "agile": ("agile", ("mppi", "flatness", "dual-mode", "lqr", "adrc-paper", "ppo-agile", "sac-agile"), TRACKING),
 }
 
 
@@ -132,19 +123,11 @@ def feedforward_command(reference: Floats, time: Floats, scenario: Scenario) -> 
 
 def acceleration_table(found: Comparison, feasible: Sequence[Feasible]) -> str:
     """Return the penalised RMSE over the acceleration as Markdown, with the survival where it is below 100 %."""
-
-    def flight(summary: dict[str, Interval]) -> str:
-        error, survival = format_interval(summary["penalised_rmse"]), summary["survival"].value
-        return error if survival == 100.0 else f"{error} ({survival:.3g} %)"
-
-    rows = [
-        [
-            name,
-            *(f"{100.0 * share:.0f}" for share in shares),
-            *(flight(found.summaries[name, p]) for p in found.policies),
-        ]
-        for name, shares in zip(found.scenarios, feasible, strict=True)
-    ]
+    rows = []
+    for name, shares in zip(found.scenarios, feasible, strict=True):
+        summaries = [found.summaries[name, policy] for policy in found.policies]
+        flights = [with_survival(format_interval(summary["penalised_rmse"]), summary) for summary in summaries]
+        rows.append([name, *(f"{100.0 * share:.0f}" for share in shares), *flights])
     headings = [ACCELERATION.label, "thrust within limits (%)", "torques within limits (%)", "both (%)"]
     return markdown_table([*headings, *found.policies], rows)
 
@@ -170,16 +153,15 @@ def acceleration_figure(found: Comparison, feasible: Sequence[Feasible]) -> Any:
 def main() -> None:
     """Evaluate all parts, and fill the page."""
     given = options(__doc__, 200)
-    for name, part in PARTS.items():
-        found = compare(part.policies, [part.scenarios], given.episodes, given.seed, CACHE, jobs=given.jobs)
-        text = table(found, part.columns)
+    for name, (scenarios, policies, columns) in PARTS.items():
+        found = compare(policies, [scenarios], given.episodes, given.seed, CACHE, jobs=given.jobs)
+        text = table(found, columns)
         if name == "agile":
             faster = {f"{value:g}": ACCELERATION.scenario(value) for value in ACCELERATION.values}
-            found = compare(part.policies, faster, given.episodes, given.seed, CACHE, jobs=given.jobs)
+            found = compare(policies, faster, given.episodes, given.seed, CACHE, jobs=given.jobs)
             feasible = [feasible_shares(value, given.episodes, given.seed) for value in ACCELERATION.values]
             text += "\n\n" + acceleration_table(found, feasible)
-            figures.write_png(acceleration_figure(found, feasible), FOLDER / "agile.png")
-        write_text(FOLDER / f"{name}.md", text + "\n")
+            figures.write_png(acceleration_figure(found, feasible), DOCS / "tasks-results/agile.png")
         fill(DOCS / "tasks-results.md", {f"tasks-{name}": text})
 
 

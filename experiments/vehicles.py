@@ -17,8 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.pages import CACHE, DOCS, fill, options
-from experiments.recovery import START_LINES, StartGrid, classify, largest_recovered
+from experiments.pages import CACHE, DOCS, fill, options, with_survival
+from experiments.recovery import START_LINES, StartGrid, largest_recovered, recovery_map
 from experiments.results import matrix
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import UNPREDICTED
@@ -27,11 +27,11 @@ from quadpend_gym.scenarios import SETS, Scenario
 from quadpend_gym.tasks import TASKS
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
-from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_number, markdown_table
-from quadpend_train.evaluation.jobs import Job, load_learner, run_jobs
+from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.leaderboard import leaderboard
+from quadpend_train.policies.loading import load_policies
 from quadpend_train.reports.tables import leaderboard_markdown
 
 WIND_SHARE = 0.1  # root mean square of the force of the wind, as a share of the weight
@@ -56,17 +56,14 @@ def presets(policies: Sequence[str], vehicles: Sequence[str], episodes: int, see
     made = {"calm air": calm_scenario, "wind": windy_scenario}
     scenarios = {f"{vehicle}, {air}": scenario(vehicle) for vehicle in vehicles for air, scenario in made.items()}
     found = compare(policies, scenarios, episodes, seed, CACHE, jobs=jobs)
-    rows = [[*name.split(", "), *(_flight(found, name, policy) for policy in policies)] for name in scenarios]
+    rows = [[*name.split(", "), *(_error(found, name, policy) for policy in policies)] for name in scenarios]
     return markdown_table(["vehicle", "air", *policies], rows)
 
 
 def recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int, jobs: int) -> str:
-    """Return the largest tilts and tilt rates from which controllers recover, as a Markdown table.
-
-    Only the random numbers of a controller depend on the seed.
-    """
+    """Return the largest tilts and tilt rates from which controllers recover, as a Markdown table."""
     hover = {vehicle: replace(calm_scenario(vehicle), task=TASKS["hover"]) for vehicle in vehicles}
-    learners = {name: load_learner(name) for name in policies}
+    learners = {name: load_policies(name) for name in policies}
     flights = {
         (line, vehicle, policy): Job(learner, hover[vehicle], grid.size, seed, grid.options())
         for line, grid in START_LINES.items()
@@ -77,7 +74,7 @@ def recovery(policies: Sequence[str], vehicles: Sequence[str], seed: int, jobs: 
 
     def cell(line: str, vehicle: str, policy: str) -> str:
         grid = START_LINES[line]
-        outcomes = classify(results[line, vehicle, policy], grid, hover[vehicle].simulation.period)
+        outcomes = recovery_map(results[line, vehicle, policy], grid, hover[vehicle].simulation.period)
         value, last = largest_recovered(outcomes, _grown(grid)), _grown(grid)[-1]
         return "–" if np.isnan(value) else f"{'≥ ' if value == last else ''}{np.degrees(value):.0f}"
 
@@ -98,15 +95,13 @@ def as_flown(policies: Sequence[str], episodes: int, seed: int, jobs: int) -> st
     names = [name for policy in policies for name in (policy, policy + UNPREDICTED) if name in CONTROLLERS]
     found = compare(names, ["as-flown"], episodes, seed, CACHE, jobs=jobs)
     members = SETS["as-flown"]
-    rows = [[name, *(_flight(found, member, name, "settled_rmse") for member in members)] for name in names]
+    rows = [[name, *(_error(found, member, name, "settled_rmse") for member in members)] for name in names]
     return markdown_table(["controller", *members], rows)
 
 
-def _flight(found: Comparison, scenario: str, policy: str, error: str = "penalised_rmse") -> str:
-    """Return an error in mm, followed by the survival if that is below 100 %."""
+def _error(found: Comparison, scenario: str, policy: str, error: str = "penalised_rmse") -> str:
     summary = found.summaries[scenario, policy]
-    number, survival = format_number(summary[error].value), summary["survival"].value
-    return number if survival == 100.0 else f"{number} ({survival:.3g} %)"
+    return with_survival(format_number(summary[error].value), summary)
 
 
 def main() -> None:
@@ -120,8 +115,6 @@ def main() -> None:
         "as-flown": as_flown(FLYERS, 2 * given.episodes, given.seed, given.jobs),
         "leaderboard": f"{leaderboard_markdown(leaderboard(compared.table))}\n\n{matrix(compared)}",
     }
-    for name, table in parts.items():
-        write_text(DOCS / f"vehicles-results/{name}.md", table + "\n")
     fill(DOCS / "vehicles-results.md", {f"vehicles-{name}": table for name, table in parts.items()})
 
 

@@ -57,11 +57,3 @@ def test_the_flight_of_the_first_guess_counts_where_the_planned_one_falls(monkey
     assert (found["source"], found["survived"]) == ("flatness", 1)
     assert found["rmse"] == pytest.approx(1000.0 * expected.rmse[0, 0])
     assert found["settled_rmse"] == pytest.approx(1000.0 * expected.settled_rmse[0, 0])
-
-
-def test_a_fall_counts_as_a_metre_and_rigid_vehicles_are_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "bound.csv"
-    path.write_text("scenario,seed,survived,rmse,settled_rmse\ncalm,7,1,12.0,1.0\ncalm,8,0,,\n")
-    assert bound.read(path, ["calm"], 2, 7)["calm"]["penalised_rmse"].tolist() == [12.0, 1000.0]
-    assert bound.can_be_planned(SHORT)
-    assert not bound.can_be_planned(Scenario().with_vehicle("hummingbird"))

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from docs.tools import models
-from experiments import ablations, situation, tasks, vehicles
+from experiments import ablations, situation, tasks
 from experiments.pages import fill
-from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
-from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
-from quadpend_gym.tasks.feasibility import demand
-from quadpend_gym.tasks.references import Reference
-from quadpend_gym.vehicles import VEHICLES
 from quadpend_train.evaluation.comparison import compare
-from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.training.settings import to_mapping
 from tests.helpers.policies import synthetic_comparison, synthetic_results
@@ -43,25 +37,11 @@ def test_episodes_that_fall_or_end_away_have_not_settled() -> None:
     assert found["penalised_time"].high == 10.0
 
 
-def test_every_part_has_scenarios_and_policies_of_the_package() -> None:
-    known = {*CONTROLLERS, *shipped_policies()}
-    assert all(SCENARIOS[name] for part in tasks.PARTS.values() for name in SETS[part.scenarios])
-    assert all(policy in known for part in tasks.PARTS.values() for policy in part.policies)
-
-
 def test_references_are_feasible_up_to_the_acceleration_that_the_thrust_allows() -> None:
     assert tasks.feasible_shares(1.0, 20, 0) == (1.0, 1.0, 1.0)
     assert tasks.feasible_shares(17.5, 20, 0).both == 0.0  # twice the hover thrust: g √3 = 17 m/s² on a wide circle
     found = tasks.feasible_shares(14.0, 50, 0)
     assert 0.0 < found.torques < found.thrust < 1.0
-
-
-def test_two_derivations_of_the_thrust_agree_on_circles() -> None:
-    scenario = tasks.ACCELERATION.scenario(8.0)
-    circle, times = Reference.circle(1.5, np.sqrt(8.0 / 1.5)), np.linspace(0.0, 3.0, 50)
-    thrust = demand(circle, scenario.simulation.parameters, times).thrust
-    found = tasks.feedforward_command(circle.as_array(), times, scenario)
-    np.testing.assert_allclose(found[:, 0], thrust, rtol=1e-9)
 
 
 def test_the_table_and_the_figure_of_fast_references_have_a_line_for_each_acceleration(
@@ -76,21 +56,6 @@ def test_the_table_and_the_figure_of_fast_references_have_a_line_for_each_accele
     assert [line.split(" | ")[:2] for line in lines[2:]] == [["| 1", "100"], ["| 4", "100"]]
     assert len(tasks.acceleration_figure(found, feasible).axes) == 2
     assert "| flatness |" in tasks.table(found, tasks.TRACKING)
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES)
-def test_the_wind_has_its_share_of_the_weight_on_every_vehicle(vehicle: str) -> None:
-    scenario = vehicles.windy_scenario(vehicle)
-    (model,) = scenario.wind_models
-    force = np.linalg.norm(np.broadcast_to(model.force, 3))
-    assert force == pytest.approx(vehicles.WIND_SHARE * VEHICLES[vehicle].weight)
-    assert scenario.simulation == vehicles.calm_scenario(vehicle).simulation
-
-
-def test_the_table_of_vehicles_has_two_lines_for_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vehicles, "CACHE", tmp_path)
-    lines = vehicles.presets(("lqr",), ("paper",), 1, 0, 1).splitlines()
-    assert [line.split(" | ")[:2] for line in lines[2:]] == [["| paper", "calm air"], ["| paper", "wind"]]
 
 
 ONE_SETTING = ("deso", "kalman", "gsde", "residual-action-relative-reward", "gain-scheduling-relative-reward")
@@ -142,10 +107,6 @@ def test_a_policy_with_the_mean_situation_acts_as_it_would_in_that_situation(
         seen[:, -SITUATION_SIZE:] = other.hybrid.table[step]
         action, memory = other.predict(observation, memory)
         np.testing.assert_array_equal(action, policy.forward(seen))
-
-
-def test_scenarios_of_the_situation_are_known() -> None:
-    assert all(isinstance(SCENARIOS[name], Scenario) for name in situation.SCENARIOS)
 
 
 def test_models_of_all_kinds_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

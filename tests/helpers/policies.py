@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from quadpend_baselines import ADRC
+from quadpend_baselines import ADRC, Policy
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.scenarios import Scenario
@@ -15,7 +15,6 @@ from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR, EpisodeResults
-from quadpend_train.evaluation.jobs import Learner
 from quadpend_train.evaluation.table import rows
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 
@@ -86,7 +85,7 @@ def synthetic_comparison(duration: float = 10.0, **policies: list[EpisodeResults
     table = pd.concat([rows(*cell, results) for cell, results in found.items()], ignore_index=True)
     first = next(iter(found.values()))
     table.attrs = {"provenance": provenance(), "episodes": first.survived.shape[1], "seed": 0}
-    learners = {name: Learner([ADRC()] * len(items[0].survived), None) for name, items in policies.items()}
+    learners: dict[str, list[Policy]] = {name: [ADRC()] * len(items[0].survived) for name, items in policies.items()}
     scenarios = {name: Scenario(duration=duration) for name, _ in found}
     return Comparison(table, {cell: results.error for cell, results in found.items()}, scenarios, learners)
 

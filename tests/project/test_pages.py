@@ -13,7 +13,7 @@ import gymnasium as gym
 import pytest
 import tyro
 
-from quadpend_train.cli.main import main
+from quadpend_train.cli.main import COMMANDS, main
 from tests.helpers.envs import IDS
 from tests.helpers.scenarios import shorten_scenarios
 from tests.helpers.sources import ROOT
@@ -88,12 +88,19 @@ def test_commands_on_every_page_are_valid(block: str, folder: Path, monkeypatch:
             main(shlex.split(line, comments=True)[1:])
 
 
+def test_commands_and_modules_named_in_the_text_exist() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert set(re.findall(r"`quadpend ([a-z]\w+)", text)) <= set(COMMANDS)
+    modules = set(re.findall(r"python -m ((?:benchmarks|experiments|docs\.tools)\.\w+)", text))
+    assert [name for name in sorted(modules) if importlib.util.find_spec(name) is None] == []
+
+
 @pytest.mark.parametrize("page", ["README.md", "docs/quickstart.md"])
 def test_the_commands_in_the_readme_and_the_quickstart_run(page: str, folder: Path) -> None:
     train = ["--total-timesteps", "1024", "--num-envs", "16", "--batch-size", "64", "--n-eval-episodes", "1"]
     evaluate = ["--episodes", "2"]
-    brief = {"train": train, "evaluate": evaluate, "compare": evaluate, "wind": ["--seconds", "1"], "card": []}
-    brief["watch"] = ["--out", "look.png", "--size", "320", "240"]
+    watch = ["--out", "look.png", "--size", "320", "240"]
+    brief = {"train": train, "evaluate": evaluate, "watch": watch, "card": []}
     text = (ROOT / page).read_text(encoding="utf-8")
     for line in "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).splitlines():
         command, *options = shlex.split(line.removeprefix("quadpend "))

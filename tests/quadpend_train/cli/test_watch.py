@@ -10,15 +10,13 @@ import numpy as np
 import pygame
 import pytest
 from imageio_ffmpeg import count_frames_and_secs
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from PIL import Image
 
-from quadpend_baselines import controller
 from quadpend_gym.scenarios import Scenario, find_scenario
 from quadpend_gym.vehicles import CONTROL_PERIOD
 from quadpend_gym.viewer.palette import BLUE, GREEN, VERMILLION, VIOLET
 from quadpend_gym.viewer.picture import surface_to_array
-from quadpend_train.cli.main import main
 from quadpend_train.cli.watch import VideoOptions, watch
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.recording import Recording, record_episode
@@ -85,27 +83,12 @@ def test_the_estimate_of_a_policy_without_estimator_is_nan() -> None:
     drawn(SideBySideView([recorded], CONTROL_PERIOD, (0.0, 1.0)), 10)
 
 
-def test_the_whole_episode_is_shown_at_any_control_period() -> None:
-    scenario = Scenario(period=0.005, duration=0.5)
-    recorded = record_episode("adrc", controller("adrc-matched"), scenario, SEED)
-    assert recorded.snapshots[-1].time == pytest.approx(0.5)
-    assert SideBySideView([recorded], 0.005, VideoOptions().seconds).steps == range(100)
-
-
 def test_each_policy_has_its_part_of_the_view_and_its_colour(recordings: list[Recording]) -> None:
     picture = drawn(SideBySideView(recordings, CONTROL_PERIOD, (0.0, 10.0)), 20)
     left, right = picture[:500, :640], picture[:500, 640:]
     assert count(left, VERMILLION) > 30 > count(left, VIOLET)
     assert count(right, VIOLET) > 30 > count(right, VERMILLION)
     assert min(count(half, colour) for half in (left, right) for colour in (BLUE, GREEN)) > 10
-
-
-def test_a_fallen_vehicle_stays_in_place_and_is_faded(recordings: list[Recording]) -> None:
-    view = SideBySideView(recordings, CONTROL_PERIOD, (0.0, 10.0))
-    steps = len(recordings[0].snapshots)
-    before, after, later = (drawn(view, step)[:500, :640] for step in (steps - 2, steps - 1, steps + 300))
-    assert after.mean() > before.mean()
-    assert_array_equal(after, later)
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".gif", ".webp"])
@@ -121,16 +104,6 @@ def test_a_video_shows_the_requested_part_at_the_requested_speed(ending: str, tm
             video.load()
             assert video.info["duration"] == 50
     assert [path.name for path in out.parent.iterdir()] == [out.name]
-
-
-def test_a_picture_shows_the_end_of_the_requested_part(tmp_path: Path) -> None:
-    out = tmp_path / "end.png"
-    main(["watch", "flatness", "--scenarios", CALM, "--seconds", "0", "2", "--size", "640", "360", "--out", str(out)])
-    recorded = record_episode("flatness", load_policy("flatness"), find_scenario(CALM), SEED)
-    with Image.open(out) as picture:
-        assert_array_equal(
-            np.asarray(picture), drawn(SideBySideView([recorded], CONTROL_PERIOD, (0.0, 2.0)), 199, (640, 360))
-        )
 
 
 def test_the_window_plays_to_the_end_and_waits_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,17 +148,12 @@ def test_a_window_without_a_screen_is_an_error_before_any_episode_runs(monkeypat
     ("options", "message"),
     [
         ({"policies": ()}, "policies must be one to three, not 0"),
-        ({"policies": ("lqr", "lqi", "mppi", "flatness")}, "policies must be one to three, not 4"),
         ({"policies": ("ppo-gain-scheduling",)}, "ppo-gain-scheduling has several training seeds: choose one of them"),
-        ({"policies": ("nobody",)}, "no policy 'nobody'"),
-        ({"scenarios": ("nowhere",)}, "nowhere"),
         ({"scenarios": ("calm", "windy")}, "scenarios must be one scenario to watch, not 2: calm, windy"),
         ({"out": Path("video.avi")}, r"\.mp4, \.gif, \.webp, \.png, not be 'video.avi'"),
         ({"out": Path("video.mp4"), "size": (321, 180)}, "even numbers of pixels, not 321 × 180"),
         ({"size": (10, 180)}, "320 × 180 to 8000 × 8000 pixels, not 10 × 180"),
         ({"fps": 60.0}, "fps of a GIF file must be at most 50, .* not 60"),
-        ({"fps": 0.0}, "fps must be from 1 to 100, not 0"),
-        ({"speed": 0.0}, "speed must be from 0.05 to 20, not 0"),
         ({"zoom": 9.0}, "zoom must be from 0.2 to 2.5, not 9"),
         ({"seconds": (3.0, 2.0)}, "a later end, not 3 2"),
         ({"policies": ("adrc-paper",), "scenarios": ("lagged",), "seconds": (5.0, 6.0)}, "over after 0.* before 5 s"),

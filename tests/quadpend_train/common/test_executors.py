@@ -11,7 +11,6 @@ import pytest
 
 from quadpend_train.cli.main import main
 from quadpend_train.common.executors import CallsFailedError, executor, run
-from quadpend_train.evaluation import cache
 from tests.helpers.own_code import write_module
 
 FAILING = """
@@ -101,4 +100,4 @@ def test_a_failing_policy_is_named_and_the_other_results_are_cached(
     head, failure = capsys.readouterr().err.strip().splitlines()[-2:]
     assert head.endswith("1 of 2 jobs failed; the results of the others are cached:")
     assert failure.endswith(f"mine: KeyError: 'no gain' ({module}.py, line 9)")
-    assert len(list((tmp_path / cache.FOLDER).iterdir())) == 1
+    assert len(list((tmp_path / "results/cache").iterdir())) == 1

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quadpend_baselines import RotorAllocation, controller
+from quadpend_baselines import Policy, RotorAllocation, controller
 from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
-from quadpend_train.evaluation.jobs import Job, load_learner
+from quadpend_train.evaluation.jobs import Job
 from quadpend_train.policies.conversion import PROTOCOL
-from quadpend_train.policies.loading import load_policy, policy_fingerprint
+from quadpend_train.policies.loading import load_policies, load_policy, policy_fingerprint
 from tests.helpers.own_code import write_module
 
 CODE = '''
@@ -122,12 +122,11 @@ def test_a_class_that_derives_from_policy_can_say_what_it_estimates(module: str)
 
 
 def test_results_of_an_own_policy_are_cached_only_with_a_fingerprint(module: str) -> None:
-    def key(policies: Any) -> str | None:
-        return Job(load_learner(policies), SCENARIOS["calm"], 5, 0).key()
+    def key(policies: list[Policy]) -> Path | None:
+        return Job(policies, SCENARIOS["calm"], 5, 0).file(Path())
 
-    assert key(f"{module}:Hover,adrc-paper") is None
-    assert key(f"{module}:Lqr") == key([load_policy(f"{module}:Lqr")])
-    assert key(f"{module}:Lqr") is not None
+    assert key(load_policies(f"{module}:Hover,adrc-paper")) is None
+    assert key(load_policies(f"{module}:Lqr")) is not None
     assert key([controller("lqr")]) is None
 
 

@@ -2,7 +2,7 @@
 
 import inspect
 import json as json_format
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from textwrap import fill
 from typing import Any
@@ -20,7 +20,7 @@ from quadpend_train.training.settings import TrainSettings, settings_of_card, to
 
 _NAME, _LINE = 14, 100  # characters of the names of the lines, and of the lines
 
-Lines = Iterator[tuple[str, str]]
+Lines = dict[str, str]  # texts by the names of the lines
 
 
 def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
@@ -40,27 +40,21 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
     print(policy)
     opponent = "adrc-paper" if policy == "flatness" else "flatness"
     vehicle = f" --vehicle {data['vehicle']} --interface {data['interface']}" if data.get("vehicle") else ""
-    for name, text in (*lines, ("compare", f"quadpend evaluate {policy} {opponent} --scenarios windy{vehicle}")):
-        print(
-            fill(
-                text,
-                _LINE,
-                initial_indent=f"  {name:<{_NAME - 2}}",
-                subsequent_indent=" " * _NAME,
-                break_on_hyphens=False,
-            )
-        )
+    lines["compare"] = f"quadpend evaluate {policy} {opponent} --scenarios windy{vehicle}"
+    for name, text in lines.items():
+        head = f"  {name:<{_NAME - 2}}"
+        print(fill(text, _LINE, initial_indent=head, subsequent_indent=" " * _NAME, break_on_hyphens=False))
 
 
 def _controller(name: str) -> tuple[dict[str, Any], Lines]:
     """Return the data and the lines about a classical controller."""
     gains = asdict(GAINS[name])
     data: dict[str, Any] = {"description": DESCRIPTIONS[name], "gains": gains}
-    lines: dict[str, str] = {"description": DESCRIPTIONS[name], "gains": _pairs(_flat(gains))}
+    lines = {"description": DESCRIPTIONS[name], "gains": _pairs(_flat(gains))}
     if tuned := TUNED.get(name):
         data["tuning"] = tuned._asdict()
         lines["tuned"] = f"{tuned.command}: penalised RMSE {tuned.score:g} mm in the training scenarios"
-    return data, iter(lines.items())
+    return data, lines
 
 
 def _other(name: str, policy: Any) -> tuple[dict[str, Any], Lines]:
@@ -71,62 +65,56 @@ def _other(name: str, policy: Any) -> tuple[dict[str, Any], Lines]:
     lines = {"type": type(own).__name__, "description": (inspect.getdoc(own) or "").partition("\n")[0]}
     if isinstance(policy, FactoryPolicy):
         lines |= {"factory": policy_fingerprint(name), "results": "cached" if policy.fingerprint else "not cached"}
-    return lines, iter(lines.items())
+    return lines, lines.copy()
 
 
 def _learned(policy: MlpPolicy) -> Lines:
-    card = policy.card
+    card, hybrid = policy.card, policy.card["hybrid"]
     widths = [policy.layers[0][0].shape[0], *(weights.shape[1] for weights, _ in policy.layers)]
-    yield "what", f"hybrid: {_pairs(card['hybrid'])}" if card["hybrid"] else "network that acts alone"
     scales = f", input scales {', '.join(f'{scale:g}' for scale in policy.input_scales)}" if policy.input_scales else ""
-    yield "network", f"{' → '.join(map(str, widths))}, {card['activation']}{scales}"
     memory = f", the latest {card['history']} of them" if card["history"] > 1 else ""
     memory += f", and its own latest {card['history_actions']} actions" if card["history_actions"] else ""
-    estimates = f", as {card['hybrid']['base_controller']} estimates it" if card["hybrid"] else ""
+    estimates = f", as {hybrid['base_controller']} estimates it" if hybrid else ""
     sizes = " or ".join(map(str, policy.observation_sizes))
-    yield (
-        "observes",
-        f"the environment's observation of {sizes} numbers{estimates}{memory}",
-    )
+    lines = {
+        "what": f"hybrid: {_pairs(hybrid)}" if hybrid else "network that acts alone",
+        "network": f"{' → '.join(map(str, widths))}, {card['activation']}{scales}",
+        "observes": f"the environment's observation of {sizes} numbers{estimates}{memory}",
+    }
     if vehicle := card.get("vehicle"):
-        yield "commands", f"{vehicle} by the interface {card.get('interface', 'wrench')}"
+        lines["commands"] = f"{vehicle} by the interface {card.get('interface', 'wrench')}"
     if card["action_repeat"] > 1:
-        yield "acts", f"every {card['action_repeat']} control steps"
+        lines["acts"] = f"every {card['action_repeat']} control steps"
     if {"settings", "score"} <= card.keys():
-        yield from _training(card)
+        lines |= _training(card)
     if provenance := card.get("provenance"):
-        yield "provenance", f"commit {provenance.get('commit')}, Python {provenance['python']}, {provenance['machine']}"
-        yield "packages", _pairs(provenance["packages"], " ")
+        made = f"commit {provenance.get('commit')}, Python {provenance['python']}, {provenance['machine']}"
+        lines |= {"provenance": made, "packages": _pairs(provenance["packages"], " ")}
     elif source := card.get("source"):
-        yield "provenance", f"exported from {source}"
+        lines["provenance"] = f"exported from {source}"
+    return lines
 
 
 def _training(card: Mapping[str, Any]) -> Lines:
     settings, score = card["settings"], card["score"]
-    yield (
-        "trained",
-        (
-            f"by {settings['algo'].upper()} in {', '.join(settings['scenarios'])}: {card['steps']} timesteps in"
-            f" {card['seconds']:.0f} s, seed {card['seed']}"
-        ),
-    )
     used = settings_of_card(card, "the policy")
     given, default = (
         _flat(json_format.loads(json_format.dumps(data)))
         for data in (to_mapping(used), to_mapping(TrainSettings(algo=used.algo)))
     )
     shown = {name: value for name, value in given.items() if value != default.get(name)}
-    yield "settings", f"{_pairs(shown)}; the others have their default values"
-    yield (
-        "score",
-        (
-            f"survival {score['survival']:.1%}, penalised RMSE {1e3 * score['penalised_rmse']:.1f} mm, in"
-            f" {settings['n_eval_episodes']} episodes of each training scenario"
-        ),
-    )
+    lines = {
+        "trained": f"by {settings['algo'].upper()} in {', '.join(settings['scenarios'])}: {card['steps']} timesteps in"
+        f" {card['seconds']:.0f} s, seed {card['seed']}",
+        "settings": f"{_pairs(shown)}; the others have their default values",
+        "score": f"survival {score['survival']:.1%}, penalised RMSE {1e3 * score['penalised_rmse']:.1f} mm, in"
+        f" {settings['n_eval_episodes']} episodes of each training scenario",
+    }
     if len(card["curve"]) > 1:
         ends = (f"{1e3 * rmse:.1f} mm after {steps}" for steps, _, _, rmse in (card["curve"][0], card["curve"][-1]))
-        yield "curve", f"penalised RMSE {' and '.join(ends)} timesteps; the best policy is that after {card['best_at']}"
+        best = f"the best policy is that after {card['best_at']}"
+        lines["curve"] = f"penalised RMSE {' and '.join(ends)} timesteps; {best}"
+    return lines
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:

@@ -42,14 +42,7 @@ def _check(name: str, hint: Any, value: Any) -> None:
 
 
 def named_policies(policies: Sequence[str]) -> dict[str, str]:
-    """Return policies by name.
-
-    Args:
-        policies: Policies, or NAME=POLICY.
-
-    Raises:
-        ValueError: If two policies have the same name.
-    """
+    """Return policies by name, from texts POLICY or NAME=POLICY."""
     named = dict(map(_split_name, policies))
     if len(named) < len(policies):
         raise ValueError("two policies have the same name: give each its own, as NAME=POLICY")
@@ -59,13 +52,7 @@ def named_policies(policies: Sequence[str]) -> dict[str, str]:
 def named_scenarios(
     scenarios: Sequence[str], vehicle: str | None = None, interface: str | None = None
 ) -> dict[str, Scenario]:
-    """Return scenarios by name, with the members of sets in place of the sets.
-
-    Args:
-        scenarios: Scenarios, sets of them, or NAME=SCENARIO, see `find_scenarios`.
-        vehicle: Vehicle of all scenarios, the name of a preset or a TOML file; None: their own.
-        interface: Command interface of all scenarios; None: their own.
-    """
+    """Return scenarios by name, see `find_scenarios`, all of them with a vehicle or an interface if it is given."""
     found = find_scenarios(scenarios)
     if vehicle is None and interface is None:
         return found

@@ -18,11 +18,7 @@ _WINDOW_RATE = 60.0  # pictures per second
 
 @dataclass(frozen=True)
 class VideoOptions:
-    """Options of the picture and of the video.
-
-    Raises:
-        ValueError: If an option is out of range, or the format of the file does not support it.
-    """
+    """Options of the picture and of the video."""
 
     out: Path | None = None
     """File for a video (.mp4, .gif, .webp) or for its last picture (.png); without it, a window opens."""
@@ -75,9 +71,7 @@ def watch(
         scenarios: One scenario: a name, a TOML or JSON file, or JSON, as in evaluate.
         seed: Seed of the episode.
         video: Options of the picture and of the video.
-        vehicle: Vehicle of the scenario: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
-            the torque limits; wind velocities stay.
+        vehicle: Vehicle of the scenario, as in evaluate.
         interface: What the actions command in the scenario: wrench, rotors or body_rates.
     """
     from quadpend_gym.scenarios import check_own_models
@@ -94,9 +88,9 @@ def watch(
     check_pygame()
     if video.out:
         writable_file(video.out)
+    from quadpend_gym.viewer.window import is_headless, open_window
     from quadpend_train.evaluation.recording import record_episode
-    from quadpend_train.reports.side_by_side import SideBySideView
-    from quadpend_train.reports.video import write_video
+    from quadpend_train.reports.side_by_side import SideBySideView, write_video
 
     loaded = [(name, load_policies(policy)) for name, policy in named_policies(policies).items()]
     if several := [name for name, seeds in loaded if len(seeds) > 1]:
@@ -104,7 +98,10 @@ def watch(
     check_own_models(shown, found)
     for name, seeds in loaded:
         check_policy(name, seeds[0], shown, found)
-    screen = _open_window(video.size) if video.out is None else None
+    if video.out is None:
+        screen = open_window("quadpend watch", video.size)
+        if is_headless():
+            raise ValueError("there is no screen for a window: give --out, a file for the video")
     period = found.simulation.period
     recordings = [record_episode(name, seeds[0], found, seed) for name, seeds in loaded]
     view = SideBySideView(recordings, period, video.seconds)
@@ -114,15 +111,6 @@ def watch(
         return
     write_video(view, video.out, video.size, video.fps, video.speed / period)
     print(f"Written: {video.out}")
-
-
-def _open_window(size: tuple[int, int]) -> Any:
-    from quadpend_gym.viewer.window import is_headless, open_window
-
-    screen = open_window("quadpend watch", size)
-    if is_headless():
-        raise ValueError("there is no screen for a window: give --out, a file for the video")
-    return screen
 
 
 def _play(view: Any, screen: Any, period: float, speed: float) -> None:

@@ -17,10 +17,12 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario, as_scenario, check_own_models, find_scenarios, scenario_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-from quadpend_train.evaluation.jobs import Job, Learner, load_learner, run_jobs
+from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import Cell, cells, rows, summarise
 from quadpend_train.policies.check import check_policy
+from quadpend_train.policies.conversion import as_policy
+from quadpend_train.policies.loading import load_policies
 
 Policies = Mapping[str, str | Policy | Sequence[Policy]] | Sequence[str | Policy]
 Scenarios = Mapping[str, Any] | Sequence[str | Scenario]  # values as for `as_scenario`
@@ -34,13 +36,13 @@ class Comparison:
         table: One row for each episode, see `quadpend_train.evaluation.table`; `attrs` has the provenance.
         errors: Error after each step by the names of scenario and policy, m, shape (s, n, T), see `EpisodeResults`.
         scenarios: Scenarios by name.
-        learners: Policies by name.
+        learners: Policies by name: one controller, or the training seeds of one learner.
     """
 
     table: pd.DataFrame
     errors: dict[Cell, Floats32]
     scenarios: dict[str, Scenario]
-    learners: dict[str, Learner]
+    learners: dict[str, list[Policy]]
 
     @property
     def policies(self) -> tuple[str, ...]:
@@ -87,31 +89,41 @@ def compare(
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results.
         jobs: Number of processes, or an executor of `quadpend_train.common.executors`.
-
-    Raises:
-        TypeError: If a policy or a scenario has the wrong type.
-        ValueError: If there is no policy or no scenario, two have the same name, one is unknown, a policy fails or does
-            not fit a scenario, two learners have different numbers of training seeds, or a number is out of range.
     """
     if not policies or not scenarios:
         raise ValueError("policies and scenarios must each have at least one entry")
-    learners = {name: load_learner(value) for name, value in _named_policies(policies).items()}
+    learners = {name: _learner(value) for name, value in _named_policies(policies).items()}
+    sizes = {name: len(seeds) for name, seeds in learners.items()}
+    if len(set(sizes.values()) - {1}) > 1:  # differences are computed seed by seed
+        numbers = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        raise ValueError(f"policies with several training seeds must have the same number of them: {numbers}")
     given = scenarios if isinstance(scenarios, Mapping) else find_scenarios(scenarios)
     found = {name: as_scenario(scenario) for name, scenario in given.items()}
-    _check_training_seeds(learners)
     folder = None if cache_folder is None else Path(cache_folder)
     all_jobs = {(s, p): Job(learners[p], found[s], episodes, seed) for s in found for p in learners}
-    _check_flights({cell: job for cell, job in all_jobs.items() if recompute or not job.is_cached(folder)})
+    for (scenario, name), job in all_jobs.items():  # a mismatch is found before the long evaluation
+        if recompute or not ((path := job.file(folder)) and path.exists()):
+            check_own_models(scenario, job.scenario)
+            for policy in job.policies:
+                check_policy(name, policy, scenario, job.scenario)
     results = run_jobs(all_jobs, folder, recompute, jobs)
     table = pd.concat([rows(*cell, result) for cell, result in results.items()], ignore_index=True)
+    fingerprints = {name: [policy.fingerprint for policy in seeds] for name, seeds in learners.items()}
     table.attrs = {
         "provenance": provenance(),
-        "policies": {name: learner.fingerprints for name, learner in learners.items()},
+        "policies": {name: None if None in texts else texts for name, texts in fingerprints.items()},
         "scenarios": {name: scenario_data(scenario) for name, scenario in found.items()},
         "episodes": episodes,
         "seed": seed,
     }
     return Comparison(table, {cell: result.error for cell, result in results.items()}, found, learners)
+
+
+def _learner(value: str | Policy | Sequence[Policy]) -> list[Policy]:
+    """Return one controller or the training seeds of one learner, from a name for `load_policies` or from objects."""
+    if isinstance(value, str):
+        return load_policies(value)
+    return [as_policy(item) for item in (value if isinstance(value, list | tuple) else [value])]
 
 
 def _named_policies(policies: Policies) -> Mapping[str, str | Policy | Sequence[Policy]]:
@@ -122,20 +134,3 @@ def _named_policies(policies: Policies) -> Mapping[str, str | Policy | Sequence[
     if len(set(names)) < len(names):
         raise ValueError("two policies have the same name: give a mapping from names to policies")
     return dict(zip(names, members, strict=True))
-
-
-def _check_training_seeds(learners: Mapping[str, Learner]) -> None:
-    """Check that all learners have the same number of training seeds, since differences are computed seed by seed."""
-    sizes = {name: len(learner.policies) for name, learner in learners.items()}
-    if len(set(sizes.values()) - {1}) > 1:
-        numbers = ", ".join(f"{name} has {size}" for name, size in sizes.items())
-        raise ValueError(f"policies with several training seeds must have the same number of them: {numbers}")
-
-
-def _check_flights(jobs: Mapping[Cell, Job]) -> None:
-    """Fly every policy for two steps in its scenarios, so that a mismatch is found before the long evaluation."""
-    for scenario, found in {scenario: job.scenario for (scenario, _), job in jobs.items()}.items():
-        check_own_models(scenario, found)
-    for (scenario, name), job in jobs.items():
-        for policy in job.learner.policies:
-            check_policy(name, policy, scenario, job.scenario)

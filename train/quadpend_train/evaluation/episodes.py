@@ -73,9 +73,6 @@ def run_episodes(
         episodes: Number of episodes.
         seed: Seed of the first episode.
         options: Options of the environment's reset, such as a start for each episode.
-
-    Raises:
-        ValueError: If the scenario is unknown.
     """
     if isinstance(scenario, str):
         scenario = find_scenario(scenario)

@@ -1,54 +1,49 @@
-"""Run many evaluations: load cached results, and run the missing ones with an executor."""
+"""Run many evaluations: load cached results, and run the missing ones with an executor.
 
-from collections.abc import Hashable, Mapping, Sequence
+The cache has one file for each evaluation. Its name is a hash of the policies, scenario, episodes and seed, of the
+versions of the libraries, and of the source files of the three packages as they are: any change of the code starts
+anew.
+"""
+
+import hashlib
+import json
+import warnings
+from collections.abc import Hashable, Mapping
 from concurrent.futures import Executor
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+
+import quadpend_baselines
+import quadpend_gym
 from quadpend_baselines import Policy
-from quadpend_gym.scenarios import Scenario, own_models
+from quadpend_gym.scenarios import Scenario, own_models, scenario_data
 from quadpend_train.common.executors import run
-from quadpend_train.evaluation import cache
+from quadpend_train.common.files import atomic
+from quadpend_train.common.provenance import versions
+from quadpend_train.common.text import brief
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
-from quadpend_train.policies.conversion import as_policy
-from quadpend_train.policies.loading import cache_fingerprints, load_policies
+
+_PACKAGES = (quadpend_gym.__file__, quadpend_baselines.__file__, Path(__file__).parents[1] / "__init__.py")
+_SUFFIXES = (".py", ".toml", ".csv")  # policies have fingerprints of their own
 
 Name = TypeVar("Name", bound=Hashable)
-
-
-class Learner(NamedTuple):
-    """The training seeds of one learner, or one controller.
-
-    Attributes:
-        policies: One policy for each training seed.
-        fingerprints: A text for each policy that determines what it does; None if one of them has none.
-    """
-
-    policies: list[Policy]
-    fingerprints: list[str] | None
-
-
-def load_learner(value: str | Policy | Sequence[Policy]) -> Learner:
-    """Load policies by name, see `load_policies`, or take policies, models of Stable-Baselines3 or torch modules."""
-    if isinstance(value, str):
-        policies = load_policies(value)
-    else:
-        policies = [as_policy(item) for item in (value if isinstance(value, list | tuple) else [value])]
-    return Learner(policies, cache_fingerprints(policies))
 
 
 class Job(NamedTuple):
     """One evaluation: the arguments of `run_episodes`.
 
     Attributes:
-        learner: Policies to run.
+        policies: One controller, or the training seeds of one learner.
         scenario: Scenario of the episodes.
         episodes: Number of episodes.
         seed: Seed of the first episode.
         options: Options of the environment's reset.
     """
 
-    learner: Learner
+    policies: list[Policy]
     scenario: Scenario
     episodes: int
     seed: int
@@ -56,20 +51,30 @@ class Job(NamedTuple):
 
     def __call__(self) -> EpisodeResults:
         """Run the episodes."""
-        return run_episodes(self.learner.policies, *self[1:])
+        return run_episodes(*self)
 
-    def key(self) -> str | None:
-        """Return the name under which the results are cached.
+    def file(self, folder: Path | None) -> Path | None:
+        """Return the file of the cached results in a folder.
 
-        None if they are not cached: a policy has no fingerprint, or the scenario has models of the user's own code.
+        None if they are not cached: there is no folder, a policy has no fingerprint, or the scenario has models of the
+        user's own code.
         """
-        if self.learner.fingerprints is None or own_models(self.scenario):
+        fingerprints = [policy.fingerprint for policy in self.policies]
+        if folder is None or None in fingerprints or own_models(self.scenario):
             return None
-        return cache.key(self.learner.fingerprints, *self[1:])
+        parts = [fingerprints, scenario_data(self.scenario), self.episodes, self.seed, self.options, code_hash()]
+        text = json.dumps(parts, sort_keys=True, default=lambda array: array.tolist())
+        return folder / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
 
-    def is_cached(self, folder: Path | None) -> bool:
-        """Return whether a folder has cached results of this job, damaged or not."""
-        return folder is not None and (key := self.key()) is not None and (folder / f"{key}.npz").exists()
+
+@lru_cache(maxsize=1)
+def code_hash() -> str:
+    """Return the hash of the source files of the three packages and of the versions of the libraries."""
+    digest = hashlib.sha256(json.dumps(versions()).encode())
+    for folder in (Path(str(file)).parent for file in _PACKAGES):
+        for path in sorted(path for path in folder.rglob("*") if path.suffix in _SUFFIXES):
+            digest.update(f"{path.relative_to(folder.parent).as_posix()}\0".encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def run_jobs(
@@ -86,17 +91,29 @@ def run_jobs(
     Raises:
         CallsFailedError: If jobs fail, when all others have ended and are cached.
     """
-    keys = {name: job.key() if cache_folder else None for name, job in jobs.items()}
+    files = {name: job.file(cache_folder) for name, job in jobs.items()}
     results = {}
-    for name, key in keys.items():
-        if cache_folder and key and not recompute and (found := cache.load(cache_folder, key)) is not None:
+    for name, path in files.items():
+        if path and path.exists() and not recompute and (found := _load(path)) is not None:
             results[name] = found
     missing = {name: job for name, job in jobs.items() if name not in results}
 
     def save(name: Name, result: EpisodeResults) -> None:
-        if cache_folder and (key := keys[name]):
-            cache.save(cache_folder, key, result)
+        if path := files[name]:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with atomic(path) as unfinished, unfinished.open("wb") as file:
+                np.savez(file, **result._asdict())
 
     kept = "are cached" if cache_folder else ""
     results |= run(missing, processes, done=save, kept=kept, finished=len(results))
     return {name: results[name] for name in jobs}
+
+
+def _load(path: Path) -> EpisodeResults | None:
+    """Return cached results; None, with a warning, if the file is damaged."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            return EpisodeResults(**{field: data[field] for field in EpisodeResults._fields})
+    except Exception as error:  # readers of a damaged archive raise exceptions of many types
+        warnings.warn(f"{path} is damaged and its results are computed again: {brief(error)}", stacklevel=2)
+        return None

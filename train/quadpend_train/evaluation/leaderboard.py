@@ -1,5 +1,6 @@
 """The leaderboard: all policies of a comparison, ordered by their mean penalised RMSE over the scenarios."""
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import pandas as pd
 
 from quadpend_train.evaluation.pairwise import compare_all_pairs
 from quadpend_train.evaluation.statistics import Interval, mean, proportion
-from quadpend_train.evaluation.table import Values, cells, names
+from quadpend_train.evaluation.table import Values, cells
 
 
 class LeaderboardRow(NamedTuple):
@@ -39,19 +40,22 @@ class LeaderboardRow(NamedTuple):
 
 def leaderboard(table: pd.DataFrame) -> list[LeaderboardRow]:
     """Return the rows of all policies, ordered by the mean penalised RMSE, the smallest first."""
-    policies, found = names(table, "policy"), cells(table)
-    wins, losses = dict.fromkeys(policies, 0), dict.fromkeys(policies, 0)
+    wins: Counter[str] = Counter()
+    losses: Counter[str] = Counter()
     for (first, second), pair in compare_all_pairs(table).items():
-        wins[first] += len(pair.won)
-        losses[first] += len(pair.lost)
-        wins[second] += len(pair.lost)
-        losses[second] += len(pair.won)
-    by_policy = {policy: {s: values for (s, name), values in found.items() if name == policy} for policy in policies}
-    lines = [_row(policy, results, wins[policy], losses[policy]) for policy, results in by_policy.items()]
+        wins += Counter({first: len(pair.won), second: len(pair.lost)})
+        losses += Counter({first: len(pair.lost), second: len(pair.won)})
+    by_policy: dict[str, dict[str, Values]] = {}
+    for (scenario, policy), values in cells(table).items():
+        by_policy.setdefault(policy, {})[scenario] = values
+    lines = [standing(policy, results, wins[policy], losses[policy]) for policy, results in by_policy.items()]
     return sorted(lines, key=lambda row: row.penalised_rmse.value)
 
 
-def _row(policy: str, results: dict[str, Values], wins: int, losses: int) -> LeaderboardRow:
+def standing(
+    policy: str, results: dict[str, Values], wins: int | None = None, losses: int | None = None
+) -> LeaderboardRow:
+    """Return the row of a policy from its values in each scenario."""
     survived = {name: values["survived"] for name, values in results.items()}
     worst = min(survived, key=lambda name: float(survived[name].mean()))
     survival = mean(np.mean(list(survived.values()), axis=0)).clipped(0.0, 1.0)

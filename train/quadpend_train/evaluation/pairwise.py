@@ -86,20 +86,17 @@ class PairwiseComparison:
     @property
     def won(self) -> list[str]:
         """Scenarios that the first policy wins."""
-        return self._with_winner(1)
+        return [name for name, result in self.results.items() if result.winner > 0]
 
     @property
     def lost(self) -> list[str]:
         """Scenarios that the second policy wins."""
-        return self._with_winner(-1)
+        return [name for name, result in self.results.items() if result.winner < 0]
 
     @property
     def undecided(self) -> list[str]:
         """Scenarios in which the policies are not distinguishable."""
-        return self._with_winner(0)
-
-    def _with_winner(self, winner: int) -> list[str]:
-        return [name for name, result in self.results.items() if result.winner == winner]
+        return [name for name, result in self.results.items() if not result.winner]
 
     def sentence(self) -> str:
         """Return one sentence: who wins which scenarios, and by how much; the policy with more wins is the subject."""
@@ -109,30 +106,25 @@ class PairwiseComparison:
             won, lost, subject, other, sign = lost, won, other, subject, -1.0
         parts = []
         if won:
-            parts.append(f"beats {other} in {len(won)} of {_scenarios(len(self.results))}{_listed(won)}")
+            scenarios = "scenarios" if len(self.results) > 1 else "scenario"
+            parts.append(f"beats {other} in {len(won)} of {len(self.results)} {scenarios}{_listed(won)}")
             parts.append(f"loses in {len(lost) or 'none'}{_listed(lost)}")
         if undecided:
             whom = "" if won else f" from {other}"
             parts.append(f"is not distinguishable{whom} in {len(undecided)}{_listed(undecided)}")
-        few = f"; {self.too_few}" if undecided and self.too_few else ""
-        return f"{subject} {_joined(parts)}; overall, its penalised RMSE is {self._overall_difference(sign)}{few}."
-
-    @property
-    def too_few(self) -> str:
-        """Sentence part about too few episodes for a win by RMSE and how many it needs; empty if there are enough."""
-        episodes = next(iter(self.rmse_differences.values())).shape[1]
-        if episodes >= self.episodes_needed:
-            return ""
-        few = "1 episode is" if episodes == 1 else f"{episodes} episodes are"
-        return f"{few} too few to show a difference, use at least {self.episodes_needed}"
+        episodes, few = next(iter(self.rmse_differences.values())).shape[1], ""
+        if undecided and episodes < self.episodes_needed:
+            are = "1 episode is" if episodes == 1 else f"{episodes} episodes are"
+            few = f"; {are} too few to show a difference, use at least {self.episodes_needed}"
+        *before, last = parts
+        joined = f"{', '.join(before)} and {last}" if before else last
+        return f"{subject} {joined}; overall, its penalised RMSE is {self._overall_difference(sign)}{few}."
 
     def _overall_difference(self, sign: float) -> str:
         """Return the mean difference of the penalised RMSE over all scenarios, which have equal weights, as text.
 
         The mean over the won scenarios alone would be biased, because they were selected by the difference.
-
-        Args:
-            sign: 1 for the difference of the first policy from the second, −1 for the opposite.
+        `sign` is 1 for the difference of the first policy from the second, −1 for the opposite.
         """
         difference = mean(sign * np.mean(list(self.rmse_differences.values()), axis=0))
         lower = difference.value <= 0.0
@@ -146,18 +138,9 @@ class PairwiseComparison:
         )
 
 
-def _scenarios(count: int) -> str:
-    return f"{count} scenario{'s' if count > 1 else ''}"
-
-
 def _listed(names: Sequence[str]) -> str:
     """Return the names in brackets, or nothing if there are too many for a sentence."""
     return f" ({', '.join(names)})" if 0 < len(names) <= _MAX_LISTED else ""
-
-
-def _joined(parts: Sequence[str]) -> str:
-    *before, last = parts
-    return f"{', '.join(before)} and {last}" if before else last
 
 
 def _number(value: float, largest: float) -> str:
@@ -181,10 +164,6 @@ def episodes_needed(tests: int, seeds: int = 1) -> int:
 
     It is the smallest number, at least 10, for which the smallest possible p-value, that of a difference that is the
     same in all episodes, is below 5 % after Holm's correction.
-
-    Args:
-        tests: Number of tests that are corrected together.
-        seeds: Number of training seeds.
     """
     numbers = itertools.count(_MIN_COMMON_SURVIVALS)
     return next(n for n in numbers if tests * p_value(np.ones((seeds, n))) < 1.0 - CONFIDENCE)
@@ -196,16 +175,12 @@ def _compare_pairs(table: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> dic
     p_values = [p for values in both.values() for p in _p_values(*values)]
     corrected = iter(holm(p_values))
     results = {key: _scenario_result(*values, next(corrected), next(corrected)) for key, values in both.items()}
-    differences = {key: 1000.0 * _penalised_rmse_difference(*values) for key, values in both.items()}
-    return {
-        pair: PairwiseComparison(
-            *pair,
-            {name: results[pair, name] for name in scenarios},
-            {name: differences[pair, name] for name in scenarios},
-            episodes_needed(len(p_values), max(len(differences[pair, name]) for name in scenarios)),
-        )
-        for pair in pairs
-    }
+    out = {}
+    for pair in pairs:
+        differences = {name: 1000.0 * _penalised_rmse_difference(*both[pair, name]) for name in scenarios}
+        needed = episodes_needed(len(p_values), max(map(len, differences.values())))
+        out[pair] = PairwiseComparison(*pair, {name: results[pair, name] for name in scenarios}, differences, needed)
+    return out
 
 
 def _p_values(first: Values, second: Values) -> tuple[float, float]:

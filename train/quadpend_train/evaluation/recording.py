@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from quadpend_baselines import Policy
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.envs.recorder import Recorder
@@ -59,24 +58,14 @@ class _StepRecorder(Recorder):
         self.recorded.append(self.snapshot())
 
 
-def record_episode(
-    name: str, policy: Policy, scenario: Scenario, seed: int, options: dict[str, Any] | None = None
-) -> Recording:
-    """Record one episode: the first one that `run_episodes` runs with the same seed.
-
-    Args:
-        name: Name of the policy.
-        policy: Any object with the `predict` protocol.
-        scenario: Scenario of the episode.
-        seed: Seed of the episode.
-        options: Options of the environment's reset.
-    """
+def record_episode(name: str, policy: Any, scenario: Scenario, seed: int) -> Recording:
+    """Record one episode of a policy, or of what `as_policy` takes: the first one that `run_episodes` runs."""
     flown = as_policy(policy).adapt(scenario)
     env = flown.wrap(scenario.make_vec(1, AutoresetMode.SAME_STEP))
     inner: Any = env.unwrapped
     inner.recorder = recorder = _StepRecorder(inner.world)
     estimates, survived = [], False
-    for step in rollout(flown, env, seed, options):
+    for step in rollout(flown, env, seed):
         survived = bool(step.survived[0])
         estimates.append(flown.estimated_disturbance(step.memory)[0])
     return Recording(name, tuple(recorder.recorded), np.array(estimates), survived)

@@ -105,14 +105,7 @@ def paired_proportion(successes: Booleans, others: Booleans) -> Interval:
 
 
 def _with_additional_episodes(differences: Floats) -> Floats:
-    """Append an episode in which only the first policy succeeds and one in which only the second does.
-
-    Args:
-        differences: Differences of successes, shape (s, n).
-
-    Returns:
-        Array of shape (s, n + 2).
-    """
+    """Append to differences of successes an episode in which only one policy succeeds, and one with the opposite."""
     return np.hstack([differences, np.tile([1.0, -1.0], (len(differences), 1))])
 
 
@@ -130,20 +123,11 @@ def _blocks(rows: int, size: int) -> Iterator[int]:
 def _bootstrap_indices(size: int, stream: int, width: int = 1) -> Iterator[Integers]:
     """Return the indices of the bootstrap's resamples, in blocks of rows that together have the shape (2000, size).
 
-    They are the same in every call, so that equal values get equal intervals.
-
-    Args:
-        size: Number of seeds or episodes.
-        stream: Number of the stream of random numbers.
-        width: Numbers that the caller computes of each index.
+    They are the same in every call, so that equal values get equal intervals. `stream` is the number of the stream of
+    random numbers, and `width` how many numbers the caller computes of each index.
     """
     random = np.random.default_rng([stream, size])
     return (random.integers(size, size=(rows, size)) for rows in _blocks(_RESAMPLES, size * width))
-
-
-def _percentile_interval(value: float, estimates: Floats) -> Interval:
-    low, high = np.quantile(estimates, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return Interval(float(value), float(low), float(high))
 
 
 def mean(values: Floats) -> Interval:
@@ -224,7 +208,8 @@ def interquartile_mean(values: Floats) -> Interval:
         rows, by_seed = by_seed[: len(by_episode)], by_seed[len(by_episode) :]
         resamples = values[rows[:, :, np.newaxis], by_episode[:, np.newaxis, :]].reshape(len(rows), -1)
         estimates.append(stats.trim_mean(resamples, 0.25, axis=1))
-    return _percentile_interval(float(stats.trim_mean(values, 0.25, axis=None)), np.concatenate(estimates))
+    low, high = np.quantile(np.concatenate(estimates), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Interval(float(stats.trim_mean(values, 0.25, axis=None)), float(low), float(high))
 
 
 def probability_of_improvement(values: Floats, others: Floats) -> Interval:

@@ -18,61 +18,32 @@ Values = dict[str, Any]  # arrays of shape (training seeds, episodes) by the nam
 KEYS = ("scenario", "policy", "training_seed", "episode")
 
 
-class Column(NamedTuple):
-    """A column of the table.
-
-    Attributes:
-        unit: Unit of the reported values; empty if there is none.
-        better: 1 if larger values are better, -1 if smaller values are better.
-        factor: Factor from the SI units of the table to `unit`.
-    """
-
-    unit: str
-    better: int
-    factor: float = 1.0
-
-
-COLUMNS = {
-    "survived": Column("%", 1, 100.0),
-    "steps": Column("", 1),
-    "rmse": Column("mm", -1, 1000.0),
-    "penalised_rmse": Column("mm", -1, 1000.0),
-    "settled_rmse": Column("mm", -1, 1000.0),
-    "largest_tilt": Column("°", -1, 180.0 / np.pi),
-    "effort": Column("", -1),
-    "return": Column("", 1),
-}
+COLUMNS = ("survived", "steps", "rmse", "penalised_rmse", "settled_rmse", "largest_tilt", "effort", "return")
 
 
 class Metric(NamedTuple):
     """An estimate over the episodes of one policy in one scenario.
 
     Attributes:
-        column: Column of its values, which determines unit and direction.
+        column: Column of its values.
+        unit: Unit of the metric; empty if there is none.
+        factor: Factor from the SI units of the table to `unit`.
         estimate: Function from values of shape (s, n) to an interval.
     """
 
     column: str
+    unit: str = ""
+    factor: float = 1.0
     estimate: Callable[[Any], Interval] = mean
-
-    @property
-    def unit(self) -> str:
-        """Unit of the metric."""
-        return COLUMNS[self.column].unit
-
-    @property
-    def factor(self) -> float:
-        """Factor from the SI units of the table to the unit of the metric."""
-        return COLUMNS[self.column].factor
 
 
 METRICS = {
-    "survival": Metric("survived", proportion),
-    "penalised_rmse": Metric("penalised_rmse"),
-    "iqm": Metric("penalised_rmse", interquartile_mean),
-    "rmse_of_survivors": Metric("rmse"),
-    "settled_rmse": Metric("settled_rmse"),
-    "largest_tilt": Metric("largest_tilt"),
+    "survival": Metric("survived", "%", 100.0, proportion),
+    "penalised_rmse": Metric("penalised_rmse", "mm", 1000.0),
+    "iqm": Metric("penalised_rmse", "mm", 1000.0, interquartile_mean),
+    "rmse_of_survivors": Metric("rmse", "mm", 1000.0),
+    "settled_rmse": Metric("settled_rmse", "mm", 1000.0),
+    "largest_tilt": Metric("largest_tilt", "°", 180.0 / np.pi),
     "effort": Metric("effort"),
     "return": Metric("return"),
 }
@@ -120,17 +91,16 @@ def differences(values: Values, others: Values) -> dict[str, Interval]:
     """Return the difference of every metric between two policies in the same episodes, with its paired 95 % interval.
 
     ``iqm`` is the interquartile mean of the differences. ``rmse_of_survivors`` and ``settled_rmse`` are means over the
-    episodes that both survived.
-
-    Args:
-        values: Values of the policy.
-        others: Values to subtract, of one policy or of as many training seeds as `values` has.
+    episodes that both survived. The other policy has one training seed, or as many as the first.
     """
-    out = {"survival": paired_proportion(values["survived"], others["survived"])}
-    for name, metric in METRICS.items():
-        if name != "survival":
-            out[name] = metric.estimate(_values(name, values) - _values(name, others))
-    return {name: value.scaled(METRICS[name].factor) for name, value in out.items()}
+    return {
+        name: (
+            paired_proportion(values["survived"], others["survived"])
+            if name == "survival"
+            else metric.estimate(_values(name, values) - _values(name, others))
+        ).scaled(metric.factor)
+        for name, metric in METRICS.items()
+    }
 
 
 def summary_table(summaries: dict[Cell, dict[str, Interval]]) -> pd.DataFrame:

@@ -2,7 +2,6 @@
 
 import hashlib
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from quadpend_baselines import CONTROLLERS, Policy, controller
@@ -67,12 +66,6 @@ def _load_file(path: Path) -> Policy:
     from quadpend_train.policies.export import policy_from_zip
 
     return policy_from_zip(path)
-
-
-def cache_fingerprints(policies: Sequence[Policy]) -> list[str] | None:
-    """Return the `fingerprint` of each policy, which determines what it does; None if one of them has none."""
-    known = [policy.fingerprint for policy in policies if policy.fingerprint is not None]
-    return known if len(known) == len(policies) else None
 
 
 def policy_fingerprint(name: str) -> str:

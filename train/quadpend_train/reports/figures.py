@@ -26,12 +26,7 @@ def line(i: int) -> Any:
 
 
 def new_figure(width: float, height: float) -> Any:
-    """Return an empty figure, without pyplot and its global state.
-
-    Args:
-        width: Width, inches.
-        height: Height, inches.
-    """
+    """Return an empty figure of a size in inches, without pyplot and its global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -41,44 +36,21 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def add_axes(figure: Any, rows: int, columns: int, **settings: Any) -> Any:
-    """Add axes in the common style to a figure, and return them in an array of shape (rows, columns).
-
-    Args:
-        figure: Matplotlib figure.
-        rows: Number of rows.
-        columns: Number of columns.
-        settings: Further arguments of `Figure.subplots`.
-    """
+    """Add axes in the common style to a figure, and return them in an array of shape (rows, columns)."""
     from matplotlib import rc_context
 
     with rc_context(_SETTINGS):
         return figure.subplots(rows, columns, squeeze=False, **settings)
 
 
-def draw_curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any, name: str = "") -> None:
-    """Draw the line and the band of policy i.
-
-    Args:
-        axis: Matplotlib axes.
-        i: Index of the policy.
-        x: Horizontal coordinates, shape (n,).
-        low: Lower edge of the band, shape (n,).
-        middle: Line, shape (n,).
-        high: Upper edge of the band, shape (n,).
-        name: Label of the line in a legend.
-    """
+def draw_curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any) -> None:
+    """Draw the line `middle` and the band from `low` to `high` of policy i over `x`, shape (n,) each."""
     axis.fill_between(x, low, high, color=colour(i), alpha=0.15, linewidth=0, gid=f"policy{i}")
-    axis.plot(x, middle, line(i), color=colour(i), linewidth=1.5, label=name, gid=f"policy{i}")
+    axis.plot(x, middle, line(i), color=colour(i), linewidth=1.5, gid=f"policy{i}")
 
 
 def set_log_scale(axis: Any, low: float, high: float) -> None:
-    """Give axes a logarithmic vertical scale with ticks at 1, 2, 5, 10 and so on.
-
-    Args:
-        axis: Matplotlib axes.
-        low: Smallest value to show.
-        high: Largest value to show.
-    """
+    """Give axes a logarithmic vertical scale from `low` to `high` with ticks at 1, 2, 5, 10 and so on."""
     axis.set_yscale("log")
     axis.set_ylim(0.8 * low, 1.25 * high)
     set_log_ticks(axis.yaxis, (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,))
@@ -113,11 +85,7 @@ def to_svg(figure: Any, name: str) -> str:
     """Return a figure as an SVG element for an HTML page, in which black becomes the colour of the page's text.
 
     The lines and bands of policy i have the attribute ``data-policy-index="i"``. Paths are rounded to 0.1 points. Only
-    ids with references are kept; they are unique on the page if `name` is.
-
-    Args:
-        figure: Matplotlib figure.
-        name: Name of the figure, from which the ids are made.
+    ids with references are kept; they are made from `name` and unique on the page if it is.
     """
     from matplotlib import rc_context
 

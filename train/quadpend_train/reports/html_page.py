@@ -32,18 +32,11 @@ def write(
     standings: Sequence[LeaderboardRow],
     path: Path,
     replay: dict[str, Any] | None = None,
-    title: str = "Comparison of policies for a pendulum on a quadrotor",
     date: str | None = None,
 ) -> None:
-    """Write the page. Pages of the same data differ only in the line with the date.
+    """Write the page of a comparison, its leaderboard, and the data of `record_replay` if there are any.
 
-    Args:
-        comparison: Comparison to report.
-        standings: Leaderboard of the comparison.
-        path: HTML file.
-        replay: Data of `quadpend_train.reports.replay.record_replay`, or None.
-        title: Title of the page.
-        date: Date on the page; None is today in UTC.
+    Pages of the same data differ only in the line with the date; None is today in UTC.
     """
     jinja = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")),
@@ -54,13 +47,16 @@ def write(
     )
     jinja.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "format_number": format_number}
     text = jinja.get_template("report.html").render(
-        title=title,
+        title="Comparison of policies for a pendulum on a quadrotor",
         date=date or datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
         comparison=comparison,
         provenance=comparison.table.attrs["provenance"],
         policies=comparison.policies,
         styles=[style(i) for i in range(len(comparison.policies))],
-        smallest_rmse={name: _smallest_rmse(comparison, name) for name in comparison.scenarios},
+        smallest_rmse={
+            name: min(comparison.summaries[name, policy]["penalised_rmse"].value for policy in comparison.policies)
+            for name in comparison.scenarios
+        },
         standings=standings,
         note=leaderboard_note(comparison),
         episodes_note=episodes_note(comparison),
@@ -120,11 +116,6 @@ def style(i: int) -> tuple[str, str]:
 def embedded(data: Any) -> Markup:
     """Return JSON for a script element; ``<`` is escaped, so that the data cannot close the element."""
     return Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))
-
-
-def _smallest_rmse(comparison: Comparison, scenario: str) -> float:
-    """Return the smallest penalised RMSE in a scenario, mm."""
-    return min(comparison.summaries[scenario, policy]["penalised_rmse"].value for policy in comparison.policies)
 
 
 def _error_figure(comparison: Comparison, scenario: str) -> Markup:

@@ -32,24 +32,14 @@ _OTHERS = 2  # policies in the replay, besides the first one
 
 
 class Choice(NamedTuple):
-    """An episode to replay.
-
-    Attributes:
-        title: Reason for the choice.
-        episode: Index of the episode, from 0.
-    """
+    """An episode to replay: the reason for the choice, and its index."""
 
     title: str
     episode: int
 
 
 def choose_policies(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> list[str]:
-    """Return the first policy and the best others of the leaderboard.
-
-    Args:
-        comparison: Comparison.
-        standings: Leaderboard of the comparison.
-    """
+    """Return the first policy and the best others of the leaderboard."""
     first = comparison.policies[0]
     others = [row.policy for row in standings if row.policy != first]
     return [first, *others][: 1 + _OTHERS]
@@ -60,12 +50,6 @@ def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], 
 
     Episodes are ordered by the mean penalised RMSE of the policies, with the first training seed of each learner. The
     typical episode is the median, or the lower median of an even number. Of equal episodes the earlier comes first.
-
-    Args:
-        comparison: Comparison.
-        scenario: Name of the scenario.
-        policies: Names of the policies.
-        count: Number of episodes.
     """
     values = cells(comparison.table)
     rmse = np.mean([values[scenario, policy]["penalised_rmse"][0] for policy in policies], axis=0)
@@ -76,17 +60,14 @@ def choose_episodes(comparison: Comparison, scenario: str, policies: list[str], 
 
 
 def record_replay(comparison: Comparison, standings: Sequence[LeaderboardRow], count: int) -> dict[str, Any] | None:
-    """Run the chosen episodes again, and return their recordings as data for JSON, or None if `count` is 0.
+    """Run `count` episodes of each scenario again, and return their recordings as data for JSON, or None if it is 0.
 
-    Args:
-        comparison: Comparison of the episodes. Of a learner with several training seeds the first is recorded.
-        standings: Leaderboard of the comparison.
-        count: Episodes of each scenario.
+    Of a learner with several training seeds the first is recorded.
     """
     if not count:
         return None
     names = choose_policies(comparison, standings)
-    chosen = {name: comparison.learners[name].policies for name in names}
+    chosen = {name: comparison.learners[name] for name in names}
     choices = {name: choose_episodes(comparison, name, names, count) for name in comparison.scenarios}
     scenarios: dict[str, list[dict[str, Any]]] = {}
     with tqdm(total=len(names) * sum(map(len, choices.values())), unit="recording", leave=False) as bar:
@@ -100,7 +81,13 @@ def record_replay(comparison: Comparison, standings: Sequence[LeaderboardRow], c
                 data = _episode_data(recordings, scenario)
                 scenarios.setdefault(name, []).append({"title": title, "seed": seed, **data})
     return {
-        "policies": [_appearance(name, seeds, comparison.policies.index(name)) for name, seeds in chosen.items()],
+        "policies": [
+            {
+                "name": _label(name, seeds),
+                **dict(zip(("colour", "dashes"), style(comparison.policies.index(name)), strict=True)),
+            }
+            for name, seeds in chosen.items()
+        ],
         "missing": MISSING,
         "channels": CHANNELS,
         "scenarios": scenarios,
@@ -177,12 +164,6 @@ def _samples(recording: Recording, period: float) -> Floats:
         recording.error[:, np.newaxis],
     ]
     return np.concatenate(channels, axis=1)[sampled_steps(len(states), period)]
-
-
-def _appearance(name: str, seeds: Sequence[Any], index: int) -> dict[str, str]:
-    """Return label, colour and dash pattern of a policy, from its index in the comparison."""
-    colour, dashes = style(index)
-    return {"name": _label(name, seeds), "colour": colour, "dashes": dashes}
 
 
 def _label(name: str, seeds: Sequence[Any]) -> str:

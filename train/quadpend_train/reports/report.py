@@ -13,7 +13,7 @@ from quadpend_train.evaluation.table import summary_table
 from quadpend_train.reports import figures, html_page, learning_curves, tables
 from quadpend_train.reports.replay import record_replay
 
-FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
+FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "episodes.csv")
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,6 @@ def evaluate(
         cache_folder: Folder of cached results; only missing results are computed. None: no cache.
         recompute: Whether to ignore cached results.
         replay: Number of episodes of each scenario that the page can replay; 0 omits the replay.
-
-    Raises:
-        TypeError: If a policy or a scenario has the wrong type.
-        ValueError: If a policy or a scenario is refused, see `compare`, a number is out of range, or a folder cannot
-            be written.
     """
     folder = writable_folder(Path(out))
     if cache_folder:
@@ -77,14 +72,7 @@ def evaluate(
 
 
 def write(comparison: Comparison, standings: list[LeaderboardRow], folder: Path, replay: int = 0) -> list[str]:
-    """Write all files of a comparison, and return their names.
-
-    Args:
-        comparison: Comparison to write.
-        standings: Leaderboard of the comparison.
-        folder: Folder for the files.
-        replay: As for `evaluate`.
-    """
+    """Write all files of a comparison with its leaderboard into a folder, and return their names."""
     provenance = f"# {json.dumps(comparison.table.attrs)}\n"
     for name, table in (("comparison", summary_table(comparison.summaries)), ("episodes", comparison.table)):
         write_text(folder / f"{name}.csv", provenance + table.to_csv(index=False, lineterminator="\n"))
@@ -92,10 +80,10 @@ def write(comparison: Comparison, standings: list[LeaderboardRow], folder: Path,
     data = json.dumps(html_page.as_data(comparison), indent=1, allow_nan=False)
     write_text(folder / "comparison.json", data + "\n")
     pictures = {"comparison.png": tables.plot(comparison)}
-    if curves := learning_curves.collect(comparison.learners):
-        pictures["learning.png"] = learning_curves.draw(curves)
+    if curves := learning_curves.draw(comparison.learners):
+        pictures["learning.png"] = curves
     for name, figure in pictures.items():
         figures.write_png(figure, folder / name)
     recordings = record_replay(comparison, standings, replay)
     html_page.write(comparison, standings, folder / "report.html", recordings)
-    return list(dict.fromkeys([*FILES, *pictures]))
+    return [*FILES, *pictures]

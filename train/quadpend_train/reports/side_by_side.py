@@ -1,52 +1,30 @@
-"""A view of recorded episodes side by side, above charts of their tracking errors and of the wind."""
+"""Recorded episodes side by side, above charts of their tracking errors and of the wind; in a window or as a video."""
 
-from collections.abc import Sequence
-from itertools import pairwise
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pygame
+from PIL import Image
+from tqdm import tqdm
 
-from quadpend_gym.core.arrays import Floats
 from quadpend_gym.viewer import palette
-from quadpend_gym.viewer.palette import Colour, blend
-from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.primitives import line, write
+from quadpend_gym.viewer.palette import blend
+from quadpend_gym.viewer.picture import Picture, surface_to_array
+from quadpend_gym.viewer.primitives import write
+from quadpend_train.common.files import atomic
+from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.recording import Recording
+from quadpend_train.reports import figures
 
 COLOURS = (palette.VERMILLION, palette.VIOLET, palette.BROWN)  # of the policies, from the left
-TRUE_WIND = blend(palette.WIND, palette.WHITE, 0.35)
+_TRUE_WIND = blend(palette.WIND, palette.WHITE, 0.35)
 _CHART_HEIGHT = 0.3  # share of the height of the view
 _SMALLEST_ERROR = 1.0  # mm, lower end of the error chart
-
-
-class Curve(NamedTuple):
-    """A curve over time, with gaps where a value is nan."""
-
-    values: Floats
-    colour: Colour
-    width: int
-    dashed: bool = False
-
-
-class Chart(NamedTuple):
-    """Curves on common axes.
-
-    Attributes:
-        title: Title.
-        legend: Labels and colours, which follow the title.
-        curves: Curves.
-        low: Lower end of the vertical axis.
-        high: Upper end of the vertical axis.
-        ticks: Values and labels of the ticks on the vertical axis.
-    """
-
-    title: str
-    legend: tuple[tuple[str, Colour], ...]
-    curves: tuple[Curve, ...]
-    low: float
-    high: float
-    ticks: tuple[tuple[float, str], ...]
+_DPI = 100  # pixels per inch of the charts
+_PALETTE_SIZE = 192  # colours of a GIF file
+_PALETTE_PICTURES = 4  # pictures from which these colours are chosen
 
 
 class SideBySideView:
@@ -60,21 +38,17 @@ class SideBySideView:
     Attributes:
         steps: Steps of that part, counted from 0.
         picture: Picture that draws each recording; its camera may be changed.
-
-    Raises:
-        ValueError: If all recordings end before that part begins.
     """
 
     def __init__(self, recordings: Sequence[Recording], period: float, seconds: tuple[float, float]) -> None:
-        """Prepare the charts."""
+        """Find the steps to show."""
         longest = max(len(recording.snapshots) for recording in recordings)
         self.steps = range(round(seconds[0] / period), round(min(seconds[1] / period, longest)))
         if not self.steps:
             raise ValueError(f"the episode is over after {longest * period:g} s, before {seconds[0]:g} s")
         self.picture = Picture()
         self._recordings, self._period = recordings, period
-        shown = slice(self.steps.start, self.steps.stop)
-        self._charts = (_error_chart(recordings, shown), _wind_chart(recordings, shown))
+        self._charts: _Charts | None = None
 
     def draw(self, surface: Any, step: int) -> None:
         """Draw the state after a step over the whole of a surface.
@@ -93,84 +67,164 @@ class SideBySideView:
             last = len(recording.snapshots) - 1
             self.picture.draw(part, recording.snapshots[min(step, last)], recording.name, COLOURS[i])
             if step >= last and recording.fell_at is not None:
-                self._draw_fall(part, recording.fell_at)
-        for i, chart in enumerate(self._charts):
-            left, right = width * i // 2, width * (i + 1) // 2
-            self._draw_chart(surface.subsurface((left, chart_top, right - left, height - chart_top)), chart, step)
-
-    def _draw_fall(self, surface: Any, time: float) -> None:
-        """Fade the picture of a policy and write when it fell, s."""
-        width, height = surface.get_size()
-        veil = pygame.Surface((width, height))
-        veil.fill(palette.WHITE)
-        veil.set_alpha(90)
-        surface.blit(veil, (0, 0))
-        write(surface, f"fell at {time:.1f} s", (width / 2, 0.62 * height), height // 12, palette.INK, "center")
-
-    def _draw_chart(self, surface: Any, chart: Chart, step: int) -> None:
-        width, height = surface.get_size()
-        size = max(round(height / 9.5), 12)
-        left, right, top, bottom = 2.6 * size, width - 0.8 * size, 1.6 * size, height - 1.6 * size
-        begin, end = self.steps.start * self._period, self.steps.stop * self._period
-        x_scale, y_scale = (right - left) / (end - begin), (bottom - top) / (chart.high - chart.low)
-        x = left
-        for text, colour in ((chart.title, palette.INK), *chart.legend):
-            x = write(surface, text, (x, 0.35 * size), size, colour) + 0.6 * size
-        for value, text in chart.ticks:
-            y = bottom - y_scale * (value - chart.low)
-            pygame.draw.line(surface, blend(palette.GRID, palette.WHITE, 0.5), (left, y), (right, y))
-            write(surface, text, (left - 0.4 * size, y), size, palette.GREY, "midright")
-        for second in _round_values(begin, end):
-            x = left + x_scale * (second - begin)
-            write(surface, f"{second:g} s", (x, bottom + 0.3 * size), size, palette.GREY, "midtop")
-        for curve in chart.curves:
-            values = curve.values[self.steps.start : step + 1]
-            x = left + x_scale * self._period * (1.0 + np.arange(len(values)))
-            points = np.column_stack([x, bottom - y_scale * (values - chart.low)])[::2]
-            for i, (a, b) in enumerate(pairwise(points)):
-                if np.isfinite(a[1] + b[1]) and not (curve.dashed and i % 8 > 4):
-                    line(surface, a, b, curve.colour, curve.width)
-        x = left + x_scale * self._period * (step + 1 - self.steps.start)
-        pygame.draw.line(surface, palette.GREY, (x, top), (x, bottom))
+                _draw_fall(part, recording.fell_at)
+        size = (width, height - chart_top)
+        if self._charts is None or self._charts.size != size:
+            self._charts = _Charts(self._recordings, self._period, self.steps, size)
+        self._charts.draw(surface.subsurface((0, chart_top, *size)), self._period * (step + 1))
 
 
-def _error_chart(recordings: Sequence[Recording], shown: slice) -> Chart:
-    """Return a chart of the tracking errors on a logarithmic axis, which shows falls and millimetres together."""
-    errors = [np.log10(np.maximum(1e3 * recording.error, _SMALLEST_ERROR)) for recording in recordings]
-    curves = tuple(Curve(error, COLOURS[i], 2, i == 1) for i, error in enumerate(errors))
-    high = max(float(error[shown].max(initial=1.0)) for error in errors)
-    powers = range(int(np.log10(_SMALLEST_ERROR)), int(high) + 1)
-    ticks = tuple((float(power), f"{10**power}" if power else f"≤ {_SMALLEST_ERROR:g}") for power in powers)
-    return Chart("tracking error (mm)", _legend(recordings), curves, np.log10(_SMALLEST_ERROR), high + 0.1, ticks)
+def _draw_fall(surface: Any, time: float) -> None:
+    """Fade the picture of a policy and write when it fell, s."""
+    width, height = surface.get_size()
+    veil = pygame.Surface((width, height))
+    veil.fill(palette.WHITE)
+    veil.set_alpha(90)
+    surface.blit(veil, (0, 0))
+    write(surface, f"fell at {time:.1f} s", (width / 2, 0.62 * height), height // 12, palette.INK, "center")
 
 
-def _legend(recordings: Sequence[Recording]) -> tuple[tuple[str, Colour], ...]:
-    return tuple((recording.name, COLOURS[i]) for i, recording in enumerate(recordings))
+class _Charts:
+    """Charts of tracking errors and wind, of which the part up to the present is shown.
+
+    Both pictures are drawn once: the axes without curves, and with all curves.
+    """
+
+    def __init__(self, recordings: Sequence[Recording], period: float, steps: range, size: tuple[int, int]) -> None:
+        from matplotlib import rc_context
+
+        self.size = width, height = size
+        line = max(height / 11.0, 9.0)  # px
+        figure = figures.new_figure(width / _DPI, height / _DPI)
+        figure.set(dpi=_DPI, layout_engine="none")
+        with rc_context({"font.size": 72.0 / _DPI * line}):
+            self._axes = figures.add_axes(figure, 1, 2)[0]
+        for i, draw in enumerate((_draw_errors, _draw_wind)):
+            axis = self._axes[i]
+            left, bottom = 0.5 * i + 4.5 * line / width, 1.8 * line / height
+            axis.set_position((left, bottom, 0.5 - 5.5 * line / width, 1.0 - 2.0 * bottom))
+            draw(axis, recordings, period, slice(steps.start, steps.stop))
+            axis.set_xlim(period * steps.start, period * steps.stop)
+            axis.xaxis.set_major_formatter("{x:g} s")
+            axis.grid(color="#dddddd", linewidth=0.5)
+            axis.legend(loc="lower left", bbox_to_anchor=(0.0, 0.97), ncols=4, frameon=False)
+        self._curves = _rendered(figure)
+        for curve in [curve for axis in self._axes for curve in axis.lines]:
+            curve.set_visible(False)
+        self._empty = _rendered(figure)
+
+    def draw(self, surface: Any, time: float) -> None:
+        """Draw the charts up to a time, s."""
+        surface.blit(self._empty, (0, 0))
+        for axis in self._axes:
+            left = round(axis.bbox.x0)
+            now = round(axis.transData.transform((time, 1.0))[0])
+            surface.blit(self._curves, (left, 0), (left, 0, max(now - left, 0), self.size[1]))
+            top, bottom = self.size[1] - axis.bbox.y1, self.size[1] - axis.bbox.y0
+            pygame.draw.line(surface, palette.GREY, (now, top), (now, bottom))
 
 
-def _wind_chart(recordings: Sequence[Recording], shown: slice) -> Chart:
-    """Return a chart of the wind's force on the quadrotor and its estimates, along the axis with the largest force."""
-    longest = max(recordings, key=lambda recording: len(recording.snapshots))
-    true = longest.disturbance[:, :3]
-    axis = int(np.argmax((true[shown] ** 2).sum(axis=0)))
-    estimating = [i for i, recording in enumerate(recordings) if np.isfinite(recording.estimate[:, axis]).any()]
-    estimates = [recordings[i].estimate[:, axis] for i in estimating]
-    # The estimates of a policy that falls become very large, so they do not determine the range of the axis.
-    surviving = [recordings[i].estimate[shown, axis] for i in estimating if recordings[i].survived]
-    typical = [float(np.quantile(np.abs(estimate), 0.98)) for estimate in surviving if len(estimate)]
-    limit = 1.1 * max(float(np.abs(true[shown, axis]).max()), *typical, 0.1)
-    curves = [Curve(true[:, axis], TRUE_WIND, 5)]
-    for i, estimate in zip(estimating, estimates, strict=True):
-        curves.append(Curve(np.where(np.abs(estimate) <= limit, estimate, np.nan), COLOURS[i], 2, i == 1))
-    legend = (("true", blend(TRUE_WIND, palette.INK, 0.3)), *(_legend(recordings)[i] for i in estimating))
-    ticks = tuple((float(value), f"{value:g}") for value in _round_values(-limit, limit))
-    return Chart(f"wind along {'xyz'[axis]} (N)", legend, tuple(curves), -limit, limit, ticks)
+def _rendered(figure: Any) -> Any:
+    """Return a figure as a surface of pygame."""
+    figure.canvas.draw()
+    pixels = figure.canvas.buffer_rgba()
+    return pygame.image.frombuffer(bytes(pixels), pixels.shape[1::-1], "RGBA")
 
 
-def _round_values(low: float, high: float) -> Floats:
-    """Return three to six round numbers in an interval, including its ends if they are round."""
-    rough = (high - low) / 5.0
-    power = 10.0 ** np.floor(np.log10(rough))
-    step = power * next(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough)
-    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
-    return np.asarray(np.round(np.arange(first, last + 1.0) * step, 10) + 0.0)  # adding 0 turns −0 into 0
+def _draw_curve(axis: Any, values: Any, period: float, i: int) -> None:
+    """Draw a curve in the style of policy i; its label stands in the legend if it has a value."""
+    times = period * np.arange(1, len(values) + 1)
+    colour = np.array(COLOURS[i]) / 255.0
+    axis.plot(times, values, "--" if i == 1 else "-", color=colour, linewidth=1.5)
+
+
+def _draw_errors(axis: Any, recordings: Sequence[Recording], period: float, shown: slice) -> None:
+    """Draw the tracking errors on a logarithmic axis, which shows falls and millimetres together."""
+    errors = [np.maximum(1e3 * recording.error, _SMALLEST_ERROR) for recording in recordings]
+    for i, error in enumerate(errors):
+        _draw_curve(axis, error, period, i)
+        axis.lines[-1].set_label(figure_text(recordings[i].name))
+    highest = max(float(error[shown].max(initial=10.0)) for error in errors)
+    figures.set_log_scale(axis, _SMALLEST_ERROR, highest)
+    axis.set_ylabel("error (mm)")
+
+
+def _draw_wind(axis: Any, recordings: Sequence[Recording], period: float, shown: slice) -> None:
+    """Draw the wind's force on the quadrotor and its estimates, along the axis with the largest force."""
+    true = max(recordings, key=lambda recording: len(recording.snapshots)).disturbance[:, :3]
+    component = int(np.argmax((true[shown] ** 2).sum(axis=0)))
+    times = period * np.arange(1, len(true) + 1)
+    axis.plot(times, true[:, component], color=np.array(_TRUE_WIND) / 255.0, linewidth=3.5, label="true")
+    limit = max(float(np.abs(true[shown, component]).max()), 0.1)
+    for i, recording in enumerate(recordings):
+        estimate = recording.estimate[:, component]
+        if not np.isfinite(estimate).any():
+            continue
+        _draw_curve(axis, estimate, period, i)
+        axis.lines[-1].set_label(figure_text(recording.name))
+        # The estimates of a policy that falls become very large, so they do not determine the range of the axis.
+        if recording.survived and len(estimate[shown]):
+            limit = max(limit, float(np.quantile(np.abs(estimate[shown]), 0.98)))
+    axis.set_ylim(-1.1 * limit, 1.1 * limit)
+    axis.set_ylabel(f"wind, {'xyz'[component]} (N)")
+
+
+def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: float, rate: float) -> None:
+    """Write a video, or the last picture if the file is a PNG. An interruption leaves an older file unchanged.
+
+    Args:
+        view: View to draw.
+        path: File with the suffix .mp4, .gif, .webp or .png.
+        size: Width and height in pixels.
+        fps: Pictures per second.
+        rate: Control steps that one second of the video shows.
+    """
+    shown = view.steps
+    seconds = round(100.0 / fps) / 100.0 if path.suffix == ".gif" else 1.0 / fps  # GIF stores hundredths of a second
+    steps = np.arange(shown.start, shown.stop, rate * seconds).astype(int).tolist()
+    with atomic(path) as unfinished:
+        if path.suffix == ".mp4":
+            from imageio.v2 import get_writer
+
+            with get_writer(unfinished, fps=fps, quality=8, macro_block_size=2) as writer:
+                for picture in _pictures(view, size, steps):
+                    writer.append_data(picture)  # type: ignore[attr-defined]
+            return
+        if path.suffix == ".png":
+            steps = [shown.stop - 1]
+        images = (Image.fromarray(picture) for picture in _pictures(view, size, steps))
+        if path.suffix == ".gif":
+            sample = steps[:: max(len(steps) // _PALETTE_PICTURES, 1)]
+            colours = _palette(list(_pictures(view, size, sample)))
+            images = (image.quantize(palette=colours, dither=Image.Dither.NONE) for image in images)
+        options: dict[str, Any] = {"optimize": True}
+        if path.suffix == ".webp":
+            options = {"quality": 80, "method": 4}
+        if path.suffix != ".png":
+            options |= {"save_all": True, "append_images": images, "duration": 1000.0 * seconds, "loop": 0}
+        next(images).save(unfinished, **options)
+
+
+def _pictures(view: SideBySideView, size: tuple[int, int], steps: list[int]) -> Iterator[Any]:
+    """Yield the picture after each of these steps, shape (height, width, 3), uint8."""
+    surface = pygame.Surface(size)
+    for step in tqdm(steps, desc="drawing", disable=None if len(steps) > 1 else True):
+        view.draw(surface, step)
+        yield surface_to_array(surface)
+
+
+def _palette(pictures: list[Any]) -> Any:
+    """Return one palette for all pictures, so that a GIF file stores only what moves.
+
+    Half of the sample are the colours that have a meaning, since they fill few pixels of the pictures.
+    """
+    shades = [
+        blend(colour, other, share)
+        for colour in palette.MEANINGFUL
+        for other in (palette.WHITE, palette.INK)
+        for share in (0.0, 0.25, 0.5)
+    ]
+    stacked = np.concatenate(pictures)
+    swatches = np.repeat(np.array(shades, np.uint8), len(stacked) // (2 * len(shades)) + 1, axis=0)[:, np.newaxis]
+    sample = np.concatenate([stacked, np.broadcast_to(swatches, (len(swatches), stacked.shape[1], 3))])
+    return Image.fromarray(sample).quantize(_PALETTE_SIZE, method=Image.Quantize.MEDIANCUT)

@@ -32,13 +32,11 @@ def metric_rows(comparison: Comparison) -> Rows:
     headings = [
         f"{name.replace('_', ' ')}{f' ({METRICS[name].unit})' if METRICS[name].unit else ''}" for name in METRIC_COLUMNS
     ]
-    return [
-        ["scenario", "policy", *headings],
-        *(
-            [*cell, *(format_interval(summary[name]) for name in METRIC_COLUMNS)]
-            for cell, summary in comparison.summaries.items()
-        ),
+    rows = [
+        [*cell, *(format_interval(summary[name]) for name in METRIC_COLUMNS)]
+        for cell, summary in comparison.summaries.items()
     ]
+    return [["scenario", "policy", *headings], *rows]
 
 
 def leaderboard_rows(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> Rows:
@@ -95,13 +93,9 @@ def terminal_table(title: str, rows: Rows) -> Table:
 
 
 def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str:
-    """Return a Markdown page: the table of all metrics, a sentence for each policy, and the leaderboard.
-
-    Args:
-        comparison: Comparison to describe.
-        standings: Leaderboard of the comparison.
-    """
-    parts = [_markdown(metric_rows(comparison)), episodes_note(comparison)]
+    """Return a Markdown page: the table of all metrics, a sentence for each policy, and the leaderboard."""
+    headings, *body = metric_rows(comparison)
+    parts = [markdown_table(headings, body), episodes_note(comparison)]
     parts.append("\n".join(f"- {markdown_text(sentence)}" for sentence in sentences(comparison)))
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         parts += [leaderboard_markdown(standings), leaderboard_note(comparison)]
@@ -110,11 +104,8 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str
 
 def leaderboard_markdown(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> str:
     """Return the leaderboard in Markdown, see `leaderboard_rows`."""
-    return _markdown(leaderboard_rows(standings, bound))
-
-
-def _markdown(rows: Rows) -> str:
-    return markdown_table(rows[0], rows[1:])
+    headings, *body = leaderboard_rows(standings, bound)
+    return markdown_table(headings, body)
 
 
 def episodes_note(comparison: Comparison) -> str:
@@ -144,7 +135,7 @@ def leaderboard_note(comparison: Comparison) -> str:
     """Return that there are too few episodes for wins by RMSE on the leaderboard; empty if there are enough."""
     pairs = len(comparison.policies) * (len(comparison.policies) - 1) // 2
     tests = 2 * pairs * len(comparison.scenarios)
-    needed = episodes_needed(tests, max(len(learner.policies) for learner in comparison.learners.values()))
+    needed = episodes_needed(tests, max(map(len, comparison.learners.values())))
     if not pairs or comparison.episodes >= needed:
         return ""
     few = f"{comparison.episodes} episode{'s are' if comparison.episodes > 1 else ' is'}"
@@ -173,15 +164,7 @@ def plot(comparison: Comparison) -> Any:
 
 
 def draw_errors(axis: Any, comparison: Comparison, scenario: str) -> None:
-    """Draw the tracking error over time: median and 80 % band over all episodes.
-
-    An episode counts as `FALL_ERROR` after a fall.
-
-    Args:
-        axis: Matplotlib axes.
-        comparison: Comparison to draw.
-        scenario: Name of the scenario.
-    """
+    """Draw the tracking error over time: median and 80 % band over all episodes; `FALL_ERROR` after a fall."""
     length, period = comparison.scenarios[scenario].steps, comparison.scenarios[scenario].simulation.period
     interval, lowest = max(length // _POINTS, 1), np.inf
     for i, policy in enumerate(comparison.policies):
