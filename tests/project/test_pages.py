@@ -97,7 +97,7 @@ def test_commands_and_modules_named_in_the_text_exist() -> None:
 
 @pytest.mark.parametrize("page", ["README.md", "docs/quickstart.md"])
 def test_the_commands_in_the_readme_and_the_quickstart_run(page: str, folder: Path) -> None:
-    train = ["--total-timesteps", "1024", "--num-envs", "16", "--batch-size", "64", "--n-eval-episodes", "1"]
+    train = ["--total-timesteps", "1024", "--num-envs", "16", "--set", "ppo.batch_size=64", "--n-eval-episodes", "1"]
     evaluate = ["--episodes", "2"]
     watch = ["--out", "look.png", "--size", "320", "240"]
     brief = {"train": train, "evaluate": evaluate, "watch": watch, "card": []}

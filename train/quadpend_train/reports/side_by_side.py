@@ -91,14 +91,11 @@ class _Charts:
     """
 
     def __init__(self, recordings: Sequence[Recording], period: float, steps: range, size: tuple[int, int]) -> None:
-        from matplotlib import rc_context
-
         self.size = width, height = size
-        line = max(height / 11.0, 9.0)  # px
+        line = max(height / 14.0, 7.0)  # height of a line of text, px
         figure = figures.new_figure(width / _DPI, height / _DPI)
         figure.set(dpi=_DPI, layout_engine="none")
-        with rc_context({"font.size": 72.0 / _DPI * line}):
-            self._axes = figures.add_axes(figure, 1, 2)[0]
+        self._axes, points = figures.add_axes(figure, 1, 2)[0], 72.0 / _DPI * line
         for i, draw in enumerate((_draw_errors, _draw_wind)):
             axis = self._axes[i]
             left, bottom = 0.5 * i + 4.5 * line / width, 1.8 * line / height
@@ -107,7 +104,9 @@ class _Charts:
             axis.set_xlim(period * steps.start, period * steps.stop)
             axis.xaxis.set_major_formatter("{x:g} s")
             axis.grid(color="#dddddd", linewidth=0.5)
-            axis.legend(loc="lower left", bbox_to_anchor=(0.0, 0.97), ncols=4, frameon=False)
+            axis.tick_params(labelsize=points)
+            axis.yaxis.label.set_size(points)
+            axis.legend(loc="lower left", bbox_to_anchor=(0.0, 0.97), ncols=4, frameon=False, fontsize=points)
         self._curves = _rendered(figure)
         for curve in [curve for axis in self._axes for curve in axis.lines]:
             curve.set_visible(False)
@@ -132,7 +131,7 @@ def _rendered(figure: Any) -> Any:
 
 
 def _draw_curve(axis: Any, values: Any, period: float, i: int) -> None:
-    """Draw a curve in the style of policy i; its label stands in the legend if it has a value."""
+    """Draw a curve in the style of policy i."""
     times = period * np.arange(1, len(values) + 1)
     colour = np.array(COLOURS[i]) / 255.0
     axis.plot(times, values, "--" if i == 1 else "-", color=colour, linewidth=1.5)
@@ -154,14 +153,19 @@ def _draw_wind(axis: Any, recordings: Sequence[Recording], period: float, shown:
     true = max(recordings, key=lambda recording: len(recording.snapshots)).disturbance[:, :3]
     component = int(np.argmax((true[shown] ** 2).sum(axis=0)))
     times = period * np.arange(1, len(true) + 1)
-    axis.plot(times, true[:, component], color=np.array(_TRUE_WIND) / 255.0, linewidth=3.5, label="true")
+    axis.plot(
+        times,
+        true[:, component],
+        color=np.array(_TRUE_WIND) / 255.0,
+        linewidth=3.5,
+        label="true; policies: their estimates",
+    )
     limit = max(float(np.abs(true[shown, component]).max()), 0.1)
     for i, recording in enumerate(recordings):
         estimate = recording.estimate[:, component]
         if not np.isfinite(estimate).any():
             continue
         _draw_curve(axis, estimate, period, i)
-        axis.lines[-1].set_label(figure_text(recording.name))
         # The estimates of a policy that falls become very large, so they do not determine the range of the axis.
         if recording.survived and len(estimate[shown]):
             limit = max(limit, float(np.quantile(np.abs(estimate[shown]), 0.98)))
