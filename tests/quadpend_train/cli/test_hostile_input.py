@@ -1,6 +1,5 @@
 """Names, terminals and files that are unusual or damaged end in a readable result or in one sentence."""
 
-import errno
 import os
 import re
 import subprocess
@@ -76,24 +75,6 @@ def test_impossible_numbers_and_paths_are_refused_before_any_work(
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
     assert REFUSED[command] in refused(command.split(), capsys)
-
-
-FAULTS = {
-    OSError(errno.ENOSPC, "No space left on device", "x.npz"): "x.npz: No space left on device; what was written",
-    OSError(errno.EROFS, "Read-only file system"): "a file cannot be read or written: Read-only file system",
-    MemoryError("Unable to allocate 1 TiB"): "there is too little memory: ask for less, such as fewer episodes",
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: type(fault).__name__)
-def test_faults_of_the_machine_are_one_sentence(
-    fault: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def fail(*arguments: object) -> None:
-        raise fault
-
-    monkeypatch.setattr("quadpend_train.cli.main._run", fail)
-    assert FAULTS[fault] in refused(["list"], capsys)
 
 
 def test_a_full_disk_of_the_output_is_one_sentence() -> None:

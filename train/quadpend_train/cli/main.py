@@ -3,7 +3,6 @@
 This module imports no library at module level, so that `quadpend --help` starts at once.
 """
 
-import errno
 import io
 import os
 import re
@@ -20,7 +19,6 @@ _TRACEBACK = "--traceback"
 _LONGEST = 4000  # characters of a sentence
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _PATIENCE = 5.0  # s, after which an interrupted command ends in any case
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _received: list[int] = []  # signals that ended this command
 
 
@@ -184,8 +182,7 @@ def _sentence(error: Exception) -> str:
         return str(error)
     if isinstance(error, OSError) and error.strerror:
         path = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
-        kept = "; what was written before is kept" if error.errno in _FULL else ""
-        return f"a file cannot be read or written: {path}{error.strerror}{kept}"
+        return f"a file cannot be read or written: {path}{error.strerror}"
     if isinstance(error, MemoryError):
         return "there is too little memory: ask for less, such as fewer episodes or sub-environments"
     reported = (ValueError, TypeError, OSError, FloatingPointError, OverflowError, RecursionError, Error)

@@ -106,11 +106,10 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
     Raises:
         FileNotFoundError: If the folder contains no run, or a finished one.
     """
-    stored = _stored_settings(folder)
+    settings = _settings(folder, settings, LIMITS)
     with locked(folder):
         if (folder / POLICY).is_file():
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
-        settings = _checked_limits(stored, settings, LIMITS)
         if not (folder / CHECKPOINT).is_file():
             return _run(initial_model(settings, folder, folder / START), settings, folder, progress)
         model = _load(settings, folder / CHECKPOINT)
@@ -146,11 +145,10 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
     """
     if more_steps < 1:
         raise ValueError(f"more_steps must be at least 1, not {more_steps}")
-    stored = _stored_settings(folder)
+    settings = _settings(folder, settings, LIMITS[:1])
     if not (folder / POLICY).is_file():
         raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
     with locked(folder):
-        settings = _checked_limits(stored, settings, LIMITS[:1])
         model, made = _load(settings, folder / MODEL), read_provenance(folder)
         steps = model.num_timesteps
         if hasattr(model, "replay_buffer"):
@@ -163,18 +161,15 @@ def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None,
     return resume(folder, progress=progress)
 
 
-def _stored_settings(folder: Path) -> TrainSettings:
+def _settings(folder: Path, given: TrainSettings | None, limits: Sequence[str]) -> TrainSettings:
+    """Return the given settings, or those of the run, after checking that they differ in `limits` only."""
     if not (folder / SETTINGS).is_file():
         raise FileNotFoundError(f"{folder} contains no run")
-    return read_settings(str(folder / SETTINGS))
-
-
-def _checked_limits(stored: TrainSettings, settings: TrainSettings | None, limits: Sequence[str]) -> TrainSettings:
-    """Return `settings`, or `stored` if there are none, after checking that they differ in `limits` only."""
-    for name, value in vars(stored).items() if settings else ():
-        if name not in limits and getattr(settings, name) != value:
+    stored = read_settings(str(folder / SETTINGS))
+    for name, value in vars(stored).items() if given else ():
+        if name not in limits and getattr(given, name) != value:
             raise ValueError(f"a continued run may change {' and '.join(limits)} only: {name} must be {value!r}")
-    return settings or stored
+    return given or stored
 
 
 def _load(settings: TrainSettings, path: Path) -> Any:
