@@ -7,8 +7,8 @@ from gymnasium.vector import AutoresetMode
 from quadpend_baselines import Policy
 from quadpend_gym.core.factories import describe_error
 from quadpend_gym.scenarios import Scenario
-from quadpend_train.policies.conversion import PROTOCOL, ObjectPolicy
 from quadpend_train.policies.mlp_policy import MlpPolicy
+from quadpend_train.policies.objects import PROTOCOL, ObjectPolicy
 from quadpend_train.policies.own import FactoryPolicy
 
 

@@ -14,10 +14,10 @@ from quadpend_baselines import Policy
 from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.envs.spaces import action_space
-from quadpend_train.policies.conversion import ObjectPolicy
 from quadpend_train.policies.history import History, HistoryPolicy, histories_of
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 from quadpend_train.policies.normalization import Normalization, from_vec_normalize, statistics_file
+from quadpend_train.policies.objects import ObjectPolicy
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
 
 _TOLERANCE = 1e-5  # of a component of the action: torch and numpy sum float32 numbers in different orders

@@ -33,10 +33,10 @@ from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
-from quadpend_train.policies.conversion import FunctionPolicy
 from quadpend_train.policies.finite_differences import with_velocities
 from quadpend_train.policies.history import OBSERVATION_SIZES, History, HistoryPolicy
 from quadpend_train.policies.normalization import Normalization
+from quadpend_train.policies.objects import FunctionPolicy
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
