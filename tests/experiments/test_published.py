@@ -13,7 +13,9 @@ SAMPLES = pd.read_csv(SAMPLE)
 POLICIES = (*LEARNED, *CLASSICAL)
 
 
-@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize(
+    "policy", [pytest.param(name, marks=pytest.mark.extras if name in SLOW else ()) for name in POLICIES]
+)
 def test_sampled_episodes_have_their_published_values(policy: str) -> None:
     """Each policy flies in one scenario, another one than the policies before it.
 
