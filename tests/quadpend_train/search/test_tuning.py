@@ -1,6 +1,7 @@
 """The search for gains stays in its bounds, continues, and the scores beside the gains can be reproduced."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
 from quadpend_baselines.controllers.vehicle_gains import read_gain
 from quadpend_baselines.gains import GAINS, HANGING_TUNED, TUNED
 from quadpend_gym import Simulation
+from quadpend_gym.scenarios import Scenario
 from quadpend_train.cli.main import main
 from quadpend_train.search import tuning
 from tests.helpers.scenarios import shorten_scenarios
@@ -41,6 +43,19 @@ def test_a_search_continues_and_its_result_is_scored(
     assert set(found["gains"]) == set(tuning.SEARCH_SPACES["lqr"])
     assert (tmp_path / "lqr.png").stat().st_size > 5000
     assert '"score"' in capsys.readouterr().out
+
+
+def test_a_scenario_of_ones_own_is_tuned_for_and_its_changes_begin_a_new_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tuning, "SCORE_EPISODES", 2)
+    mine = Scenario(wind="breeze", duration=1.0, name="mine")
+    search, storage = tuning.Search("lqr", [mine], 2), str(tmp_path / "trials.log")
+    found = tuning.tune(search, search.open(storage), 1, tmp_path)
+    assert found["scenarios"] == [*found["survival and penalised rmse"]] == ["mine"]
+    assert len(search.open(storage).trials) == 1
+    for other in (replace(mine, wind="windy"), mine.with_vehicle("hummingbird")):
+        assert not tuning.Search("lqr", [replace(other, name="mine")], 2).open(storage).trials[0].state.is_finished()
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import suggest
-from quadpend_gym.scenarios import Scenario, find_scenarios
+from quadpend_gym.scenarios import Scenario, find_scenarios, scenario_data
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
 from quadpend_train.search.shared import open_study, run_trials
@@ -70,8 +71,10 @@ class Search:
     def open(self, storage: str, seed: int = 0) -> optuna.Study:
         """Open or create the study in a storage."""
         ranges = {path: [item.low, item.high] for path, item in self.space.items()}
-        key = hashlib.sha256(json.dumps([self.episodes, [*self.scenarios], ranges]).encode()).hexdigest()
-        return open_study(f"{self.name}-{key[:12]}", storage, self._sampler, seed, self.start)
+        scenarios = {name: scenario_data(scenario) for name, scenario in self.scenarios.items()}
+        key = json.dumps([self.episodes, scenarios, ranges, asdict(self.present)])
+        digest = hashlib.sha256(key.encode()).hexdigest()
+        return open_study(f"{self.name}-{digest[:12]}", storage, self._sampler, seed, self.start)
 
     def _sampler(self, seed: int) -> optuna.samplers.CmaEsSampler:
         with warnings.catch_warnings():  # Optuna 6 will remove x0 and sigma0, so Optuna below 6 is required
@@ -128,7 +131,10 @@ def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scena
 
 
 def score(
-    policy: Policy, episodes: int = SCORE_EPISODES, seed: int = SCORE_SEED, scenarios: Sequence[str] = ("training",)
+    policy: Policy,
+    episodes: int = SCORE_EPISODES,
+    seed: int = SCORE_SEED,
+    scenarios: Sequence[str | Scenario] = ("training",),
 ) -> dict[str, tuple[float, float]]:
     """Return survival (%) and mean penalised RMSE (mm) in each scenario."""
     found = find_scenarios(scenarios)
@@ -161,10 +167,10 @@ def tune(search: Search, study: optuna.Study, trials: int, folder: Path) -> dict
     """
     run_trials(study, search.space, search.loss, trials)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
-    names = [*search.scenarios]
-    before, after = (score(search.policy(gains), SCORE_EPISODES, scenarios=names) for gains in ({}, values))
+    scenarios = [*search.scenarios.values()]
+    before, after = (score(search.policy(gains), SCORE_EPISODES, scenarios=scenarios) for gains in ({}, values))
     found = {
-        "scenarios": names,
+        "scenarios": [*search.scenarios],
         "trials": len(study.trials),
         "gains": values,
         "score": round(float(np.mean([rmse for _, rmse in after.values()])), 2),
