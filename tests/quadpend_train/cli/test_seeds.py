@@ -63,7 +63,6 @@ def test_an_interrupted_seed_continues(
     [
         (["--seeds", "4-0"], "seeds must be numbers and ranges"),
         (["--seeds", "0,0-2"], "seeds must be different"),
-        (["--seeds", "0-2", "--more-steps", "5"], "--more-steps continues one finished run"),
         (["--jobs", "2"], "give them with --seeds"),
         (["--cluster", "auto"], "give them with --seeds"),
         (["--resume", "nix", "--seeds", "0-2"], "contain no run"),

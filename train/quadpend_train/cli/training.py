@@ -89,7 +89,6 @@ def train(
     set: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     out: Path = DEFAULT_OUT,
     resume: Path | None = None,
-    more_steps: int | None = None,
     vehicle: str | None = None,
     interface: str | None = None,
     seeds: str | None = None,
@@ -109,7 +108,6 @@ def train(
         resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
             --patience may be changed. Loading its checkpoint executes code that it contains: resume only runs that you
             trust.
-        more_steps: Timesteps by which the finished run in the folder given by --resume is continued.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
             the torque limits; wind velocities stay.
@@ -130,8 +128,6 @@ def train(
             "--resume continues a run with its own scenarios in its own folder: give no --vehicle, no --interface and"
             " no --out with it"
         )
-    if more_steps is not None and (seeds is not None or not resume):
-        raise ValueError("--more-steps continues one finished run: give its folder with --resume, and no --seeds")
     if resume:
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
     typed = [] if resume else [*run.scenarios, *(part for pair in changes.items() if pair[1] for part in pair if part)]
@@ -140,8 +136,6 @@ def train(
         run = replace(run, scenarios=_changed(run.scenarios, vehicle, interface), curriculum=tuple(curriculum))
     if seeds is not None:
         folders = train_seeds(run, seeds, resume or out, resume is not None, executor(jobs, cluster))
-    elif resume and more_steps is not None:
-        folders = [training.extend(resume, more_steps, run).parent]
     elif resume:
         folders = [training.resume(resume, run).parent]
     else:

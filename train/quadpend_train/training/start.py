@@ -64,11 +64,6 @@ def start_provenance(settings: TrainSettings) -> dict[str, Any]:
 
 def check_reproducible(card: dict[str, Any], name: str) -> None:
     """Check that a training from the card of the policy `name` would give the same weights on the same machine."""
-    if continued := card["provenance"].get("continued_at"):
-        raise ValueError(
-            f"the training of {name} was continued after {', '.join(map(str, continued))} steps, so that one run from"
-            " its card gives another policy: use the card of the first part"
-        )
     start = card["provenance"].get("start_from")
     if start and policy_fingerprint(start["policy"]) != start["sha256"]:
         raise ValueError(f"the policy {start['policy']} has changed since the training of {name} started from it")

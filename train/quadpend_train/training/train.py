@@ -9,11 +9,9 @@ The files of a run folder:
 - ``checkpoint.zip``: the latest checkpoint, for SAC and TQC with ``buffer_*.pkl``; deleted when the run is finished;
 - ``curve.csv`` and ``best.npz``: scores and best policy, if the run is evaluated;
 - ``model.zip``: the final model;
-- ``policy.npz``: the best policy, or the final one if the run is not evaluated; of a continued run, ``policy_*.npz`` is
-  the policy after its first part.
+- ``policy.npz``: the best policy, or the final one if the run is not evaluated.
 
-An interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run. A finished run
-continues from its model, see `extend`.
+An interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run.
 """
 
 import shlex
@@ -106,13 +104,14 @@ def resume(folder: Path, settings: TrainSettings | None = None, *, progress: boo
     Raises:
         FileNotFoundError: If the folder contains no run, or a finished one.
     """
-    settings = _settings(folder, settings, LIMITS)
+    settings = _settings(folder, settings)
     with locked(folder):
         if (folder / POLICY).is_file():
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
         if not (folder / CHECKPOINT).is_file():
             return _run(initial_model(settings, folder, folder / START), settings, folder, progress)
-        model = _load(settings, folder / CHECKPOINT)
+        torch.set_num_threads(settings.num_threads)
+        model = load_model(settings, make_env(settings), folder / CHECKPOINT)
         if hasattr(model, "replay_buffer"):
             model.load_replay_buffer(folder / f"buffer_{model.num_timesteps}.pkl")
         return _run(model, settings, folder, progress)
@@ -124,58 +123,15 @@ def train_or_resume(settings: TrainSettings, folder: Path, *, progress: bool = T
     return resume(folder, settings, progress=progress) if begun else train(settings, folder, progress=progress)
 
 
-def extend(folder: Path, more_steps: int, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
-    """Continue a finished run for more timesteps, with its networks and the state of its optimizers.
-
-    The run then has ``total_timesteps`` equal to its timesteps so far plus `more_steps`, and no ``patience``. The
-    learning rate is linear over this new total: it starts between its initial and its final value. The replay buffer of
-    SAC and TQC was deleted at the end of the run, so they fill a new one with ``learning_starts`` random actions. The
-    learning curve continues. An interrupted continuation is resumed by `resume`.
-
-    Loading a model executes code that is in it: extend only runs whose source you trust.
-
-    Args:
-        folder: The folder of the run.
-        more_steps: Number of timesteps.
-        settings: The settings of the run, in which only ``max_seconds`` may be changed; None: unchanged.
-        progress: Whether to show a progress bar.
-
-    Raises:
-        FileNotFoundError: If the folder contains no finished run.
-    """
-    if more_steps < 1:
-        raise ValueError(f"more_steps must be at least 1, not {more_steps}")
-    settings = _settings(folder, settings, LIMITS[:1])
-    if not (folder / POLICY).is_file():
-        raise FileNotFoundError(f"the run in {folder} is not finished: resume it without more steps first")
-    with locked(folder):
-        model, made = _load(settings, folder / MODEL), read_provenance(folder)
-        steps = model.num_timesteps
-        if hasattr(model, "replay_buffer"):
-            model.learning_starts = steps + settings.argument("learning_starts")
-        save_checkpoint(model, folder)
-        continued = [other for other in made.get("continued_at", []) if other != steps]
-        write_json(folder / PROVENANCE, {**made, "continued_at": [*continued, steps]})
-        write_json(folder / SETTINGS, to_mapping(replace(settings, total_timesteps=steps + more_steps, patience=0)))
-        (folder / POLICY).replace(folder / f"policy_{steps}.npz")  # the run is now an interrupted one
-    return resume(folder, progress=progress)
-
-
-def _settings(folder: Path, given: TrainSettings | None, limits: Sequence[str]) -> TrainSettings:
-    """Return the given settings, or those of the run, after checking that they differ in `limits` only."""
+def _settings(folder: Path, given: TrainSettings | None) -> TrainSettings:
+    """Return the given settings, or those of the run, after checking that they differ in `LIMITS` only."""
     if not (folder / SETTINGS).is_file():
         raise FileNotFoundError(f"{folder} contains no run")
     stored = read_settings(str(folder / SETTINGS))
     for name, value in vars(stored).items() if given else ():
-        if name not in limits and getattr(given, name) != value:
-            raise ValueError(f"a continued run may change {' and '.join(limits)} only: {name} must be {value!r}")
+        if name not in LIMITS and getattr(given, name) != value:
+            raise ValueError(f"a continued run may change {' and '.join(LIMITS)} only: {name} must be {value!r}")
     return given or stored
-
-
-def _load(settings: TrainSettings, path: Path) -> Any:
-    """Return the model of a run from its checkpoint or its final model."""
-    torch.set_num_threads(settings.num_threads)
-    return load_model(settings, make_env(settings), path)
 
 
 def initial_model(settings: TrainSettings, folder: Path | None = None, start: Path | None = None) -> Any:
@@ -248,11 +204,7 @@ def _learn(
                 raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
             raise
     if stop.time_is_up:
-        missing = max(total - model.num_timesteps, 1)
-        print(
-            f"max_seconds ended the training early, after {model.num_timesteps} of {total} timesteps:"
-            f" `quadpend train --resume {folder} --more-steps {missing}` continues it."
-        )
+        print(f"max_seconds ended the training early, after {model.num_timesteps} of {total} timesteps.")
     with atomic(folder / MODEL) as unfinished:
         model.save(unfinished)
     seconds = time.perf_counter() - begin - evaluation.evaluation_seconds

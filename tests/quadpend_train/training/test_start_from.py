@@ -1,6 +1,5 @@
-"""Training starts from the network of another policy, and a finished run goes on."""
+"""Training starts from the network of another policy."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,22 +9,17 @@ import pytest
 from quadpend_train.cli.main import main
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-from quadpend_train.policies.sb3_models import algorithm_class
 from quadpend_train.training import train as training
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings, settings_of_card
 from quadpend_train.training.start import check_reproducible
-from quadpend_train.training.validation import read_curve
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.envs import assert_same
 from tests.helpers.policies import mlp_policy
 from tests.helpers.training import (
     BRIEF,
     BRIEF_SAC,
     interrupt_at,
-    model_of,
     train_policy,
-    trained_arrays,
     with_arguments,
 )
 
@@ -148,46 +142,8 @@ def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None
     assert_refused(lambda: training.initial_model(replace(rates, scenarios=("calm",))), "'body_rates'.*'wrench'")
 
 
-@each_algorithm
-def test_finished_run_goes_on_from_its_model(
-    settings: TrainSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Optimizers and curve go on; the new total and the steps of the first part are recorded."""
-    settings = replace(settings, eval_freq=96, patience=1000)
-    first, steps = train_policy(settings, tmp_path), settings.total_timesteps
-    before, curve = trained_arrays(model_of(tmp_path, settings)), read_curve(tmp_path)
-    with monkeypatch.context() as patch:  # the continuation is a run that was interrupted after the first part
-        patch.setattr(training, "resume", lambda folder, **options: folder)
-        training.extend(tmp_path, 300, progress=False)
-    model = algorithm_class(settings.algo).load(tmp_path / "checkpoint.zip", device="cpu")
-    assert_same(trained_arrays(model), before)
-    policy = MlpPolicy.load(training.resume(tmp_path, progress=False))
-    assert model_of(tmp_path, settings).num_timesteps >= steps + 300
-    assert policy.card["settings"] == json.loads((tmp_path / "settings.json").read_text())
-    assert read_settings(str(tmp_path / "settings.json")) == replace(settings, total_timesteps=steps + 300, patience=0)
-    assert policy.card["provenance"]["continued_at"] == [steps]
-    assert read_curve(tmp_path)[: len(curve)] == curve
-    assert len(read_curve(tmp_path)) > len(curve)
-    assert weight_difference(MlpPolicy.load(tmp_path / f"policy_{steps}.npz"), first) == 0.0
-    assert not list(tmp_path.glob("checkpoint*")) + list(tmp_path.glob("buffer*"))
-
-
 @pytest.mark.parametrize("name", [seed for seeds in shipped_policies().values() for seed in seeds])
 def test_every_shipped_policy_can_be_trained_again_from_its_card(name: str) -> None:
     card = MlpPolicy.load(name).card
     check_reproducible(card, name)
     make_env(settings_of_card(card, name))
-
-
-def test_run_that_cannot_go_on_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert_refused(lambda: training.extend(tmp_path, 10), "contains no run", FileNotFoundError)
-    train_policy(SHORTER, tmp_path)
-    assert_refused(lambda: training.extend(tmp_path, 0), "more_steps must be at least 1, not 0", ValueError)
-    (tmp_path / "policy.npz").rename(tmp_path / "away.npz")
-    assert_refused(lambda: training.extend(tmp_path, 10), "is not finished: resume it without", FileNotFoundError)
-    (tmp_path / "away.npz").rename(tmp_path / "policy.npz")
-    main(["train", "--resume", str(tmp_path), "--more-steps", "128"])
-    assert model_of(tmp_path, SHORTER).num_timesteps >= 640
-    with pytest.raises(SystemExit):
-        main(["reproduce", str(tmp_path)])
-    assert "was continued after 512 steps" in capsys.readouterr().err
