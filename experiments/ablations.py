@@ -4,7 +4,8 @@
 
 Every ablation compares two trainings that differ in that part and in the settings that depend on it, over the same
 training seeds, in the scenario that the part is intended for, in 100 episodes with seeds from 3000000. The timesteps of
-imitation count as training timesteps. Finished runs are not repeated.
+imitation count as training timesteps. A finished run is found again by its settings and is not repeated: delete its
+folder after a change of the code that should change it.
 """
 
 import hashlib
@@ -25,12 +26,11 @@ from quadpend_gym.core.files import read_mapping
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
-from quadpend_train.evaluation.jobs import code_hash
 from quadpend_train.evaluation.statistics import mean
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.environment import concatenate_scenarios
 from quadpend_train.training.settings import TrainSettings, from_mapping, to_mapping
-from quadpend_train.training.train import train
+from quadpend_train.training.train import train_or_resume
 
 RUNS = Path("runs/ablations")
 TIMESTEPS = 3_000_000  # of a training whose settings do not say otherwise
@@ -75,10 +75,10 @@ def settings_pair(ablation: Ablation, seed: int) -> tuple[TrainSettings, TrainSe
 
 def trained(settings: TrainSettings) -> MlpPolicy:
     """Return the policy of the run with these settings, after training it if there is none."""
-    key = json.dumps([to_mapping(settings), code_hash()], sort_keys=True)
+    key = json.dumps(to_mapping(settings), sort_keys=True)
     folder = RUNS / hashlib.sha256(key.encode()).hexdigest()[:16]
     path = folder / "policy.npz"
-    return MlpPolicy.load(path if path.is_file() else train(settings, folder, progress=False))
+    return MlpPolicy.load(path if path.is_file() else train_or_resume(settings, folder, progress=False))
 
 
 def penalised_rmse(policy: MlpPolicy, scenario: str) -> Floats:
