@@ -11,7 +11,7 @@ from quadpend_gym import Reference, State
 from quadpend_gym.core.arrays import Booleans, Bytes, Floats
 from quadpend_gym.viewer import scene
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.picture import Picture, surface_to_array
+from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_gym.viewer.snapshot import Snapshot
 from tests.helpers.envs import AT_REST
 
@@ -53,13 +53,6 @@ def in_wind(*force: float) -> Snapshot:
     return hovering()._replace(disturbance=np.array([*force, *np.zeros(6)]))
 
 
-def draw_picture(snapshot: Snapshot, camera: Camera | None = None, size: tuple[int, int] = SIZE) -> Bytes:
-    """Return the picture of a snapshot."""
-    surface = pygame.Surface(size)
-    Picture(camera).draw(surface, snapshot)
-    return surface_to_array(surface)
-
-
 def draw_scene(snapshot: Snapshot, camera: Camera, at: Floats | tuple[float, ...]) -> Bytes:
     """Return the picture of the scene without the head-up display; the camera looks at the point `at`."""
     surface = pygame.Surface(SIZE)
@@ -84,12 +77,6 @@ def find_colour(pixels: Bytes, colour: tuple[int, int, int], tolerance: int = 12
 def pixels_per_metre(camera: Camera, place: Any) -> float:
     """Return the pixels of 1 m across the view at the depth of a projected point."""
     return float(SIZE[1] / 2 / np.tan(camera.field_of_view / 2) / place[2])
-
-
-def find_green(pixels: Any) -> Any:
-    """Return where a picture is green, even faintly: the wind."""
-    red, green, blue = np.moveaxis(pixels.astype(int), -1, 0)
-    return (green - red > 15) & (green >= blue)
 
 
 def centroid(mask: Booleans) -> Floats:

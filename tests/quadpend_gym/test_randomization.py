@@ -13,7 +13,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.randomization import Around, ParameterRanges, as_ranges
 from quadpend_gym.vehicles import PARAMETER_NAMES, VEHICLES, Vehicle
-from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.envs import ENDLESS, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
 
 RANGES = ParameterRanges(
     quadrotor_mass=(0.3, 0.8),
@@ -85,17 +85,6 @@ def test_every_episode_has_its_own_constant_parameters_in_single_and_vector_envi
     assert env.world.episode.min() >= 4
     info["parameters"][:] = 1.0  # a copy
     assert (env.world.parameters != 1.0).all()
-
-
-def test_references_wind_and_deviations_of_the_start_are_drawn_as_without_randomization() -> None:
-    plain, uncertain = (make_vec(5, wind=WINDY, parameters=own) for own in (None, {"bob_mass": (0.1, 1)}))
-    for seed in (0, None):
-        plain.reset(seed=seed), uncertain.reset(seed=seed)
-        assert_array_equal(uncertain.world.reference, plain.world.reference)
-        assert_array_equal(uncertain.world.state[:, :6], plain.world.state[:, :6])
-        results, expected = (run_actions(env, np.zeros((9, 5, 4))) for env in (uncertain, plain))
-        assert_same([step[4]["disturbance"] for step in results], [step[4]["disturbance"] for step in expected])
-    assert "parameters" not in expected[0][4]
 
 
 def test_an_episode_equals_one_of_a_vehicle_with_these_parameters() -> None:

@@ -2,10 +2,8 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import SyncVectorEnv
 from numpy.testing import assert_array_equal
@@ -93,17 +91,6 @@ def test_actions_that_the_environment_would_refuse_change_nothing(rows: tuple[in
             env.step(bad)
     actions = 0.1 * draw_actions(0, 3, *rows)
     assert_same(run_actions(env, actions), run_actions(copy, actions))
-
-
-@hybrids
-def test_spec_survives_json(hybrid: Any) -> None:
-    env = HybridWrapper(make_wrapped(LAYERS, max_episode_steps=7), hybrid)
-    assert env.spec is not None
-    copy = gym.make(EnvSpec.from_json(env.spec.to_json()))
-    assert str(copy) == str(env)
-    assert_same(copy.reset(seed=3), env.reset(seed=3))
-    actions = 0.1 * draw_actions(3, 7)
-    assert_same(run_actions(copy, actions), run_actions(env, actions))
 
 
 def test_environments_with_other_observations_are_refused() -> None:

@@ -1,7 +1,6 @@
 """The single environment: Gymnasium's interface, actions, observations and reset options."""
 
 import copy
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -42,17 +41,6 @@ ROD = PAPER.rod_length
 @pytest.mark.parametrize("check", [check_with_gymnasium, check_with_sb3])
 def test_environment_checkers_give_no_warning(check: Callable[[Any], None], name: str, wind: Any) -> None:
     check(gym.make(name, wind=wind).unwrapped)
-
-
-@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_copy_made_during_an_episode_continues_identically(clone: Callable[[Any], Any]) -> None:
-    env = make(wind=WINDY, max_episode_steps=30)
-    env.reset(seed=5)
-    run_actions(env, draw_actions(0, 10))
-    duplicate = clone(env)
-    actions = draw_actions(1, 20)
-    assert_same(run_actions(duplicate, actions), run_actions(env, actions))
-    assert_same(duplicate.reset(), env.reset())
 
 
 @pytest.mark.parametrize("wind", [None, WINDY], ids=["calm", "windy"])

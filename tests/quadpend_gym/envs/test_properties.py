@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from quadpend_gym import Constant, OrnsteinUhlenbeck, PaperGusts, Sinusoid
 from quadpend_gym.core.arrays import Floats32
-from tests.helpers.envs import ENDLESS, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.envs import ENDLESS, assert_same, draw_actions, make_vec, run_actions
 
 STEPS, ROWS = 40, 5
 many_examples = settings(deadline=None, max_examples=40)
@@ -66,23 +66,6 @@ def test_the_same_seed_and_actions_give_identical_results(actions: Floats32, see
     one, other = make_vec(ROWS, wind=wind), make_vec(ROWS, wind=wind)
     assert_same(one.reset(seed=seed), other.reset(seed=seed))
     assert_same(run_actions(one, actions), run_actions(other, actions))
-
-
-@many_examples
-@given(actions=action_sequences, seed=seeds, wind=winds)
-def test_a_sub_environment_equals_the_single_environment(actions: Floats32, seed: int, wind: Any) -> None:
-    env, rows = (
-        make_unwrapped(wind=wind),
-        make_vec(ROWS, wind=wind, autoreset_mode="Disabled", max_episode_steps=STEPS + 1),
-    )
-    env.reset(seed=seed + 2)
-    rows.reset(seed=seed)
-    for action in actions:
-        observation, reward, terminated, _, _ = env.step(action[2])
-        observations, many, ended, *_ = rows.step(action)
-        assert_same((observations[2], many[2], ended[2]), (observation, reward, terminated))
-        if ended.any():
-            break
 
 
 @many_examples

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import pygame
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -18,15 +17,6 @@ from tests.helpers.envs import (
     make_vec,
     run_actions,
 )
-from tests.helpers.viewer import assert_picture
-from tests.helpers.wrappers import make_wrapped
-
-
-def make_rendered(**kwargs: Any) -> Any:
-    """Return a single environment with the render mode ``rgb_array``, after its first reset."""
-    env = make(render_mode="rgb_array", **kwargs)
-    env.reset(seed=0)
-    return env
 
 
 def snapshots(env: Any) -> list[Any]:
@@ -64,18 +54,6 @@ def test_trail_is_the_path_of_the_bob_in_the_last_200_steps_of_the_episode() -> 
         assert_array_equal(snapshots(env)[0].trail, path[-HISTORY_STEPS:])
 
 
-def test_snapshot_shows_the_thrust_after_actuators_and_the_drawn_rod_length() -> None:
-    layers = [("ParameterWrapper", {"rod_length": (0.5, 0.6)}), ("ActuatorWrapper", {"kind": "motor_lag"})]
-    env = make_wrapped(layers, render_mode="rgb_array")
-    env.reset(seed=0)
-    info = env.step(np.array([0.5, 0.1, 0.0, 0.0], np.float32))[4]
-    (snapshot,), world = snapshots(env), env.unwrapped.world  # type: ignore[attr-defined]
-    assert 0.5 <= snapshot.rod_length <= 0.6
-    assert_allclose(np.linalg.norm(bob(snapshot) - snapshot.state.position), snapshot.rod_length)
-    assert_allclose(snapshot.thrust * world.simulation.command_scale[0], info["command"][0])
-    assert 1.0 < snapshot.thrust < 1.2
-
-
 @pytest.mark.parametrize("mode", AUTORESET_MODES[:2])
 def test_snapshot_after_an_autoreset_shows_the_new_episode(mode: str) -> None:
     env = make_vec(3, render_mode="rgb_array", max_episode_steps=5, autoreset_mode=mode)
@@ -95,28 +73,3 @@ def test_a_sub_environment_is_rendered_like_the_single_environment() -> None:
     run_actions(env, actions[:, 2])
     run_actions(rows, actions)
     assert_array_equal(rows.render()[2], env.render())
-
-
-def test_the_picture_depends_only_on_the_running_episode() -> None:
-    """It does not depend on earlier episodes or on the number of calls of `render`."""
-    pictures = []
-    for earlier_steps, often in ((0, False), (0, True), (7, False)):
-        env = make(wind=WINDY, render_mode="rgb_array")
-        env.reset(seed=9)
-        run_actions(env, draw_actions(1, earlier_steps))
-        env.reset(seed=4)
-        for action in draw_actions(4, 10):
-            env.step(action)
-            if often:
-                env.render()
-        pictures.append(env.render())
-    assert_array_equal(pictures[1], pictures[0])
-    assert_array_equal(pictures[2], pictures[0])
-
-
-def test_rendering_works_after_other_code_has_quit_pygame() -> None:
-    env = make_rendered()
-    env.render()
-    pygame.quit()
-    env.step(np.zeros(4))
-    assert_picture(env.render())

@@ -3,15 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
-from gymnasium.wrappers import AddRenderObservation, RecordVideo
-from numpy.testing import assert_array_equal
+from gymnasium.wrappers import RecordVideo
 
-from quadpend_gym import QuadPendulumEnv, Reference
+from quadpend_gym import Reference
 from tests.helpers.envs import (
     AUTORESET_MODES,
     WINDY,
@@ -81,23 +78,6 @@ def test_a_render_mode_changes_no_number(mode: str) -> None:
     one.close()
 
 
-@modes
-@pytest.mark.parametrize("render_mode", ["rgb_array", "mosaic"])
-def test_a_render_mode_changes_no_number_of_a_vector_env(render_mode: str, mode: str) -> None:
-    settings = {"wind": WINDY, "autoreset_mode": mode, **SHORT}
-    one, other = make_vec(7, render_mode=render_mode, **settings), make_vec(7, **settings)
-    assert_same(one.reset(seed=3), other.reset(seed=3))
-    for i, actions in enumerate(biased_actions(45, 7)):
-        step = other.step(actions)
-        assert_same(one.step(actions), step)
-        ended = step[2] | step[3]
-        if mode == "Disabled" and ended.any():
-            options = {"reset_mask": ended}
-            assert_same(one.reset(options=options), other.reset(options=options))
-        if i % 20 == 0:
-            one.render()
-
-
 @stacks
 def test_wrapped_environments_render_and_keep_their_numbers(layers: Any) -> None:
     one, other = make_wrapped(layers, render_mode="rgb_array"), make_wrapped(layers)
@@ -134,27 +114,6 @@ def test_without_a_render_mode_there_is_no_recorder_and_render_warns(env: Any) -
         assert env.render() is None
 
 
-def test_a_render_mode_survives_json() -> None:
-    env, rows = make(render_mode="rgb_array"), make_vec(3, render_mode="mosaic", autoreset_mode="SameStep")
-    assert env.spec is not None
-    assert rows.spec is not None
-    duplicate, duplicates = (
-        gym.make(EnvSpec.from_json(env.spec.to_json())),
-        gym.make_vec(EnvSpec.from_json(rows.spec.to_json())),
-    )
-    for one, other in ((env, duplicate), (rows, duplicates)):
-        one.reset(seed=3)
-        other.reset(seed=3)
-        assert_array_equal(one.render(), other.render())
-
-
-@pytest.mark.parametrize("period", [0.01, 0.02, 0.004])
-def test_render_fps_is_the_control_rate(period: float) -> None:
-    for env in (make(period=period), make_vec(2, period=period)):
-        assert env.metadata["render_fps"] == round(1.0 / period)
-    assert QuadPendulumEnv.metadata["render_fps"] == 100
-
-
 def test_record_video_writes_a_video(tmp_path: Path) -> None:
     env = RecordVideo(make(render_mode="rgb_array"), str(tmp_path / "video"))
     env.reset(seed=0)
@@ -162,14 +121,3 @@ def test_record_video_writes_a_video(tmp_path: Path) -> None:
     env.close()
     (video,) = (tmp_path / "video").glob("*.mp4")
     assert video.stat().st_size > 1000
-
-
-def test_pictures_work_as_observations_and_as_frame_lists() -> None:
-    env = AddRenderObservation(make(render_mode="rgb_array"))
-    observation, _ = env.reset(seed=0)
-    assert env.observation_space.contains(observation)
-    assert_array_equal(env.step(np.zeros(4))[0], env.render())
-    frames = make(render_mode="rgb_array_list")
-    frames.reset(seed=0)
-    run_actions(frames, np.zeros((2, 4)))
-    assert len(frames.render()) == 3

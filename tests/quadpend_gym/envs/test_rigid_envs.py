@@ -7,17 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym import Limits, Task
-from quadpend_gym.actuators import ActionDelay, GyroBias, PacketLoss
-from quadpend_gym.vehicles import INTERFACES, VEHICLES, Simulation
-from tests.helpers.envs import ENDLESS, assert_same, draw_actions, make, make_unwrapped, make_vec, run_actions
+from quadpend_gym.vehicles import INTERFACES, Simulation
+from tests.helpers.envs import ENDLESS, draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.rigid import random_vehicle, start
-from tests.helpers.wrappers import PARAMETERS, SENSORS, TURBULENCE, make_sync_vec, make_wrapped_vec
-from tests.quadpend_gym.envs.test_vector_env import TRAJECTORY
 
-PRESETS = [name for name, vehicle in VEHICLES.items() if vehicle.attitude == "rigid"]
 ROWS, STEPS, SEED = 66, 30, 50  # one block of 64 and two rows more
-SHORT: dict[str, Any] = {"task": Task(limits=Limits(body_angle=0.3)), "max_episode_steps": 12}
 # Whole and broken numbers of control periods of 10 ms.
 LATENCIES = (0.0, 0.005, 0.02, 0.035)
 
@@ -26,45 +20,6 @@ def simulations(vehicle: Any, interface: str) -> Iterator[Simulation]:
     """Yield the simulations of a vehicle with every latency."""
     for latency in LATENCIES:
         yield Simulation(vehicle=vehicle, interface=interface, latency=latency)
-
-
-def single_steps(env: Any, row: int, actions: Any) -> Iterator[tuple[Any, ...]]:
-    """Yield observation, reward, terminated and truncated of a single environment with autoreset in the same step."""
-    env.reset(seed=SEED + row)
-    for action in actions:
-        observation, *rest, _ = env.step(action)
-        if rest[1] or rest[2]:
-            observation, _ = env.reset()
-        yield observation, *rest
-
-
-@pytest.mark.parametrize("interface", INTERFACES)
-@pytest.mark.parametrize("vehicle", PRESETS)
-def test_every_row_equals_a_single_environment_through_autoresets(vehicle: str, interface: str) -> None:
-    actions = 0.3 * draw_actions(0, STEPS, ROWS)
-    for simulation in simulations(vehicle, interface):
-        vec = make_vec(ROWS, autoreset_mode="SameStep", simulation=simulation, **SHORT)
-        vec.reset(seed=SEED)
-        steps = run_actions(vec, actions)
-        env = make(simulation=simulation, **SHORT)
-        for row in (0, 63, 65):
-            expected = single_steps(env, row, actions[:, row])
-            assert_same([tuple(part[row] for part in step[:4]) for step in steps], list(expected))
-
-
-@pytest.mark.parametrize("latency", [0.0, 0.035])
-def test_rows_with_wind_sensors_actuators_and_random_parameters_equal_single_environments(latency: float) -> None:
-    task = Task(limits=Limits(pendulum_angle=0.3), trajectory=TRAJECTORY)
-    simulation = Simulation(vehicle="x500", interface="body_rates", latency=latency)
-    arguments: dict[str, Any] = {**SHORT, "task": task, "simulation": simulation}
-    layers = [TURBULENCE, PARAMETERS, ("ActuatorWrapper", [PacketLoss(0.2), ActionDelay(), GyroBias(0.1)]), SENSORS]
-    envs = (
-        make_wrapped_vec(3, layers, autoreset_mode="SameStep", **arguments),
-        make_sync_vec(3, layers, "SameStep", **arguments),
-    )
-    actions = 0.3 * draw_actions(1, STEPS, 3)
-    ours, theirs = ([env.reset(seed=SEED)[0], *(step[:4] for step in run_actions(env, actions))] for env in envs)
-    assert_same(ours, theirs)
 
 
 def states(simulation: Simulation, actions: Any) -> Any:

@@ -9,11 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_gym import Reference
-from quadpend_gym.viewer import hud, palette, scene
+from quadpend_gym.viewer import hud, palette
 from quadpend_gym.viewer.camera import NEAR, Camera
-from quadpend_gym.viewer.picture import Picture, surface_to_array
+from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.shape import ARM, PAPER_SHAPE
-from quadpend_gym.viewer.snapshot import Snapshot
 from tests.helpers.viewer import (
     SIZE,
     centroid,
@@ -21,7 +20,6 @@ from tests.helpers.viewer import (
     expected_projection,
     extent,
     find_colour,
-    find_green,
     hovering,
     in_wind,
     pixels_per_metre,
@@ -31,7 +29,6 @@ FROM_SIDE = Camera(azimuth=-np.pi / 2, elevation=0.0)  # x to the right, z upwar
 FROM_TOP = Camera(azimuth=-np.pi / 2, elevation=np.pi / 2)  # x to the right, y upwards
 CAMERAS = (Camera(), FROM_SIDE, FROM_TOP, Camera(2.0, -0.1, 0.9), Camera(-3.0, 1.2, 15.0, 0.6))
 BODY = (0.0, 0.0, 2.0)
-BOB = (0.0, 0.0, 2.3)
 OUT_OF_VIEW = hovering(position=(900.0, 0.0, 2.0))  # far outside of every picture
 
 
@@ -58,34 +55,6 @@ def test_segments_are_clipped_at_the_near_plane(camera: Camera) -> None:
         assert_allclose(shown, expected_projection(camera, at, cut), rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("elevation", [-0.1, 0.0, 0.42, 1.4])
-def test_the_horizon_is_the_limit_of_level_ground(elevation: float) -> None:
-    camera = Camera(azimuth=0.3, elevation=elevation)
-    at = np.array([0.0, 0.0, 2.0])
-    far = at - 1e9 * np.array([[np.cos(0.3), np.sin(0.3), 0.0]])
-    assert_allclose(camera.view(at, *SIZE).horizon(), expected_projection(camera, at, far)[0, 1], atol=1e-4)
-
-
-def is_in_picture(snapshot: Snapshot, camera: Camera, points: Any, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Return whether the picture of a snapshot contains these points with a margin of 10 pixels."""
-    views: list[Any] = []
-    with monkeypatch.context() as patch:
-        patch.setattr(scene, "draw", lambda surface, view, *rest: views.append(view))
-        Picture(camera).draw(pygame.Surface(SIZE), snapshot)
-    x, y, depth = views[0].project(np.array(points, float)).T
-    return bool(((x > 10) & (x < SIZE[0] - 10) & (y > 10) & (y < SIZE[1] - 10) & (depth > NEAR)).all())
-
-
-@pytest.mark.parametrize("height", [0.2, 1.0, 2.0, 2.5, 3.0])
-def test_the_shadow_is_in_the_picture_at_every_height_of_the_task(
-    height: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    reach = ARM + PAPER_SHAPE.rotor
-    shadow = [(reach, 0.0, 0.0), (-reach, 0.0, 0.0), (0.0, reach, 0.0), (0.0, -reach, 0.0)]
-    points = [*shadow, (0.0, 0.0, height), (0.0, 0.0, height + 0.3 + PAPER_SHAPE.bob)]
-    assert is_in_picture(hovering(position=(0.0, 0.0, height)), Camera(), points, monkeypatch)
-
-
 @pytest.mark.parametrize("camera", CAMERAS[:3])
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.0, -0.8, 0.6)])
 def test_the_bob_is_drawn_at_its_position(direction: tuple[float, ...], camera: Camera) -> None:
@@ -108,23 +77,6 @@ def test_the_reference_path_is_that_of_the_bob(camera: Camera) -> None:
             assert blue[y - 3 : y + 4, x - 3 : x + 4].any(), (x, y)
 
 
-def test_the_trail_ends_at_the_bob_and_fades_with_age() -> None:
-    trail = np.linspace((-0.8, 0.0, 2.3), BOB, 100)
-    pixels = draw_scene(hovering()._replace(trail=trail, reference=Reference.hover(z=0.5)), FROM_SIDE, BODY)
-    places = expected_projection(FROM_SIDE, BODY, trail[[20, 50, 80]]).round().astype(int)
-    distances = [np.abs(pixels[y - 1 : y + 2, x].astype(int) - palette.BOB).sum(-1).min() for x, y, _ in places]
-    assert distances[0] > distances[1] + 50 > distances[2] + 100
-    assert not find_colour(draw_scene(hovering(), FROM_SIDE, BODY), palette.BOB, 60)[:, :280].any()
-
-
-def test_shadows_are_vertically_below() -> None:
-    snapshot = hovering(position=(0.3, 0.4, 1.2))
-    bare, pixels = (draw_scene(here, Camera(), (0.3, 0.4, 0.6)).astype(int) for here in (OUT_OF_VIEW, snapshot))
-    darker = (bare - pixels).min(axis=-1) > 30
-    x, y, _ = expected_projection(Camera(), (0.3, 0.4, 0.6), [(0.3, 0.4, 0.0)])[0].round().astype(int)
-    assert darker[y - 3 : y + 4, x - 3 : x + 4].mean() > 0.8
-
-
 @pytest.mark.parametrize("yaw", [0.0, 1.0, np.pi])
 def test_the_front_rotor_shows_the_heading(yaw: float) -> None:
     pixels = draw_scene(hovering(euler=(0.0, 0.0, yaw)), FROM_TOP, BODY)
@@ -141,51 +93,6 @@ def test_the_length_of_an_arrow_is_proportional_to_the_force() -> None:
     for force in (0.2, 0.4):
         green = find_colour(draw_scene(in_wind(force, 0.0, 0.0), FROM_SIDE, BODY), palette.WIND)
         assert_allclose(np.argwhere(green)[:, 1].max() - start, force * PAPER_SHAPE.metres_per_newton * metre, atol=2.0)
-
-
-def test_the_length_of_the_streaks_is_proportional_to_the_force() -> None:
-    pale = [find_green(draw_scene(in_wind(force, 0.0, 0.0), FROM_SIDE, BODY)).sum() for force in (0.0, 0.2, 0.4)]
-    assert pale[0] == 0
-    assert_allclose(pale[2] / pale[1], 2.0, rtol=0.2)
-
-
-def draw_hud(snapshot: Snapshot, camera: Camera = FROM_SIDE) -> Any:
-    """Return the lower half of the head-up display on a white background."""
-    surface = pygame.Surface(SIZE)
-    surface.fill(palette.WHITE)
-    hud.draw(surface, camera.view(np.array(BODY), *SIZE), snapshot, "", palette.BOB)
-    return surface_to_array(surface)[SIZE[1] // 2 :]
-
-
-def test_the_thrust_bar_is_half_full_in_hover() -> None:
-    full = [find_colour(draw_hud(hovering()._replace(thrust=float(u))), palette.SKY_BLUE).sum() for u in range(4)]
-    assert full[0] < 0.03 * full[2]
-    assert_allclose(full[1:], np.array([0.5, 1.0, 1.0]) * full[2], rtol=0.05)
-
-
-def test_the_tilt_dial_shows_the_direction_and_the_limit_of_the_tilt() -> None:
-    upright = centroid(find_colour(draw_hud(hovering()), palette.BOB))
-    # Away from the camera is up on the dial.
-    for (x, y), way in (((1, 0), (1, 0)), ((-1, 0), (-1, 0)), ((0, 1), (0, -1))):
-        for tilt in (np.pi / 6, np.pi / 3, 2.0):
-            snapshot = hovering(direction=(x * np.sin(tilt), y * np.sin(tilt), np.cos(tilt)))
-            moved = centroid(find_colour(draw_hud(snapshot), palette.BOB)) - upright
-            assert_allclose(moved, 36.0 * min(tilt / (np.pi / 3), 1.0) * np.array(way), atol=1.5)
-
-
-def test_the_wind_dial_points_in_the_direction_of_the_force() -> None:
-    short, long = (extent(find_colour(draw_hud(in_wind(force, 0.0, 0.0)), palette.WIND)) for force in (0.2, 0.4))
-    assert long[0] > max(3 * long[1], 1.8 * short[0])
-    width, height = extent(find_colour(draw_hud(in_wind(0.0, 0.4, 0.0)), palette.WIND))
-    assert height > 3 * width
-    assert not find_colour(draw_hud(hovering()), palette.WIND).any()
-
-
-def test_an_arrow_points_to_a_target_out_of_view() -> None:
-    for side in (1.0, -1.0):
-        snapshot = hovering()._replace(reference=Reference.hover(20.0 * side, 0.0, 2.0))
-        x, _ = centroid(find_colour(draw_scene(snapshot, FROM_SIDE, snapshot.focus), palette.REFERENCE))
-        assert side * (x - SIZE[0] / 2) > 0.35 * SIZE[0]
 
 
 @pytest.mark.parametrize("size", [SIZE, (320, 480), (160, 120)])

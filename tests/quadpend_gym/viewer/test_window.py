@@ -11,7 +11,6 @@ from gymnasium.error import DependencyNotInstalled, Error
 
 from quadpend_gym.viewer import window
 from quadpend_gym.viewer.camera import Camera
-from quadpend_gym.viewer.picture import surface_to_array
 from tests.helpers.envs import ENDLESS, make, make_unwrapped, make_vec
 from tests.helpers.viewer import Clock, duration
 
@@ -68,14 +67,6 @@ def test_space_pauses_and_resumes(env: Any, clock: Clock) -> None:
     assert len(clock.shown) > 50, "a paused window must be drawn, because the camera can move"
 
 
-def test_the_period_key_makes_one_step_at_a_time(env: Any, clock: Clock) -> None:
-    clock.press(0.0, pygame.K_SPACE)
-    for second in (0.2, 0.4, 0.6):
-        clock.press(second, pygame.K_PERIOD)
-    for _ in range(3):
-        assert duration(clock, lambda: run_steps(env, 1)) == pytest.approx(0.2, abs=0.03)
-
-
 def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
     camera = env.recorder._window.picture.camera
 
@@ -98,27 +89,6 @@ def test_keys_and_mouse_move_the_camera(env: Any, clock: Clock) -> None:
     assert camera.elevation == pytest.approx(np.pi / 2)
     after(pygame.K_v)
     assert camera == Camera()
-
-
-def test_h_shows_the_keys(env: Any, clock: Clock) -> None:
-    def written() -> int:
-        run_steps(env, 3)
-        lower_edge = surface_to_array(pygame.display.get_surface())[-20:]
-        return int((lower_edge.max(axis=-1) < 100).sum())
-
-    few = written()
-    clock.press(0.0, pygame.K_h)
-    assert written() > 5 * few
-    assert all(
-        word in window.HELP for word in ("pause", "step", "restart", "slower", "faster", "orbit", "zoom", "close")
-    )
-
-
-def test_r_truncates_the_episode_and_the_next_one_runs(env: Any, clock: Clock) -> None:
-    clock.press(0.0, pygame.K_r)
-    assert any(env.step(ZERO)[3] for _ in range(3))
-    env.reset()
-    run_steps(env, 20)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])

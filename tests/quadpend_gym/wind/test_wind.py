@@ -22,8 +22,6 @@ from tests.helpers.envs import (
     make,
     make_unwrapped,
     make_vec,
-    run_actions,
-    select_info,
 )
 from tests.helpers.wind import EXAMPLES, PERIOD, every_kind, sample_wind
 
@@ -83,30 +81,6 @@ def test_the_wind_of_episode_k_does_not_depend_on_policy_number_of_rows_or_episo
     assert any(len(one) != len(other) for one, other in zip(*results, strict=True))
     if not isinstance(wind, Constant):  # different episodes have different winds
         assert len({episode[3] for episode in results[0]}) == len(results[0])
-
-
-@every_kind
-def test_wind_and_info_of_single_and_vector_environments_are_equal_to_the_last_bit(wind: Any) -> None:
-    rows, single = make_vec(3, wind=wind, duration=0.09, autoreset_mode="SameStep"), make(wind=wind, duration=0.09)
-    rows.reset(seed=5), single.reset(seed=7)
-    for action in draw_actions(0, 30):
-        assert_same(rows.world.wind[2], single.unwrapped.world.wind[0])
-        *_, info = rows.step(np.tile(action, (3, 1)))
-        *_, terminated, truncated, expected = single.step(action)
-        if terminated or truncated:
-            info = info["final_info"]
-            single.reset()
-        assert_same(select_info(info, 2), expected)
-
-
-@every_kind
-def test_wind_does_not_change_initial_states_and_references(wind: Any) -> None:
-    calm, windy = make_vec(5), make_vec(5, wind=wind)
-    for seed in (0, None, None):
-        (observation, info), (expected, expected_info) = windy.reset(seed=seed), calm.reset(seed=seed)
-        assert_same((observation, {name: info[name] for name in expected_info}), (expected, expected_info))
-        assert_array_equal(windy.world.reference, calm.world.reference)
-        run_actions(windy, draw_actions(0, 10, 5)), run_actions(calm, draw_actions(1, 3, 5))
 
 
 @every_kind

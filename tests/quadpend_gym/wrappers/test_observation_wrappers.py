@@ -16,17 +16,13 @@ from quadpend_gym.wrappers import (
     OutputFeedbackWrapper,
 )
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from tests.helpers.envs import AUTORESET_MODES, draw_actions, make_unwrapped, run_actions
+from tests.helpers.envs import draw_actions, make_unwrapped, run_actions
 from tests.helpers.wrappers import (
     ACTUATORS,
     HISTORY,
     NOISE,
     OUTPUTS,
     SENSORS,
-    SHORT,
-    WIND,
-    biased_actions,
-    make_sync_vec,
     make_wrapped,
     make_wrapped_vec,
 )
@@ -34,7 +30,6 @@ from tests.helpers.wrappers import (
 HIDDEN = ("tracking_error_rate", "direction_rate", "euler_rate")
 SIZES = [(4, 0), (3, 2), (1, 3), (2, 5)]  # observations and actions of a history
 sizes = pytest.mark.parametrize(("observations", "actions"), SIZES)
-modes = pytest.mark.parametrize("mode", AUTORESET_MODES)
 
 
 def test_output_feedback_keeps_every_field_but_the_velocities() -> None:
@@ -100,31 +95,6 @@ def test_a_history_has_the_latest_observations_and_actions_oldest_first(observat
             history = env.step(action)[0]
             observed.append(plain.step(action)[0])
             applied.append(action)
-
-
-@modes
-@sizes
-def test_histories_of_a_vector_env_equal_those_of_single_environments(
-    observations: int, actions: int, mode: str
-) -> None:
-    """This includes episode ends: the last observation belongs to the old history, the first one to the new history."""
-    layers = [WIND, OUTPUTS, ("HistoryWrapper", observations, actions)]
-    env, theirs = make_wrapped_vec(4, layers, autoreset_mode=mode, **SHORT), make_sync_vec(4, layers, mode, **SHORT)
-    assert_array_equal(env.reset(seed=0)[0], theirs.reset(seed=0)[0])
-    ended = 0
-    for action in biased_actions(50, 4):
-        observation, _, terminated, truncated, info = env.step(action)
-        their_observation, *_, their_info = theirs.step(action)
-        assert_array_equal(observation, their_observation)
-        over = terminated | truncated
-        ended += over.sum()
-        if mode == "SameStep" and over.any():
-            for row in np.flatnonzero(over):
-                assert_array_equal(info["final_obs"][row], their_info["final_obs"][row])
-        if mode == "Disabled" and over.any():
-            mask = {"reset_mask": over}
-            assert_array_equal(env.reset(options=mask)[0], theirs.reset(options=mask)[0])
-    assert ended >= 8
 
 
 def test_a_masked_reset_keeps_the_histories_of_the_other_sub_environments() -> None:

@@ -70,12 +70,7 @@ def test_the_overview_imports_no_library() -> None:
     ("arguments", "sentence"),
     [
         (["evalute"], "there is no command 'evalute' (did you mean 'evaluate'?); the commands are list, train"),
-        (["list", "scenario"], "there is no table 'scenario' (did you mean 'scenarios'?)"),
-        (["card", "flatnes"], "there is no policy 'flatnes' (did you mean 'flatness'?)"),
-        (["evaluate", "--scenarios", "clam"], "there is no scenario 'clam' (did you mean 'calm'?)"),
         (["evaluate", "--scenarios", '{"wind": "strom"}'], "there is no wind 'strom' (did you mean 'storm'?)"),
-        (["train", "--settings", "ppo-gain-schedule"], "not 'ppo-gain-schedule' (did you mean 'ppo-gain-scheduling'?)"),
-        (["tune", "lqr", "adrc-tune"], "there is no controller 'adrc-tune' to tune (did you mean 'adrc-tuned'?)"),
         (["card", "ppo-gain-scheduling"], "has several training seeds: choose one of ppo-gain-scheduling-0, ppo"),
     ],
     ids=lambda item: " ".join(item) if isinstance(item, list) else "",
@@ -118,15 +113,6 @@ def test_traceback_is_printed_on_request(capsys: pytest.CaptureFixture[str]) -> 
     printed = capsys.readouterr().err
     assert printed.startswith("Traceback")
     assert "\nquadpend: there is no policy 'nix'" in printed
-
-
-@pytest.mark.parametrize("command", [["evaluate"], ["train"], ["watch"], ["tune", "lqr"]], ids=lambda c: c[0])
-def test_every_command_with_scenarios_takes_a_vehicle(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert "there is no vehicle 'x5000' (did you mean 'x500'?)" in refused([*command, "--vehicle", "x5000"], capsys)
-    assert "interface must be 'wrench', not 'rotors'" in refused([*command, "--interface", "rotors"], capsys)
 
 
 def test_list_has_every_name(capsys: pytest.CaptureFixture[str]) -> None:

@@ -54,8 +54,9 @@ LONG = "a" * 300
 FOLDER = "out must be a folder that can be written, not"
 REFUSED = {
     "evaluate lqr --episodes 1000000000": "episodes must be a whole number from 1 to 100000, not 1000000000",
-    "evaluate lqr --jobs 0": "jobs must be at least 1, not 0",
-    "tune lqr --trials 1000000000": "trials must be a whole number from 1 to",
+    "evaluate lqr --scenarios calm calm=windy": "two scenarios have the name 'calm'",
+    "evaluate a=lqr a=lqi": "two policies have the same name",
+    "evaluate lqr,lqr x=lqi,lqr,lqi": "same number",
     "train --num-envs 1000000000": "num_envs must be a whole number from 1 to",
     f"evaluate {LONG}": f"a file cannot be read or written: {LONG}: File name too long",
     "export model.zip --out file/x.npz": "the folder of out must be a folder that can be written, not file",
@@ -75,13 +76,3 @@ def test_impossible_numbers_and_paths_are_refused_before_any_work(
     monkeypatch.chdir(tmp_path)
     Path("file").touch()
     assert REFUSED[command] in refused(command.split(), capsys)
-
-
-def test_a_full_disk_of_the_output_is_one_sentence() -> None:
-    with Path("/dev/full").open("w", encoding="utf-8") as full:
-        command = [sys.executable, "-m", "quadpend_train", "list", "tasks"]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-        ran = subprocess.run(command, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert ran.returncode == 2
-    assert ran.stderr.count("\n") == 1
-    assert "No space left on device" in ran.stderr

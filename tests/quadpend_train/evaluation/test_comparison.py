@@ -104,26 +104,3 @@ def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.C
     main(["train", "--out", run, "--total-timesteps", "1024", "--num-envs", "16", "--set", "ppo.batch_size=256"])
     main(["evaluate", "adrc-paper", f"ppo={run}", "--scenarios", '{"duration": 1.0}', "--episodes", "3", *folders])
     assert "ppo is not distinguishable from adrc-paper" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["evaluate", "nix"], "there is no policy 'nix'"),
-        (["evaluate", "--scenarios", "nix"], "there is no scenario 'nix'"),
-        (["evaluate", "--episodes", "0"], "episodes must be a whole number from 1 to 100000, not 0"),
-        (["evaluate", "--jobs", "0"], "jobs must be at least 1, not 0"),
-        (["evaluate", "--replay", "-1"], "replay must be a whole number from 0 to 1000, not -1"),
-        (["evaluate", "--seed", "-1"], "seed must be a whole number from 0 to"),
-        (["evaluate", "--scenarios", "calm", "calm=windy"], "two scenarios have the name 'calm'"),
-        (["evaluate", "adrc-paper,adrc-paper", "x=adrc-matched,adrc-paper,adrc-paper"], "same number"),
-        (["evaluate", "a=adrc-paper", "a=adrc-matched"], "two policies have the same name"),
-    ],
-)
-def test_wrong_input_ends_with_one_sentence_and_status_2(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    assert stop.value.code == 2
-    assert message in capsys.readouterr().err
