@@ -14,7 +14,7 @@ import numpy as np
 from quadpend_baselines.policy.protocol import PolicyWrapper
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.physics.plants import EulerPlant, plant_of
+from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SIZE, OUTPUT_FEEDBACK_FIELDS
 
 _MIRRORED = ("direction", "direction_rate")
@@ -22,7 +22,7 @@ _MIRRORED = ("direction", "direction_rate")
 
 def mirror_simulation(simulation: Simulation) -> Simulation:
     """Return a simulation of the paper's vehicle with the rod length −l, for the design of control laws only."""
-    if not isinstance(plant_of(simulation), EulerPlant):
+    if isinstance(plant_of(simulation), RigidPlant):
         raise ValueError(
             f"controllers of a hanging pendulum are for the paper's vehicle, not {simulation.vehicle.name!r}"
         )

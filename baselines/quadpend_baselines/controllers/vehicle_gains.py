@@ -32,7 +32,7 @@ from quadpend_baselines.gains import (
 )
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Parameters, Simulation
-from quadpend_gym.physics.plants import EulerPlant, plant_of
+from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.vehicles import as_vehicle
 
 EXPONENTS: dict[type, dict[str, float]] = {
@@ -98,7 +98,7 @@ def gains_for(name: str, simulation: Simulation | None = None) -> Any:
     """
     if simulation is not None and simulation.parameters.rod_length < 0.0:
         return HANGING_GAINS.get(name, GAINS[name])
-    if simulation is None or isinstance(plant_of(simulation), EulerPlant):
+    if simulation is None or not isinstance(plant_of(simulation), RigidPlant):
         return GAINS[name]
     tuned = name.removesuffix(UNPREDICTED)
     gains, vehicle = RIGID_GAINS.get(tuned, (GAINS[tuned], None))
