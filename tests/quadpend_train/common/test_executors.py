@@ -92,6 +92,7 @@ def test_wrong_numbers_and_clusters_are_refused(arguments: Any, message: str) ->
 def test_a_failing_policy_is_named_and_the_other_results_are_cached(
     jobs: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    executor(int(jobs)).shutdown()  # the processes of other tests, which have another working directory
     module = write_module(tmp_path, monkeypatch, FAILING)
     scenario = ["--scenarios", '{"duration": 0.2}', "--episodes", "2", "--jobs", jobs]
     with pytest.raises(SystemExit) as ended:

@@ -3,22 +3,19 @@
 This module imports no library at module level, so that `quadpend --help` starts at once.
 """
 
-import io
 import os
 import re
 import signal
 import sys
-import threading
 from functools import partial
 from importlib import import_module
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 _CACHED = "finished results are cached, and the same command continues"
 _SAVED = "finished trials are saved, and the same command continues"
 _TRACEBACK = "--traceback"
 _LONGEST = 4000  # characters of a sentence
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_PATIENCE = 5.0  # s, after which an interrupted command ends in any case
 _received: list[int] = []  # signals that ended this command
 
 
@@ -75,9 +72,6 @@ def main(arguments: list[str] | None = None) -> None:
     Args:
         arguments: Command and its options; None takes those of the process, which then also handles SIGTERM.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # an encoding may lack a character
     if arguments is None:
         for number in _SIGNALS:
             signal.signal(number, _interrupt)
@@ -91,7 +85,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"\nInterrupted: {str(interruption) or ''.join(kept)}", file=sys.stderr)
         sys.exit(128 + (_received or [signal.SIGINT])[0])
     except BrokenPipeError:
-        _discard_output()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit
         sys.exit(141)
     except Exception as error:
         if not (sentence := _sentence(error)):
@@ -100,17 +94,14 @@ def main(arguments: list[str] | None = None) -> None:
             import traceback
 
             traceback.print_exc()
-        _exit(sentence, 1 if type(error).__name__ == "CallsFailedError" else 2)
+        print(f"quadpend: {sentence}", file=sys.stderr)
+        sys.exit(1 if type(error).__name__ == "CallsFailedError" else 2)
 
 
 def _interrupt(number: int, _: Any) -> None:
-    """Raise KeyboardInterrupt; where that is delayed or lost, such as in compiled code, end soon nevertheless."""
-    for other in _SIGNALS:
-        signal.signal(other, signal.SIG_IGN)
+    """Raise KeyboardInterrupt once: a second Ctrl-C would interrupt the end of the processes."""
+    signal.signal(number, signal.SIG_IGN)
     _received.append(number)
-    timer = threading.Timer(_PATIENCE, os._exit, [128 + number])
-    timer.daemon = True
-    timer.start()
     raise KeyboardInterrupt
 
 
@@ -183,20 +174,5 @@ def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         path = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes) else ""
         return f"a file cannot be read or written: {path}{error.strerror}"
-    if isinstance(error, MemoryError):
-        return "there is too little memory: ask for less, such as fewer episodes or sub-environments"
-    reported = (ValueError, TypeError, OSError, FloatingPointError, OverflowError, RecursionError, Error)
+    reported = (ValueError, TypeError, OSError, FloatingPointError, Error)
     return brief(error, _LONGEST) if isinstance(error, reported) else ""
-
-
-def _exit(sentence: str, status: int) -> NoReturn:
-    print(f"quadpend: {sentence}", file=sys.stderr)
-    try:
-        sys.stdout.flush()
-    except OSError:  # the disk of the output is full
-        _discard_output()
-    sys.exit(status)
-
-
-def _discard_output() -> None:
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes the output once more at exit

@@ -5,7 +5,6 @@ others and is named when they have ended, so a study gives the same results on e
 """
 
 import os
-import pickle
 import re
 import signal
 import sys
@@ -15,10 +14,8 @@ import warnings
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from tqdm.auto import tqdm
@@ -58,14 +55,16 @@ class CallsFailedError(RuntimeError):
         self.failures = dict(failures)
 
 
+class _DescribedError(RuntimeError):
+    """Type, message and place of an exception of another process, where its class may not exist."""
+
+
 def _reason(error: BaseException) -> str:
     """Return type, message and place of an exception, also of one from another process."""
     if isinstance(error, BrokenProcessPool):
         return "its process was killed, perhaps for lack of memory: use fewer jobs"
     error = getattr(error, "cause", None) or error  # Ray wraps it
-    frames = re.findall(r'^  File "(.+)", line (\d+)', str(error.__cause__ or ""), re.MULTILINE)
-    place = f" ({Path(frames[-1][0]).name}, line {frames[-1][1]})" if frames else ""
-    return f"{type(error).__name__}: {error}{place}" if frames else describe_error(error)
+    return str(error) if isinstance(error, _DescribedError) else describe_error(error)
 
 
 def executor(jobs: int = 1, cluster: str | None = None) -> Executor:
@@ -163,8 +162,7 @@ class _Processes(Executor):
         self.ahead = jobs
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        with _blocked_signals():
-            future: Future[Any] = self._pool().submit(_portable, partial(fn, *args, **kwargs))
+        future: Future[Any] = self._pool().submit(_described, partial(fn, *args, **kwargs))
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -174,23 +172,21 @@ class _Processes(Executor):
         from loky import get_reusable_executor
 
         warnings.filterwarnings("ignore", "A worker was restarted")  # loky restarts those that keep much memory
-        return get_reusable_executor(self.ahead, initializer=_end_with_parent, initargs=(os.getpid(),))
+        return get_reusable_executor(self.ahead, initializer=_follow_parent)
 
 
-def _portable(call: Call) -> Any:
+def _described(call: Call) -> Any:
     """Make a call in another process, and raise its exception as one that can be pickled."""
     try:
         return call()
     except Exception as error:
-        try:
-            pickle.loads(pickle.dumps(error))
-        except Exception:
-            raise RuntimeError(f"{type(error).__name__}: {error}") from error
-        raise
+        raise _DescribedError(describe_error(error)) from error
 
 
-def _end_with_parent(parent: int) -> None:
-    """Let this process end when its parent was killed."""
+def _follow_parent() -> None:
+    """Let this process end when its parent was killed, and leave Ctrl-C to the parent, which ends this process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = os.getppid()
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -198,22 +194,6 @@ def _end_with_parent(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def _blocked_signals() -> Iterator[None]:
-    """Block SIGINT, so that new processes inherit this: Ctrl-C reaches the main process, which ends the others."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    from loky.backend import resource_tracker
-
-    resource_tracker.ensure_running()  # its start would unblock the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Ray(Executor):
@@ -247,4 +227,4 @@ def _call_in_folder(call: Call, folder: str, command: list[str]) -> Any:
     """Make a call in a worker of Ray, in the working directory and with the command line of the sender."""
     os.chdir(folder)
     sys.argv = command
-    return _portable(call)
+    return _described(call)
