@@ -17,7 +17,6 @@ WINDS: dict[str, Any] = {
     **{name: name for name in ("calm", "breeze", "windy", "storm", "paper")},
     "constant": {"kind": "constant", "force": (0.1, -0.2, 0.05), "bob_force": 0.01, "torque": (0.0, 0.1, 0.02)},
     "sinusoid": {"kind": "sinusoid", "force": 0.3, "velocity": (2.0, 0.0, 0.5), "frequency": 7.0},
-    "still air": {"kind": "still_air"},
     "gusts": {
         "kind": "gusts",
         "velocity": (8.0, 1.0, 0.0),
@@ -25,7 +24,6 @@ WINDS: dict[str, Any] = {
         "pause": (0.0, 0.1),
         "length": (0.2, 0.4),
     },
-    "paper gusts": {"kind": "paper_gusts", "force": (0.5, 0.2, 0.1), "yaw_torque": 0.1, "onset": 0.05, "hold": 0.2},
     "noise": {"kind": "ornstein_uhlenbeck", "force": (0.2, 0.0, 0.1), "torque": 0.05, "time_constant": 0.2},
     "dryden": {"kind": "dryden", "intensity": "severe", "altitude": 30.0, "heading": 0.7, "standard": "MIL-HDBK-1797"},
     "von karman": {"kind": "von_karman", "intensity": 9.0, "mean_wind": 4.0, "heading": -2.0},
@@ -33,7 +31,7 @@ WINDS: dict[str, Any] = {
 WINDS["drawn"] = {"kind": "drawn", "wind": WINDS["dryden"], "strength": (0.5, 2.0), "heading": (0.0, 1.0)}
 WINDS["rescaled"] = {"kind": "rescaled", "wind": WINDS["constant"], "scale": 0.4, "torque_scale": (2.0, 1.0, 0.5)}
 WINDS["sum"] = {"kind": "sum", "models": ["storm", WINDS["sinusoid"], WINDS["rescaled"], WINDS["noise"]]}
-VEHICLES = ("hummingbird", "crazyflie", "crazyflie-brushless", "skydio-x2", "racer", "x500")
+VEHICLES = ("hummingbird", "crazyflie", "x500")
 INTERFACES = ("wrench", "body_rates", "rotors")
 LIGHT_WIND = [{"kind": "drawn", "wind": {"kind": "dryden", "intensity": 2.0}}, {"kind": "constant", "force": 0.01}]
 NOISE = {
@@ -43,39 +41,32 @@ NOISE = {
     "direction": 0.001,
     "euler": {"quantum": 0.001},
 }
-SENSORS: dict[str, Any] = {
-    "noise": NOISE,
-    "delay": {"kind": "delay", "steps": 3},
-    "dropout": {"kind": "dropout", "probability": 0.3},
-    "sample and hold": {"kind": "sample_hold", "period": 0.03},
-}
-SENSORS["all sensors"] = list(SENSORS.values())
+SENSORS = [
+    NOISE,
+    {"kind": "delay", "steps": 3},
+    {"kind": "dropout", "probability": 0.3},
+    {"kind": "sample_hold", "period": 0.03},
+]
 ROTORS = {"kind": "rotors", "arm": 0.25, "drag_ratio": 0.03}
-ACTUATORS: dict[str, Any] = {
-    "action delay": {"kind": "action_delay", "steps": 2},
-    "motor lag": {"kind": "motor_lag", "time_constant": 0.02},
-    "rate limit": {"kind": "rate_limit", "rate": 8.0},
-    "packet loss": {"kind": "packet_loss", "probability": 0.2},
-    "rotors": ROTORS,
-    "rotor fault": [{"kind": "rotor_fault", "rotor": 3, "effectiveness": 0.6, "onset": 0.1}, ROTORS],
-}
-ACTUATORS["all actuators"] = [*list(ACTUATORS.values())[:4], *ACTUATORS["rotor fault"]]
+FAULT = [{"kind": "rotor_fault", "rotor": 3, "effectiveness": 0.6, "onset": 0.1}, ROTORS]
+ACTUATORS = [
+    {"kind": "action_delay", "steps": 2},
+    {"kind": "motor_lag", "time_constant": 0.02},
+    {"kind": "rate_limit", "rate": 8.0},
+    {"kind": "packet_loss", "probability": 0.2},
+]
 RANGES: dict[str, Any] = {
     "around": {"share": 0.2},
     "around some": {"share": 0.4, "names": ["bob_mass", "gravity"]},
     "ranges": {"quadrotor_mass": (0.4, 0.6), "rod_length": (0.2, 0.5), "bob_drag_area": (0.0, 0.002)},
 }
-OBSERVATIONS: dict[str, Parts] = {
-    "output feedback": {"output_feedback": True},
-    "history": {"history": (3, 2)},
-    "history of output feedback": {"output_feedback": True, "history": (2, 0)},
-}
 EVERYTHING = {
     "wind": "storm",
-    "sensors": SENSORS["all sensors"],
-    "actuators": list(ACTUATORS.values())[:4],
+    "sensors": SENSORS,
+    "actuators": ACTUATORS,
     "parameters": RANGES["around"],
-    **OBSERVATIONS["history of output feedback"],
+    "output_feedback": True,
+    "history": (2, 0),
 }
 POINTS = ((0.0, 0.0, 2.0, 0.0), (0.5, 0.2, 2.5, 0.3), (0.0, 0.6, 2.2, -0.2), (0.0, 0.0, 2.0, 0.0))
 TRAJECTORIES: dict[str, Any] = {
@@ -98,7 +89,6 @@ TASK = {
     "limits": {"pendulum_angle": 0.8, "tracking_error": 1.0},
     "reward": {"tracking": 1.0, "tip": 0.2, "effort": 0.0, "pendulum_first": 0.5},
 }
-STATE = {"position": (0.1, -0.1, 2.2), "euler": (0.1, 0.0, -0.1), "direction": (0.1, 0.2, 1.0)}
 STATES = {"velocity": np.linspace(-0.5, 0.5, 111).reshape(37, 3), "direction_rate": (0.5, 0.0, 0.0)}
 PAPER_VEHICLE = {
     "attitude": "euler",
@@ -120,11 +110,10 @@ LONG_LOAD = {"env_id": IDS["Load"], "actions": 0.01, "max_episode_steps": 240, "
 # Parts of environments by name; what an environment does not give is in `DEFAULTS`. "options" are those of each reset,
 # "many" those of the reset of vector environments, "actions" the standard deviation of random actions.
 ENVIRONMENTS: dict[str, Parts] = {
-    **{f"{env_id}, in calm air": {"env_id": env_id} for env_id in IDS.values()},
     **{f"{env_id}, everything": {"env_id": env_id, **EVERYTHING} for env_id in IDS.values()},
     **{f"{env_id}, hummingbird, everything": {"env_id": env_id, **RIGID_EVERYTHING} for env_id in IDS.values()},
     **{f"load in the wind {name}": {**LONG_LOAD, "wind": wind} for name, wind in WINDS.items()},
-    **{f"added wind: {name}": {"wind": "breeze", "added_wind": WINDS[name]} for name in ("storm", "drawn")},
+    "added wind: storm": {"wind": "breeze", "added_wind": "storm"},
     **{
         f"{vehicle}, {interface}, latency {latency} s": {
             "vehicle": vehicle,
@@ -134,25 +123,16 @@ ENVIRONMENTS: dict[str, Parts] = {
         }
         for vehicle, interface, latency in product(VEHICLES, INTERFACES, (0.0, 0.015))
     },
-    **{f"sensor: {name}": {"sensors": sensors} for name, sensors in SENSORS.items()},
-    **{f"actuator: {name}": {"actuators": actuators} for name, actuators in ACTUATORS.items()},
+    "sensor: all sensors": {"sensors": SENSORS},
+    "actuator: all actuators": {"actuators": [*ACTUATORS, *FAULT]},
     "actuator: gyro bias": {**RATES, "actuators": {"kind": "gyro_bias", "deviation": 0.3}},
     **{f"parameters: {name}": {"parameters": ranges, "wind": "storm"} for name, ranges in RANGES.items()},
-    "parameters: hummingbird": {**RATES, "parameters": RANGES["around"], "wind": LIGHT_WIND},
-    **{f"observation: {name}": parts for name, parts in OBSERVATIONS.items()},
+    "observation: history": {"history": (3, 2)},
     **{f"task with {name}": {"task": {"trajectory": item}} for name, item in TRAJECTORIES.items()},
-    "hummingbird, task with waypoints": {**LATE_RATES, "task": {"trajectory": TRAJECTORIES["waypoints"]}},
-    **{f"reset with {name}": {"options": {"reference": item}} for name, item in TRAJECTORIES.items()},
-    "reset with a state": {"options": {"state": STATE}},
-    "hummingbird, reset with a state and sinusoids": {
-        **RATES,
-        "options": {"state": STATE, "reference": TRAJECTORIES["sinusoids"]},
-    },
     "reset with many states": {"many": {"state": STATES, "reference": [*TRAJECTORIES.values(), {}] * 7 + [{}, {}]}},
     "own task": {"task": TASK},
     "own task, hanging": {"task": {**TASK, "pendulum": "hanging"}, **RATES},
     "own simulation": {**SLOW, "wind": "dryden"},
-    "600 rows": {"num_envs": 600, "wind": "storm"},
     "600 rows, everything": {"num_envs": 600, **EVERYTHING},
 }
 DEFAULTS: Parts = {"env_id": TRACK, "num_envs": 37, "max_episode_steps": 50, "steps": 120, "actions": 0.15}
@@ -172,8 +152,6 @@ PAPER: dict[str, Parts] = {
     },
     "uncertain": {"parameters": {"share": 0.2}, "wind": WINDS["sum"]},
     "fast": {"task": {"references": FAMILIES}},
-    "waypoints": {"task": {"trajectory": TRAJECTORIES["waypoints"]}, "wind": "breeze"},
-    "25 Hz": {"wind": "breeze", **AT_25_HZ},
 }
 WITH_ROTORS: dict[str, Parts] = {
     "rotors": {
@@ -182,7 +160,6 @@ WITH_ROTORS: dict[str, Parts] = {
     },
 }
 HUMMINGBIRD: dict[str, Parts] = {
-    "hummingbird, windy": {"wind": "windy", **RATES},
     "hummingbird, as flown": {
         **RATES,
         "task": "hover",
@@ -247,7 +224,6 @@ ON_FLATNESS = {"base_controller": "flatness", "baseline_relative_reward": True}
 # Settings in which each training differs from `BRIEF`.
 TRAININGS: dict[str, Parts] = {
     "ppo": {},
-    "ppo with evaluations": {"eval_freq": 256, "patience": 3, "scenarios": ["breeze", "storm"]},
     "ppo with gSDE": {
         "ppo": {
             **ALGORITHMS["ppo"],
@@ -272,9 +248,7 @@ TRAININGS: dict[str, Parts] = {
         "max_episode_steps": 20,
         "critic_warmup_steps": 256,
     },
-    "ppo on the hummingbird": {"scenarios": ["hummingbird_windy"]},
     "sac": {"algo": "sac", "total_timesteps": 512},
-    "sac with a load": {"algo": "sac", "total_timesteps": 512, "scenarios": ["load_learning"]},
     "tqc": {"algo": "tqc", "total_timesteps": 512},
     "apg": {"algo": "apg", "scenarios": ["training_uncertain", "training_lagged"]},
 }

@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 
 from experiments.results import CLASSICAL, LEARNED, SAMPLE, SAMPLED, SLOW
-from quadpend_gym.scenarios import SETS
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
 from quadpend_train.policies.loading import load_policy
 
@@ -30,9 +29,3 @@ def test_sampled_episodes_have_their_published_values(policy: str) -> None:
     for column in ("steps", "rmse", "settled_rmse", "largest_tilt", "effort"):
         found = getattr(flown, column)[0][survived]
         np.testing.assert_allclose(found, stored[column].to_numpy()[survived], rtol=1e-6, err_msg=f"{name}, {column}")
-
-
-def test_the_sample_has_every_policy_in_every_scenario_but_those_of_slow_ones() -> None:
-    counted = SAMPLES.groupby("policy")["scenario"].nunique()
-    assert set(counted.index) == set(POLICIES)
-    assert (counted.drop("mppi") == len(SETS["test"])).all()

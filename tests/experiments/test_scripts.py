@@ -1,21 +1,16 @@
 """The scripts measure what their pages say, in brief runs."""
 
-import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from docs.tools import models
 from experiments import ablations, situation, tasks
 from experiments.pages import fill
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE
-from quadpend_train.evaluation.comparison import compare
 from quadpend_train.policies.mlp_policy import FORMAT, MlpPolicy
 from quadpend_train.training.settings import to_mapping
 from tests.helpers.policies import synthetic_comparison, synthetic_results
-from tests.helpers.sources import ROOT
 
 
 def test_a_part_of_a_page_is_replaced_and_the_rest_stays(tmp_path: Path) -> None:
@@ -44,20 +39,6 @@ def test_references_are_feasible_up_to_the_acceleration_that_the_thrust_allows()
     assert 0.0 < found.torques < found.thrust < 1.0
 
 
-def test_the_table_and_the_figure_of_fast_references_have_a_line_for_each_acceleration(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    axis = replace(tasks.ACCELERATION, values=(1.0, 4.0))
-    monkeypatch.setattr(tasks, "ACCELERATION", axis)
-    scenarios = {f"{value:g}": replace(axis.scenario(value), duration=1.0) for value in axis.values}
-    found = compare(["flatness"], scenarios, 2)
-    feasible = [tasks.feasible_shares(value, 2, 0) for value in axis.values]
-    lines = tasks.acceleration_table(found, feasible).splitlines()
-    assert [line.split(" | ")[:2] for line in lines[2:]] == [["| 1", "100"], ["| 4", "100"]]
-    assert len(tasks.acceleration_figure(found, feasible).axes) == 2
-    assert "| flatness |" in tasks.table(found, tasks.TRACKING)
-
-
 ONE_SETTING = ("deso", "kalman", "gsde", "residual-action-relative-reward", "gain-scheduling-relative-reward")
 
 
@@ -69,15 +50,6 @@ def test_the_two_trainings_of_an_ablation_differ(name: str) -> None:
     if name in ONE_SETTING:
         without, added = ({**settings, "hybrid": None, **settings["hybrid"]} for settings in (without, added))
         assert sum(without[key] != added[key] for key in without) == 1
-
-
-def test_the_published_table_has_a_row_for_every_ablation() -> None:
-    text = (ROOT / "docs/results.md").read_text(encoding="utf-8")
-    (table,) = re.findall(r"<!-- begin ablations -->\n(.*?)<!-- end ablations -->", text, re.DOTALL)
-    published = [line.strip("| ").split(" | ")[:2] for line in table.strip().splitlines()[2:]]
-    named = [*(item[:2] for item in ablations.ABLATIONS.values()), (ablations.CONSTANT, ablations.CONSTANT_SCENARIO)]
-    none = np.zeros((2, 2))
-    assert published == [ablations.row(part, scenario, none, none)[:2] for part, scenario in named]
 
 
 def adaptive_policy() -> MlpPolicy:
@@ -107,10 +79,3 @@ def test_a_policy_with_the_mean_situation_acts_as_it_would_in_that_situation(
         seen[:, -SITUATION_SIZE:] = other.hybrid.table[step]
         action, memory = other.predict(observation, memory)
         np.testing.assert_array_equal(action, policy.forward(seen))
-
-
-def test_models_of_all_kinds_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models, "_SPECTRUM_SECONDS", 45.0)
-    for name in ("dryden", "gusts", "noise", "rotors"):
-        models.draw(name, models.GALLERY[name], 1.0, 1, tmp_path / f"{name}.png")
-        assert (tmp_path / f"{name}.png").stat().st_size > 10_000

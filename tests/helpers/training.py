@@ -14,7 +14,7 @@ from quadpend_train.training import callbacks
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import load_model
 from quadpend_train.training.environment import make_env
-from quadpend_train.training.settings import ApgSettings, TrainSettings
+from quadpend_train.training.settings import TrainSettings
 
 # Scenarios whose episodes end after a few steps for every policy.
 SHORT = json.dumps({"wind": "windy", "task": {"limits": {"pendulum_angle": 0.06}}})
@@ -31,7 +31,6 @@ SAC = {
     "policy_kwargs": {"net_arch": (8,)},
 }
 BRIEF_SAC = replace(BRIEF, algo="sac", total_timesteps=512, arguments=SAC)
-APG = replace(BRIEF, algo="apg", arguments={}, apg=ApgSettings(window=8, net_arch=(8,)))
 
 
 def with_arguments(settings: TrainSettings, **arguments: Any) -> TrainSettings:

@@ -1,7 +1,5 @@
 """Actuator models: delay, lag, rate limit, rotors, faults and gyro bias, and the order in which they act."""
 
-import json
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 from quadpend_gym import PAPER, Simulation
 from quadpend_gym.actuators import (
-    KINDS,
     ActionDelay,
     GyroBias,
     MotorLag,
@@ -180,10 +177,3 @@ def test_actuators_act_in_the_order_of_the_list() -> None:
     one_first, other_first = apply_actuators([one, other], actions), apply_actuators([other, one], actions)
     assert_array_equal(one_first, apply_actuators(other, apply_actuators(one, actions)))
     assert_array_equal(other_first, apply_actuators(one, apply_actuators(other, actions)))
-
-
-@chains
-def test_actuators_are_plain_data(actuators: Any) -> None:
-    models = as_actuators(actuators)
-    assert as_actuators(json.loads(json.dumps([asdict(model) for model in models]))) == models
-    assert all(as_actuators(kind) == (model(),) for kind, model in KINDS.items())

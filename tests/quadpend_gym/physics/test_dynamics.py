@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations, energy, momentum
-from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     COMMAND_TORQUE,
@@ -18,7 +17,7 @@ from quadpend_gym.physics.state import (
     Disturbance,
     State,
 )
-from quadpend_gym.vehicles import CONTROL_PERIOD, PAPER, Parameters, Simulation
+from quadpend_gym.vehicles import Parameters
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
 
 ROWS = 50
@@ -87,24 +86,6 @@ def test_momentum_changes_by_the_impulse_of_the_external_forces() -> None:
     weight = UNEQUAL.total_mass * UNEQUAL.gravity * UP
     impulse = thrust + period * (Disturbance(disturbance).force + Disturbance(disturbance).bob_force - weight)
     assert_allclose(momentum(path[-1], UNEQUAL) - momentum(state, UNEQUAL), impulse, rtol=0.0, atol=1e-7)
-
-
-def test_direction_stays_a_unit_vector_perpendicular_to_its_rate() -> None:
-    """The test runs 10⁵ control periods with random inputs."""
-    state = random_states(4, 4)
-    physics = np.tile(PAPER.as_array(), (4, 1))
-    s = State(state)
-    worst_length = worst_angle = 0.0
-    for seed in range(100):
-        commands = random_commands(4 * 1000, seed, PAPER).reshape(1000, 4, 4)
-        disturbance = random_disturbances(4, seed)
-        for command in commands:
-            advance(state, command, disturbance, physics, CONTROL_PERIOD, Simulation().substeps)
-        s.euler[:], s.euler_rate[:] = s.euler % (2.0 * np.pi), 0.1 * s.euler_rate
-        worst_length = max(worst_length, np.abs(np.linalg.norm(s.direction, axis=-1) - 1.0).max())
-        worst_angle = max(worst_angle, np.abs(np.sum(s.direction * s.direction_rate, -1)).max())
-    assert worst_length <= 1e-12
-    assert worst_angle <= 1e-12
 
 
 def test_integrator_is_of_fourth_order() -> None:

@@ -1,7 +1,5 @@
 """Sensor models: the sizes of their errors, delay and dropout, and that they do not change the true state."""
 
-import json
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,7 @@ from scipy import stats
 from quadpend_gym import Reference, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import STATE_FIELDS, State
-from quadpend_gym.sensors import Delay, Dropout, Noise, SampleHold, as_sensors
+from quadpend_gym.sensors import Delay, Dropout, Noise, SampleHold
 from tests.helpers.envs import ENDLESS, WINDY, assert_same, draw_actions, make_vec
 
 MOVING = Reference(
@@ -199,10 +197,3 @@ def test_sensors_do_not_change_the_true_state(sensors: Any) -> None:
         assert_array_equal(sensed.world.wind, plain.world.wind)
     assert (observed[:, :18] != observation[:, :18]).any()
     assert_array_equal(observed[:, 18:], observation[:, 18:])  # the reference is known
-
-
-@every_sensor
-def test_sensors_are_plain_data(sensors: Any) -> None:
-    models = as_sensors(sensors)
-    assert as_sensors(json.loads(json.dumps([asdict(model) for model in models]))) == models
-    assert as_sensors([sensors, None]) == models

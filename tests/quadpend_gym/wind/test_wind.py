@@ -1,13 +1,9 @@
 """Wind in environments: sums, independence of everything else, reproducibility, and consistency with `info`."""
 
-import json
-from dataclasses import asdict
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.registration import EnvSpec
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, Sinusoid, StillAir, Task
@@ -17,9 +13,7 @@ from quadpend_gym.wind import KINDS, Sum, as_wind
 from tests.helpers.envs import (
     ENDLESS,
     WINDY,
-    assert_same,
     draw_actions,
-    make,
     make_unwrapped,
     make_vec,
 )
@@ -81,15 +75,6 @@ def test_the_wind_of_episode_k_does_not_depend_on_policy_number_of_rows_or_episo
     assert any(len(one) != len(other) for one, other in zip(*results, strict=True))
     if not isinstance(wind, Constant):  # different episodes have different winds
         assert len({episode[3] for episode in results[0]}) == len(results[0])
-
-
-@every_kind
-def test_a_model_is_plain_data(wind: Any) -> None:
-    mapping = json.loads(json.dumps(asdict(wind)))
-    assert as_wind(mapping) == as_wind(wind)
-    env = make(wind=wind)
-    assert env.spec is not None
-    assert_same(gym.make(EnvSpec.from_json(env.spec.to_json())).reset(seed=3), env.reset(seed=3))
 
 
 @pytest.mark.parametrize("wind", [WINDY, STORMY], ids=["forces", "forces and moving air"])

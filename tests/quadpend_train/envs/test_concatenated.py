@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import VectorEnv
 from numpy.testing import assert_array_equal
 
-from quadpend_train.envs.concatenated import ConcatenatedVectorEnv, worlds
+from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same, make_vec
 from tests.helpers.wrappers import (
@@ -74,19 +74,6 @@ def test_rows_equal_the_rows_of_the_parts(seed: Any) -> None:
     assert ended.sum(axis=1).min() > 0
     assert ended.sum(axis=0).min() >= 2
     assert partly > 0  # episodes ended in some parts and not in others
-
-
-def test_a_concatenation_of_concatenations_gives_the_same_as_one_of_all_parts() -> None:
-    first, *rest = parts()
-    flat, nested = ConcatenatedVectorEnv(parts()), ConcatenatedVectorEnv([first, ConcatenatedVectorEnv(rest)])
-    options = {"state": {"position": [0.0, 0.0, 2.5]}}
-    assert_same(flat.reset(seed=0, options=options), nested.reset(seed=0, options=options))
-    for actions in biased_actions(40, ROWS):
-        *returned, info = flat.step(actions)
-        *others, other = nested.step(actions)
-        assert_same(returned, others)
-        assert_same(info.get("final_obs"), other.get("final_obs"))
-    assert [world.num_envs for world in worlds(nested)] == [world.num_envs for world in worlds(flat)]
 
 
 @pytest.mark.parametrize(

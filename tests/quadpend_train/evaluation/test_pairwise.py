@@ -114,16 +114,6 @@ def test_the_leaderboard_orders_policies_of_known_quality(monkeypatch: pytest.Mo
     assert len(leaderboard_rows([first, second, last])) == 1 + 3
 
 
-def test_a_win_of_a_learner_needs_good_training_seeds() -> None:
-    """A learner with one good seed of five does not win; one with five good seeds does."""
-    random = np.random.default_rng(3)
-    other = synthetic_results(random.normal(0.1, 0.01, 200))
-    spread = synthetic_results(np.array([[0.04], [0.13], [0.09], [0.11], [0.12]]) + random.normal(0.0, 0.01, (5, 200)))
-    steady = synthetic_results(random.normal(0.09, 0.01, (5, 200)))
-    assert compare_pair(compared(a=[spread], b=[other]), "a", "b").results["s0"].winner == 0
-    assert compare_pair(compared(a=[steady], b=[other]), "a", "b").results["s0"].winner == 1
-
-
 def test_too_few_episodes_are_said_in_words() -> None:
     """With fewer than `episodes_needed` episodes no difference of the RMSE can be significant, with as many it can."""
     assert episodes_needed(2) == 10

@@ -183,14 +183,6 @@ def test_models_of_something_else_are_refused(make: Any, message: str, tmp_path:
         assert_refused(lambda load=load: load(str(tmp_path / "theirs.zip")), f"theirs.zip{message}", ValueError)
 
 
-def test_damaged_zip_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "model.zip"
-    model(PPO).save(path)
-    for data in (b"weights", path.read_bytes()[: path.stat().st_size // 2]):
-        path.write_bytes(data)
-        assert_refused(lambda: export_zip(path), "model.zip is not a model saved by Stable-Baselines3", ValueError)
-
-
 @pytest.fixture(scope="module")
 def zoo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, VecNormalize]:
     """A run folder like those of RL Baselines3 Zoo, its model, and its statistics."""
@@ -229,14 +221,6 @@ def test_model_without_its_statistics_is_refused(zoo: Any, tmp_path: Path) -> No
     assert load_policy(str(lost)).fingerprint == policy_fingerprint(str(lost)) != before
     (tmp_path / "vecnormalize.pkl").write_bytes(b"nonsense")
     assert_refused(lambda: load_policy(str(lost)), "vecnormalize.pkl is not a VecNormalize", ValueError)
-
-
-@pytest.mark.parametrize("kind", [PPO, SAC])
-def test_model_with_normalised_rewards_only_needs_no_statistics(kind: Any) -> None:
-    made = model(kind, VecNormalize(env(), norm_obs=False)).learn(8)
-    assert "normalization" not in export(made).card
-    made.env = None
-    assert "normalization" not in export(made).card
 
 
 @pytest.mark.parametrize("squash", [[], [nn.Tanh()], [nn.Hardtanh(-0.5, 0.5)]], ids=["", "tanh", "limit"])

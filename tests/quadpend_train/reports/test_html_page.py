@@ -3,7 +3,6 @@
 import json
 import re
 from html.parser import HTMLParser
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -99,13 +98,3 @@ def test_the_page_contains_the_numbers_as_json(page: str, comparison: Comparison
     assert data["comparison"]["results"] == json.loads(json.dumps(as_data(comparison)["results"]))
     assert set(data["comparison"]["results"]["calm"]) == {"adrc-paper", NASTY}
     assert data["leaderboard"][0]["survival"]["value"] == 100.0
-
-
-def test_pages_of_the_same_data_differ_only_in_the_date(page: str, comparison: Comparison, tmp_path: Path) -> None:
-    standings = leaderboard(comparison.table)
-    write(comparison, standings, tmp_path / "a.html", REPLAY, date="2026-01-01")
-    write(comparison, standings, tmp_path / "b.html", REPLAY, date="2026-01-02")
-    first, second = ((tmp_path / name).read_text(encoding="utf-8") for name in ("a.html", "b.html"))
-    assert first == page
-    differing = [a for a, b in zip(first.splitlines(), second.splitlines(), strict=True) if a != b]
-    assert differing == ["<dd>2026-01-01</dd>"]

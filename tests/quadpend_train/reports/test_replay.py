@@ -179,26 +179,3 @@ def test_scenarios_episodes_and_policies_can_be_switched(page: Browser) -> None:
     assert shown(page, "two") == ["", "", "", ""]
     page.run(choice("scenario", 0) + ";" + choice("one", 0) + ";" + choice("two", 1))
     assert page.run(PICTURE) == pictures[0]
-
-
-def test_the_view_rotates_and_zooms_and_the_page_still_scrolls(page: Browser) -> None:
-    page.run("replay.seek(2)")
-    pictures = [page.run(PICTURE)]
-    view = "document.getElementById('replay-view')"
-    for script in (key("ArrowLeft", shift=True), key("+")):
-        page.run(script)
-        pictures.append(page.run(PICTURE))
-    wheel = f"{view}.dispatchEvent(new WheelEvent('wheel', {{deltaY: 100, cancelable: true, ctrlKey: %s}}))"
-    assert page.run(wheel % "false") is True
-    assert page.run(PICTURE) == pictures[-1]
-    assert page.run(wheel % "true") is False
-    pictures.append(page.run(PICTURE))
-    page.run(f"{view}.scrollIntoView({{behavior: 'instant', block: 'center'}})")
-    box = page.run(f"(({{x, y}}) => [x, y])({view}.getBoundingClientRect())")
-    for kind, across in (("mousePressed", 100), ("mouseMoved", 160), ("mouseReleased", 160)):
-        place = {"x": box[0] + across, "y": box[1] + 100, "button": "left", "buttons": 1, "clickCount": 1}
-        page.call("Input.dispatchMouseEvent", type=kind, **place)
-    pictures.append(page.run(PICTURE))
-    assert len(set(pictures)) == len(pictures)
-    page.run(f"{view}.dispatchEvent(new MouseEvent('dblclick'))")
-    assert page.run(PICTURE) == pictures[0]

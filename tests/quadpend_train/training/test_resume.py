@@ -5,7 +5,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from stable_baselines3 import PPO
@@ -13,11 +12,9 @@ from stable_baselines3 import PPO
 from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import train as training
-from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.run_folder import locked
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
 from quadpend_train.training.validation import read_curve
-from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import assert_same
 from tests.helpers.training import (
     BRIEF,
@@ -136,41 +133,6 @@ def test_a_checkpoint_that_was_interrupted_is_the_old_one(
         with pytest.raises(KeyboardInterrupt):
             train_policy(settings, tmp_path / "broken")
     assert weight_difference(MlpPolicy.load(training.resume(tmp_path / "broken", progress=False)), policy) == 0.0
-
-
-def test_an_interrupted_imitation_starts_again_and_a_finished_one_does_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    settings, fit, fits = RUNS["ppo, imitation"], Imitation._fit, 0
-    policy = train_policy(settings, tmp_path / "whole")
-
-    def interrupted_fit(*arguments: Any) -> None:
-        nonlocal fits
-        fits += 1
-        if fits == 3:
-            raise KeyboardInterrupt
-        fit(*arguments)
-
-    monkeypatch.setattr(Imitation, "_fit", interrupted_fit)
-    with pytest.raises(KeyboardInterrupt):
-        train_policy(settings, tmp_path / "broken")
-    with monkeypatch.context() as patch:
-        interrupt_at(32, patch)
-        with pytest.raises(KeyboardInterrupt):
-            training.resume(tmp_path / "broken", progress=False)
-    assert weight_difference(MlpPolicy.load(training.resume(tmp_path / "broken", progress=False)), policy) == 0.0
-    assert fits == 13
-
-
-def test_a_run_exists_from_its_settings_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a killed process wrote before them, the same command replaces."""
-    with monkeypatch.context() as patch:
-        patch.setattr(training, "to_mapping", lambda _: 1 / 0)
-        with pytest.raises(ZeroDivisionError):
-            train_policy(BRIEF, tmp_path / "run")
-    assert_refused(lambda: training.resume(tmp_path / "run"), "contains no run", FileNotFoundError)
-    again, expected = train_policy(BRIEF, tmp_path / "run"), train_policy(BRIEF, tmp_path / "other")
-    assert weight_difference(again, expected) == 0.0
 
 
 def test_a_second_process_in_a_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
