@@ -1,13 +1,13 @@
 """The command `quadpend watch`: policies side by side in the same episode, in a window or in a file."""
 
 import time
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
+from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_train.cli.options import named_policies, named_scenarios
 from quadpend_train.common.files import writable_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -16,34 +16,25 @@ FORMATS = (".mp4", ".gif", ".webp", ".png")
 _WINDOW_RATE = 60.0  # pictures per second
 
 
-@dataclass(frozen=True)
+@settings
 class VideoOptions:
     """Options of the picture and of the video."""
 
     out: Path | None = None
     """File for a video (.mp4, .gif, .webp) or for its last picture (.png); without it, a window opens."""
-    size: tuple[int, int] = (1280, 720)
+    size: tuple[Annotated[int, Range(320, 8000, "pixels")], Annotated[int, Range(180, 8000, "pixels")]] = (1280, 720)
     """Width and height in pixels."""
-    fps: float = 25.0
+    fps: Annotated[float, Range(1.0, 100.0, "Hz")] = 25.0
     """Pictures per second of a video. GIF files round the time between pictures to hundredths of a second."""
-    speed: float = 1.0
+    speed: Annotated[float, Range(0.05, 20.0)] = 1.0
     """Playback speed; 1 is real time."""
-    seconds: tuple[float, float] = (0.0, float("inf"))
+    seconds: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.0, 1e6)
     """Begin and end of the shown part of the episode, s; by default the whole episode."""
-    zoom: float = 1.0
+    zoom: Annotated[float, Range(0.2, 2.5)] = 1.0
     """Magnification."""
 
     def __post_init__(self) -> None:
-        out, size, fps, seconds = self.out, self.size, self.fps, self.seconds
-        if not (320 <= size[0] <= 8000 and 180 <= size[1] <= 8000):
-            raise ValueError(f"size must be from 320 × 180 to 8000 × 8000 pixels, not {size[0]} × {size[1]}")
-        for name, low, high in (("fps", 1.0, 100.0), ("speed", 0.05, 20.0), ("zoom", 0.2, 2.5)):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"{name} must be from {low:g} to {high:g}, not {getattr(self, name):g}")
-        if not 0.0 <= seconds[0] < seconds[1]:
-            raise ValueError(
-                f"seconds must be a beginning of at least 0 and a later end, not {seconds[0]:g} {seconds[1]:g}"
-            )
+        out, size, fps = self.out, self.size, self.fps
         if out is None:
             return
         if out.suffix not in FORMATS:
@@ -56,11 +47,14 @@ class VideoOptions:
             raise ValueError(f"size of an MP4 file must be even numbers of pixels, not {size[0]} × {size[1]}")
 
 
+_DEFAULT = VideoOptions()
+
+
 def watch(
     policies: tyro.conf.Positional[tuple[str, ...]] = ("adrc-paper", "ppo-gain-scheduling-0"),
     scenarios: tuple[str, ...] = ("windy",),
     seed: int = VALIDATION_SEED,
-    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = VideoOptions(),
+    video: Annotated[VideoOptions, tyro.conf.arg(name="")] = _DEFAULT,
     vehicle: str | None = None,
     interface: str | None = None,
 ) -> None:
