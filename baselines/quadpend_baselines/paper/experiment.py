@@ -15,7 +15,7 @@ from quadpend_baselines.paper.continuous import ContinuousLoop, Trajectory
 from quadpend_gym import PaperGusts, QuadPendulumEnv, Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.streams import WIND_STREAM, Streams
-from quadpend_gym.physics.state import DISTURBANCE_SIZE
+from quadpend_gym.physics.state import DISTURBANCE_SIZE, FORCE, TORQUE
 from quadpend_gym.vehicles import CONTROL_PERIOD
 
 DURATION = 20.0  # s
@@ -38,6 +38,7 @@ GUSTS = PaperGusts(force=0.2, yaw_torque=0.05, onset=10.0, hold=1.0)
 SEED = 0
 CONTINUOUS_STEP = 4e-4  # s, small enough for ω_n = 500 rad/s
 RECORDING_PERIOD = 0.01  # s
+GUST_COLUMNS = (FORCE, FORCE + 1, FORCE + 2, TORQUE + 2)  # nonzero disturbances in gusts: N, N, N, N·m
 
 
 Experiment = dict[str, Trajectory]  # "continuous", "1 kHz" and "100 Hz"

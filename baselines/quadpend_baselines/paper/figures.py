@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_baselines.paper.continuous import Trajectory
-from quadpend_baselines.paper.experiment import GUSTS, RECORDING_PERIOD, Experiment
+from quadpend_baselines.paper.experiment import GUST_COLUMNS, GUSTS, RECORDING_PERIOD, Experiment
 from quadpend_gym import PAPER, State
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import COMMAND_TORQUE, FORCE, THRUST, TORQUE
+from quadpend_gym.physics.state import COMMAND_TORQUE, THRUST
 
 # The palette of Okabe and Ito for colour-blind readers; the line styles differ, for printing in black and white.
 _STYLES = {
@@ -18,78 +18,52 @@ _STYLES = {
     "1 kHz": {"color": "#009E73", "linestyle": ":"},
     "100 Hz": {"color": "#D55E00", "linestyle": "--"},
 }
-_REFERENCE: dict[str, Any] = {"color": "#000000", "linestyle": "-.", "linewidth": 0.8, "label": "reference"}
-_TRUE: dict[str, Any] = {"color": "#000000", "linestyle": "-", "linewidth": 0.8, "label": "true"}
+_COMMANDS = [COMMAND_TORQUE + 1, COMMAND_TORQUE, THRUST, COMMAND_TORQUE + 2]
 
 
-class Panel(NamedTuple):
-    """One panel of a figure: its label, the values to draw from a trajectory, and values to compare them with."""
+class _Figure(NamedTuple):
+    """A figure with one panel for each label, which shows a column of `values` and of what they are compared with."""
 
-    label: str
-    series: Callable[[Trajectory], Floats]
-    comparison: Callable[[Trajectory], Floats] | None = None
-    comparison_style: dict[str, Any] = _REFERENCE
-
-
-def _column(name: str, column: int) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: np.asarray(getattr(trajectory, name)[:, column])
+    title: str
+    labels: tuple[str, ...]
+    values: Callable[[Trajectory], Floats]
+    compared: Callable[[Trajectory], Floats] | None = None
+    name: str = ""  # of what they are compared with
+    line: str = "-"
 
 
-def _state(values: Callable[[State], Floats]) -> Callable[[Trajectory], Floats]:
-    return lambda trajectory: values(State(trajectory.state))
+def _angles(trajectory: Trajectory) -> Floats:
+    state = State(trajectory.state)
+    return np.stack([state.alpha, np.unwrap(state.beta), state.alpha_x, state.alpha_y], axis=1)
 
 
-FIGURES: dict[str, tuple[str, list[Panel]]] = {
-    "figure_4": (
+FIGURES = {
+    "figure_4": _Figure(
         "Tracking of the flat outputs",
-        [
-            Panel(f"({'abcd'[i]}) {name}", _column("outputs", i), _column("wanted", i))
-            for i, name in enumerate(("$F_x$ (m)", "$F_y$ (m)", "$z$ (m)", "ψ (rad)"))
-        ],
+        ("$F_x$ (m)", "$F_y$ (m)", "$z$ (m)", "ψ (rad)"),
+        lambda t: t.outputs,
+        lambda t: t.wanted,
+        "reference",
+        "-.",
     ),
-    "figure_5": (
-        "Attitude of the quadrotor",
-        [
-            Panel("(a) pitch θ (rad)", _state(lambda s: s.euler[:, 1])),
-            Panel("(b) roll φ (rad)", _state(lambda s: s.euler[:, 0])),
-        ],
+    "figure_5": _Figure(
+        "Attitude of the quadrotor", ("pitch θ (rad)", "roll φ (rad)"), lambda t: State(t.state).euler[:, [1, 0]]
     ),
-    "figure_6": (
-        "Tracking errors",
-        [
-            Panel(f"({'abcd'[i]}) {name}", _column("error", i))
-            for i, name in enumerate(("$e_{Fx}$ (m)", "$e_{Fy}$ (m)", "$e_z$ (m)", "$e_ψ$ (rad)"))
-        ],
+    "figure_6": _Figure(
+        "Tracking errors", ("$e_{Fx}$ (m)", "$e_{Fy}$ (m)", "$e_z$ (m)", "$e_ψ$ (rad)"), lambda t: t.error
     ),
-    "figure_7": (
-        "Angles of the pendulum",
-        [
-            Panel("(a) α (rad)", _state(lambda s: s.alpha)),
-            Panel("(b) β (rad)", _state(lambda s: np.unwrap(s.beta))),
-            Panel("(c) $α_x$ (rad)", _state(lambda s: s.alpha_x)),
-            Panel("(d) $α_y$ (rad)", _state(lambda s: s.alpha_y)),
-        ],
-    ),
-    "figure_8": (
+    "figure_7": _Figure("Angles of the pendulum", ("α (rad)", "β (rad)", "$α_x$ (rad)", "$α_y$ (rad)"), _angles),
+    "figure_8": _Figure(
         "Disturbances, true and estimated",
-        [
-            Panel(label, _column("estimate", column), _column("disturbance", column), _TRUE)
-            for column, label in (
-                (FORCE, "(a) force x (N)"),
-                (FORCE + 1, "(b) force y (N)"),
-                (FORCE + 2, "(c) force z (N)"),
-                (TORQUE + 2, "(d) yaw torque (N·m)"),
-            )
-        ],
+        ("force x (N)", "force y (N)", "force z (N)", "yaw torque (N·m)"),
+        lambda t: t.estimate[:, GUST_COLUMNS],
+        lambda t: t.disturbance[:, GUST_COLUMNS],
+        "true",
     ),
-    "figure_9": (
+    "figure_9": _Figure(
         "Control signals",
-        [
-            Panel("(a) $τ_θ$ (N·m)", _column("command", COMMAND_TORQUE + 1)),
-            Panel("(b) $τ_φ$ (N·m)", _column("command", COMMAND_TORQUE)),
-            Panel("(c) $u$ (N)", _column("command", THRUST)),
-            Panel("(d) $τ_ψ$ (N·m)", _column("command", COMMAND_TORQUE + 2)),
-        ],
+        ("$τ_θ$ (N·m)", "$τ_φ$ (N·m)", "$u$ (N)", "$τ_ψ$ (N·m)"),
+        lambda t: t.command[:, _COMMANDS],
     ),
 }
 
@@ -101,7 +75,7 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     # Without a date and with fixed ids, the SVG files are reproducible byte by byte.
     with matplotlib.rc_context({"svg.hashsalt": "quadpend", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        figures = {name: _panels(experiment, title, panels) for name, (title, panels) in FIGURES.items()}
+        figures = {name: _panels(experiment, figure) for name, figure in FIGURES.items()}
         figures["figure_10"] = _trajectory_figure(experiment["continuous"])
         paths = []
         for name, figure in figures.items():
@@ -111,33 +85,32 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     return paths
 
 
-def _figure(width: float, height: float) -> Any:
+def _panels(experiment: Experiment, drawn: _Figure) -> Any:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def _panels(experiment: Experiment, title: str, panels: list[Panel]) -> Any:
-    figure = _figure(7.5, 2.3 * (len(panels) // 2) + 0.5)
-    axes = figure.subplots(len(panels) // 2, 2, sharex=True, squeeze=False).ravel()
-    for axis, panel in zip(axes, panels, strict=True):
+    rows, reference = len(drawn.labels) // 2, experiment["continuous"]
+    figure: Any = Figure(figsize=(7.5, 2.3 * rows + 0.5), layout="constrained")
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    for i, (axis, label) in enumerate(zip(axes, drawn.labels, strict=True)):
         for name, trajectory in experiment.items():
-            axis.plot(trajectory.time, panel.series(trajectory), linewidth=1.2, label=name, **_STYLES[name])
-        if panel.comparison is not None:
-            values = panel.comparison(experiment["continuous"])
-            axis.plot(experiment["continuous"].time, values, **panel.comparison_style)
+            axis.plot(trajectory.time, drawn.values(trajectory)[:, i], linewidth=1.2, label=name, **_STYLES[name])
+        if drawn.compared is not None:
+            style = {"color": "#000000", "linestyle": drawn.line, "linewidth": 0.8, "label": drawn.name}
+            axis.plot(reference.time, drawn.compared(reference)[:, i], **style)
         axis.axvline(GUSTS.onset, color="#888888", linewidth=0.8)
-        axis.set_ylabel(panel.label)
+        axis.set_ylabel(f"({'abcd'[i]}) {label}")
     for axis in axes[-2:]:
         axis.set_xlabel("time (s)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=8)
-    figure.suptitle(f"{title} (gusts from {GUSTS.onset:g} s)", fontsize=10)
+    figure.suptitle(f"{drawn.title} (gusts from {GUSTS.onset:g} s)", fontsize=10)
     return figure
 
 
 def _trajectory_figure(trajectory: Trajectory) -> Any:
     """Draw Figure 10: the trajectory in space with one pendulum per second, and its three projections."""
-    figure = _figure(8.5, 8.0)
+    from matplotlib.figure import Figure
+
+    figure: Any = Figure(figsize=(8.5, 8.0), layout="constrained")
     state, every = State(trajectory.state), round(1.0 / RECORDING_PERIOD)
     quadrotor, bob = state.position, state.position + PAPER.rod_length * state.direction
     for place, axes, label in ((1, [0, 1, 2], "(a)"), (2, [0, 1], "(b)"), (3, [0, 2], "(c)"), (4, [1, 2], "(d)")):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from experiments.paper_ablations import Case, simulate
+from experiments.paper_ablations import Case, predicted_offset, simulate
 from quadpend_baselines import ADRC, ADRC_GAINS, AdrcGains, ObserverGains
-from quadpend_baselines.paper.faults import predicted_offset
 from quadpend_gym import (
     PAPER,
     Constant,
