@@ -20,11 +20,17 @@ class Policy:
     Attributes:
         observation_sizes: Sizes of the observations that the policy accepts; None: any.
         fingerprint: A text that changes with the behaviour of the policy, for the cache of results; None: they are not
-            cached.
+            cached. A copy by `copy.copy` has none, since its owner may change it.
     """
 
     observation_sizes: tuple[int, ...] | None = None
     fingerprint: str | None = None
+
+    def __copy__(self) -> "Policy":
+        """Return a shallow copy without the fingerprint."""
+        other = object.__new__(type(self))
+        other.__dict__ |= {**self.__dict__, "fingerprint": None}
+        return other
 
     def predict(
         self,
@@ -75,7 +81,7 @@ class PolicyWrapper(Policy):
     def __init__(self, policy: Policy) -> None:
         """Wrap `policy`."""
         self.policy = policy
-        self.observation_sizes, self.fingerprint = policy.observation_sizes, policy.fingerprint
+        self.observation_sizes = policy.observation_sizes
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
