@@ -85,7 +85,8 @@ def test_models_of_every_algorithm_fly(kind: Any, policy: Any, tmp_path: Path) -
     """They are converted if possible; otherwise the model itself is run."""
     made = model(kind, **policy)
     made.save(tmp_path / "model.zip")
-    assert type(read_zip(tmp_path / "model.zip")) is (TD3 if kind is DDPG else kind)
+    with_their_policies = {DDPG: TD3, A2C: PPO, TRPO: PPO}
+    assert type(read_zip(tmp_path / "model.zip")) is with_their_policies.get(kind, kind)
     for loaded in (as_policy(made), load_policy(str(tmp_path / "model.zip"))):
         assert isinstance(loaded, MlpPolicy) == (not policy and kind is not CrossQ)
         assert_acts_like(loaded, acts(made))
@@ -172,7 +173,7 @@ class WideActions(gym.Env[Any, Any]):
             lambda: PPO("CnnPolicy", Images(), device="cpu", n_steps=4, batch_size=4),
             ": PPO with ActorCritic.* observes",
         ),
-        (lambda: DQN("MlpPolicy", gym.make("CartPole-v1"), buffer_size=8), " is not a model"),
+        (lambda: DQN("MlpPolicy", gym.make("CartPole-v1"), buffer_size=8), ": DQN with DQNPolicy observes"),
         (lambda: model(SAC, WideActions()), r": .*(differ from those|acts in Box\(-2.0)"),
     ],
     ids=["images", "another environment", "a wider range of actions"],
@@ -211,11 +212,10 @@ def test_normalised_observations_are_part_of_the_policy(zoo: Any, tmp_path: Path
 
 
 def test_model_without_its_statistics_is_refused(zoo: Any, tmp_path: Path) -> None:
-    """A model saves an original and the last observation, which show that observations were normalised."""
     folder, _, _ = zoo
     (lost := tmp_path / "lost.zip").write_bytes((folder / "QuadPendulum-v0.zip").read_bytes())
     for load in (export_zip, load_policy):
-        assert_refused(lambda load=load: load(str(lost)), "lost.zip: the model was trained with normalised", ValueError)
+        assert_refused(lambda load=load: load(str(lost)), "lost.zip: .* trained with normalised", ValueError)
     before = policy_fingerprint(str(lost))
     (tmp_path / "vecnormalize.pkl").write_bytes((folder / "QuadPendulum-v0/vecnormalize.pkl").read_bytes())
     assert load_policy(str(lost)).fingerprint == policy_fingerprint(str(lost)) != before

@@ -21,8 +21,8 @@ from quadpend_train.policies.objects import ObjectPolicy
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
 
 _TOLERANCE = 1e-5  # of a component of the action: torch and numpy sum float32 numbers in different orders
-_LENGTH_ERROR = 0.1  # the length of an observed direction differs from 1 by less, also with noisy sensors
 _IDENTITIES = (torch.nn.Identity, torch.nn.Dropout, torch.nn.Flatten)  # in evaluation, for one vector per row
+_LENGTH_ERROR = 0.1  # the length of an observed direction differs from 1 by less, also with noisy sensors
 _Made = TypeVar("_Made", bound=Policy)
 
 
@@ -124,11 +124,9 @@ def policy_from_torch(module: torch.nn.Module) -> MlpPolicy:
 def find_history(model: Any) -> History:
     """Return the history that a model observes, from the size of its observation space.
 
-    Three full observations have the size of four without velocities. Which ones they are is seen in the last
-    observation of the training, which is saved in the model: the direction of the pendulum has the length 1.
-
     Raises:
-        ValueError: If there is no such history, or several.
+        ValueError: If there is no such history, or several: three whole observations have the size of four without
+            velocities.
     """
     space = model.observation_space
     found = histories_of(space.shape[0]) if isinstance(space, spaces.Box) and len(space.shape) == 1 else []
@@ -137,9 +135,6 @@ def find_history(model: Any) -> History:
             f"{_name(model)} observes {' '.join(str(space).split())}; a policy observes 36 or 27 numbers, or a history"
             " of them with at most 8 actions"
         )
-    last = model._last_obs if model._last_original_obs is None else model._last_original_obs
-    if len(found) > 1:
-        found = [history for history in found if _has_unit_directions(last, history)] or found
     if len(found) > 1:
         several = " or ".join(f"{history.observations} observations of {history.size}" for history in found)
         raise ValueError(

@@ -1,7 +1,6 @@
 """Access to models of Stable-Baselines3 and sb3-contrib: their classes, networks and files."""
 
 import importlib
-import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,24 +10,17 @@ import sb3_contrib
 import stable_baselines3
 import torch
 from gymnasium import spaces
+from sb3_contrib import RecurrentPPO
+from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.save_util import json_to_data
 
 from quadpend_gym.core.settings import suggest
 from quadpend_train.common.text import brief
 
 ACTIVATION_MODULES = {"relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "elu": torch.nn.ELU}
-# Algorithms by a setting in their files that the following ones lack
-_BY_SETTING = {
-    "top_quantiles_to_drop_per_net": "TQC",
-    "n_delta": "ARS",
-    "_last_lstm_states": "RecurrentPPO",
-    "target_policy_noise": "TD3",  # and DDPG
-    "policy_delay": "CrossQ",
-    "target_entropy": "SAC",
-    "cg_max_steps": "TRPO",
-    "clip_range": "PPO",
-    "gae_lambda": "A2C",
-}
+# Algorithms of the policies that are not in the package of their algorithm; A2C and TRPO have the policy of PPO
+_OF_COMMON_POLICIES = {"stable_baselines3.common": PPO, "sb3_contrib.common.recurrent": RecurrentPPO}
 
 
 class MultiScaleInputs(torch.nn.Module):
@@ -130,7 +122,7 @@ def read_zip(path: Path) -> Any:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            kind = _algorithm(json.loads(archive.read("data")))
+            kind = _algorithm(json_to_data(archive.read("data").decode())["policy_class"])
         # Running a model needs no replay buffer, which could be larger than the memory.
         return kind.load(path, device="cpu", custom_objects={"buffer_size": 1})
     except ImportError as error:
@@ -139,12 +131,13 @@ def read_zip(path: Path) -> Any:
         raise ValueError(f"{path} is not a model saved by Stable-Baselines3: {brief(error)}") from error
 
 
-def _algorithm(data: dict[str, Any]) -> Any:
-    """Return the class of the algorithm of a saved model, which the file does not name, from what the file contains."""
-    module = data["policy_class"]["__module__"]
-    if (package := module.partition(".")[0]) not in ("stable_baselines3", "sb3_contrib", "__main__"):
-        beside = vars(importlib.import_module(module.rpartition(".")[0] or module)).values()
-        own = [kind for kind in beside if isinstance(kind, type) and issubclass(kind, BaseAlgorithm)]
-        if len(own := [kind for kind in own if kind.__module__.startswith(package)]) == 1:
-            return own[0]
-    return algorithm_class(next((name for setting, name in _BY_SETTING.items() if setting in data), "PPO"))
+def _algorithm(policy: type[Any]) -> Any:
+    """Return an algorithm with a class of policies, the only class that a file names: it is in the package of both."""
+    for kind in policy.__mro__:
+        package = kind.__module__.rpartition(".")[0] or kind.__module__
+        if package in _OF_COMMON_POLICIES:
+            return _OF_COMMON_POLICIES[package]
+        for item in vars(importlib.import_module(package)).values():
+            if isinstance(item, type) and issubclass(item, BaseAlgorithm) and item.__module__.startswith(package):
+                return item
+    raise ValueError(f"there is no algorithm for {policy.__name__}")
