@@ -20,6 +20,7 @@ from experiments.pages import CACHE, DOCS, fill
 from experiments.perturbations import PERTURBATION_AXES, PerturbationAxis
 from experiments.recovery import CALM_HOVER, START_GRIDS, RecoveryMap, StartGrid, recovery_map
 from experiments.results import CLASSICAL, LEARNED
+from quadpend_train.cli.options import named_policies
 from quadpend_train.common.text import figure_text
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import markdown_table
@@ -203,7 +204,7 @@ def main() -> None:
     given = parser.parse_args()
     # Of a learner with several training seeds, the first is measured.
     published = {**{name: f"{name}-0" for name in LEARNED}, **{name: name for name in CLASSICAL}}
-    named = {text.partition("=")[0]: text.rpartition("=")[2] for text in given.policies}
+    named = named_policies(given.policies)
     found = measure(named or published, given.episodes, cache_folder=CACHE, processes=given.jobs)
     given.out.mkdir(parents=True, exist_ok=True)
     figures.write_png(draw_curves(found), given.out / "curves.png")

@@ -24,6 +24,12 @@ def is_factory(value: Any) -> bool:
     return isinstance(value, str) and _FACTORY.fullmatch(value) is not None
 
 
+def split_name(text: str) -> tuple[str, str]:
+    """Split NAME=VALUE; without a name, it is empty. A name has no slash, while a path may have an equals sign."""
+    name, sign, value = text.partition("=")
+    return (name, value) if sign and "/" not in name else ("", text)
+
+
 def find_factory(name: str) -> Callable[..., Any]:
     """Return the function or class with a name.
 

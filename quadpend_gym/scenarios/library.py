@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym.core.factories import call_factory, find_factory, is_factory
+from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name
 from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.core.settings import parse, suggest
 from quadpend_gym.scenarios.scenario import Scenario
@@ -101,9 +101,9 @@ def _scenarios(text: str) -> list[Scenario]:
         return [scenarios[member] for member in sets[text]]
     if text.lstrip().startswith("{"):
         return [parse(Scenario, parse_mapping(text, "the scenario"), "scenario")]
-    name, sign, rest = text.partition("=")
-    if sign and "/" not in name:
-        return [replace(find_scenario(rest), name=name)]
+    name, value = split_name(text)
+    if name:
+        return [replace(find_scenario(value), name=name)]
     if is_factory(text):
         made = call_factory(text, find_factory(text))
         return [made if isinstance(made, Scenario) else Scenario(wind=text, name=text)]

@@ -10,6 +10,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
+from quadpend_gym.core.factories import split_name
 from quadpend_gym.core.settings import Range
 from quadpend_gym.scenarios import Scenario, find_scenarios
 
@@ -43,7 +44,7 @@ def _check(name: str, hint: Any, value: Any) -> None:
 
 def named_policies(policies: Sequence[str]) -> dict[str, str]:
     """Return policies by name, from texts POLICY or NAME=POLICY."""
-    named = dict(map(_split_name, policies))
+    named = {name or policy: policy for name, policy in map(split_name, policies)}
     if len(named) < len(policies):
         raise ValueError("two policies have the same name: give each its own, as NAME=POLICY")
     return named
@@ -58,12 +59,6 @@ def named_scenarios(
         return found
     changed = {name: scenario.with_vehicle(vehicle, interface) for name, scenario in found.items()}
     return {scenario.name or name: scenario for name, scenario in changed.items()}
-
-
-def _split_name(text: str) -> tuple[str, str]:
-    """Split NAME=VALUE. A name contains no slash, while a path may contain an equals sign."""
-    name, sign, value = text.partition("=")
-    return (name, value) if sign and "/" not in name else (text, text)
 
 
 def make_console() -> Any:

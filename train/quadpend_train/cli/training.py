@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from quadpend_gym.core.factories import split_name
 from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.common.executors import executor
 from quadpend_train.common.files import writable_file, writable_folder
@@ -73,8 +74,8 @@ def _values(changes: Sequence[str]) -> dict[str, Any]:
     """Return the values of changes such as ``ppo.learning_rate=1e-3`` by their paths; they are JSON or text."""
     values: dict[str, Any] = {}
     for change in changes:
-        path, sign, text = change.partition("=")
-        if not sign:
+        path, text = split_name(change)
+        if not path:
             raise ValueError(f"--set takes TABLE.NAME=VALUE, such as ppo.learning_rate=1e-3, not {change!r}")
         try:
             values[path] = json.loads(text)
