@@ -66,10 +66,3 @@ def test_the_same_seed_and_actions_give_identical_results(actions: Floats32, see
     one, other = make_vec(ROWS, wind=wind), make_vec(ROWS, wind=wind)
     assert_same(one.reset(seed=seed), other.reset(seed=seed))
     assert_same(run_actions(one, actions), run_actions(other, actions))
-
-
-@many_examples
-@given(seed=seeds)
-def test_different_seeds_give_different_episodes(seed: int) -> None:
-    starts = make_vec(ROWS).reset(seed=seed)[0]
-    assert len({start.tobytes() for start in starts}) == ROWS

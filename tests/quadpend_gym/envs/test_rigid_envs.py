@@ -1,4 +1,4 @@
-"""Environments of rigid vehicles: equal rows, latency, reset options, divergence."""
+"""Environments of rigid vehicles: latency, reset options, divergence."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,7 +11,7 @@ from quadpend_gym.vehicles import INTERFACES, Simulation
 from tests.helpers.envs import ENDLESS, draw_actions, make_unwrapped, make_vec, run_actions
 from tests.helpers.rigid import random_vehicle, start
 
-ROWS, STEPS, SEED = 66, 30, 50  # one block of 64 and two rows more
+STEPS, SEED = 30, 50
 # Whole and broken numbers of control periods of 10 ms.
 LATENCIES = (0.0, 0.005, 0.02, 0.035)
 

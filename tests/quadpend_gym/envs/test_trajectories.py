@@ -1,4 +1,4 @@
-"""Environments that follow trajectories: resets, sensors, copies, specifications, storage and pictures."""
+"""Environments that follow trajectories: observations, resets and storage."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The vector environment: equal to single environments to the last bit, in every autoreset mode."""
+"""The vector environment: masked resets and seeds. `test_wrappers` compares its rows with single environments."""
 
 from typing import Any
 

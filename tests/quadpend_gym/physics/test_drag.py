@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import PAPER, Constant, Disturbance, Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import energy
 from quadpend_gym.physics.state import DISTURBANCE_FIELDS, DISTURBANCE_SIZE
-from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES
+from quadpend_gym.vehicles import VEHICLES
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, draw_actions, make_unwrapped, make_vec
 from tests.helpers.wind import EXAMPLES, every_kind
 
@@ -115,26 +114,6 @@ def test_drag_dissipates_the_energy_of_the_motion_relative_to_the_wind() -> None
     ):
         power = np.sum(force * (body_velocity - wind), axis=-1)
         assert_allclose(power, -factor * np.linalg.norm(body_velocity - wind, axis=-1) ** 3, rtol=1e-10)
-
-
-def test_without_thrust_the_energy_decreases_by_the_work_of_the_drag() -> None:
-    """The bodies tumble through air at rest. The work is computed to first order in the control period."""
-    env, vacuum = (make_unwrapped(wind=wind, task=ENDLESS) for wind in (STILL_AIR, None))
-    state = {"velocity": (6.0, -3.0, 9.0), "direction": (0.6, 0.0, 0.8), "direction_rate": (0.0, 20.0, 0.0)}
-    env.reset(seed=0, options={"state": state}), vacuum.reset(seed=0, options={"state": state})
-    first = energy(vacuum.state.array, PAPER)
-    work = 0.0
-    energies = [energy(env.state.array, PAPER)]
-    for _ in range(100):
-        velocity = env.state.velocity.copy()
-        bob_velocity = velocity + PAPER.rod_length * env.state.direction_rate
-        disturbance = Disturbance(env.step(NO_THRUST)[4]["disturbance"])
-        vacuum.step(NO_THRUST)
-        work += CONTROL_PERIOD * float(disturbance.force @ velocity + disturbance.bob_force @ bob_velocity)
-        energies.append(energy(env.state.array, PAPER))
-    assert (np.diff(energies) < 0.0).all()
-    assert_allclose(energies[-1] - energies[0], work, rtol=0.02)
-    assert_allclose(energy(vacuum.state.array, PAPER), first, rtol=1e-6)
 
 
 def test_a_falling_body_reaches_the_speed_at_which_drag_balances_weight() -> None:

@@ -39,11 +39,6 @@ def changed(field: str, line: str) -> str:
     return "\n".join([*lines, line]) + "\n"
 
 
-def test_the_good_vehicle_is_accepted(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(GOOD)
-    assert as_vehicle(tmp_path / "mine.toml").mass == 0.5
-
-
 @pytest.mark.parametrize("case", SENSELESS)
 def test_a_senseless_vehicle_is_refused_with_one_sentence_that_names_file_and_field(case: str, tmp_path: Path) -> None:
     field, line, pattern = SENSELESS[case]

@@ -1,7 +1,5 @@
 """Vehicles as data: presets, plain data, and what follows from the rotors."""
 
-import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_gym import vehicles
-from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.vehicles import (
     POLES,
     VEHICLES,
@@ -23,21 +19,6 @@ from quadpend_gym.vehicles import (
 )
 
 WITH_ROTORS = [name for name, vehicle in VEHICLES.items() if vehicle.rotors]
-PRESETS = Path(vehicles.__file__).with_name("presets.toml").read_text(encoding="utf-8")
-
-
-def test_each_number_of_a_preset_has_a_comment_on_its_line() -> None:
-    numbers = [line for line in PRESETS.splitlines() if re.match(r"[a-z_.]+ = [-\[\d]", line)]
-    assert len(numbers) > 80
-    assert not [line for line in numbers if " # " not in line]
-
-
-@pytest.mark.parametrize("name", VEHICLES)
-def test_a_vehicle_survives_json(name: str) -> None:
-    vehicle = VEHICLES[name]
-    copy = as_vehicle(json.loads(json.dumps(to_plain_data(vehicle, repr))))
-    assert copy == vehicle
-    assert hash(copy) == hash(vehicle)
 
 
 @pytest.mark.parametrize("name", WITH_ROTORS)
@@ -72,14 +53,6 @@ def test_the_torque_limits_are_the_largest_pure_torques_at_hover_thrust(name: st
         within(0, sign * outside * roll_pitch, 0) for sign in (-1, 1)
     )
     assert not all(within(0, 0, sign * outside * yaw) for sign in (-1, 1))
-
-
-def test_rotors_around_a_displaced_centre_of_mass_carry_unequal_thrusts() -> None:
-    rotors = replace(VEHICLES["hummingbird"].rotors, positions=((0.2, 0), (0.03, 0.17), (-0.14, 0), (0.03, -0.17)))
-    vehicle = replace(VEHICLES["hummingbird"], rotors=rotors)
-    thrusts = hover_thrusts(vehicle)
-    assert thrusts[0] < thrusts[2]
-    assert_allclose(mixing(vehicle) @ thrusts, [vehicle.weight, 0, 0, 0], atol=1e-12)
 
 
 def test_a_pole_beside_the_centre_of_mass_is_held_by_a_torque() -> None:

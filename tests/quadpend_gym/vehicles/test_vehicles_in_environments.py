@@ -1,4 +1,4 @@
-"""Vehicles from presets and files reach the environment, its specification and its pictures."""
+"""The thrust of a vehicle's rotors reaches the pictures."""
 
 from typing import Any
 

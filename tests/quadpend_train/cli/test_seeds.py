@@ -56,22 +56,3 @@ def test_an_interrupted_seed_continues(
     main(["train", "--resume", "mine", "--seeds", "0-1"])
     assert "mine-1: interrupted, continues from its last checkpoint" in capsys.readouterr().out
     assert weights(Path("mine-1", POLICY)) == weights(whole)
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (["--seeds", "4-0"], "seeds must be numbers and ranges"),
-        (["--seeds", "0,0-2"], "seeds must be different"),
-        (["--jobs", "2"], "give them with --seeds"),
-        (["--cluster", "auto"], "give them with --seeds"),
-        (["--resume", "nix", "--seeds", "0-2"], "contain no run"),
-    ],
-)
-def test_wrong_options_are_refused(
-    options: list[str], sentence: str, settings: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main([*(settings if "--resume" not in options else settings[:1]), *options])
-    assert ended.value.code == 2
-    assert sentence in capsys.readouterr().err

@@ -13,9 +13,8 @@ from imageio_ffmpeg import count_frames_and_secs
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from quadpend_gym.scenarios import Scenario, find_scenario
+from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.vehicles import CONTROL_PERIOD
-from quadpend_gym.viewer.picture import surface_to_array
 from quadpend_train.cli.watch import VideoOptions, watch
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.recording import record_episode
@@ -28,12 +27,6 @@ SEED = 3_000_000
 SIZE = (320, 180)
 WINDY = '{"wind": "windy", "duration": 2.5}'
 CALM = '{"duration": 2.0}'
-
-
-def drawn(view: SideBySideView, step: int, size: tuple[int, int] = (1280, 720)) -> Any:
-    surface = pygame.Surface(size)
-    view.draw(surface, step)
-    return surface_to_array(surface)
 
 
 @pytest.mark.parametrize("name", ["adrc-paper", "flatness", "ppo-gain-scheduling-0"])
@@ -57,17 +50,6 @@ def test_a_recording_contains_the_policys_estimate_of_the_wind(name: str) -> Non
     recorded = record_episode(name, load_policy(name), scenario, SEED)
     assert_allclose(recorded.disturbance[:, :3], [[0.3, -0.2, 0.1]] * len(recorded.snapshots))
     assert_allclose(recorded.estimate[500:, :3].mean(axis=0), [0.3, -0.2, 0.1], atol=0.01)
-
-
-def test_the_estimate_of_a_policy_without_estimator_is_nan() -> None:
-    class Idle:
-        def predict(self, observation: Any, *_: Any, **__: Any) -> Any:
-            return np.zeros((len(observation), 4), np.float32), None
-
-    recorded = record_episode("idle", Idle(), Scenario(), SEED)
-    assert not recorded.survived
-    assert np.isnan(recorded.estimate).all()
-    drawn(SideBySideView([recorded], CONTROL_PERIOD, (0.0, 1.0)), 10)
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".gif", ".webp"])

@@ -104,7 +104,6 @@ def page(replayed: tuple[Comparison, dict[str, Any]], tmp_path_factory: pytest.T
 
 
 PICTURE = "document.getElementById('replay-view').toDataURL()"
-CURVES = "document.getElementById('replay-errors').toDataURL()"
 
 
 def choice(name: str, index: int) -> str:
