@@ -85,6 +85,4 @@ def evaluate(
     if len(comparison.policies) > 1:
         title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
         console.print(tables.terminal_table(title, tables.leaderboard_rows(made.leaderboard)))
-        if note := tables.leaderboard_note(comparison):
-            console.print(note, highlight=False)
     console.print(f"Written: {out}/{', '.join(made.files)}", highlight=False)

@@ -21,7 +21,7 @@ from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import METRICS, cells, differences
 from quadpend_train.reports import figures
-from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, leaderboard_note, sentences
+from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, sentences
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
 _LIGHTEST, _DARKEST = 10.0, 1000.0  # penalised RMSE of the lightest and of the darkest cells, mm
@@ -58,7 +58,6 @@ def write(
             for name in comparison.scenarios
         },
         standings=standings,
-        note=leaderboard_note(comparison),
         episodes_note=episodes_note(comparison),
         sentences=sentences(comparison),
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},

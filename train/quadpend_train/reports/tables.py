@@ -12,15 +12,13 @@ from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
-from quadpend_train.evaluation.pairwise import PairwiseComparison, compare_pair, episodes_needed
-from quadpend_train.evaluation.table import METRICS, cells
+from quadpend_train.evaluation.pairwise import PairwiseComparison, compare_pair
+from quadpend_train.evaluation.table import METRICS
 from quadpend_train.reports import figures
 
 # Metrics in the tables.
 METRIC_COLUMNS = ("survival", "penalised_rmse", "rmse_of_survivors", "settled_rmse", "largest_tilt", "effort")
 MANY_EPISODES = 50  # from this number on, most intervals cover close to 95 %, see docs/accuracy.md
-_MANY_FALLS = 5  # with fewer, an interval of a mean covers less, see docs/accuracy.md
-_MOST_NAMED = 5  # cells in a note
 _POINTS = 100  # of an error curve
 _SMALLEST = 0.05  # mm, lower end of the error axis
 
@@ -98,7 +96,7 @@ def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str
     parts = [markdown_table(headings, body), episodes_note(comparison)]
     parts.append("\n".join(f"- {markdown_text(sentence)}" for sentence in sentences(comparison)))
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
-        parts += [leaderboard_markdown(standings), leaderboard_note(comparison)]
+        parts.append(leaderboard_markdown(standings))
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -109,37 +107,14 @@ def leaderboard_markdown(standings: Sequence[LeaderboardRow], bound: Leaderboard
 
 
 def episodes_note(comparison: Comparison) -> str:
-    """Return that the intervals are from few episodes, or which are from few falls; empty if there are none."""
-    if comparison.episodes < MANY_EPISODES:
-        few = f"{comparison.episodes} episode{'s' if comparison.episodes > 1 else ''}"
-        return (
-            f"The 95 % intervals are from {few}. They contain the true value in less than 95 % of all studies, because"
-            f" few episodes seldom contain a rare fall. Use at least {MANY_EPISODES} episodes."
-        )
-    falls = {
-        f"{policy} in {scenario}": np.sum(~values["survived"])
-        for (scenario, policy), values in cells(comparison.table).items()
-        if len(values["survived"]) == 1  # the interval of several training seeds is another one
-    }
-    named = [cell for cell, count in falls.items() if 0 < count < _MANY_FALLS]
-    if not named:
+    """Return that the intervals are from few episodes; empty if there are enough."""
+    if comparison.episodes >= MANY_EPISODES:
         return ""
-    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+    few = f"{comparison.episodes} episode{'s' if comparison.episodes > 1 else ''}"
     return (
-        f"Few falls (1 to {_MANY_FALLS - 1}): {', '.join(named[:_MOST_NAMED])}{more}. There, the 95 % interval of the"
-        " penalised RMSE contains the true value in less than 95 % of all studies: use more episodes."
+        f"The 95 % intervals are from {few}. They contain the true value in less than 95 % of all studies, because"
+        f" few episodes seldom contain a rare fall. Use at least {MANY_EPISODES} episodes."
     )
-
-
-def leaderboard_note(comparison: Comparison) -> str:
-    """Return that there are too few episodes for wins by RMSE on the leaderboard; empty if there are enough."""
-    pairs = len(comparison.policies) * (len(comparison.policies) - 1) // 2
-    tests = 2 * pairs * len(comparison.scenarios)
-    needed = episodes_needed(tests, max(map(len, comparison.learners.values())))
-    if not pairs or comparison.episodes >= needed:
-        return ""
-    few = f"{comparison.episodes} episode{'s are' if comparison.episodes > 1 else ' is'}"
-    return f"{few} too few for wins by RMSE with {tests} tests: use at least {needed} episodes."
 
 
 def sentences(comparison: Comparison) -> list[str]:
