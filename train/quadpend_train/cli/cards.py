@@ -103,18 +103,13 @@ def _training(card: Mapping[str, Any]) -> Lines:
         for data in (to_mapping(used), to_mapping(TrainSettings(algo=used.algo)))
     )
     shown = {name: value for name, value in given.items() if value != default.get(name)}
-    lines = {
+    return {
         "trained": f"by {settings['algo'].upper()} in {', '.join(settings['scenarios'])}: {card['steps']} timesteps in"
         f" {card['seconds']:.0f} s, seed {card['seed']}",
         "settings": f"{_pairs(shown)}; the others have their default values",
         "score": f"survival {score['survival']:.1%}, penalised RMSE {1e3 * score['penalised_rmse']:.1f} mm, in"
         f" {settings['n_eval_episodes']} episodes of each training scenario",
     }
-    if len(card["curve"]) > 1:
-        ends = (f"{1e3 * rmse:.1f} mm after {steps}" for steps, _, _, rmse in (card["curve"][0], card["curve"][-1]))
-        best = f"the best policy is that after {card['best_at']}"
-        lines["curve"] = f"penalised RMSE {' and '.join(ends)} timesteps; {best}"
-    return lines
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:

@@ -18,12 +18,6 @@ from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import PRESETS
 
 Rows = dict[str, str]  # descriptions by name
-# What a learned policy does with its base controller, by the kind of its hybrid
-_USES = {
-    "estimate_only": "acts alone on the estimates of",
-    "residual_action": "corrects the action of",
-    "bandwidth_scheduling": "schedules the bandwidths of",
-}
 
 
 def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
@@ -47,20 +41,16 @@ def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
 
 
 def _policies() -> Rows:
-    learned = {name: _learned(seeds) for name, seeds in shipped_policies().items()}
-    return {**DESCRIPTIONS, **learned}
+    return {**DESCRIPTIONS, **{name: _learned(seeds) for name, seeds in shipped_policies().items()}}
 
 
 def _learned(seeds: list[str]) -> str:
     cards = [MlpPolicy.load(seed).card for seed in seeds]
     survival, rmse = (np.mean([card["score"][name] for card in cards]) for name in ("survival", "penalised_rmse"))
-    first = cards[0]
-    scenarios = ["(given in JSON)" if name.startswith("{") else name for name in first["settings"]["scenarios"]]
-    trained = f"{first['settings']['algo'].upper()}, scenarios {', '.join(scenarios)}"
-    base = f"{_USES[first['hybrid']['kind']]} {first['hybrid']['base_controller']}; " if first["hybrid"] else ""
-    return f"{base}{trained}; survival {100.0 * survival:.1f} %, penalised RMSE {1e3 * rmse:.1f} mm;" + (
-        f" {len(seeds)} seeds, {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f" 1 seed, {seeds[0]}"
-    )
+    algo, hybrid = cards[0]["settings"]["algo"].upper(), cards[0]["hybrid"]
+    base = f", {hybrid['kind']} of {hybrid['base_controller']}" if hybrid else ""
+    score = f"survival {100.0 * survival:.1f} %, penalised RMSE {1e3 * rmse:.1f} mm in training scenarios"
+    return f"{algo}{base}: {score}; {', '.join(seeds)}"
 
 
 def _scenarios() -> Rows:
@@ -79,11 +69,8 @@ def _settings() -> Rows:
 
 
 def _tasks() -> Rows:
-    """The tasks with the kinds of references that they draw, and the environments that have them."""
-    environments = {task: f", the task of {env_id}" for env_id, task in ENVIRONMENTS.items()}
-    kinds = ("hover", "circle", "figure_eight", "helix")
-    drawn = {name: [kind for kind in kinds if getattr(task.references, kind)] for name, task in TASKS.items()}
-    return {name: f"references: {', '.join(drawn[name])}{environments.get(name, '')}" for name in TASKS}
+    environments = {task: env_id for env_id, task in ENVIRONMENTS.items()}
+    return {name: f"the task of {environments[name]}" if name in environments else "" for name in TASKS}
 
 
 def _winds() -> Rows:
