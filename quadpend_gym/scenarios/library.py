@@ -1,15 +1,24 @@
 """The scenarios of this package and their sets, and scenarios from names, files, JSON and the user's own code."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import field, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name
 from quadpend_gym.core.files import parse_mapping, read_mapping
-from quadpend_gym.core.settings import parse, suggest
+from quadpend_gym.core.settings import parse, settings, suggest
 from quadpend_gym.scenarios.scenario import Scenario
+
+
+@settings
+class _File:
+    """A file of many scenarios."""
+
+    scenarios: dict[str, dict[str, Any]]
+    sets: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    defaults: dict[str, Any] = field(default_factory=dict)
 
 
 def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
@@ -22,13 +31,14 @@ def read_scenarios(path: Path) -> tuple[dict[str, Scenario], dict[str, tuple[str
         data = read_mapping(path)
         if "scenarios" not in data:
             return {path.stem: parse(Scenario, {"name": path.stem, **data}, "scenario")}, {}
-        if unknown := set(data) - {"scenarios", "sets", "defaults"}:
-            raise ValueError(f"there is no table {min(unknown)!r}; the tables are scenarios, sets and defaults")
-        common = data.get("defaults", {})
+        file = parse(_File, data, "the file")
         scenarios = {
-            name: parse(Scenario, {"name": name, **common, **own}, name) for name, own in data["scenarios"].items()
+            name: parse(Scenario, {"name": name, **file.defaults, **own}, name) for name, own in file.scenarios.items()
         }
-        return scenarios, {name: tuple(members) for name, members in data.get("sets", {}).items()}
+        for name, members in file.sets.items():
+            if unknown := set(members) - scenarios.keys():
+                raise ValueError(f"the set {name!r} has no scenario {min(unknown)!r}{suggest(min(unknown), scenarios)}")
+        return scenarios, dict(file.sets)
     except OSError as error:
         raise ValueError(f"the scenario file {str(path)!r} cannot be read: {error.strerror}") from error
     except ValueError as error:
@@ -52,8 +62,9 @@ def find_scenarios(names: str | Iterable[str | Scenario]) -> dict[str, Scenario]
 
     Args:
         names: Each is a `Scenario`, or a text: the name of a scenario or of a set of this package; the path of a TOML
-            or JSON file, whose scenarios all count; JSON that begins with a brace; or ``"module:factory"``, a function
-            that returns a `Scenario` or a wind. NAME=TEXT gives one scenario another name.
+            or JSON file, whose scenarios all count, or ``"mine.toml:name"`` for a scenario or a set in it; JSON that
+            begins with a brace; or ``"module:factory"``, a function that returns a `Scenario` or a wind. NAME=TEXT
+            gives one scenario another name.
     """
     found: dict[str, Scenario] = {}
     for item in [names] if isinstance(names, str) else names:
@@ -81,16 +92,20 @@ def as_scenario(value: Any, **parts: Any) -> Scenario:
     Args:
         value: A `Scenario`, its name or any other text that `find_scenario` takes, a mapping of its fields, or None for
             the default one.
-        parts: Fields that replace those of the scenario; None leaves a field as it is.
+        parts: Fields that replace those of the scenario. With another vehicle, the forces of its wind are scaled, see
+            `Scenario.with_vehicle`.
     """
-    if isinstance(value, str):
-        value = find_scenario(value)
-    given = {name: part for name, part in parts.items() if part is not None}
     if value is None or isinstance(value, Mapping):
-        return parse(Scenario, {**(value or {}), **given}, "scenario")
-    if not isinstance(value, Scenario):
+        return parse(Scenario, {**(value or {}), **parts}, "scenario")
+    scenario = find_scenario(value) if isinstance(value, str) else value
+    if not isinstance(scenario, Scenario):
         raise ValueError(f"scenario must be a Scenario, its name or a mapping of its fields, not {value!r}")
-    return replace(value, **given) if given else value
+    if vehicle := {name: parts.pop(name) for name in ("vehicle", "interface") if name in parts}:
+        scenario = scenario.with_vehicle(**vehicle)
+    if unknown := parts.keys() - {item.name for item in fields(Scenario)}:
+        known = [item.name for item in fields(Scenario)]
+        raise ValueError(f"a scenario has no {min(unknown)!r}{suggest(min(unknown), known)}; it has {', '.join(known)}")
+    return replace(scenario, **parts) if parts else scenario
 
 
 def _scenarios(text: str) -> list[Scenario]:
@@ -104,17 +119,21 @@ def _scenarios(text: str) -> list[Scenario]:
     name, value = split_name(text)
     if name:
         return [replace(find_scenario(value), name=name)]
+    file, _, member = text.partition(":")
+    path = Path(file)
+    if path.suffix in (".toml", ".json"):
+        if not path.is_file():
+            raise ValueError(f"there is no file {file!r}")
+        own, own_sets = read_scenarios(path)
+        if member and member not in own | own_sets:
+            raise ValueError(f"{file} has no {member!r}{suggest(member, [*own, *own_sets])}")
+        return [own[name] for name in own_sets.get(member, (member,) if member else own)]
     if is_factory(text):
         made = call_factory(text, find_factory(text))
         return [made if isinstance(made, Scenario) else Scenario(wind=text, name=text)]
-    path = Path(text)
-    if path.suffix in (".toml", ".json"):
-        if not path.is_file():
-            raise ValueError(f"there is no file {text!r}")
-        return list(read_scenarios(path)[0].values())
     raise ValueError(
-        f"there is no scenario {text!r}{suggest(text, [*scenarios, *sets])}; the scenarios are {', '.join(scenarios)};"
-        f" the sets are {', '.join(sets)}; or give the path of a TOML or JSON file, JSON, or 'module:factory'"
+        f"there is no scenario {text!r}{suggest(text, [*scenarios, *sets])}; `quadpend list scenarios` lists them; or"
+        " give the path of a TOML or JSON file, JSON, or 'module:factory'"
     )
 
 

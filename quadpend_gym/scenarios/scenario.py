@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
+from pydantic import Strict
 
 from quadpend_gym.actuators import ActuatorsField, check_chain
 from quadpend_gym.core.models import to_plain_data
@@ -73,8 +74,8 @@ class Scenario:
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
     substeps: Annotated[int, Range(1, 10_000)] = 2
     duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0
-    output_feedback: bool = False
-    loop_known: bool = True
+    output_feedback: Annotated[bool, Strict()] = False
+    loop_known: Annotated[bool, Strict()] = True
     name: str = field(default="", compare=False)
     description: str = field(default="", compare=False)
 
