@@ -45,7 +45,8 @@ class SideBySideView:
         longest = max(len(recording.snapshots) for recording in recordings)
         self.steps = range(round(seconds[0] / period), round(min(seconds[1] / period, longest)))
         if not self.steps:
-            raise ValueError(f"the episode is over after {longest * period:g} s, before {seconds[0]:g} s")
+            first, last = seconds
+            raise ValueError(f"an episode of {longest * period:g} s has no step between {first:g} and {last:g} s")
         self.picture = Picture()
         self._recordings, self._period = recordings, period
         self._charts: _Charts | None = None
