@@ -5,18 +5,18 @@ simulated from fixed seeds, so the numbers are the same in every run on the same
 """
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from experiments.pages import fill
+from experiments.pages import DOCS, fill
 from quadpend_gym import QuadPendulumEnv
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_SIZE, THRUST, State
-from quadpend_gym.vehicles import CONTROL_PERIOD, PAPER, VEHICLES, Parameters, Simulation, Vehicle, torque_limits
+from quadpend_gym.vehicles import CONTROL_PERIOD, PAPER, VEHICLES, Simulation, Vehicle, torque_limits
 from quadpend_gym.vehicles.parts import Drag
 from quadpend_train.evaluation import statistics
 from quadpend_train.evaluation.formatting import markdown_table
@@ -25,7 +25,7 @@ from tests.helpers.mujoco_engine import Comparison, position_errors
 from tests.helpers.physics import UNEQUAL, random_states, simulate_period
 from tests.helpers.rigid_mujoco import rigid_position_errors
 
-EPISODE_STEPS = 1000
+EPISODE_STEPS, DRIFT_STEPS = 1000, 1_000_000
 PERIODS = (0.005, 0.01, 0.02, 0.04)  # s
 SUBSTEPS = [1, 2, 4, 10, 20]
 SEEDS, RIGID_SEEDS, SECONDS = range(10), range(5), 2.0  # of the flights that are compared with MuJoCo
@@ -98,30 +98,6 @@ def energy_drift(steps: int) -> tuple[float, float, float]:
     return float(np.abs(first).mean()), episode, largest
 
 
-def pendulum_time(parameters: Parameters) -> float:
-    """Return τ = √(l m_q / ((m_q + m_c) g)), s: an upright pendulum at hover thrust falls like exp(t/τ)."""
-    p = parameters
-    return float(np.sqrt(p.rod_length * p.quadrotor_mass / (p.total_mass * p.gravity)))
-
-
-def compare_bodies() -> dict[tuple[str, float], list[Comparison]]:
-    """Return the flights of every body at every control period, compared with MuJoCo."""
-    return {
-        (name, period): [position_errors(parameters, seed, SECONDS, period, SUBSTEPS) for seed in SEEDS]
-        for name, parameters in BODIES.items()
-        for period in PERIODS
-    }
-
-
-def compare_rigid_vehicles() -> dict[tuple[str, float], list[Comparison]]:
-    """Return flights of rigid vehicles without drag with random rotor thrusts, compared with MuJoCo."""
-    return {
-        (name, period): [rigid_comparison(VEHICLES[name], seed, period) for seed in RIGID_SEEDS]
-        for name in RIGID_VEHICLES
-        for period in PERIODS
-    }
-
-
 def rigid_comparison(vehicle: Vehicle, seed: int, period: float) -> Comparison:
     """Compare a flight of a vehicle without drag; standard deviations of the disturbances follow from its weight."""
     pole = replace(vehicle.pole, drag_area=0.0)
@@ -167,27 +143,21 @@ def drag_error(vehicle: Vehicle, period: float) -> float:
 
 def rule_table(flights: dict[tuple[str, float], list[Comparison]]) -> str:
     """Return a Markdown table with errors by the largest angle of the pendulum in a substep, relative to the rod."""
-    found = [point for key, runs in flights.items() for run in runs for point in _points(BODIES[key[0]], key[1], run)]
-    turns, errors, gains = np.array(found).T
+    found = []
+    for (name, period), runs in flights.items():
+        for errors, rate in runs:
+            for number, error in errors.items():
+                halved = errors.get(2 * number, np.nan)
+                found.append((period / number * rate, error / BODIES[name].rod_length, error / halved))
+    points = pd.DataFrame(found, columns=["turn", "error", "gain"])
     rows = []
-    for low, high in zip((0.0, *TURNS), TURNS, strict=False):
-        inside = (turns > low) & (turns <= high)
-        if not inside.any():
-            continue
-        label = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
-        values = errors[inside]
-        gain = f"{np.nanmedian(gains[inside]):.0f}" if np.isfinite(gains[inside]).any() else "–"
-        rows.append([label, f"{values.size}", f"{np.median(values):.0e}", f"{values.max():.0e}", gain])
-    return markdown_table(
-        ["h Ω", "simulations", "median error / l", "largest error / l", "error with h : error with h/2"], rows
-    )
-
-
-def _points(parameters: Parameters, period: float, run: Comparison) -> Iterable[tuple[float, float, float]]:
-    """Yield h Ω, the error relative to the rod, and the factor by which half the substep reduces it."""
-    for number, error in run.errors.items():
-        gain = error / run.errors[2 * number] if 2 * number in run.errors else np.nan
-        yield period / number * run.rate, error / parameters.rod_length, gain
+    turns: Any
+    for turns, group in points.groupby(pd.cut(points.turn, (0.0, *TURNS)), observed=True):
+        label = f"{turns.left:g} to {turns.right:g}" if np.isfinite(turns.right) else f"above {turns.left:g}"
+        gain = "–" if group.gain.isna().all() else f"{group.gain.median():.0f}"
+        rows.append([label, f"{len(group)}", f"{group.error.median():.0e}", f"{group.error.max():.0e}", gain])
+    headings = ["h Ω", "simulations", "median error / l", "largest error / l", "error with h : error with h/2"]
+    return markdown_table(headings, rows)
 
 
 def _one_seed(draw: Draw) -> Sample:
@@ -217,37 +187,25 @@ def _training_seeds(seeds: int, effect: Callable[..., Any] = np.random.Generator
     return draw
 
 
-def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
+def coverage_table() -> str:
     """Return a Markdown table with the coverage in % of every 95 % interval by the number of episodes."""
-    middles = {name: _interquartile_mean(draw) for name, (draw, _) in DRAWS.items()}
+    mean, middle = statistics.mean, statistics.interquartile_mean
     rare = _one_seed(partial(_with_falls, share=0.01))
     cases: list[tuple[str, Any, Sample, float, int]] = [
-        *((f"mean, {name}", statistics.mean, _one_seed(draw), mean, trials) for name, (draw, mean) in DRAWS.items()),
-        (RARE, statistics.mean, rare, 0.01 + 0.99 * 0.02, trials),
+        *((f"mean, {name}", mean, _one_seed(draw), true, TRIALS) for name, (draw, true) in DRAWS.items()),
+        (RARE, mean, rare, 0.01 + 0.99 * 0.02, TRIALS),
         *(
-            (f"interquartile mean, {name}", statistics.interquartile_mean, _one_seed(draw), middles[name], slow_trials)
+            (f"interquartile mean, {name}", middle, _one_seed(draw), _interquartile_mean(draw), SLOW_TRIALS)
             for name, (draw, _) in DRAWS.items()
         ),
-        *((f"survival of {100 * p:g} %", statistics.proportion, _survivals(p), p, trials) for p in (0.9, 0.99)),
-        (
-            "difference of survivals, 95 % and 90 %",
-            lambda x: statistics.paired_proportion(*x),
-            _two_policies,
-            0.05,
-            trials,
-        ),
+        *((f"survival of {100 * p:g} %", statistics.proportion, _survivals(p), p, TRIALS) for p in (0.9, 0.99)),
+        ("difference of survivals, 95 % and 90 %", _difference, _two_policies, 0.05, TRIALS),
         *(
-            (f"probability of improvement of {100 * p:g} %", _improvement, _signs(p), p, trials)
+            (f"probability of improvement of {100 * p:g} %", _improvement, _signs(p), p, TRIALS)
             for p in (0.5, 0.9, 0.99)
         ),
-        *((f"mean over {n} training seeds, normal", statistics.mean, _training_seeds(n), 0.0, trials) for n in (2, 5)),
-        (
-            "interquartile mean over 5 training seeds, normal",
-            statistics.interquartile_mean,
-            _training_seeds(5),
-            0.0,
-            slow_trials // 2,
-        ),
+        *((f"mean over {n} training seeds, normal", mean, _training_seeds(n), 0.0, TRIALS) for n in (2, 5)),
+        ("interquartile mean over 5 training seeds, normal", middle, _training_seeds(5), 0.0, SLOW_TRIALS // 2),
     ]
     shared, own, rows = np.random.default_rng(1), np.random.default_rng(3), []
     for name, estimate, draw, truth, number in cases:
@@ -257,11 +215,15 @@ def coverage_table(trials: int = TRIALS, slow_trials: int = SLOW_TRIALS) -> str:
     return markdown_table(["interval", *(f"{n} episodes" for n in SIZES)], rows)
 
 
+def _difference(survived: Any) -> Any:
+    return statistics.paired_proportion(*survived)
+
+
 def _improvement(values: Any) -> Any:
     return statistics.probability_of_improvement(values, np.zeros_like(values))
 
 
-def error_table(trials: int = TRIALS, families: int = FAMILY_TRIALS) -> str:
+def error_table() -> str:
     """Return a Markdown table with the share in % of true hypotheses that the tests reject at the 5 % level."""
     random, p_value = np.random.default_rng(2), statistics.p_value
     cases: dict[str, Callable[[int], float]] = {
@@ -278,7 +240,7 @@ def error_table(trials: int = TRIALS, families: int = FAMILY_TRIALS) -> str:
     cases[f"any of {FAMILY} scenarios, corrected"] = partial(_family, random)
     rows = []
     for name, p in cases.items():
-        number = families if name.startswith("any") else trials
+        number = FAMILY_TRIALS if name.startswith("any") else TRIALS
         rows.append([name, *(f"{100.0 * np.mean([p(n) < 0.05 for _ in range(number)]):.1f}" for n in SIZES)])
     return markdown_table(["hypothesis", *(f"{n} episodes" for n in SIZES)], rows)
 
@@ -294,34 +256,37 @@ def _family(random: np.random.Generator, episodes: int) -> float:
     return min(statistics.holm(p_values))
 
 
-def run(document: Path, steps: int = 1_000_000) -> None:
-    """Measure and update the page; the energy drifts for a number of control periods."""
-    energy, episode, largest = energy_drift(steps)
+def main() -> None:
+    """Measure, print, and update the page."""
+    argparse.ArgumentParser(prog="python -m benchmarks.accuracy", description=__doc__).parse_args()
+    energy, episode, largest = energy_drift(DRIFT_STEPS)
     drift = [
         ["mean of |E|", f"{energy:.2g} J"],
         ["largest drift in an episode of 1000 steps", f"{episode:.1e} J"],
-        [f"largest drift in {steps:,} steps", f"{largest:.1e} J"],
-        ["drift for each step", f"{largest / steps:.1e} J"],
+        [f"largest drift in {DRIFT_STEPS:,} steps", f"{largest:.1e} J"],
+        ["drift for each step", f"{largest / DRIFT_STEPS:.1e} J"],
     ]
-    flights = compare_bodies()
+    flights = {
+        (name, period): [position_errors(parameters, seed, SECONDS, period, SUBSTEPS) for seed in SEEDS]
+        for name, parameters in BODIES.items()
+        for period in PERIODS
+    }
+    rigid = {
+        (name, period): [rigid_comparison(VEHICLES[name], seed, period) for seed in RIGID_SEEDS]
+        for name in RIGID_VEHICLES
+        for period in PERIODS
+    }
     parts = {
         "energy": markdown_table(["quantity", "value"], drift),
         "mujoco": mujoco_table(flights),
         "rule": rule_table(flights),
-        "rigid": mujoco_table(compare_rigid_vehicles()),
+        "rigid": mujoco_table(rigid),
         "drag": drag_table(),
         "coverage": coverage_table(),
         "errors": error_table(),
     }
-    fill(document, parts)
+    fill(DOCS / "accuracy.md", parts)
     print("\n\n".join(parts.values()))
-
-
-def main() -> None:
-    """Read the command line and measure."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.accuracy", description="Measure accuracy and coverage.")
-    parser.add_argument("--document", type=Path, default=Path("docs/accuracy.md"), help="page to update")
-    run(parser.parse_args().document)
 
 
 if __name__ == "__main__":

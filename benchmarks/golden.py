@@ -17,7 +17,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -28,8 +28,8 @@ import numpy as np
 
 from benchmarks import golden_cases as cases
 from benchmarks.golden_cases import Parts
-from quadpend_gym import wrappers
 from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenario
+from quadpend_gym.wrappers import HistoryWrapper, VectorHistoryWrapper
 from quadpend_train.evaluation.episodes import TEST_SEED, run_episodes
 from quadpend_train.policies.loading import load_policy
 from quadpend_train.policies.mlp_policy import MlpPolicy
@@ -38,48 +38,21 @@ from quadpend_train.training.train import train
 
 Entry = tuple[str, Callable[[], Any]]  # a name of our own, and what computes the numbers
 
-WRAPPERS = {"added_wind": "WindWrapper", "history": "HistoryWrapper"}
 
-
-def make_env(env_id: str, **parts: Any) -> Any:
+def make_env(env_id: str, history: tuple[int, int] | None = None, **parts: Any) -> Any:
     """Return a single environment."""
-    return _wrap(gym.make(f"quadpend_gym:{env_id}", **_keywords(parts)), parts, "")
+    env = gym.make(f"quadpend_gym:{env_id}", **parts)
+    return HistoryWrapper(env, *history) if history else env
 
 
-def make_vec(env_id: str, num_envs: int, autoreset_mode: str, **parts: Any) -> Any:
+def make_vec(env_id: str, history: tuple[int, int] | None = None, **parts: Any) -> Any:
     """Return a vector environment."""
-    options = {"num_envs": num_envs, "autoreset_mode": autoreset_mode, **_keywords(parts)}
-    return _wrap(gym.make_vec(f"quadpend_gym:{env_id}", **options), parts, "Vector")
+    env = gym.make_vec(f"quadpend_gym:{env_id}", **parts)
+    return VectorHistoryWrapper(env, *history) if history else env
 
 
-def _keywords(parts: Parts) -> Parts:
-    return {name: value for name, value in parts.items() if name not in WRAPPERS}
-
-
-def _wrap(env: Any, parts: Parts, prefix: str) -> Any:
-    for name, wrapper in WRAPPERS.items():
-        if name in parts:
-            value = parts[name]
-            env = getattr(wrappers, prefix + wrapper)(env, *(value if name == "history" else (value,)))
-    return env
-
-
-def named_scenarios() -> list[str]:
-    """Return the names of the scenarios of the package."""
-    return list(SCENARIOS)
-
-
-def fly_named(policy: str, scenario: str, episodes: int, duration: float) -> dict[str, Any]:
-    """Return the results of episodes of a scenario of the package, with another duration in s."""
-    return _fly(policy, replace(find_scenario(scenario), duration=duration), episodes)
-
-
-def fly(policy: str, parts: Parts, episodes: int) -> dict[str, Any]:
+def fly(policy: str, scenario: Scenario, episodes: int) -> dict[str, Any]:
     """Return the results of episodes."""
-    return _fly(policy, Scenario(**parts), episodes)
-
-
-def _fly(policy: str, scenario: Scenario, episodes: int) -> dict[str, Any]:
     results = run_episodes([load_policy(policy)], scenario, episodes, TEST_SEED)
     return {
         "survived": np.asarray(results.survived, np.bool_),
@@ -128,9 +101,7 @@ def _update(sha: Any, value: Any) -> None:
 def environments() -> Iterator[Entry]:
     """Hash what single and vector environments return, with every part that an environment can have."""
     for name, parts in cases.ENVIRONMENTS.items():
-        for mode in (
-            ("SameStep", "NextStep") if parts.keys() & {"many", "num_envs"} else ("single", "SameStep", "NextStep")
-        ):
+        for mode in ("SameStep", "NextStep") if "num_envs" in parts else ("single", "SameStep", "NextStep"):
             yield f"{name}, {mode}", partial(_steps, parts, mode)
     yield "masked resets", partial(_steps, cases.EVERYTHING, "Disabled")
 
@@ -138,21 +109,16 @@ def environments() -> Iterator[Entry]:
 def _steps(parts: Parts, mode: str) -> list[Any]:
     """Return what an environment returns for random actions."""
     parts = {**cases.DEFAULTS, **parts}
-    options, many, rows, steps, deviation = (
-        parts.pop(name, None) for name in ("options", "many", "num_envs", "steps", "actions")
-    )
-    if mode == "single":
-        env = make_env(**parts)
-    else:
-        env, options = make_vec(num_envs=rows, autoreset_mode=mode, **parts), many or options
+    rows, steps, deviation = (parts.pop(name) for name in ("num_envs", "steps", "actions"))
+    env = make_env(**parts) if mode == "single" else make_vec(num_envs=rows, autoreset_mode=mode, **parts)
     generator = np.random.default_rng(5)
-    returned = [copy.deepcopy(env.reset(seed=11, options=options))]
+    returned = [copy.deepcopy(env.reset(seed=11))]
     for _ in range(steps):
         action = deviation * generator.standard_normal(env.action_space.shape)
         returned.append(copy.deepcopy(env.step(action.clip(-1.0, 1.0).astype(np.float32))))
         ended = np.logical_or(*returned[-1][2:4])
         if mode == "single" and ended:
-            returned.append(copy.deepcopy(env.reset(options=options)))
+            returned.append(copy.deepcopy(env.reset()))
         elif mode == "Disabled" and ended.any():
             returned.append(copy.deepcopy(env.reset(options={"reset_mask": ended})))
     return returned
@@ -160,8 +126,8 @@ def _steps(parts: Parts, mode: str) -> list[Any]:
 
 def scenarios() -> Iterator[Entry]:
     """Hash the results of short flights in each scenario of the package."""
-    for name in named_scenarios():
-        yield name, partial(fly_named, "flatness", name, 3, cases.LONG)
+    for name in SCENARIOS:
+        yield name, partial(fly, "flatness", replace(find_scenario(name), duration=cases.LONG), 3)
 
 
 def episodes() -> Iterator[Entry]:
@@ -170,7 +136,8 @@ def episodes() -> Iterator[Entry]:
         policy = f"{name}-0" if name.startswith(cases.LEARNED) else name
         for flight, parts in flights.items():
             number = cases.EPISODES.get(name, 20)
-            yield f"{name}, {flight}", partial(fly, policy, {"duration": cases.SECONDS, **parts}, number)
+            scenario = Scenario(**{"duration": cases.SECONDS, **parts})
+            yield f"{name}, {flight}", partial(fly, policy, scenario, number)
 
 
 def trainings() -> Iterator[Entry]:
@@ -188,16 +155,11 @@ PARTS: dict[str, Callable[[], Iterator[Entry]]] = {
 }
 
 
-def compute(parts: Iterable[str], only: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the names and hashes of the entries of some parts, and print the time of each part.
-
-    Args:
-        parts: Keys of `PARTS`.
-        only: Text that the names must contain.
-    """
-    for part in parts:
+def compute(only: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the hashes of `PARTS`, by names that contain the text `only`, and print the time of each part."""
+    for part, entries in PARTS.items():
         start, count = time.perf_counter(), 0
-        for name, numbers in PARTS[part]():
+        for name, numbers in entries():
             if only in (full := f"{part}: {name}"):
                 yield full, digest(numbers())
                 count += 1
@@ -207,11 +169,7 @@ def compute(parts: Iterable[str], only: str = "") -> Iterator[tuple[str, str]]:
 def check(path: Path, hashes: dict[str, str]) -> list[str]:
     """Compare hashes with those in a file, and return the names of those that differ.
 
-    Hashes that the file lacks are added to it.
-
-    Args:
-        path: JSON file; it may not exist yet.
-        hashes: Hashes by name.
+    Hashes that the file lacks are added to it; it may not exist yet.
     """
     known: dict[str, str] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -223,11 +181,10 @@ def main() -> None:
     """Read the command line, hash, and compare."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.golden", description="Hash results and compare them.")
     parser.add_argument("--file", type=Path, default=Path("results/golden.json"), help="JSON file of the hashes")
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=[*PARTS], help="what to hash (default: all)")
     parser.add_argument("--only", default="", metavar="SUBSTRING", help="hash only what has this text in its name")
     arguments = parser.parse_args()
     existed = arguments.file.exists()
-    hashes = dict(compute(arguments.parts, arguments.only))
+    hashes = dict(compute(arguments.only))
     different = check(arguments.file, hashes)
     for name in different:
         print(f"Different: {name}")

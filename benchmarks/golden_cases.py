@@ -1,13 +1,11 @@
 """What the golden hashes cover: environments, flights and trainings by name, as tables of plain data.
 
-A table has the parts of an environment or a scenario by the names of `gymnasium.make`, of `quadpend_train.scenarios`
-and of `golden.LAYERS`. Only the functions of `golden` call the packages.
+A table has the parts of an environment or a scenario by the names of `gymnasium.make` and of `quadpend_gym.Scenario`.
+Only the functions of `golden` call the packages.
 """
 
 from itertools import product
 from typing import Any
-
-import numpy as np
 
 Parts = dict[str, Any]
 
@@ -57,7 +55,6 @@ ACTUATORS = [
 ]
 RANGES: dict[str, Any] = {
     "around": {"share": 0.2},
-    "around some": {"share": 0.4, "names": ["bob_mass", "gravity"]},
     "ranges": {"quadrotor_mass": (0.4, 0.6), "rod_length": (0.2, 0.5), "bob_drag_area": (0.0, 0.002)},
 }
 EVERYTHING = {
@@ -69,19 +66,7 @@ EVERYTHING = {
     "history": (2, 0),
 }
 POINTS = ((0.0, 0.0, 2.0, 0.0), (0.5, 0.2, 2.5, 0.3), (0.0, 0.6, 2.2, -0.2), (0.0, 0.0, 2.0, 0.0))
-TRAJECTORIES: dict[str, Any] = {
-    "waypoints": {"kind": "waypoints", "times": (0.0, 1.5, 3.5, 5.0), "points": POINTS},
-    "closed waypoints": {"kind": "waypoints", "times": (0.0, 2.0, 3.5, 5.0), "points": POINTS, "closed": True},
-    "sinusoids": {
-        "kind": "sinusoids",
-        "rate": (0.2, 0.0, 0.0, 0.0),
-        "terms": [
-            {"amplitude": 0.1, "frequency": (1.0, 2.0, 1.0, 0.5)},
-            {"amplitude": 0.05, "frequency": 3.0, "phase": 1.0},
-        ],
-    },
-    "reference": {"amplitude": (0.5, 0.5, 0.1, 0.0), "frequency": (1.2, 1.2, 1.0, 0.0), "phase": (1.5, 0.0, 0.0, 0.0)},
-}
+WAYPOINTS = {"kind": "waypoints", "times": (0.0, 1.5, 3.5, 5.0), "points": POINTS}
 FAMILIES = {"hover": 0.0, "slalom": 2.0, "acceleration": (1.0, 3.0), "speed": (0.5, 1.0), "yaw_amplitude": 0.5}
 TASK = {
     "references": FAMILIES,
@@ -89,31 +74,18 @@ TASK = {
     "limits": {"pendulum_angle": 0.8, "tracking_error": 1.0},
     "reward": {"tracking": 1.0, "tip": 0.2, "effort": 0.0, "pendulum_first": 0.5},
 }
-STATES = {"velocity": np.linspace(-0.5, 0.5, 111).reshape(37, 3), "direction_rate": (0.5, 0.0, 0.0)}
-PAPER_VEHICLE = {
-    "attitude": "euler",
-    "mass": 0.5,
-    "inertia": (0.1, 0.1, 0.1),
-    "gravity": 9.8,
-    "pole": {"mass": 0.2, "length": 0.3, "drag_area": 0.0005},
-    "torque": (5.0, 1.0),
-    "drag": {"area": 0.01},
-}
-HEAVY = {**PAPER_VEHICLE, "mass": 0.7, "pole": {"mass": 0.2, "length": 0.5, "drag_area": 0.0005}}
-SLOW = {"period": 0.02, "substeps": 4, "vehicle": HEAVY}
 RATES = {"vehicle": "hummingbird", "interface": "body_rates"}
 LATE_RATES = {**RATES, "latency": 0.015}
 RIGID_EVERYTHING = {**EVERYTHING, **LATE_RATES, "wind": LIGHT_WIND}
 # Long episodes, since some winds come late
 LONG_LOAD = {"env_id": IDS["Load"], "actions": 0.01, "max_episode_steps": 240, "steps": 260}
 
-# Parts of environments by name; what an environment does not give is in `DEFAULTS`. "options" are those of each reset,
-# "many" those of the reset of vector environments, "actions" the standard deviation of random actions.
+# Parts of environments by name; what an environment does not give is in `DEFAULTS`. "actions" is the
+# standard deviation of random actions.
 ENVIRONMENTS: dict[str, Parts] = {
     **{f"{env_id}, everything": {"env_id": env_id, **EVERYTHING} for env_id in IDS.values()},
     **{f"{env_id}, hummingbird, everything": {"env_id": env_id, **RIGID_EVERYTHING} for env_id in IDS.values()},
     **{f"load in the wind {name}": {**LONG_LOAD, "wind": wind} for name, wind in WINDS.items()},
-    "added wind: storm": {"wind": "breeze", "added_wind": "storm"},
     **{
         f"{vehicle}, {interface}, latency {latency} s": {
             "vehicle": vehicle,
@@ -128,36 +100,20 @@ ENVIRONMENTS: dict[str, Parts] = {
     "actuator: gyro bias": {**RATES, "actuators": {"kind": "gyro_bias", "deviation": 0.3}},
     **{f"parameters: {name}": {"parameters": ranges, "wind": "storm"} for name, ranges in RANGES.items()},
     "observation: history": {"history": (3, 2)},
-    **{f"task with {name}": {"task": {"trajectory": item}} for name, item in TRAJECTORIES.items()},
-    "reset with many states": {"many": {"state": STATES, "reference": [*TRAJECTORIES.values(), {}] * 7 + [{}, {}]}},
+    "task with waypoints": {"task": {"trajectory": WAYPOINTS}},
     "own task": {"task": TASK},
-    "own task, hanging": {"task": {**TASK, "pendulum": "hanging"}, **RATES},
-    "own simulation": {**SLOW, "wind": "dryden"},
     "600 rows, everything": {"num_envs": 600, **EVERYTHING},
 }
 DEFAULTS: Parts = {"env_id": TRACK, "num_envs": 37, "max_episode_steps": 50, "steps": 120, "actions": 0.15}
 
 LAGGED = [{"kind": "action_delay", "steps": 1}, {"kind": "motor_lag", "time_constant": 0.02}]
-AT_25_HZ = {"period": 0.04, "substeps": 8}
 # Parts of scenarios by name, grouped by the policies that can fly them.
 PAPER: dict[str, Parts] = {
-    "hover, paper": {"task": "hover", "wind": "paper", "duration": 4.0},
     "windy": {"wind": "windy"},
     "storm, lagged": {"wind": "storm", "actuators": LAGGED},
     "breeze, output feedback": {"wind": "breeze", "output_feedback": True},
-    "noisy, unknown lag": {
-        "sensors": NOISE,
-        "actuators": {"kind": "motor_lag", "time_constant": 0.005},
-        "loop_known": False,
-    },
     "uncertain": {"parameters": {"share": 0.2}, "wind": WINDS["sum"]},
     "fast": {"task": {"references": FAMILIES}},
-}
-WITH_ROTORS: dict[str, Parts] = {
-    "rotors": {
-        "actuators": ROTORS,
-        "vehicle": {**PAPER_VEHICLE, "inertia": (0.004, 0.004, 0.008)},
-    },
 }
 HUMMINGBIRD: dict[str, Parts] = {
     "hummingbird, as flown": {
@@ -177,14 +133,17 @@ RIGID: dict[str, Parts] = {
 }
 LOAD: dict[str, Parts] = {
     "load, windy": {"task": "load", "wind": "windy"},
-    "load, upset": {"task": {"pendulum": "hanging", "start": {"pendulum_angle": (0.3, 0.8)}}, **AT_25_HZ},
+    "load, upset": {
+        "task": {"pendulum": "hanging", "start": {"pendulum_angle": (0.3, 0.8)}},
+        "period": 0.04,
+        "substeps": 8,
+    },
 }
 SWING_UP: dict[str, Parts] = {
     "swing-up, breeze": {"task": "swing_up", "wind": "breeze", "duration": 4.0},
     "recovery": {"task": "recovery", "duration": 4.0},
 }
-LEARNED_SWING_UP = {**SWING_UP, "recovery, 25 Hz": {**SWING_UP["recovery"], "wind": "windy", **AT_25_HZ}}
-CLASSICAL = PAPER | WITH_ROTORS | HUMMINGBIRD | RIGID
+CLASSICAL = PAPER | HUMMINGBIRD | RIGID
 DELAYED = {name: CLASSICAL[name] for name in ("storm, lagged", "hummingbird, as flown")}
 # Scenarios of each policy; a learned policy has its name without the seed.
 FLIGHTS: dict[str, dict[str, Parts]] = {
@@ -196,7 +155,7 @@ FLIGHTS: dict[str, dict[str, Parts]] = {
     **dict.fromkeys(("ppo-gain-scheduling", "ppo-agile"), PAPER | HUMMINGBIRD | RIGID),
     **{f"{algo}-hummingbird": HUMMINGBIRD for algo in ("ppo", "sac")},
     **{f"{algo}-load": LOAD for algo in ("ppo", "sac")},
-    **{f"{algo}-{task}": LEARNED_SWING_UP for algo, task in product(("ppo", "sac"), ("swing-up", "recovery"))},
+    **{f"{algo}-{task}": SWING_UP for algo, task in product(("ppo", "sac"), ("swing-up", "recovery"))},
 }
 LEARNED = ("apg", "ppo-", "sac-")  # beginnings of their names
 EPISODES = {"nmpc": 2}  # of each flight; the actions of `nmpc` take milliseconds
@@ -220,7 +179,6 @@ ALGORITHMS: dict[str, Parts] = {
     "tqc": _REPLAY,
     "apg": {"window": 8, **_NETWORK},
 }
-ON_FLATNESS = {"base_controller": "flatness", "baseline_relative_reward": True}
 # Settings in which each training differs from `BRIEF`.
 TRAININGS: dict[str, Parts] = {
     "ppo": {},
@@ -234,17 +192,14 @@ TRAININGS: dict[str, Parts] = {
     "ppo with a curriculum": {"curriculum": ["calm", "breeze"], "curriculum_steps": 512, "save_freq": 256},
     "ppo on estimates": {"hybrid": {"base_controller": "adrc-matched"}, "history": 2, "history_actions": 1},
     "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
-    "ppo with residual actions": {
-        "hybrid": {
-            **ON_FLATNESS,
-            "mode": "residual_action",
-            "action_scale": 0.3,
-            "fallback_gain": 1.0,
-            "failure_penalty": 3.0,
-        }
-    },
     "ppo with bandwidth scheduling": {
-        "hybrid": {**ON_FLATNESS, "mode": "bandwidth_scheduling", "fallback_gain": 3.0, "action_repeat": 5},
+        "hybrid": {
+            "base_controller": "flatness",
+            "baseline_relative_reward": True,
+            "mode": "bandwidth_scheduling",
+            "fallback_gain": 3.0,
+            "action_repeat": 5,
+        },
         "max_episode_steps": 20,
         "critic_warmup_steps": 256,
     },

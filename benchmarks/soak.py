@@ -27,6 +27,7 @@ from quadpend_gym import QuadPendulumEnv
 from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common import executors
 from quadpend_train.evaluation.formatting import markdown_table
+from quadpend_train.policies.loading import policy_file
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import PRESETS, TrainSettings, read_settings
 from quadpend_train.training.train import train
@@ -99,7 +100,7 @@ def found(call: Callable[[], Any]) -> tuple[Any, list[str]]:
             return None, [f"{type(error).__name__}: {error}"[:300]]
 
 
-def random_steps(process: int, steps: int, end: float = 0.0) -> Outcome:
+def random_steps(steps: int, end: float, process: int) -> Outcome:
     """Make random steps in many environments, at least until a time; the memory counts after `_WARM_UP` of them."""
     start, counted, done, configuration, findings = 0.0, 0, 0, 0, []
     while done < steps or time.time() < end:
@@ -113,7 +114,7 @@ def random_steps(process: int, steps: int, end: float = 0.0) -> Outcome:
     return Outcome(done, findings + grown(growth, done - counted, STEPS_NOISE), growth)
 
 
-def repeat(function: Callable[[int], Any], process: int, number: int) -> Outcome:
+def repeat(function: Callable[[int], Any], number: int, process: int) -> Outcome:
     """Call a function with the seeds of a process. The memory counts after the first tenth."""
     findings, start = [], resident()
     for index in range(number):
@@ -134,7 +135,7 @@ def make_and_close(seed: int) -> None:
     env.close()
 
 
-def training(process: int, timesteps: int) -> Outcome:
+def training(timesteps: int, process: int) -> Outcome:
     """Train PPO with evaluations twice; the memory counts in the second half."""
     settings = TrainSettings(seed=process, total_timesteps=timesteps // 2, eval_freq=max(timesteps // 10, 1))
     findings, start = [], 0.0
@@ -160,19 +161,12 @@ def damaged_bytes(content: bytes, random: stdlib_random.Random) -> bytes:
 
 def read_damaged(kind: str, seed: int) -> None:
     """Damage a file and read it again: it is refused with one sentence, or it works."""
-    random = stdlib_random.Random(f"{kind} {seed}")
+    name, content, read = READ[kind]
     with tempfile.TemporaryDirectory() as folder:
-        if kind == "policy files":
-            path = Path(folder, "policy.npz")
-            MlpPolicy.load("apg-0").save(path)
-            path.write_bytes(damaged_bytes(path.read_bytes(), random))
-        else:
-            preset = PRESETS / "ppo-gain-scheduling.toml"
-            path = Path(folder, "file.json" if kind == "scenarios" else preset.name)
-            text = json.dumps(SCENARIO) if kind == "scenarios" else preset.read_text(encoding="utf-8")
-            path.write_bytes(damaged_bytes(text.encode(), random))
+        path = Path(folder, name)
+        path.write_bytes(damaged_bytes(content, stdlib_random.Random(f"{kind} {seed}")))
         try:
-            READ[kind](path)
+            read(path)
         except (ValueError, TypeError, OSError) as error:  # what the command line prints as one sentence
             if not str(error):
                 raise RuntimeError("the refusal is empty") from error
@@ -190,26 +184,28 @@ def _fly_scenario(path: Path) -> None:
     assert np.isfinite(env.step(np.zeros((2, 4), np.float32))[0]).all()
 
 
-READ: dict[str, Callable[[Path], Any]] = {
-    "policy files": _fly_policy,
-    "settings": lambda path: read_settings(str(path)),
-    "scenarios": _fly_scenario,
+PRESET = PRESETS / "ppo-gain-scheduling.toml"
+# Kinds of files: name, content, and what reads and uses them
+READ: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
+    "policy files": ("policy.npz", policy_file("apg-0").read_bytes(), _fly_policy),
+    "settings": (PRESET.name, PRESET.read_bytes(), lambda path: read_settings(str(path))),
+    "scenarios": ("file.json", json.dumps(SCENARIO).encode(), _fly_scenario),
 }
 
 
-def parts(scale: float, end: float) -> dict[tuple[str, int], Callable[[], Outcome]]:
+def parts(scale: float) -> dict[tuple[str, int], Callable[[], Outcome]]:
     """Return all parts of all processes by name and process, for a share of the numbers of this module."""
 
     def share(number: int) -> int:
         return max(int(number * scale) // PROCESSES, 1)
 
-    made: dict[str, tuple[Callable[..., Outcome], tuple[Any, ...]]] = {
-        **{f"damaged {kind}": (partial(repeat, partial(read_damaged, kind)), (share(FILES),)) for kind in READ},
-        "environments made and closed": (partial(repeat, make_and_close), (share(ENVIRONMENTS),)),
-        "timesteps of training": (training, (share(TIMESTEPS),)),
-        "random steps": (random_steps, (share(STEPS), end)),
+    made: dict[str, Callable[[int], Outcome]] = {
+        **{f"damaged {kind}": partial(repeat, partial(read_damaged, kind), share(FILES)) for kind in READ},
+        "environments made and closed": partial(repeat, make_and_close, share(ENVIRONMENTS)),
+        "timesteps of training": partial(training, share(TIMESTEPS)),
+        "random steps": partial(random_steps, share(STEPS), time.time() + 3600.0 * scale),
     }
-    return {(name, i): partial(part, i, *rest) for name, (part, rest) in made.items() for i in range(PROCESSES)}
+    return {(name, i): partial(part, i) for name, part in made.items() for i in range(PROCESSES)}
 
 
 def table(outcomes: Mapping[str, list[Outcome]]) -> str:
@@ -224,8 +220,7 @@ def table(outcomes: Mapping[str, list[Outcome]]) -> str:
 def main() -> None:
     """Run the soak, print the findings, and update the page; the exit status is 1 if there are findings."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.soak", description="Run everything for an hour.")
-    parser.add_argument("--minutes", type=float, default=60.0, help="least duration (default: 60)")
-    parser.add_argument("--scale", type=float, default=1.0, help="share of the usual numbers (default: 1)")
+    parser.add_argument("--scale", type=float, default=1.0, help="share of the usual numbers and time (default: 1)")
     parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     begin = time.time()
@@ -236,7 +231,7 @@ def main() -> None:
         print(f"{name[0]}: {outcome.done:,}, {len(outcome.findings)} findings, {outcome.growth:.1f} MB", flush=True)
         print("".join(f"  {finding}\n" for finding in outcome.findings[:20]), end="", flush=True)
 
-    executors.run(parts(options.scale, begin + 60.0 * options.minutes), PROCESSES, done=show, what="part")
+    executors.run(parts(options.scale), PROCESSES, done=show, what="part")
     print(text := table(outcomes))
     if options.document:
         date, minutes = datetime.datetime.now(datetime.timezone.utc).date(), (time.time() - begin) / 60.0

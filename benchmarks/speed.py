@@ -14,16 +14,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import torch
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 
+from experiments.pages import DOCS
 from quadpend_baselines import controller
 from quadpend_gym import Dryden, OrnsteinUhlenbeck
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
@@ -31,6 +31,7 @@ from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.wrappers import VectorParameterWrapper, VectorSensorWrapper
+from quadpend_train.common.files import write_text
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
 from quadpend_train.policies.export import export
 from quadpend_train.training.algorithms import make_model
@@ -42,6 +43,7 @@ NUM_ENVS = (1, 64, 1024, 4096, 16384)
 RIGID: dict[str, Any] = {"vehicle": "hummingbird", "interface": "body_rates"}
 _SECONDS = 0.15  # length of one timing
 _ROUNDS = 15
+_TRAINING_STEPS = 150_000  # of one timing
 
 Call = tuple[Callable[[], Any], int]  # a function and the number of environment steps that one call makes
 
@@ -50,9 +52,6 @@ def best_rates(calls: dict[str, Call]) -> dict[str, float]:
     """Return the steps per second of each call: the best of several rounds.
 
     Every round times all calls, so a slow phase of the machine affects all of them alike.
-
-    Args:
-        calls: The calls by name.
     """
     repeats, best = {}, dict.fromkeys(calls, np.inf)
     for name, (function, _) in calls.items():
@@ -117,37 +116,26 @@ def measure_environments() -> dict[str, float]:
     return best_rates(calls)
 
 
-class FreeVectorEnv(VectorEnv[Any, Any, Any]):
-    """An environment with QuadPendulum's spaces that computes nothing: it always returns the same arrays."""
+class FreeVectorEnv(QuadPendulumVectorEnv):
+    """QuadPendulum's environment that computes nothing: it always returns the same arrays."""
 
     def __init__(self, num_envs: int) -> None:
-        quadpend = QuadPendulumVectorEnv(1)
-        self.num_envs = num_envs
-        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
-        self.single_observation_space = quadpend.single_observation_space
-        self.single_action_space = spaces.Box(-1, 1, quadpend.single_action_space.shape)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        super().__init__(num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
         size = (num_envs, OBSERVATION_SIZE)
-        self._observation = np.random.default_rng(0).normal(size=size).astype(np.float32)
+        self._fixed = np.random.default_rng(0).normal(size=size).astype(np.float32)
         self._reward, self._never = np.full(num_envs, 0.01), np.zeros(num_envs, np.bool_)
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Return the fixed observation."""
-        return self._observation, {}
+        return self._fixed, {}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Return the fixed arrays; no episode ends."""
-        return self._observation, self._reward, self._never, self._never, {}
+        return self._fixed, self._reward, self._never, self._never, {}
 
 
-def measure_training(steps: int = 150_000, rounds: int = 9) -> dict[str, float]:
-    """Return PPO's environment steps per second on QuadPendulum-v0 and on `FreeVectorEnv`.
-
-    Args:
-        steps: Environment steps of one timing.
-        rounds: Timings of each environment; the result is their median.
-    """
+def measure_training(rounds: int = 9) -> dict[str, float]:
+    """Return PPO's environment steps per second on QuadPendulum-v0 and on `FreeVectorEnv`, medians over rounds."""
     settings = read_settings("ppo")
     torch.set_num_threads(settings.num_threads)
     envs = {
@@ -159,7 +147,7 @@ def measure_training(steps: int = 150_000, rounds: int = 9) -> dict[str, float]:
     for _ in range(rounds):
         for name, model in models.items():
             start, before = time.perf_counter(), model.num_timesteps
-            model.learn(steps, reset_num_timesteps=False)
+            model.learn(_TRAINING_STEPS, reset_num_timesteps=False)
             rates[name].append((model.num_timesteps - before) / (time.perf_counter() - start))
     return {name: float(np.median(values)) for name, values in rates.items()}
 
@@ -173,12 +161,9 @@ def measure_policies() -> dict[str, float]:
     observations = np.random.default_rng(0).normal(size=(256, OBSERVATION_SIZE)).astype(np.float32)
     ratios = {}
     for name, observation in (("one observation", observations[0]), ("256 observations", observations)):
-        rates = best_rates(
-            {
-                "exported": (lambda o=observation: policy.predict(o), 1),  # type: ignore[misc]
-                "sb3": (lambda o=observation: model.predict(o, deterministic=True), 1),  # type: ignore[misc]
-            }
-        )
+        exported = partial(policy.predict, observation)
+        sb3 = partial(model.predict, observation, deterministic=True)
+        rates = best_rates({"exported": (exported, 1), "sb3": (sb3, 1)})
         ratios[f"MlpPolicy.predict / PPO.predict, {name}"] = rates["exported"] / rates["sb3"]
     return ratios
 
@@ -252,14 +237,7 @@ def speed_ratios(rates: dict[str, float]) -> dict[str, float]:
 def markdown(
     rates: dict[str, float], ratios: dict[str, float], pictures: dict[str, float], start: dict[str, float]
 ) -> str:
-    """Format the measurements as a Markdown table, rounded to three digits.
-
-    Args:
-        rates: Environment steps per second.
-        ratios: Ratios of rates.
-        pictures: Pictures per second.
-        start: Start-up times, s.
-    """
+    """Return steps per second, ratios, pictures per second and start-up times (s) as a Markdown table."""
     rows = [
         *((name, _format_rate(rate)) for name, rate in rates.items()),
         *((name, f"{ratio:.2f} ×") for name, ratio in ratios.items()),
@@ -275,12 +253,11 @@ def _format_rate(rate: float) -> str:
     return f"{rate / 1e6:.3g} M steps/s" if rate >= 1e6 else f"{rate / 1e3:.3g} k steps/s"
 
 
-def run(out: Path | None) -> None:
-    """Measure everything, print it, and write it to a file.
-
-    Args:
-        out: JSON file; a Markdown table is written beside it. None writes nothing.
-    """
+def main() -> None:
+    """Measure everything, print it, and write it to a JSON file with a Markdown table beside it."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description="Measure speed.")
+    parser.add_argument("--out", type=Path, default=DOCS / "bench.json", help="JSON file for the measurements")
+    out = parser.parse_args().out
     rates = measure_environments()
     ratios = speed_ratios(rates)
     training_rates = measure_training()
@@ -291,19 +268,10 @@ def run(out: Path | None) -> None:
     pictures, start = measure_pictures(), measure_start()
     table = markdown(rates, ratios, pictures, start)
     print(table)
-    if out is not None:
-        machine = f"{platform.machine()}, Python {platform.python_version()}"
-        out.parent.mkdir(parents=True, exist_ok=True)
-        data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "pictures": pictures, "seconds": start}
-        out.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-        out.with_suffix(".md").write_text(table, encoding="utf-8")
-
-
-def main() -> None:
-    """Read the command line and run the benchmark."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description="Measure speed.")
-    parser.add_argument("--out", type=Path, help="JSON file for the measurements, with a Markdown table beside it")
-    run(parser.parse_args().out)
+    machine = f"{platform.machine()}, Python {platform.python_version()}"
+    data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "pictures": pictures, "seconds": start}
+    write_text(out, json.dumps(data, indent=1) + "\n")
+    write_text(out.with_suffix(".md"), table)
 
 
 if __name__ == "__main__":

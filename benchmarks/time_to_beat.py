@@ -16,7 +16,6 @@ baseline-relative reward.
 """
 
 import argparse
-import json
 import platform
 import tempfile
 import time
@@ -32,7 +31,7 @@ from benchmarks import speed
 from experiments.pages import DOCS
 from quadpend_baselines import Policy, controller
 from quadpend_gym.scenarios import SETS
-from quadpend_train.common.files import to_json_data, write_text
+from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.statistics import mean
@@ -97,50 +96,44 @@ GOALS = {
 
 
 class _GoalCallback(BaseCallback):
-    """Check at intervals which goals the policy reaches, and end the training when it has reached all of them."""
+    """Check at intervals whether the policy reaches a goal, and end the training when it does."""
 
-    def __init__(self, settings: TrainSettings, checks: dict[str, tuple[int, list[Check]]]) -> None:
+    def __init__(self, settings: TrainSettings, interval: int, blocks: list[Check]) -> None:
         super().__init__()
-        self.settings, self.checks = settings, checks
-        self.reached: dict[str, GoalTime] = {}
+        self.settings, self.interval, self.blocks = settings, interval, blocks
+        self.reached = GoalTime(np.inf, np.inf)
         self.paused, self.start = 0.0, time.perf_counter()
         # An untrained policy is not evaluated, unless it has learned by imitation.
-        self.next = {
-            name: 0 if settings.hybrid.imitation_timesteps else interval for name, (interval, _) in checks.items()
-        }
+        self.next = 0 if settings.hybrid.imitation_timesteps else interval
 
     def _on_rollout_start(self) -> None:
-        for name, (interval, blocks) in self.checks.items():
-            if name in self.reached or self.num_timesteps < self.next[name]:
-                continue
-            self.next[name] = self.num_timesteps + interval
-            now = time.perf_counter()
-            policy = export(self.model, **self.settings.policy_interface())
-            if all(check(policy) for check in blocks):
-                hybrid = self.settings.hybrid
-                steps = float(self.num_timesteps * hybrid.action_repeat + hybrid.imitation_timesteps)
-                self.reached[name] = GoalTime(now - self.start - self.paused, steps)
-            self.paused += time.perf_counter() - now
+        if self.num_timesteps < self.next:
+            return
+        self.next = self.num_timesteps + self.interval
+        now = time.perf_counter()
+        policy = export(self.model, **self.settings.policy_interface())
+        if all(check(policy) for check in self.blocks):
+            hybrid = self.settings.hybrid
+            steps = float(self.num_timesteps * hybrid.action_repeat + hybrid.imitation_timesteps)
+            self.reached = GoalTime(now - self.start - self.paused, steps)
+        self.paused += time.perf_counter() - now
 
     def _on_step(self) -> bool:
-        return len(self.reached) < len(self.checks)
+        return self.reached.seconds == np.inf
 
 
-def measure(seeds: int = 5, names: tuple[str, ...] = tuple(GOALS)) -> dict[str, list[GoalTime]]:
-    """Train with seeds from 0, and return when each goal is reached, one value for each training seed."""
-    goals = {name: GOALS[name] for name in names}
-    checks = {name: [goal.make_check(seed) for seed in BLOCK_SEEDS] for name, goal in goals.items()}
-    times: dict[str, list[GoalTime]] = {name: [] for name in names}
-    for settings in dict.fromkeys(goal.settings for goal in goals.values()):
-        wanted = {name: (goal.interval, checks[name]) for name, goal in goals.items() if goal.settings == settings}
+def measure(seeds: int) -> dict[str, list[GoalTime]]:
+    """Train for each goal with seeds from 0, and return when it is reached, one value for each training seed."""
+    times: dict[str, list[GoalTime]] = {name: [] for name in GOALS}
+    for name, goal in GOALS.items():
+        checks = [goal.make_check(seed) for seed in BLOCK_SEEDS]
         for seed in range(seeds):
-            run_settings = replace(read_settings(settings), seed=seed, eval_freq=0, patience=0)
-            callback = _GoalCallback(run_settings, wanted)
+            settings = replace(read_settings(goal.settings), seed=seed, eval_freq=0, patience=0)
+            callback = _GoalCallback(settings, goal.interval, checks)
             with tempfile.TemporaryDirectory() as folder:
-                train(run_settings, Path(folder) / "run", progress=False, callbacks=[callback])
-            for name in wanted:
-                times[name].append(callback.reached.get(name, GoalTime(np.inf, np.inf)))
-                print(f"{name}, seed {seed}: {times[name][-1].seconds:.1f} s", flush=True)
+                train(settings, Path(folder) / "run", progress=False, callbacks=[callback])
+            times[name].append(callback.reached)
+            print(f"{name}, seed {seed}: {times[name][-1].seconds:.1f} s", flush=True)
     return times
 
 
@@ -167,13 +160,11 @@ def markdown(times: dict[str, list[GoalTime]], rate: float) -> str:
 
 
 def main() -> None:
-    """Measure, and write the page and its data."""
+    """Measure, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=5, help="number of training seeds, counted from 0")
     times = measure(parser.parse_args().seeds)
     rate = speed.measure_training(rounds=3)["PPO on QuadPendulum-v0 in wind"]
-    data = {"steps_per_second": rate, "reached": times}
-    write_text(DOCS / "time_to_beat.json", json.dumps(to_json_data(data), indent=1) + "\n")
     write_text(DOCS / "time_to_beat.md", markdown(times, rate))
 
 

@@ -11,8 +11,7 @@ folder after a change of the code that should change it.
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -24,6 +23,7 @@ from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.scenarios import find_scenarios
+from quadpend_train.common import executors
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.statistics import mean
@@ -107,8 +107,7 @@ def main() -> None:
     given = options(__doc__, EPISODES)
     pairs = {name: [settings_pair(item, seed) for seed in range(SEEDS)] for name, item in ABLATIONS.items()}
     runs = {json.dumps(to_mapping(run)): run for pair in pairs.values() for both in pair for run in both}
-    with ProcessPoolExecutor(given.jobs, get_context("spawn")) as pool:
-        list(pool.map(trained, runs.values()))  # some ablations have runs in common
+    executors.run({key: partial(trained, run) for key, run in runs.items()}, given.jobs, what="training")
     rows = []
     for name, (part, scenario, *_) in ABLATIONS.items():
         errors = [[penalised_rmse(trained(run), scenario) for run in both] for both in zip(*pairs[name], strict=True)]

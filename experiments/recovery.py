@@ -46,14 +46,9 @@ class GridAxis(NamedTuple):
 
 @dataclass(frozen=True)
 class StartGrid:
-    """A grid of starts.
+    """A grid of starts: `start` is a function from values on x and y, shapes (n,), to fields of the state.
 
-    Attributes:
-        title: Title of the map.
-        x: Horizontal axis.
-        y: Vertical axis.
-        start: Function from values on x and y, shapes (n,), to fields of the state (`quadpend_gym.physics.state`). The
-            other fields are those of hover.
+    The other fields are those of hover.
     """
 
     title: str

@@ -35,19 +35,14 @@ SLOW = {"mppi": ("windy",)}  # scenarios of policies that take long
 PAIRS = 3  # pairwise comparisons on the page, of the best policy with the next ones
 
 
-def sample() -> pd.DataFrame:
-    """Fly the first episodes of each policy in each scenario; of a learner, the first training seed."""
+def write_sample() -> None:
+    """Fly the first episodes of each policy in each scenario, of a learner the first training seed; write all digits."""
     flown = []
     for name in (*LEARNED, *CLASSICAL):
         policy = f"{name}-0" if name in LEARNED else name
         flown.append(compare({name: policy}, SLOW.get(name, SETS["test"]), SAMPLED, TEST_SEED).table)
-    return pd.concat(flown, ignore_index=True)
-
-
-def write_sample(path: Path = SAMPLE) -> None:
-    """Write the sample as CSV; floats with all their digits."""
     columns = ["scenario", "policy", "episode", "survived", "steps", "rmse", "settled_rmse", "largest_tilt", "effort"]
-    write_text(path, sample()[columns].to_csv(index=False, lineterminator="\n"))
+    write_text(SAMPLE, pd.concat(flown)[columns].to_csv(index=False, lineterminator="\n"))
 
 
 def matrix(comparison: Comparison) -> str:

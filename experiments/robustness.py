@@ -59,29 +59,22 @@ def measure(
     **settings: Any,
 ) -> Robustness:
     """Evaluate every policy at all values of every axis and from all starts of every grid; `settings` of `run_jobs`."""
-    learners = {name: load_policies(policy) for name, policy in policies.items()}
-    jobs: dict[Any, Job] = {
-        (name, policy, value): Job(learner, axis.scenario(value), episodes, seed, axis.options(value, episodes, seed))
-        for name, axis in axes.items()
-        for policy, learner in learners.items()
-        for value in axis.values
-    }
-    jobs |= {
-        (name, policy): Job(learner, CALM_HOVER, grid.size, seed, grid.options())
-        for name, grid in grids.items()
-        for policy, learner in learners.items()
-    }
+    jobs: dict[Any, Job] = {}
+    for policy, learner in ((name, load_policies(policy)) for name, policy in policies.items()):
+        for name, axis in axes.items():
+            for value in axis.values:
+                options = axis.options(value, episodes, seed)
+                jobs[name, policy, value] = Job(learner, axis.scenario(value), episodes, seed, options)
+        for name, grid in grids.items():
+            jobs[name, policy] = Job(learner, CALM_HOVER, grid.size, seed, grid.options())
     results = run_jobs(jobs, **settings)
-    curves = {
-        (name, policy): [summarise(values_of(results[name, policy, value])) for value in axis.values]
-        for name, axis in axes.items()
-        for policy in learners
-    }
-    maps = {
-        (name, policy): recovery_map(results[name, policy], grid, CALM_HOVER.simulation.period)
-        for name, grid in grids.items()
-        for policy in learners
-    }
+    curves: dict[tuple[str, str], Curve] = {}
+    maps = {}
+    for policy in policies:
+        for name, axis in axes.items():
+            curves[name, policy] = [summarise(values_of(results[name, policy, value])) for value in axis.values]
+        for name, grid in grids.items():
+            maps[name, policy] = recovery_map(results[name, policy], grid, CALM_HOVER.simulation.period)
     return Robustness(axes, grids, curves, maps)
 
 

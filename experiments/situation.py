@@ -71,43 +71,39 @@ def with_mean_situation(policy: Any) -> MlpPolicy:
     return other
 
 
-def measure(name: str, scenarios: tuple[str, ...], episodes: int, seed: int, jobs: int) -> dict[str, Any]:
-    """Return the penalised RMSE of both policies and their differences, by scenario."""
-    held: Any = [with_mean_situation(policy) for policy in load_policies(name)]
-    own = compare([name], scenarios, episodes, seed, CACHE, jobs=jobs)
-    mean = compare({name: held}, scenarios, episodes, seed)
+def measure(episodes: int, seed: int, jobs: int) -> dict[str, dict[str, Interval]]:
+    """Return the penalised RMSE of both policies and their differences, by scenario and heading of the table."""
+    held: Any = [with_mean_situation(policy) for policy in load_policies(POLICY)]
+    own = compare([POLICY], SCENARIOS, episodes, seed, CACHE, jobs=jobs)
+    mean = compare({POLICY: held}, SCENARIOS, episodes, seed)
     values, others = cells(own.table), cells(mean.table)
     out: dict[str, dict[str, Interval]] = {}
     for cell in values:
         difference = differences(values[cell], others[cell])
         out[cell[0]] = {
-            "adaptive": own.summaries[cell]["penalised_rmse"],
-            "held": mean.summaries[cell]["penalised_rmse"],
-            "penalised_rmse": difference["penalised_rmse"],
-            "rmse": difference["rmse_of_survivors"],
-            "survival": difference["survival"],
+            "adaptive (mm)": own.summaries[cell]["penalised_rmse"],
+            "mean situation (mm)": mean.summaries[cell]["penalised_rmse"],
+            "difference (mm)": difference["penalised_rmse"],
+            "where both survive (mm)": difference["rmse_of_survivors"],
+            "survival (points)": difference["survival"],
         }
     return out
-
-
-def markdown(measured: dict[str, Any]) -> str:
-    """Return a Markdown table with a line for each scenario."""
-    headings = ["scenario", "adaptive (mm)", "mean situation (mm)"]
-    headings += ["difference (mm)", "where both survive (mm)", "survival (points)"]
-    rows = [[scenario, *(format_interval(value) for value in row.values())] for scenario, row in measured.items()]
-    return markdown_table(headings, rows)
 
 
 def main() -> None:
     """Measure, and write the folder and the part of the page."""
     given = options(__doc__, 200)
-    measured = measure(POLICY, SCENARIOS, given.episodes, given.seed, given.jobs)
-    shown = {"all episodes, a fall counts as 1 m": "penalised_rmse", "episodes that both survive": "rmse"}
-    rows = {scenario: {label: row[key] for label, key in shown.items()} for scenario, row in measured.items()}
+    measured = measure(given.episodes, given.seed, given.jobs)
+    shown = {
+        "all episodes, a fall counts as 1 m": "difference (mm)",
+        "episodes that both survive": "where both survive (mm)",
+    }
+    drawn = {scenario: {label: row[key] for label, key in shown.items()} for scenario, row in measured.items()}
     label = "RMSE with the own situation minus RMSE with the mean situation (mm)"
-    figures.write_png(interval_figure(rows, label), DOCS / "situation/situation.png")
-    text = f"{made_by('situation', given.episodes, given.seed)}\n\n{markdown(measured)}"
-    fill(DOCS / "results.md", {"situation": text})
+    figures.write_png(interval_figure(drawn, label), DOCS / "situation/situation.png")
+    rows = [[scenario, *map(format_interval, row.values())] for scenario, row in measured.items()]
+    table = markdown_table(["scenario", *next(iter(measured.values()))], rows)
+    fill(DOCS / "results.md", {"situation": f"{made_by('situation', given.episodes, given.seed)}\n\n{table}"})
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ def test_energy_hardly_drifts_in_an_episode() -> None:
 def test_shorter_substeps_help_where_the_rule_asks_for_them() -> None:
     name, period = "rod of 0.1 m, bob of 0.5 kg", 0.02
     body = accuracy.BODIES[name]
-    assert period / 2 > accuracy.pendulum_time(body) / 20.0  # the rule asks for more than two substeps
     run = position_errors(body, 0, accuracy.SECONDS, period, [2, 4, 20])
     assert run.errors[2] > 8.0 * run.errors[4]
     assert run.errors[20] < 1e-5 * body.rod_length
