@@ -16,7 +16,6 @@ import hashlib
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -39,15 +38,12 @@ from quadpend_train.training.train import train
 Entry = tuple[str, Callable[[], Any]]  # a name of our own, and what computes the numbers
 
 
-def make_env(env_id: str, history: tuple[int, int] | None = None, **parts: Any) -> Any:
-    """Return a single environment."""
-    env = gym.make(f"quadpend_gym:{env_id}", **parts)
-    return HistoryWrapper(env, *history) if history else env
-
-
-def make_vec(env_id: str, history: tuple[int, int] | None = None, **parts: Any) -> Any:
-    """Return a vector environment."""
-    env = gym.make_vec(f"quadpend_gym:{env_id}", **parts)
+def make_env(mode: str, env_id: str, num_envs: int, history: tuple[int, int] | None = None, **parts: Any) -> Any:
+    """Return a single environment, or a vector environment with a mode of autoreset."""
+    if mode == "single":
+        env: Any = gym.make(f"quadpend_gym:{env_id}", **parts)
+        return HistoryWrapper(env, *history) if history else env
+    env = gym.make_vec(f"quadpend_gym:{env_id}", num_envs, autoreset_mode=mode, **parts)
     return VectorHistoryWrapper(env, *history) if history else env
 
 
@@ -98,19 +94,11 @@ def _update(sha: Any, value: Any) -> None:
         sha.update(array.tobytes())
 
 
-def environments() -> Iterator[Entry]:
-    """Hash what single and vector environments return, with every part that an environment can have."""
-    for name, parts in cases.ENVIRONMENTS.items():
-        for mode in ("SameStep", "NextStep") if "num_envs" in parts else ("single", "SameStep", "NextStep"):
-            yield f"{name}, {mode}", partial(_steps, parts, mode)
-    yield "masked resets", partial(_steps, cases.EVERYTHING, "Disabled")
-
-
 def _steps(parts: Parts, mode: str) -> list[Any]:
     """Return what an environment returns for random actions."""
     parts = {**cases.DEFAULTS, **parts}
-    rows, steps, deviation = (parts.pop(name) for name in ("num_envs", "steps", "actions"))
-    env = make_env(**parts) if mode == "single" else make_vec(num_envs=rows, autoreset_mode=mode, **parts)
+    steps, deviation = parts.pop("steps"), parts.pop("actions")
+    env = make_env(mode, **parts)
     generator = np.random.default_rng(5)
     returned = [copy.deepcopy(env.reset(seed=11))]
     for _ in range(steps):
@@ -124,46 +112,29 @@ def _steps(parts: Parts, mode: str) -> list[Any]:
     return returned
 
 
-def scenarios() -> Iterator[Entry]:
-    """Hash the results of short flights in each scenario of the package."""
+def entries() -> Iterator[Entry]:
+    """Yield environments with every part, short flights in all scenarios and of all policies, and brief trainings."""
+    for name, parts in cases.ENVIRONMENTS.items():
+        for mode in ("SameStep", "NextStep") if "num_envs" in parts else ("single", "SameStep", "NextStep"):
+            yield f"environments: {name}, {mode}", partial(_steps, parts, mode)
+    yield "environments: masked resets", partial(_steps, cases.EVERYTHING, "Disabled")
     for name in SCENARIOS:
-        yield name, partial(fly, "flatness", replace(find_scenario(name), duration=cases.LONG), 3)
-
-
-def episodes() -> Iterator[Entry]:
-    """Hash the results of the flights of every controller and of one seed of each shipped policy."""
+        scenario = replace(find_scenario(name), duration=cases.LONG)
+        yield f"scenarios: {name}", partial(fly, "flatness", scenario, 3)
     for name, flights in cases.FLIGHTS.items():
-        policy = f"{name}-0" if name.startswith(cases.LEARNED) else name
+        policy, number = f"{name}-0" if name.startswith(cases.LEARNED) else name, cases.EPISODES.get(name, 20)
         for flight, parts in flights.items():
-            number = cases.EPISODES.get(name, 20)
             scenario = Scenario(**{"duration": cases.SECONDS, **parts})
-            yield f"{name}, {flight}", partial(fly, policy, scenario, number)
-
-
-def trainings() -> Iterator[Entry]:
-    """Hash the weights of policies after brief trainings."""
+            yield f"episodes: {name}, {flight}", partial(fly, policy, scenario, number)
     for name, changes in cases.TRAININGS.items():
         algo = changes.get("algo", "ppo")
-        yield name, partial(train_briefly, {**cases.BRIEF, algo: cases.ALGORITHMS[algo], **changes})
+        settings = {**cases.BRIEF, algo: cases.ALGORITHMS[algo], **changes}
+        yield f"trainings: {name}", partial(train_briefly, settings)
 
 
-PARTS: dict[str, Callable[[], Iterator[Entry]]] = {
-    "environments": environments,
-    "scenarios": scenarios,
-    "episodes": episodes,
-    "trainings": trainings,
-}
-
-
-def compute(only: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the hashes of `PARTS`, by names that contain the text `only`, and print the time of each part."""
-    for part, entries in PARTS.items():
-        start, count = time.perf_counter(), 0
-        for name, numbers in entries():
-            if only in (full := f"{part}: {name}"):
-                yield full, digest(numbers())
-                count += 1
-        print(f"{part}: {count} hashes in {time.perf_counter() - start:.1f} s", flush=True)
+def compute(only: str = "") -> dict[str, str]:
+    """Return the hashes by name, of the entries whose names contain a text."""
+    return {name: digest(numbers()) for name, numbers in entries() if only in name}
 
 
 def check(path: Path, hashes: dict[str, str]) -> list[str]:
@@ -184,7 +155,7 @@ def main() -> None:
     parser.add_argument("--only", default="", metavar="SUBSTRING", help="hash only what has this text in its name")
     arguments = parser.parse_args()
     existed = arguments.file.exists()
-    hashes = dict(compute(arguments.only))
+    hashes = compute(arguments.only)
     different = check(arguments.file, hashes)
     for name in different:
         print(f"Different: {name}")

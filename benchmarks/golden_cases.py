@@ -65,18 +65,9 @@ EVERYTHING = {
     "output_feedback": True,
     "history": (2, 0),
 }
-POINTS = ((0.0, 0.0, 2.0, 0.0), (0.5, 0.2, 2.5, 0.3), (0.0, 0.6, 2.2, -0.2), (0.0, 0.0, 2.0, 0.0))
-WAYPOINTS = {"kind": "waypoints", "times": (0.0, 1.5, 3.5, 5.0), "points": POINTS}
 FAMILIES = {"hover": 0.0, "slalom": 2.0, "acceleration": (1.0, 3.0), "speed": (0.5, 1.0), "yaw_amplitude": 0.5}
-TASK = {
-    "references": FAMILIES,
-    "start": {"position": 0.3, "angle": 0.1, "pendulum_angle": (0.1, 0.4)},
-    "limits": {"pendulum_angle": 0.8, "tracking_error": 1.0},
-    "reward": {"tracking": 1.0, "tip": 0.2, "effort": 0.0, "pendulum_first": 0.5},
-}
 RATES = {"vehicle": "hummingbird", "interface": "body_rates"}
-LATE_RATES = {**RATES, "latency": 0.015}
-RIGID_EVERYTHING = {**EVERYTHING, **LATE_RATES, "wind": LIGHT_WIND}
+RIGID_EVERYTHING = {**EVERYTHING, **RATES, "latency": 0.015, "wind": LIGHT_WIND}
 # Long episodes, since some winds come late
 LONG_LOAD = {"env_id": IDS["Load"], "actions": 0.01, "max_episode_steps": 240, "steps": 260}
 
@@ -100,8 +91,6 @@ ENVIRONMENTS: dict[str, Parts] = {
     "actuator: gyro bias": {**RATES, "actuators": {"kind": "gyro_bias", "deviation": 0.3}},
     **{f"parameters: {name}": {"parameters": ranges, "wind": "storm"} for name, ranges in RANGES.items()},
     "observation: history": {"history": (3, 2)},
-    "task with waypoints": {"task": {"trajectory": WAYPOINTS}},
-    "own task": {"task": TASK},
     "600 rows, everything": {"num_envs": 600, **EVERYTHING},
 }
 DEFAULTS: Parts = {"env_id": TRACK, "num_envs": 37, "max_episode_steps": 50, "steps": 120, "actions": 0.15}
@@ -112,7 +101,6 @@ PAPER: dict[str, Parts] = {
     "windy": {"wind": "windy"},
     "storm, lagged": {"wind": "storm", "actuators": LAGGED},
     "breeze, output feedback": {"wind": "breeze", "output_feedback": True},
-    "uncertain": {"parameters": {"share": 0.2}, "wind": WINDS["sum"]},
     "fast": {"task": {"references": FAMILIES}},
 }
 HUMMINGBIRD: dict[str, Parts] = {

@@ -21,7 +21,7 @@ from gymnasium.vector import AutoresetMode
 from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, options
 from quadpend_baselines import controller
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.planning.episode import Flight, KnownEpisode, known_episode, record_flight, tracked_point
+from quadpend_baselines.planning.episode import Flight, KnownEpisode, known_episode, record_flight
 from quadpend_baselines.planning.plant import Plant
 from quadpend_baselines.planning.replay import track
 from quadpend_baselines.planning.transcription import Transcription, transcription
@@ -84,28 +84,25 @@ def plan_episode(name: str, scenario: Scenario, seed: int) -> dict[str, Any]:
     tried = []
     for start in starts:
         solution = problem.solve(episode, *start())
-        flown = rollout(track(solution, problem, episode, world), env, seed)
-        results = collect_results(flown, np.array([steps]), scenario.simulation.period)
-        survived = bool(results.survived[0])
-        tried.append((float(results.rmse[0]) if survived else np.inf, float(results.settled_rmse[0]), solution))
-        if survived and solution.status == _CONVERGED:
+        errors = _errors(track(solution, problem, episode, world), env, seed, scenario)
+        tried.append((errors, solution))
+        if errors[0] < np.inf and solution.status == _CONVERGED:
             break
-    *errors, best = min(tried, key=lambda item: item[0])
-    found = {"optimum": tuple(errors)} if errors[0] < np.inf else {}
-    if len(guess.actions) == steps:
-        found[FIRST_GUESS] = _errors(guess, episode)
-    source = min(found, key=lambda name: found[name][0], default="")
-    rmse, settled = found.get(source, (np.nan, np.nan))
+    optimum, best = min(tried, key=lambda item: item[0])
+    found = {"optimum": optimum, FIRST_GUESS: _errors(policy, env, seed, scenario)}
+    source = min(found, key=lambda name: found[name][0])
+    survived = found[source][0] < np.inf
+    rmse, settled = found[source] if survived else (np.nan, np.nan)
     return {
         "scenario": name,
         "seed": seed,
-        "survived": int(bool(found)),
+        "survived": int(survived),
         "rmse": _MM * rmse,
         "settled_rmse": _MM * settled,
         "planned_rmse": _MM * best.rmse,
-        "source": source,
+        "source": source if survived else "",
         "status": best.status,
-        "iterations": sum(solution.iterations for *_, solution in tried),
+        "iterations": sum(solution.iterations for _, solution in tried),
         "seconds": round(time.process_time() - begin, 2),
     }
 
@@ -117,11 +114,10 @@ def _without_wind(problem: Transcription, episode: KnownEpisode, guess: Flight) 
     return solution.states, solution.actions
 
 
-def _errors(flight: Flight, episode: KnownEpisode) -> tuple[float, float]:
-    """Return the RMSE of a flight that survives, over all steps and over the second half, m."""
-    error = tracked_point(flight.states[1:], episode.parameters) - episode.target
-    squared = np.sum(error**2, axis=1)
-    return float(np.sqrt(squared.mean())), float(np.sqrt(squared[len(squared) // 2 :].mean()))
+def _errors(policy: Any, env: Any, seed: int, scenario: Scenario) -> tuple[float, float]:
+    """Return the RMSE of a flight over all steps and over the second half, m; infinite after a fall."""
+    results = collect_results(rollout(policy, env, seed), np.array([scenario.steps]), scenario.simulation.period)
+    return (float(results.rmse[0]), float(results.settled_rmse[0])) if results.survived[0] else (np.inf, np.inf)
 
 
 def plan(scenarios: Mapping[str, Scenario], episodes: int, seed: int, path: Path, jobs: int) -> None:

@@ -7,7 +7,7 @@ start; all others are those of hover, and nothing is random. `experiments.robust
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -117,11 +117,9 @@ START_GRIDS = {
     "tilt_offset": StartGrid("Tilt and offset", _TILT, _OFFSET, _tilt_and_offset),
 }
 # From hover outwards: one quantity grows, and the other one is zero.
+_GRID, _NONE = START_GRIDS["tilt_rate"], np.zeros(1)
 _GROWING_TILT, _GROWING_RATE = np.radians(np.arange(60.0)), np.radians(np.arange(0.0, 300.0, 5.0))
-_NONE = np.zeros(1)
 START_LINES = {
-    "tilt": StartGrid("Tilt", _TILT._replace(values=_GROWING_TILT), _TILT_RATE._replace(values=_NONE), _tilt_and_rate),
-    "tilt_rate": StartGrid(
-        "Tilt rate", _TILT._replace(values=_NONE), _TILT_RATE._replace(values=_GROWING_RATE), _tilt_and_rate
-    ),
+    "tilt": replace(_GRID, x=_TILT._replace(values=_GROWING_TILT), y=_TILT_RATE._replace(values=_NONE)),
+    "tilt_rate": replace(_GRID, x=_TILT._replace(values=_NONE), y=_TILT_RATE._replace(values=_GROWING_RATE)),
 }

@@ -36,7 +36,7 @@ PAIRS = 3  # pairwise comparisons on the page, of the best policy with the next 
 
 
 def write_sample() -> None:
-    """Fly the first episodes of each policy in each scenario, of a learner the first training seed; write all digits."""
+    """Fly the first episodes of each policy in each scenario, of a learner the first training seed, and write them."""
     flown = []
     for name in (*LEARNED, *CLASSICAL):
         policy = f"{name}-0" if name in LEARNED else name

@@ -42,7 +42,8 @@ def test_golden_hashes_are_repeatable_and_a_different_hash_is_reported(tmp_path:
     }
 
     def hashes() -> dict[str, str]:
-        return {name: value for part, only in names.items() for name, value in golden.compute(f"{part}: {only}")}
+        parts = [golden.compute(f"{part}: {only}") for part, only in names.items()]
+        return {name: value for part in parts for name, value in part.items()}
 
     first = hashes()
     assert [*first] == [f"{part}: {name}" for part, name in names.items()]
