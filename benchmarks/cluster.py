@@ -31,9 +31,9 @@ def seconds(pool: Executor, calls: Mapping[tuple[str, str], Call]) -> float:
 
 def main() -> None:
     """Measure and print."""
+    options = pages.options(__doc__, 100)
     import ray
 
-    options = pages.options(__doc__, 100)
     policies = {name: load_policies(name) for name in POLICIES}
     calls = {
         (name, policy): Job(learner, find_scenario(name), options.episodes, options.seed)
