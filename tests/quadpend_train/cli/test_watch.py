@@ -114,7 +114,10 @@ def test_a_window_without_a_screen_is_an_error_before_any_episode_runs(monkeypat
         ({"out": Path("video.mp4"), "size": (321, 180)}, "even numbers of pixels, not 321 × 180"),
         ({"fps": 60.0}, "fps of a GIF file must be at most 50, .* not 60"),
         ({"seconds": (3.0, 2.0)}, r"\(lowest, highest\) from 0 to .* s, not \(3.0, 2.0\)"),
-        ({"policies": ("adrc-paper",), "scenarios": ("lagged",), "seconds": (5.0, 6.0)}, "an episode of 0.* has no step between 5 and 6 s"),
+        (
+            {"policies": ("adrc-paper",), "scenarios": ("lagged",), "seconds": (5.0, 6.0)},
+            "an episode of 0.* has no step between 5 and 6 s",
+        ),
     ],
 )
 def test_wrong_options_are_errors(options: dict[str, Any], message: str) -> None:
