@@ -102,7 +102,8 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         self.recorder = None if render_mode is None else Recorder(self.world, render_mode)
         self.observation_space = observation_space(self.scenario.observation_size)
         self.action_space = action_space()
-        self._columns = observed_columns(self.scenario)
+        self._observed = 0, observed_columns(self.scenario)
+        self._steps = self.scenario.steps
         self._seeded = False
 
     @property
@@ -132,7 +133,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         if self.recorder is not None:
             self.recorder.start_episodes(_ROW, outcome)
             self.recorder.show()
-        return observation[0][self._columns], self.world.step_info.read(outcome[:, 0], outcome[SCALARS, 0].tolist())
+        return observation[self._observed], self.world.step_info.read(outcome[:, 0], outcome[SCALARS, 0].tolist())
 
     def step(self, action: Any) -> tuple[Floats32, float, bool, bool, dict[str, Any]]:
         """Apply `action` for one control period.
@@ -150,13 +151,13 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         observation, outcome = self.world.step(action)
         column = outcome[:, 0]
         scalars = column[SCALARS].tolist()
-        terminated, truncated = scalars[TERMINATED] != 0.0, bool(self.world.clock[0] >= self.scenario.steps)
+        terminated, truncated = scalars[TERMINATED] != 0.0, self.world.clock.item(0) >= self._steps
         if self.recorder is not None:
             self.recorder.record_step(action, outcome)
             self.recorder.show()
             truncated = self.recorder.pop_end_request() or truncated
         return (
-            observation[0][self._columns],
+            observation[self._observed],
             scalars[REWARD],
             terminated,
             truncated,
