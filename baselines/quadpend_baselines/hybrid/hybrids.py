@@ -69,6 +69,7 @@ class Hybrid:
     """
 
     kind: ClassVar[str]
+    _base_acts_first: ClassVar[bool] = False  # whether the base controller acts even if it has a Kalman observer
     base_controller: Any
     controller: Any
 
@@ -136,7 +137,7 @@ class Hybrid:
     def _update(self, observation: Floats32, memory: HybridMemory | None, started: Any) -> tuple[Floats32, Any]:
         """Return zeros and the estimation of a base controller that acts later, or else its action and memory."""
         last = None if memory is None else memory.controller
-        if isinstance(self.controller, OutputFeedback):
+        if isinstance(self.controller, OutputFeedback) and not self._base_acts_first:
             zeros = np.zeros((len(observation), ACTION_SIZE), np.float32)
             return zeros, self.controller.update(observation, last, started)
         return self.controller.predict(observation, last, started)  # type: ignore[no-any-return]
@@ -236,6 +237,7 @@ class ResidualAction(_Correction):
     """
 
     kind: ClassVar[str] = "residual_action"
+    _base_acts_first: ClassVar[bool] = True
     base_controller: Any = "flatness"
     action_scale: ActionScale = 0.3
     fallback_gain: FallbackGain = 0.0
@@ -255,10 +257,6 @@ class ResidualAction(_Correction):
         """Return the corrected action and the memory; see `Hybrid.act`."""
         residual = np.float32(self.action_scale) * self._weighed(action, memory)
         return self._applied(np.clip(memory.base_action + residual, -1.0, 1.0), memory)
-
-    def _update(self, observation: Floats32, memory: HybridMemory | None, started: Any) -> tuple[Floats32, Any]:
-        last = None if memory is None else memory.controller
-        return self.controller.predict(observation, last, started)  # type: ignore[no-any-return]
 
 
 @settings
