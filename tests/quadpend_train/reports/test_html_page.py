@@ -56,7 +56,7 @@ def comparison() -> Comparison:
 @pytest.fixture(scope="module")
 def page(comparison: Comparison, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write(comparison, leaderboard(comparison.table), path, REPLAY, date="2026-01-01")
+    write(comparison, leaderboard(comparison.table), path, REPLAY)
     return path.read_text(encoding="utf-8")
 
 

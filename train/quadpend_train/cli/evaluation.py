@@ -85,4 +85,4 @@ def evaluate(
     if len(comparison.policies) > 1:
         title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
         console.print(tables.terminal_table(title, tables.leaderboard_rows(made.leaderboard)))
-    console.print(f"Written: {out}/{', '.join(made.files)}", highlight=False)
+    console.print(f"Written: {out}/{', '.join(report.FILES)}", highlight=False)

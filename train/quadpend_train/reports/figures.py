@@ -45,8 +45,8 @@ def add_axes(figure: Any, rows: int, columns: int, **settings: Any) -> Any:
 
 def draw_curve(axis: Any, i: int, x: Any, low: Any, middle: Any, high: Any) -> None:
     """Draw the line `middle` and the band from `low` to `high` of policy i over `x`, shape (n,) each."""
-    axis.fill_between(x, low, high, color=colour(i), alpha=0.15, linewidth=0, gid=f"policy{i}")
-    axis.plot(x, middle, line(i), color=colour(i), linewidth=1.5, gid=f"policy{i}")
+    axis.fill_between(x, low, high, color=colour(i), alpha=0.15, linewidth=0, gid=f"policy{i}-band")
+    axis.plot(x, middle, line(i), color=colour(i), linewidth=1.5, gid=f"policy{i}-line")
 
 
 def set_log_scale(axis: Any, low: float, high: float) -> None:
@@ -81,28 +81,16 @@ def write_png(figure: Any, path: Path) -> None:
         figure.savefig(unfinished, dpi=110, metadata={"Software": None})
 
 
-def to_svg(figure: Any, name: str) -> str:
+def to_svg(figure: Any, prefix: str) -> str:
     """Return a figure as an SVG element for an HTML page, in which black becomes the colour of the page's text.
 
-    The lines and bands of policy i have the attribute ``data-policy-index="i"``. Paths are rounded to 0.1 points. Only
-    ids with references are kept; they are made from `name` and unique on the page if it is.
+    All ids begin with `prefix`, so they are unique on the page. Those of policy i contain ``-policy{i}-``.
     """
     from matplotlib import rc_context
 
     buffer = io.StringIO()
-    with rc_context({**_SETTINGS, "svg.hashsalt": name}):
+    with rc_context({**_SETTINGS, "svg.hashsalt": prefix}):
         figure.savefig(buffer, format="svg", transparent=True, metadata=_METADATA)
-    text = buffer.getvalue()
-    box = re.search(r'viewBox="[^"]*"', text)
-    body = text[text.index(">", text.index("<svg")) + 1 :]
-    body = re.sub(r"<(metadata|style).*?</\1>|<defs>\s*</defs>", "", body, flags=re.DOTALL)
-    body = re.sub(r'id="policy(\d+)"', r'data-policy-index="\1"', body)
-    used = set(re.findall(r'#([\w-]+)["\)]', body))
-    body = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in used else "", body)
-    body = re.sub(r' d="[^"]*"', _rounded, body)
-    body = body.replace("#000000", "currentColor")
-    return f'<svg class="figure" role="img" fill="currentColor" {box[0] if box else ""}>{body}'
-
-
-def _rounded(path: re.Match[str]) -> str:
-    return " " + re.sub(r"(\.\d)\d+", r"\1", " ".join(path[0].split()))
+    text = re.sub(r'<(metadata|style).*?</\1>| xmlns[^"]*"[^"]*"', "", buffer.getvalue(), flags=re.DOTALL)
+    body = re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{prefix}-", text[text.index("viewBox=") :])
+    return f'<svg class="figure" role="img" fill="currentColor" {body.replace("#000000", "currentColor")}'

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
@@ -24,34 +23,24 @@ from quadpend_train.reports import figures
 from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, sentences
 
 _DASHES = ("", "5 3", "1.5 2.5", "6 2 1.5 2")  # of SVG lines, in the order of `figures.LINES`
-_LIGHTEST, _DARKEST = 10.0, 1000.0  # penalised RMSE of the lightest and of the darkest cells, mm
 
 
 def write(
-    comparison: Comparison,
-    standings: Sequence[LeaderboardRow],
-    path: Path,
-    replay: dict[str, Any] | None = None,
-    date: str | None = None,
+    comparison: Comparison, standings: Sequence[LeaderboardRow], path: Path, replay: dict[str, Any] | None = None
 ) -> None:
-    """Write the page of a comparison, its leaderboard, and the data of `record_replay` if there are any.
-
-    Pages of the same data differ only in the line with the date; None is today in UTC.
-    """
+    """Write the page of a comparison, its leaderboard, and the data of `record_replay` if there are any."""
+    folder = Path(__file__).with_name("templates")
     jinja = Environment(
-        loader=FileSystemLoader(Path(__file__).with_name("templates")),
+        loader=FileSystemLoader(folder),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.filters |= {"estimate": estimate, "shade": shade, "sortable": sortable, "format_number": format_number}
+    jinja.filters |= {"estimate": _estimate, "format_number": format_number}
     text = jinja.get_template("report.html").render(
-        title="Comparison of policies for a pendulum on a quadrotor",
-        date=date or datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
+        date=datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
         comparison=comparison,
-        provenance=comparison.table.attrs["provenance"],
-        policies=comparison.policies,
         styles=[style(i) for i in range(len(comparison.policies))],
         smallest_rmse={
             name: min(comparison.summaries[name, policy]["penalised_rmse"].value for policy in comparison.policies)
@@ -61,63 +50,41 @@ def write(
         episodes_note=episodes_note(comparison),
         sentences=sentences(comparison),
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},
-        errors={name: _error_figure(comparison, name) for name in comparison.scenarios},
-        replay=embedded(replay) if replay else None,
-        data=embedded({"comparison": as_data(comparison), "leaderboard": [to_json_data(row) for row in standings]}),
+        errors={name: _error_figure(comparison, name, f"errors{i}") for i, name in enumerate(comparison.scenarios)},
+        replay=_embedded(replay) if replay else None,
+        data=_embedded({"comparison": as_data(comparison), "leaderboard": [to_json_data(row) for row in standings]}),
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, text)
 
 
 def as_data(comparison: Comparison) -> dict[str, Any]:
     """Return provenance, metrics and differences from the first policy as data for JSON."""
     values, first = cells(comparison.table), comparison.policies[0]
-    return {
-        **comparison.table.attrs,
-        "units": {name: metric.unit for name, metric in METRICS.items()},
-        "results": {
-            scenario: {
-                policy: {
-                    "metrics": to_json_data(comparison.summaries[scenario, policy]),
-                    "differences_from_first": to_json_data(
-                        differences(values[scenario, policy], values[scenario, first])
-                    ),
-                }
-                for policy in comparison.policies
-            }
-            for scenario in comparison.scenarios
-        },
-    }
+    results: dict[str, dict[str, Any]] = {scenario: {} for scenario in comparison.scenarios}
+    for (scenario, policy), summary in comparison.summaries.items():
+        difference = differences(values[scenario, policy], values[scenario, first])
+        results[scenario][policy] = to_json_data({"metrics": summary, "differences_from_first": difference})
+    units = {name: metric.unit for name, metric in METRICS.items()}
+    return {**comparison.table.attrs, "units": units, "results": results}
 
 
-def estimate(interval: Interval) -> Markup:
-    """Return HTML with a value and its interval."""
+def style(i: int) -> dict[str, str]:
+    """Return colour and dash pattern of policy i on the page, where black becomes the colour of the text."""
+    dashes = _DASHES[figures.LINES.index(figures.line(i))]
+    return {"colour": figures.colour(i).replace("#000000", "currentColor"), "dashes": dashes}
+
+
+def _estimate(interval: Interval) -> Markup:
     value, _, ends = format_interval(interval).partition(" ")
     return Markup(f"{value} <small>{ends}</small>" if ends else value)
 
 
-def sortable(value: float) -> str:
-    """Return a number by which the page sorts a column; nan comes last."""
-    return "1e99" if np.isnan(value) else f"{value:.6g}"
-
-
-def shade(penalised_rmse: float) -> int:
-    """Return the strength of a cell's background colour, %, from the logarithm of its penalised RMSE in mm."""
-    share = np.log(max(penalised_rmse, _LIGHTEST) / _LIGHTEST) / np.log(_DARKEST / _LIGHTEST)
-    return round(65.0 * min(float(share), 1.0))
-
-
-def style(i: int) -> tuple[str, str]:
-    """Return colour and dash pattern of policy i on the page, where black becomes the colour of the text."""
-    return figures.colour(i).replace("#000000", "currentColor"), _DASHES[figures.LINES.index(figures.line(i))]
-
-
-def embedded(data: Any) -> Markup:
+def _embedded(data: Any) -> Markup:
     """Return JSON for a script element; ``<`` is escaped, so that the data cannot close the element."""
     return Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c"))
 
 
-def _error_figure(comparison: Comparison, scenario: str) -> Markup:
+def _error_figure(comparison: Comparison, scenario: str, prefix: str) -> Markup:
     figure = figures.new_figure(3.8, 2.5)
     draw_errors(figures.add_axes(figure, 1, 1)[0, 0], comparison, scenario)
-    return Markup(figures.to_svg(figure, f"error-{scenario}"))
+    return Markup(figures.to_svg(figure, prefix))

@@ -10,30 +10,28 @@ from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
 from quadpend_train.evaluation.table import summary_table
-from quadpend_train.reports import figures, html_page, learning_curves, tables
+from quadpend_train.reports import figures, html_page, tables
 from quadpend_train.reports.replay import record_replay
 
-FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "episodes.csv")
+FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
 
 
 @dataclass(frozen=True)
 class Report:
-    """What `evaluate` found and wrote; as text, it is one sentence for each policy but the first.
+    """What `evaluate` found; as text, it is one sentence for each policy but the first, and the names of the files.
 
     Attributes:
         comparison: Table of all episodes, with the metrics of every policy in every scenario.
         leaderboard: The policies in the order of their mean penalised RMSE.
-        folder: Folder of the files.
-        files: Names of the files, `report.html` first.
+        folder: Folder of the `FILES`.
     """
 
     comparison: Comparison
     leaderboard: list[LeaderboardRow]
     folder: Path
-    files: list[str]
 
     def __str__(self) -> str:
-        return "\n".join([*tables.sentences(self.comparison), f"Written: {self.folder}/{', '.join(self.files)}"])
+        return "\n".join([*tables.sentences(self.comparison), f"Written: {self.folder}/{', '.join(FILES)}"])
 
 
 def evaluate(
@@ -50,40 +48,26 @@ def evaluate(
 ) -> Report:
     """Run policies through the same episodes, compare them with the first one, and write the report into a folder.
 
-    The command `quadpend evaluate` calls this function.
-
-    Args:
-        policies: Policies, by name or as objects, see `quadpend_train.evaluation.comparison.compare`.
-        scenarios: Scenarios, by name or as objects, see the same function.
-        out: Folder for the files; it is created.
-        episodes: Number of episodes in each scenario.
-        seed: Seed of the first episode.
-        jobs: Number of processes, or an executor of `quadpend_train.common.executors`; the results do not depend on it.
-        cache_folder: Folder of cached results; only missing results are computed. None: no cache.
-        recompute: Whether to ignore cached results.
-        replay: Number of episodes of each scenario that the page can replay; 0 omits the replay.
+    The command `quadpend evaluate` calls this function. `out` is the folder for the files, which is created, and
+    `replay` the number of episodes of each scenario that the page can replay. The other arguments are those of
+    `quadpend_train.evaluation.comparison.compare`.
     """
     folder = writable_folder(Path(out))
     if cache_folder:
         writable_folder(Path(cache_folder), "cache")
     comparison = compare(policies, scenarios, episodes, seed, cache_folder, recompute, jobs)
-    standings = leaderboard(comparison.table)
-    return Report(comparison, standings, folder, write(comparison, standings, folder, replay))
+    report = Report(comparison, leaderboard(comparison.table), folder)
+    write(comparison, report.leaderboard, folder, replay)
+    return report
 
 
-def write(comparison: Comparison, standings: list[LeaderboardRow], folder: Path, replay: int = 0) -> list[str]:
-    """Write all files of a comparison with its leaderboard into a folder, and return their names."""
+def write(comparison: Comparison, standings: list[LeaderboardRow], folder: Path, replay: int = 0) -> None:
+    """Write all files of a comparison with its leaderboard into a folder."""
     provenance = f"# {json.dumps(comparison.table.attrs)}\n"
     for name, table in (("comparison", summary_table(comparison.summaries)), ("episodes", comparison.table)):
         write_text(folder / f"{name}.csv", provenance + table.to_csv(index=False, lineterminator="\n"))
     write_text(folder / "comparison.md", tables.markdown(comparison, standings))
     data = json.dumps(html_page.as_data(comparison), indent=1, allow_nan=False)
     write_text(folder / "comparison.json", data + "\n")
-    pictures = {"comparison.png": tables.plot(comparison)}
-    if curves := learning_curves.draw(comparison.learners):
-        pictures["learning.png"] = curves
-    for name, figure in pictures.items():
-        figures.write_png(figure, folder / name)
-    recordings = record_replay(comparison, standings, replay)
-    html_page.write(comparison, standings, folder / "report.html", recordings)
-    return [*FILES, *pictures]
+    figures.write_png(tables.plot(comparison), folder / "comparison.png")
+    html_page.write(comparison, standings, folder / "report.html", record_replay(comparison, standings, replay))

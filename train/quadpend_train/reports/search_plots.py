@@ -1,7 +1,6 @@
 """Figures of searches: the value of each trial, and which parameters matter most."""
 
 import warnings
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,43 +15,30 @@ from quadpend_train.search.shared import quiet
 _FEWEST = 4  # finished trials from which importances are computed
 
 
-def importances(study: optuna.Study) -> Mapping[str, float]:
-    """Return the share of each parameter in being among the best tenth of the trials (PED-ANOVA), the largest first.
+def draw(study: optuna.Study, label: str, scale: float = 1.0) -> Any:
+    """Draw the values of the trials, times `scale`, in their order, and the importances of the parameters.
 
-    It is empty with fewer than four complete trials.
+    An importance is the share of a parameter in being among the best tenth of the trials (PED-ANOVA).
     """
-    if len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))) < _FEWEST:
-        return {}
+    done, stopped = (
+        np.array([(t.number, scale * t.value) for t in study.trials if t.state == state and t.value is not None])
+        for state in (TrialState.COMPLETE, TrialState.PRUNED)
+    )
     with quiet(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # if all trials have the same value
-        return get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
-
-
-def draw(study: optuna.Study, label: str, scale: float = 1.0) -> Any:
-    """Draw the values of the trials in their order, and the importances of the parameters.
-
-    Args:
-        study: Study with at least one complete trial.
-        label: Label of the values.
-        scale: Factor on the values.
-    """
-    shares = importances(study)
+        evaluator = PedAnovaImportanceEvaluator()
+        shares = get_param_importances(study, evaluator=evaluator) if len(done) >= _FEWEST else {}
     figure = figures.new_figure(9.0, max(3.2, 0.9 + 0.25 * len(shares)))
     ((history, bars),) = figures.add_axes(figure, 1, 2, width_ratios=(3, 2))
-    done = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-    stopped = study.get_trials(deepcopy=False, states=(TrialState.PRUNED,))
-    numbers = np.array([trial.number for trial in done])
-    values = scale * np.array([trial.value for trial in done], dtype=float)
-    history.plot(numbers, values, "o", color=figures.colour(0), markersize=4, label="complete")
-    early = [(trial.number, scale * trial.value) for trial in stopped if trial.value is not None]
-    if early:
-        history.plot(*zip(*early, strict=True), "x", color=figures.colour(1), markersize=4, label="stopped early")
-    history.step(numbers, np.minimum.accumulate(values), where="post", color=figures.colour(6), label="best so far")
-    everything = [*values, *(value for _, value in early)]
-    if min(everything) > 0.0:
-        figures.set_log_scale(history, min(everything), max(everything))
-    history.set_xlabel("trial")
-    history.set_ylabel(label)
+    history.plot(*done.T, "o", color=figures.colour(0), markersize=4, label="complete")
+    if len(stopped):
+        history.plot(*stopped.T, "x", color=figures.colour(1), markersize=4, label="stopped early")
+    best = np.minimum.accumulate(done[:, 1])
+    history.step(done[:, 0], best, where="post", color=figures.colour(6), label="best so far")
+    values = np.array([*done, *stopped])[:, 1]
+    if values.min() > 0.0:
+        figures.set_log_scale(history, values.min(), values.max())
+    history.set(xlabel="trial", ylabel=label)
     history.legend(frameon=False)
     names = list(shares)[::-1]
     bars.barh(range(len(names)), [shares[name] for name in names], color=figures.colour(0), height=0.6)

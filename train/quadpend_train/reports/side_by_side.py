@@ -23,8 +23,6 @@ _TRUE_WIND = blend(palette.WIND, palette.WHITE, 0.35)
 _CHART_HEIGHT = 0.3  # share of the height of the view
 _SMALLEST_ERROR = 1.0  # mm, lower end of the error chart
 _DPI = 100  # pixels per inch of the charts
-_PALETTE_SIZE = 192  # colours of a GIF file
-_PALETTE_PICTURES = 4  # pictures from which these colours are chosen
 
 
 class SideBySideView:
@@ -175,39 +173,37 @@ def _draw_wind(axis: Any, recordings: Sequence[Recording], period: float, shown:
 
 
 def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: float, rate: float) -> None:
-    """Write a video, or the last picture if the file is a PNG. An interruption leaves an older file unchanged.
+    """Write a video (.mp4, .gif, .webp), or the last picture if the file is a PNG.
 
     Args:
         view: View to draw.
-        path: File with the suffix .mp4, .gif, .webp or .png.
+        path: The file.
         size: Width and height in pixels.
         fps: Pictures per second.
         rate: Control steps that one second of the video shows.
     """
-    shown = view.steps
     seconds = round(100.0 / fps) / 100.0 if path.suffix == ".gif" else 1.0 / fps  # GIF stores hundredths of a second
-    steps = np.arange(shown.start, shown.stop, rate * seconds).astype(int).tolist()
+    steps = np.arange(view.steps.start, view.steps.stop, rate * seconds).astype(int).tolist()
+    last = Image.fromarray(next(_pictures(view, size, [view.steps[-1]])))
     with atomic(path) as unfinished:
-        if path.suffix == ".mp4":
+        if path.suffix == ".png":
+            last.save(unfinished, optimize=True)
+        elif path.suffix == ".mp4":
             from imageio.v2 import get_writer
 
             with get_writer(unfinished, fps=fps, quality=8, macro_block_size=2) as writer:
                 for picture in _pictures(view, size, steps):
                     writer.append_data(picture)  # type: ignore[attr-defined]
-            return
-        if path.suffix == ".png":
-            steps = [shown.stop - 1]
-        images = (Image.fromarray(picture) for picture in _pictures(view, size, steps))
-        if path.suffix == ".gif":
-            sample = steps[:: max(len(steps) // _PALETTE_PICTURES, 1)]
-            colours = _palette(list(_pictures(view, size, sample)))
-            images = (image.quantize(palette=colours, dither=Image.Dither.NONE) for image in images)
-        options: dict[str, Any] = {"optimize": True}
-        if path.suffix == ".webp":
-            options = {"quality": 80, "method": 4}
-        if path.suffix != ".png":
-            options |= {"save_all": True, "append_images": images, "duration": 1000.0 * seconds, "loop": 0}
-        next(images).save(unfinished, **options)
+        else:
+            gif = path.suffix == ".gif"
+            images = (Image.fromarray(picture) for picture in _pictures(view, size, steps))
+            if gif:  # with one palette for all pictures, the file stores only what moves
+                for i, colour in enumerate(palette.MEANINGFUL):  # these colours fill few pixels of a picture
+                    last.paste(colour, (0, i * size[1] // 20, size[0] // 2, (i + 1) * size[1] // 20))
+                colours = last.quantize(192, method=Image.Quantize.MEDIANCUT)
+                images = (image.quantize(palette=colours, dither=Image.Dither.NONE) for image in images)
+            options: dict[str, Any] = {"optimize": True, "loop": 0} if gif else {"quality": 80, "method": 4}
+            next(images).save(unfinished, save_all=True, append_images=images, duration=1000.0 * seconds, **options)
 
 
 def _pictures(view: SideBySideView, size: tuple[int, int], steps: list[int]) -> Iterator[Any]:
@@ -216,20 +212,3 @@ def _pictures(view: SideBySideView, size: tuple[int, int], steps: list[int]) -> 
     for step in tqdm(steps, desc="drawing", disable=None if len(steps) > 1 else True):
         view.draw(surface, step)
         yield surface_to_array(surface)
-
-
-def _palette(pictures: list[Any]) -> Any:
-    """Return one palette for all pictures, so that a GIF file stores only what moves.
-
-    Half of the sample are the colours that have a meaning, since they fill few pixels of the pictures.
-    """
-    shades = [
-        blend(colour, other, share)
-        for colour in palette.MEANINGFUL
-        for other in (palette.WHITE, palette.INK)
-        for share in (0.0, 0.25, 0.5)
-    ]
-    stacked = np.concatenate(pictures)
-    swatches = np.repeat(np.array(shades, np.uint8), len(stacked) // (2 * len(shades)) + 1, axis=0)[:, np.newaxis]
-    sample = np.concatenate([stacked, np.broadcast_to(swatches, (len(swatches), stacked.shape[1], 3))])
-    return Image.fromarray(sample).quantize(_PALETTE_SIZE, method=Image.Quantize.MEDIANCUT)

@@ -27,56 +27,35 @@ Rows = list[Sequence[str]]  # cells of the headings, and then of each row
 
 def metric_rows(comparison: Comparison) -> Rows:
     """Return all metrics of all policies with their 95 % intervals."""
-    headings = [
-        f"{name.replace('_', ' ')}{f' ({METRICS[name].unit})' if METRICS[name].unit else ''}" for name in METRIC_COLUMNS
-    ]
-    rows = [
-        [*cell, *(format_interval(summary[name]) for name in METRIC_COLUMNS)]
-        for cell, summary in comparison.summaries.items()
-    ]
-    return [["scenario", "policy", *headings], *rows]
+    units = {name: METRICS[name].unit and f" ({METRICS[name].unit})" for name in METRIC_COLUMNS}
+    rows: Rows = [["scenario", "policy", *(name.replace("_", " ") + unit for name, unit in units.items())]]
+    for cell, summary in comparison.summaries.items():
+        rows.append([*cell, *(format_interval(summary[name]) for name in METRIC_COLUMNS)])
+    return rows
 
 
 def leaderboard_rows(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> Rows:
     """Return the leaderboard, below a row without a rank if there is one."""
     headings = ("rank", "policy", "penalised rmse (mm)", "survival (%)", "worst survival (%)", "wins", "losses")
-    ranked = [("–", bound)] if bound else []
-    ranked += [(str(rank), row) for rank, row in enumerate(standings, 1)]
-    return [
-        headings,
-        *(
-            [
-                rank,
-                row.policy,
-                format_interval(row.penalised_rmse),
-                format_interval(row.survival),
-                f"{format_interval(row.worst_survival)} {row.worst_scenario}",
-                *("–" if count is None else str(count) for count in (row.wins, row.losses)),
-            ]
-            for rank, row in ranked
-        ),
-    ]
+    rows: Rows = [headings]
+    for rank, row in enumerate([bound, *standings] if bound else standings, 0 if bound else 1):
+        worst = f"{format_interval(row.worst_survival)} {row.worst_scenario}"
+        counts = ("–" if count is None else str(count) for count in (row.wins, row.losses))
+        intervals = map(format_interval, (row.penalised_rmse, row.survival))
+        rows.append([str(rank or "–"), row.policy, *intervals, worst, *counts])
+    return rows
 
 
 def pairwise_rows(pair: PairwiseComparison) -> Rows:
     """Return the differences of two policies in each scenario."""
     difference = ("survival (points)", "p", "rmse where both survive (mm)", "p", "penalised rmse (mm)")
-    return [
-        ("scenario", "winner", *difference, "improvement"),
-        *(
-            [
-                scenario,
-                {1: pair.first, -1: pair.second, 0: "–"}[result.winner],
-                format_interval(result.survival),
-                f"{result.p_survival:.2g}",
-                format_interval(result.rmse),
-                f"{result.p_rmse:.2g}",
-                format_interval(result.penalised_rmse),
-                format_interval(result.improvement),
-            ]
-            for scenario, result in pair.results.items()
-        ),
-    ]
+    rows: Rows = [("scenario", "winner", *difference, "improvement")]
+    for scenario, result in pair.results.items():
+        winner = {1: pair.first, -1: pair.second, 0: "–"}[result.winner]
+        survival, rmse = (format_interval(item) for item in (result.survival, result.rmse))
+        tests = [survival, f"{result.p_survival:.2g}", rmse, f"{result.p_rmse:.2g}"]
+        rows.append([scenario, winner, *tests, *map(format_interval, (result.penalised_rmse, result.improvement))])
+    return rows
 
 
 def terminal_table(title: str, rows: Rows) -> Table:
@@ -93,8 +72,8 @@ def terminal_table(title: str, rows: Rows) -> Table:
 def markdown(comparison: Comparison, standings: Sequence[LeaderboardRow]) -> str:
     """Return a Markdown page: the table of all metrics, a sentence for each policy, and the leaderboard."""
     headings, *body = metric_rows(comparison)
-    parts = [markdown_table(headings, body), episodes_note(comparison)]
-    parts.append("\n".join(f"- {markdown_text(sentence)}" for sentence in sentences(comparison)))
+    lines = "\n".join(f"- {markdown_text(sentence)}" for sentence in sentences(comparison))
+    parts = [markdown_table(headings, body), episodes_note(comparison), lines]
     if len(comparison.policies) > 1 and len(comparison.scenarios) > 1:
         parts.append(leaderboard_markdown(standings))
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -108,13 +87,8 @@ def leaderboard_markdown(standings: Sequence[LeaderboardRow], bound: Leaderboard
 
 def episodes_note(comparison: Comparison) -> str:
     """Return that the intervals are from few episodes; empty if there are enough."""
-    if comparison.episodes >= MANY_EPISODES:
-        return ""
-    few = f"{comparison.episodes} episode{'s' if comparison.episodes > 1 else ''}"
-    return (
-        f"The 95 % intervals are from {few}. They contain the true value in less than 95 % of all studies, because"
-        f" few episodes seldom contain a rare fall. Use at least {MANY_EPISODES} episodes."
-    )
+    few = f"The 95 % intervals are from few episodes, which seldom contain a rare fall: use at least {MANY_EPISODES}."
+    return few if comparison.episodes < MANY_EPISODES else ""
 
 
 def sentences(comparison: Comparison) -> list[str]:
