@@ -52,22 +52,25 @@ def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str
 
 
 @inlined
-def find_error(action: Any, wind: Any) -> int:
+def find_error(action: Any, wind: Any, begin: int, end: int) -> int:
     """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
 
     Args:
         action: Shape (n, 4).
         wind: Shape (12, n).
+        begin: First row that is checked.
+        end: Row after the last one.
     """
-    for row in range(action.shape[0]):
+    for row in range(begin, end):
         for component in range(ACTION_SIZE):
             if not (abs(action[row, component]) <= 1.0):
                 return row
     too_large = False
-    for number in wind.reshape(-1):
-        too_large |= not (abs(number) <= _LARGEST_WIND)
+    for component in range(wind.shape[0]):
+        for row in range(begin, end):
+            too_large |= not (abs(wind[component, row]) <= _LARGEST_WIND)
     if too_large:  # find the sub-environment with a second loop, which the compiler cannot vectorise
-        for row in range(wind.shape[1]):
+        for row in range(begin, end):
             for component in range(wind.shape[0]):
                 if not (abs(wind[component, row]) <= _LARGEST_WIND):
                     return -2 - row
@@ -77,4 +80,4 @@ def find_error(action: Any, wind: Any) -> int:
 @compiled
 def check_inputs(action: Floats32, wind: Floats) -> int:
     """As `find_error`, for calls from Python."""
-    return find_error(action, wind)
+    return find_error(action, wind, 0, action.shape[0])

@@ -117,13 +117,13 @@ def _measure(
 
 
 @inlined
-def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: Any) -> int:
-    """Advance n sub-environments, as `step_euler` describes.
+def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: Any, begin: int, end: int) -> int:
+    """Advance the sub-environments begin ≤ i < end, as `step_euler` describes.
 
     `trajectories` is a `PackedTrajectories` or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle.
     """
     memory, clock, wind, action, observation, outcome, sensed = arrays
-    error = find_error(action, wind)
+    error = find_error(action, wind, begin, end)
     if error != NO_ERROR:
         return error
     state, parameters = memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS]
@@ -138,8 +138,8 @@ def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: An
     if rigid is not None:
         rigid_memory, last_action = memory[:, layout.MEMORY_RIGID], memory[:, layout.MEMORY_ACTION]
         last_lanes = np.empty((ACTION_SIZE, BLOCK))
-    for first in range(0, state.shape[0], BLOCK):
-        lanes = min(BLOCK, state.shape[0] - first)
+    for first in range(begin, end, BLOCK):
+        lanes = min(BLOCK, end - first)
         gather(state, first, lanes, state_lanes)
         gather(action, first, lanes, action_lanes)
         gather(parameters, first, lanes, physics_lanes)
@@ -222,8 +222,10 @@ def step_euler(
     sensed: Floats,
     numbers: Floats,
     first: Integers,
+    begin: int,
+    end: int,
 ) -> int:
-    """Advance n sub-environments by one control period, and compute outcome and observation.
+    """Advance the sub-environments begin ≤ i < end of n by one control period, and compute outcome and observation.
 
     With 0 substeps the state does not change.
 
@@ -243,14 +245,16 @@ def step_euler(
             state in `sensed`.
         numbers: Packed trajectories, a field of `PackedTrajectories`; empty if no sub-environment follows one.
         first: The other field of `PackedTrajectories`, shape (n,).
+        begin: A multiple of 64.
+        end: A multiple of 64, or n.
 
     Returns:
         The error code of `inputs`; with an error, no array is changed.
     """
     arrays, task = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_settings(settings)
     if numbers.size == 0:
-        return _step(arrays, task, None, None)
-    return _step(arrays, task, PackedTrajectories(numbers, first), None)
+        return _step(arrays, task, None, None, begin, end)
+    return _step(arrays, task, PackedTrajectories(numbers, first), None, begin, end)
 
 
 @compiled
@@ -265,12 +269,14 @@ def step_rigid(
     sensed: Floats,
     numbers: Floats,
     first: Integers,
+    begin: int,
+    end: int,
 ) -> int:
     """As `step_euler`, for rigid vehicles: `memory` has shape (n, 62), `settings` are a packed `RigidStepSettings`."""
     arrays, rigid = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_rigid_settings(settings)
     if numbers.size == 0:
-        return _step(arrays, rigid.kernel, None, rigid)
-    return _step(arrays, rigid.kernel, PackedTrajectories(numbers, first), rigid)
+        return _step(arrays, rigid.kernel, None, rigid, begin, end)
+    return _step(arrays, rigid.kernel, PackedTrajectories(numbers, first), rigid, begin, end)
 
 
 @compiled

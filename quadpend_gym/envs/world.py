@@ -11,6 +11,7 @@ change its inputs and outputs in this order:
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.plant_rows import plant_rows
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
 from quadpend_gym.envs.step_kernel import observe_sensed
+from quadpend_gym.envs.threads import run_in_threads
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.scenarios.scenario import Scenario
@@ -48,6 +50,7 @@ class World:
     Args:
         num_envs: Number n of sub-environments.
         scenario: Task, vehicle, wind, sensors, actuators and parameters, the same for all.
+        num_threads: Number of threads that share the sub-environments. The numbers do not depend on it.
 
     Attributes:
         clock: Control steps since each episode began, shape (n,).
@@ -56,10 +59,12 @@ class World:
         step_info: Reads `info` from an outcome.
     """
 
-    def __init__(self, num_envs: int, scenario: Scenario) -> None:
-        self.num_envs, self.scenario = num_envs, scenario
+    def __init__(self, num_envs: int, scenario: Scenario, num_threads: int = 1) -> None:
+        self.num_envs, self.scenario, self._num_threads = num_envs, scenario, num_threads
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
         self._plant = plant_rows(num_envs, simulation)
+        step = self._plant.step
+        self._advance = step if num_threads == 1 else partial(run_in_threads, num_threads, step)
         self._memory = self._plant.memory
         self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
@@ -150,7 +155,7 @@ class World:
         """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
-        self._checks_first = bool(self._actuators.models or self.simulation.latency)
+        self._checks_first = bool(self._actuators.models or self.simulation.latency or self._num_threads > 1)
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
         self._padded = self.num_envs >= 512
@@ -273,7 +278,7 @@ class World:
         memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
         sensed, table = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0)), self._trajectories
         arguments = memory, clock, calm, action, self._observe_settings, observation, outcome, sensed
-        self._plant.step(*arguments, table.numbers, table.first[rows])
+        self._plant.step(*arguments, table.numbers, table.first[rows], 0, rows.size)
         if self._sensors.models:
             sensed[SENSED_STATE] = self._sensed[SENSED_STATE, rows]
             observe_sensed(sensed, observation)
@@ -304,8 +309,9 @@ class World:
             action = self._actuate(action)
         memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
         sensed, table = self._sensed, self._trajectories
-        error = self._plant.step(
-            memory, clock, wind, action, settings, observation, outcome, sensed, table.numbers, table.first
+        numbers, first = table.numbers, table.first
+        error = self._advance(
+            memory, clock, wind, action, settings, observation, outcome, sensed, numbers, first, 0, self.num_envs
         )
         if error != NO_ERROR:
             if self._actuators.models:
