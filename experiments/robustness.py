@@ -20,8 +20,8 @@ from experiments.pages import CACHE, DOCS, fill
 from experiments.perturbations import PERTURBATION_AXES, PerturbationAxis
 from experiments.recovery import CALM_HOVER, START_GRIDS, RecoveryMap, StartGrid, recovery_map
 from experiments.results import CLASSICAL, LEARNED
-from quadpend_train.cli.options import named_policies
 from quadpend_train.common.text import figure_text
+from quadpend_train.evaluation.comparison import named_policies
 from quadpend_train.evaluation.episodes import TEST_SEED
 from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.evaluation.jobs import Job, run_jobs
@@ -51,7 +51,7 @@ class Robustness(NamedTuple):
 
 
 def measure(
-    policies: Mapping[str, str],
+    policies: Mapping[str, Any],
     episodes: int,
     seed: int = TEST_SEED,
     axes: Mapping[str, PerturbationAxis] = PERTURBATION_AXES,

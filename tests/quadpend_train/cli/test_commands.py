@@ -52,12 +52,12 @@ def test_overview_docs_and_docstrings_have_the_same_line_for_each_command(capsys
     assert printed.endswith(f"\nquadpend {__version__}\n")
     page = (ROOT / "docs/command-line.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `quadpend (\w+)` \| (.*) \|$", page, re.MULTILINE)
-    assert rows == [(name, command.summary) for name, command in COMMANDS.items()]
-    for name, command in COMMANDS.items():
-        assert f"\n  {name:<11}{command.summary}\n" in printed
-        module, function = command.function.split(".")
+    assert rows == [(name, summary) for name, (_, summary) in COMMANDS.items()]
+    for name, (place, summary) in COMMANDS.items():
+        assert f"\n  {name:<11}{summary}\n" in printed
+        module, function = place.split(".")
         found = getattr(import_module(f"quadpend_train.cli.{module}"), function)
-        assert found.__doc__.splitlines()[0] == command.summary
+        assert found.__doc__.splitlines()[0] == summary
 
 
 def test_the_overview_imports_no_library() -> None:

@@ -45,7 +45,7 @@ REFUSED = {
     "evaluate lqr --scenarios calm calm=windy": "two scenarios have the name 'calm'",
     "evaluate a=lqr a=lqi": "two policies have the same name",
     "evaluate lqr,lqr x=lqi,lqr,lqi": "same number",
-    "train --seeds 4-0": "seeds must be numbers and ranges",
+    "train --seeds 4-0": "seeds must be different numbers and ranges",
     "train --jobs 2": "give them with --seeds",
     "train --resume nix --seeds 0-2": "contain no run",
     "train --num-envs 1000000000": "num_envs must be a whole number from 1 to",

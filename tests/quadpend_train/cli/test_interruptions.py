@@ -79,13 +79,13 @@ def processes_of(session: int) -> list[str]:
     ("arguments", "begun", "number", "times", "advice"),
     [
         (TRAIN, lambda: Path("run/checkpoint.zip").exists(), signal.SIGINT, 1, "`quadpend train --resume run` cont"),
-        ([*EVALUATE, "2"], lambda: running(2), signal.SIGINT, 2, "finished results are cached, and the same command"),
+        ([*EVALUATE, "2"], lambda: running(2), signal.SIGINT, 2, "what is finished is saved, and the same command"),
         (
             ["tune", "lqr", "--scenarios", "calm", "--episodes", "4", "--out", "out"],
             lambda: Path("out/trials.log").exists(),
             signal.SIGTERM,
             1,
-            "finished trials are saved, and the same command continues",
+            "what is finished is saved, and the same command continues",
         ),
     ],
     ids=["train", "two processes", "tune"],

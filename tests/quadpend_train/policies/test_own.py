@@ -1,6 +1,5 @@
 """Policies of the user's own code, given as module:factory or as objects."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +8,10 @@ import pytest
 
 from quadpend_baselines import Policy, RotorAllocation, controller
 from quadpend_gym.scenarios import SCENARIOS, Scenario
-from quadpend_train.cli.main import main
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.jobs import Job
-from quadpend_train.policies.loading import load_policies, load_policy, policy_fingerprint
+from quadpend_train.policies.loading import load_policies, load_policy
 from quadpend_train.policies.objects import PROTOCOL
 from tests.helpers.own_code import write_module
 
@@ -128,13 +126,6 @@ def test_results_of_an_own_policy_are_cached_only_with_a_fingerprint(module: str
     assert key(load_policies(f"{module}:Hover,adrc-paper")) is None
     assert key(load_policies(f"{module}:Lqr")) is not None
     assert key([controller("lqr")]) is None
-
-
-def test_the_card_of_an_own_policy_names_its_factory(module: str, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["card", f"{module}:Hover", "--json"])
-    card = json.loads(capsys.readouterr().out)
-    assert card["factory"] == policy_fingerprint(f"{module}:Hover")
-    assert (card["description"], card["results"]) == ("The zero action.", "not cached")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from quadpend_gym.core.settings import Range
-from quadpend_train.cli.options import Episodes, Seed, make_console, named_policies, named_scenarios
+from quadpend_train.cli.options import Episodes, Seed, make_console, named_scenarios
 from quadpend_train.common.executors import executor
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -60,7 +60,7 @@ def evaluate(
     from quadpend_train.reports import report, tables
 
     made = report.evaluate(
-        named_policies(policies),
+        policies,
         named_scenarios(scenarios, vehicle, interface),
         out,
         episodes=episodes,

@@ -2,14 +2,14 @@
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any
+from itertools import takewhile
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 
 from quadpend_baselines.registry import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
-from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_gym.tasks import ENVIRONMENTS, TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
@@ -17,20 +17,16 @@ from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import PRESETS
 
+Table = Literal["policies", "scenarios", "settings", "tasks", "vehicles", "poles", "winds", "sensors", "actuators"]
 Rows = dict[str, str]  # descriptions by name
 
 
-def list_names(tables: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
+def list_names(tables: tyro.conf.Positional[tuple[Table, ...]] = ()) -> None:
     """List policies, scenarios, settings, tasks, vehicles, and models of wind and sensors.
 
     Args:
-        tables: Tables to print: policies, scenarios, settings, tasks, vehicles, poles, winds, sensors or actuators; the
-            default is all of them.
+        tables: Tables to print; the default is all of them.
     """
-    if unknown := [name for name in tables if name not in TABLES]:
-        raise ValueError(
-            f"there is no table {unknown[0]!r}{suggest(unknown[0], TABLES)}; the tables are {', '.join(TABLES)}"
-        )
     for table in tables or TABLES:
         rows = TABLES[table]()
         width = max(map(len, rows))
@@ -55,29 +51,24 @@ def _learned(seeds: list[str]) -> str:
 
 def _scenarios() -> Rows:
     sets = {name: f"set of {', '.join(members)}" for name, members in SETS.items()}
-    return {**sets, **{name: scenario.description for name, scenario in SCENARIOS.items()}}
+    return sets | {name: scenario.description for name, scenario in SCENARIOS.items()}
 
 
 def _settings() -> Rows:
     """The presets with the comments at the beginning of their files."""
-    rows = {}
-    for path in sorted(PRESETS.glob("*.toml")):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        comment = lines[: next(i for i, line in enumerate(lines) if not line.startswith("#"))]
-        rows[path.stem] = " ".join(line.removeprefix("#").strip() for line in comment)
-    return rows
+    files = {path.stem: path.read_text(encoding="utf-8").splitlines() for path in sorted(PRESETS.glob("*.toml"))}
+    comments = {name: takewhile(lambda line: line.startswith("#"), lines) for name, lines in files.items()}
+    return {name: " ".join(line.strip("# ") for line in lines) for name, lines in comments.items()}
 
 
 def _tasks() -> Rows:
-    environments = {task: env_id for env_id, task in ENVIRONMENTS.items()}
-    return {name: f"the task of {environments[name]}" if name in environments else "" for name in TASKS}
+    return dict.fromkeys(TASKS, "") | {task: f"the task of {env_id}" for env_id, task in ENVIRONMENTS.items()}
 
 
 def _winds() -> Rows:
     """The presets, with the descriptions of the scenarios that have only this wind, and the kinds."""
     described = {scenario: scenario.description for scenario in SCENARIOS.values()}
-    presets = {name: described.get(Scenario(wind=name), "") for name in wind.PRESETS}
-    return {**{name: f"preset: {text}" for name, text in presets.items()}, **_kinds(wind.KINDS)}
+    return {name: f"preset: {described.get(Scenario(wind=name), '')}" for name in wind.PRESETS} | _kinds(wind.KINDS)
 
 
 def _kinds(kinds: Mapping[str, type[Any]]) -> Rows:

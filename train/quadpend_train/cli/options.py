@@ -1,4 +1,4 @@
-"""Helpers of several commands: ranges of options, NAME=POLICY and NAME=SCENARIO, and a console for tables.
+"""Helpers of several commands: ranges of options, NAME=SCENARIO, and a console for tables.
 
 The options `--vehicle` and `--interface` apply to all scenarios of a command, see `Scenario.with_vehicle`.
 """
@@ -10,7 +10,6 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from quadpend_gym.core.factories import split_name
 from quadpend_gym.core.settings import Range
 from quadpend_gym.scenarios import Scenario, find_scenarios
 
@@ -23,31 +22,19 @@ Seed = Annotated[int, Range(0, 2**62)]
 def checked(function: Callable[..., None]) -> Callable[..., None]:
     """Return the function of a command with a check of the options whose types declare a range."""
     hints = get_type_hints(function, include_extras=True)
-    ranged = {name: hint for name, hint in hints.items() if any(isinstance(item, Range) for item in get_args(hint))}
 
     @wraps(function)
     def call(**options: Any) -> None:
-        for name in ranged.keys() & options.keys():
-            _check(name, ranged[name], options[name])
+        try:
+            for name in options:
+                if any(isinstance(item, Range) for item in get_args(hints[name])):
+                    TypeAdapter(hints[name]).validate_python(options[name])
+        except ValidationError as error:
+            message = error.errors()[0]["msg"].replace("Input should", "must")
+            raise ValueError(f"{name} {message}, not {options[name]}") from None
         function(**options)
 
     return call
-
-
-def _check(name: str, hint: Any, value: Any) -> None:
-    try:
-        TypeAdapter(hint).validate_python(value)
-    except ValidationError as error:
-        message = error.errors()[0]["msg"].replace("Input should", "must")
-        raise ValueError(f"{name} {message}, not {value}") from None
-
-
-def named_policies(policies: Sequence[str]) -> dict[str, str]:
-    """Return policies by name, from texts POLICY or NAME=POLICY."""
-    named = {name or policy: policy for name, policy in map(split_name, policies)}
-    if len(named) < len(policies):
-        raise ValueError("two policies have the same name: give each its own, as NAME=POLICY")
-    return named
 
 
 def named_scenarios(
@@ -57,8 +44,7 @@ def named_scenarios(
     found = find_scenarios(scenarios)
     if vehicle is None and interface is None:
         return found
-    changed = {name: scenario.with_vehicle(vehicle, interface) for name, scenario in found.items()}
-    return {scenario.name or name: scenario for name, scenario in changed.items()}
+    return find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
 
 
 def make_console() -> Any:

@@ -16,20 +16,14 @@ from quadpend_train.training import train as training
 from quadpend_train.training.run_folder import POLICY, SETTINGS
 from quadpend_train.training.settings import TrainSettings, read_settings
 
-_MOST = 1000  # seeds
-
 
 def parse_seeds(text: str) -> list[int]:
     """Return the seeds of a text such as ``"0-4"`` or ``"0,2,5-7"``."""
-    seeds: list[int] = []
-    for part in text.split(","):
-        found = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", part.strip())
-        first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
-        if not first <= last < first + _MOST:
-            raise ValueError(f"seeds must be numbers and ranges such as 0-4 or 0,2,5, not {text!r}")
-        seeds += range(first, last + 1)
-    if len(set(seeds)) < len(seeds):
-        raise ValueError(f"seeds must be different, not {text!r}")
+    found = [re.fullmatch(r"(\d{1,6})(?:-(\d{1,6}))?", part.strip()) for part in text.split(",")]
+    ranges = [range(int(part[1]), int(part[2] or part[1]) + 1) for part in found if part]
+    seeds = [seed for numbers in ranges for seed in numbers]
+    if not all(found) or not all(ranges) or len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds must be different numbers and ranges such as 0-4 or 0,2,5, not {text!r}")
     return seeds
 
 
@@ -46,15 +40,8 @@ def begun(folders: Sequence[Path]) -> list[Path]:
 def train_seeds(run: TrainSettings, seeds: str, out: Path, resume: bool, execute: Executor) -> list[Path]:
     """Train with each seed, and return the run folders. Finished runs are skipped, and interrupted ones continue.
 
-    Args:
-        run: Settings, whose seed is replaced.
-        seeds: The training seeds, see `parse_seeds`.
-        out: Start of the names of the run folders.
-        resume: Whether to continue interrupted runs.
-        execute: What runs the trainings.
-
-    Raises:
-        CallsFailedError: If trainings fail; the others are finished.
+    The runs have the settings `run` with other seeds, and the names of their folders begin with `out`. Interrupted runs
+    are refused unless `resume` is true.
     """
     folders, calls = run_folders(out, seeds), {}
     if resume and not begun([*folders.values()]):
@@ -90,17 +77,14 @@ def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
 def summary(folders: Sequence[Path], options: Sequence[str]) -> str:
     """Return a line about each policy, and the command that compares them with a classical controller.
 
-    Args:
-        folders: The run folders.
-        options: Scenarios as they were given, and the options after them; empty for the scenarios of the settings.
+    `options` are the scenarios as they were given, and the options after them; empty for those of the settings.
     """
     lines = []
-    for folder in folders:
-        card = MlpPolicy.load(folder / POLICY).card
-        survival, rmse = card["score"]["survival"], card["score"]["penalised_rmse"]
+    for path in (folder / POLICY for folder in folders):
+        card = MlpPolicy.load(path).card
         lines.append(
-            f"Trained policy: {folder / POLICY}\nIn its training scenarios it survives {survival:.1%} of the episodes;"
-            f" penalised RMSE {1e3 * rmse:.1f} mm."
+            f"Trained policy: {path}\nIn its training scenarios it survives {card['score']['survival']:.1%} of the"
+            f" episodes; penalised RMSE {1e3 * card['score']['penalised_rmse']:.1f} mm."
         )
     scenarios = options or card["settings"]["scenarios"]
     command = ["quadpend", "evaluate", "flatness", f"mine={','.join(map(str, folders))}", "--scenarios", *scenarios]

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import tyro
 
 from quadpend_gym.core.factories import split_name
-from quadpend_gym.scenarios import find_scenarios
+from quadpend_train.cli.options import named_scenarios
 from quadpend_train.common.executors import executor
 from quadpend_train.common.files import writable_file, writable_folder
 from quadpend_train.training.settings import (
@@ -58,16 +58,13 @@ def default_settings(options: Sequence[str]) -> dict[str, Any]:
 def _base(settings: str | None, algo: str | None, start_from: str | None) -> TrainSettings:
     """Return the settings of a file, of the algorithm's preset, or of the policy that training starts from."""
     from quadpend_train.policies.loading import policy_file
-    from quadpend_train.policies.mlp_policy import MlpPolicy
 
-    if settings:
-        return read_settings(settings)
-    if algo:
-        return read_settings(algo) if (PRESETS / f"{algo}.toml").is_file() else TrainSettings(algo=algo)
-    with suppress(ValueError):  # training refuses the policy with its own message
-        if start_from and (path := policy_file(start_from)) and "settings" in (card := MlpPolicy.load(path).card):
-            return settings_of_card(card, start_from)
-    return read_settings("ppo")
+    if algo and not settings and not (PRESETS / f"{algo}.toml").is_file():
+        return TrainSettings(algo=algo)
+    if start_from and not settings and not algo:
+        with suppress(ValueError):  # training refuses the policy with its own message
+            return read_settings(str(policy_file(start_from)))
+    return read_settings(settings or algo or "ppo")
 
 
 def _values(changes: Sequence[str]) -> dict[str, Any]:
@@ -121,20 +118,25 @@ def train(
     from quadpend_train.cli.seeds import summary, train_seeds
     from quadpend_train.training import train as training
 
-    changes = {"--vehicle": vehicle, "--interface": interface}
     if seeds is None and (jobs != 1 or cluster is not None):
         raise ValueError("--jobs and --cluster train several seeds: give them with --seeds")
-    if resume and (vehicle or interface or out != DEFAULT_OUT):
-        raise ValueError(
-            "--resume continues a run with its own scenarios in its own folder: give no --vehicle, no --interface and"
-            " no --out with it"
-        )
+    typed: list[str] = []  # scenarios and their options, for the command that is printed
     if resume:
+        if vehicle or interface or out != DEFAULT_OUT:
+            raise ValueError(
+                "--resume continues a run with its own scenarios in its own folder: give no --vehicle, no --interface"
+                " and no --out with it"
+            )
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
-    typed = [] if resume else [*run.scenarios, *(part for pair in changes.items() if pair[1] for part in pair if part)]
+    else:
+        changes = {"--vehicle": vehicle, "--interface": interface}
+        typed = [*run.scenarios, *(text for name, value in changes.items() if value for text in (name, value))]
     if vehicle or interface:
-        curriculum = [text for stage in run.curriculum for text in _changed([stage], vehicle, interface)]
-        run = replace(run, scenarios=_changed(run.scenarios, vehicle, interface), curriculum=tuple(curriculum))
+        scenarios, *stages = (
+            as_texts(named_scenarios(names, vehicle, interface))
+            for names in (run.scenarios, *((stage,) for stage in run.curriculum))
+        )
+        run = replace(run, scenarios=scenarios, curriculum=tuple(text for stage in stages for text in stage))
     if seeds is not None:
         folders = train_seeds(run, seeds, resume or out, resume is not None, executor(jobs, cluster))
     elif resume:
@@ -142,12 +144,6 @@ def train(
     else:
         folders = [training.train(run, writable_folder(out)).parent]
     print(summary(folders, typed))
-
-
-def _changed(scenarios: Sequence[str], vehicle: str | None, interface: str | None) -> tuple[str, ...]:
-    """Return scenarios with another vehicle and interface, as texts."""
-    changed = (scenario.with_vehicle(vehicle, interface) for scenario in find_scenarios(scenarios).values())
-    return as_texts(find_scenarios(changed))
 
 
 def export(

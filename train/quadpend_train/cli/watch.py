@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import tyro
 
 from quadpend_gym.core.settings import Interval, Range, settings
-from quadpend_train.cli.options import named_policies, named_scenarios
+from quadpend_train.cli.options import named_scenarios
 from quadpend_train.common.files import writable_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
@@ -70,6 +70,7 @@ def watch(
     """
     from quadpend_gym.scenarios import check_own_models
     from quadpend_gym.viewer import check_pygame
+    from quadpend_train.evaluation.comparison import named_policies
     from quadpend_train.policies.check import check_policy
     from quadpend_train.policies.loading import load_policies
 
@@ -86,7 +87,7 @@ def watch(
     from quadpend_train.evaluation.recording import record_episode
     from quadpend_train.reports.side_by_side import SideBySideView, write_video
 
-    loaded = [(name, load_policies(policy)) for name, policy in named_policies(policies).items()]
+    loaded = [(name, load_policies(str(policy))) for name, policy in named_policies(policies).items()]
     if several := [name for name, seeds in loaded if len(seeds) > 1]:
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")
     check_own_models(shown, found)

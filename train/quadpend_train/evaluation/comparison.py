@@ -14,6 +14,7 @@ import pandas as pd
 
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
+from quadpend_gym.core.factories import split_name
 from quadpend_gym.scenarios import Scenario, as_scenario, check_own_models, find_scenarios, scenario_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -77,10 +78,10 @@ def compare(
     """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
 
     Args:
-        policies: Mapping from names in the comparison to policies, or a sequence of policies. A policy is a name for
-            `load_policies`, an object with the `predict` protocol, or a list of such objects (the training seeds of one
-            learner). In a sequence, the name of an object is that of its class. Results of objects are cached only if
-            they have a `fingerprint`, see `quadpend_train.policies.own`.
+        policies: Mapping from names in the comparison to policies, or a sequence of policies, see `named_policies`. A
+            policy is a name for `load_policies`, an object with the `predict` protocol, or a list of such objects (the
+            training seeds of one learner). Results of objects are cached only if they have a `fingerprint`, see
+            `quadpend_train.policies.own`.
         scenarios: Mapping from names in the comparison to scenarios, or a sequence of scenarios and sets, each a
             `Scenario` or a text, see `find_scenarios`. Results of scenarios with models of the user's own code are not
             cached.
@@ -92,7 +93,7 @@ def compare(
     """
     if not policies or not scenarios:
         raise ValueError("policies and scenarios must each have at least one entry")
-    learners = {name: _learner(value) for name, value in _named_policies(policies).items()}
+    learners = {name: _learner(value) for name, value in named_policies(policies).items()}
     sizes = {name: len(seeds) for name, seeds in learners.items()}
     if len(set(sizes.values()) - {1}) > 1:  # differences are computed seed by seed
         numbers = ", ".join(f"{name} has {size}" for name, size in sizes.items())
@@ -126,11 +127,13 @@ def _learner(value: str | Policy | Sequence[Policy]) -> list[Policy]:
     return [as_policy(item) for item in (value if isinstance(value, list | tuple) else [value])]
 
 
-def _named_policies(policies: Policies) -> Mapping[str, str | Policy | Sequence[Policy]]:
+def named_policies(policies: Policies) -> Mapping[str, str | Policy | Sequence[Policy]]:
+    """Return policies by name: that of a text NAME=POLICY, the text POLICY itself, or the class of an object."""
     if isinstance(policies, Mapping):
         return policies
     members = [policies] if isinstance(policies, str) else list(policies)
-    names = [item if isinstance(item, str) else type(item).__name__ for item in members]
-    if len(set(names)) < len(names):
-        raise ValueError("two policies have the same name: give a mapping from names to policies")
-    return dict(zip(names, members, strict=True))
+    texts = [split_name(item) if isinstance(item, str) else (type(item).__name__, item) for item in members]
+    named = {name or str(policy): policy for name, policy in texts}
+    if len(named) < len(members):
+        raise ValueError("two policies have the same name: give each its own, as NAME=POLICY or in a mapping")
+    return named
