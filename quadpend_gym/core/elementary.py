@@ -1,6 +1,6 @@
-"""Sine, cosine, arcsine, arctangent and logarithm without branches or library calls.
+"""Sine, cosine, arcsine, arctangent, logarithm and selection without branches or library calls.
 
-A compiler can therefore vectorise a loop that calls them.
+A compiler can therefore vectorise a loop that calls them. `quadpend_gym.engines` replaces them by CasADi's functions.
 
 | function | method | error |
 |---|---|---|
@@ -21,6 +21,12 @@ _TWO_OVER_PI = 0.6366197723675814
 # π/2 as a sum. The first two terms have 33 significant bits, so the product k·term is exact for k < 2²⁰.
 _HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+
+
+@inlined
+def select(condition: bool, chosen: float, other: float) -> float:
+    """Return `chosen` if the condition holds, else `other`; `quadpend_gym.engines` cannot read ``if`` on a variable."""
+    return chosen if condition else other
 
 
 @inlined

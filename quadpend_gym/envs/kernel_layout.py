@@ -76,19 +76,25 @@ class RigidStepSettings(NamedTuple):
 unpack_settings, unpack_rigid_settings = unpacker(KernelSettings), unpacker(RigidStepSettings)
 
 
-def _make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> KernelSettings:
-    limits, reward = task.limits, task.reward
-    cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
+def make_weights(task: Task) -> KernelWeights:
+    """Return the normalised weights of the reward terms."""
+    reward = task.reward
     weights = np.array([reward.tracking, reward.upright, reward.yaw, reward.effort])
     weights = weights / weights.sum()
     while np.add.accumulate(weights)[-1] > 1.0:  # by rounding, in the order in which the kernel adds the terms
         weights[weights.argmax()] = np.nextafter(weights.max(), 0.0)
     tracking, upright, yaw, effort = weights.tolist()
+    return KernelWeights(tracking, upright, yaw, effort, reward.tip, reward.pendulum_first)
+
+
+def _make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> KernelSettings:
+    limits = task.limits
+    cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
     return KernelSettings(
         simulation.period,
         Four(*simulation.command_scale.tolist()),
         KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground, task.side),
-        KernelWeights(tracking, upright, yaw, effort, reward.tip, reward.pendulum_first),
+        make_weights(task),
         moves_air,
         substeps,
     )

@@ -27,10 +27,18 @@ from quadpend_gym.envs import outcome as rows
 from quadpend_gym.envs.inputs import NO_ERROR, find_error
 from quadpend_gym.physics.drag import add_drag
 from quadpend_gym.physics.dynamics import thrust_axis
-from quadpend_gym.physics.euler_kernel import BLOCK, DIVERGENCE_LIMIT, THRUST_AXIS, gather, integrate, scatter
+from quadpend_gym.physics.euler_kernel import (
+    BLOCK,
+    DIVERGENCE_LIMIT,
+    THRUST_AXIS,
+    gather,
+    integrate,
+    scatter,
+    store_command,
+)
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid, store_wrench
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, EULER, POSITION, STATE_SIZE
-from quadpend_gym.physics.vectors import Four, Vec3, load, load_four, norm, store, store_four
+from quadpend_gym.physics.vectors import Vec3, load, norm, store, store_four
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     REFERENCE_START,
@@ -43,7 +51,7 @@ from quadpend_gym.tasks.observation import (
     tracking_errors,
 )
 from quadpend_gym.tasks.references import REFERENCE_SIZE
-from quadpend_gym.tasks.rewards import pendulum_factor, reward_terms
+from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 
@@ -66,14 +74,6 @@ def _copy(lanes_in: Any, lanes: int, out: Any) -> None:
     for field in range(out.shape[0]):
         for lane in range(lanes):
             out[field, lane] = lanes_in[field, lane]
-
-
-@inlined
-def _command(action: Any, scale: Four, lanes: int, out: Any) -> None:
-    """Write thrust and torques for each action; an action has the order of a command."""
-    for lane in range(lanes):
-        a = load_four(action, 0, lane)
-        store_four(out, 0, lane, Four(scale.a * (1.0 + a.a), scale.b * a.b, scale.c * a.c, scale.d * a.d))
 
 
 @inlined
@@ -107,12 +107,7 @@ def _measure(
     store_four(out, rows.TRACKING_TERM, lane, terms)
     store(out, _TRACKING_ERROR, lane, tracking.error)
     out[rows.TILT, lane] = 2.0 * arcsin(min(0.5 * norm(Vec3(r.x, r.y, r.z - limits.side)), 1.0))
-    out[rows.REWARD, lane] = pendulum_factor(cosine, load(state, DIRECTION_RATE, lane), weights.pendulum_first) * (
-        weights.tracking * terms.tracking
-        + weights.upright * terms.upright
-        + weights.yaw * terms.yaw
-        + weights.effort * terms.effort
-    )
+    out[rows.REWARD, lane] = reward(terms, cosine, load(state, DIRECTION_RATE, lane), weights)
     out[rows.TERMINATED, lane] = 1.0 if _outside(state, lane, tracking.error, rod_length, limits) else 0.0
 
 
@@ -146,7 +141,8 @@ def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: An
         gather(reference, first, lanes, reference_lanes)
         _copy(wind[:, first:], lanes, buffer[_WIND])
         if rigid is None:
-            _command(action_lanes, task.command_scale, lanes, command_lanes)
+            for lane in range(lanes):
+                store_command(action_lanes, task.command_scale, lane, command_lanes)
             if task.moves_air:
                 for lane in range(lanes):
                     add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)

@@ -46,7 +46,7 @@ from quadpend_gym.physics.state import (
     TORQUE,
     VELOCITY,
 )
-from quadpend_gym.physics.vectors import Vec3, add, axpy, dot, load, norm, scale, store
+from quadpend_gym.physics.vectors import Four, Vec3, add, axpy, dot, load, load_four, norm, scale, store, store_four
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 BLOCK = 64  # sub-environments in a block
@@ -54,6 +54,13 @@ BLOCK = 64  # sub-environments in a block
 THRUST_AXIS = STATE_SIZE
 LANE_STATE_SIZE = STATE_SIZE + 3
 DIVERGENCE_LIMIT = 1e6  # a state diverges when the sum of its absolute values reaches this
+
+
+@inlined
+def store_command(action: Any, command_scale: Four, lane: int, out: Any) -> None:
+    """Write thrust and torques of the action in column `lane`, see `Simulation.command_scale`."""
+    a, s = load_four(action, 0, lane), command_scale
+    store_four(out, 0, lane, Four(s.a * (1.0 + a.a), s.b * a.b, s.c * a.c, s.d * a.d))
 
 
 @inlined

@@ -28,7 +28,6 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.physics import rigid_body
 from quadpend_gym.physics.attitude import (
     Quaternion,
     Rotation,
@@ -50,6 +49,8 @@ from quadpend_gym.physics.rigid_body import (
     Motion,
     RigidPhysics,
     Wrench,
+    centre_from_body,
+    centre_rate_from_body,
     derivative,
     load_body,
     moved,
@@ -178,16 +179,16 @@ def _substep(
     r_dot = axpy(-dot(r, end.direction_rate), r, end.direction_rate)
 
     before, rotation = rotation_matrix(motion.attitude), rotation_matrix(attitude)
-    centre = add(load(state, POSITION, lane), rigid_body.centre_from_body(before, motion.direction, physics, body))
+    centre = add(load(state, POSITION, lane), centre_from_body(before, motion.direction, physics, body))
     centre_rate = add(
         load(state, VELOCITY, lane),
-        rigid_body.centre_rate_from_body(before, motion.rate, motion.direction_rate, physics, body),
+        centre_rate_from_body(before, motion.rate, motion.direction_rate, physics, body),
     )
     middle = add(d2.centre, d3.centre)
     centre = axpy(h * h / 6.0, add(d1.centre, middle), axpy(h, centre_rate, centre))
     centre_rate = axpy(h / 6.0, add(axpy(2.0, middle, d1.centre), d4.centre), centre_rate)
-    offset = rigid_body.centre_from_body(rotation, r, physics, body)
-    offset_rate = rigid_body.centre_rate_from_body(rotation, end.rate, r_dot, physics, body)
+    offset = centre_from_body(rotation, r, physics, body)
+    offset_rate = centre_rate_from_body(rotation, end.rate, r_dot, physics, body)
     store(state, POSITION, lane, axpy(-1.0, offset, centre))
     store(state, VELOCITY, lane, axpy(-1.0, offset_rate, centre_rate))
     store(state, DIRECTION, lane, r)

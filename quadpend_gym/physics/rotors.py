@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quadpend_gym.core.elementary import select
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.vectors import Four, Matrix4, Symmetric, Vec3, add, apply, axpy, cross, multiply, scale
 
@@ -114,7 +115,7 @@ def _times(factor: float, v: Four) -> Four:
 def _limit(share: Ratio, needed: float, room: float) -> Ratio:
     """Return the smaller one of `share` and room/needed; `share` if nothing is needed. `room` is not negative."""
     smaller = room * share.denominator < share.numerator * needed
-    return Ratio(room if smaller else share.numerator, needed if smaller else share.denominator)
+    return Ratio(select(smaller, room, share.numerator), select(smaller, needed, share.denominator))
 
 
 @inlined
@@ -149,7 +150,7 @@ def _reachable_tilt(tilt: Four, per_lift: Four, low: float, high: float) -> floa
 @inlined
 def _limit_part(share: Ratio, base: float, part: float, low: float, high: float) -> Ratio:
     """Limit the share of `part` such that base + share · part is within [low, high]."""
-    return _limit(share, abs(part), max(high - base if part > 0.0 else base - low, 0.0))
+    return _limit(share, abs(part), max(select(part > 0.0, high - base, base - low), 0.0))
 
 
 @inlined
@@ -177,14 +178,15 @@ def allocate(wrench: Four, rotors: RotorSettings) -> Four:
     base = _plus(tilt, _times(min(max(wrench.a, least), greatest), lift))
     yaw = _column(unmixing, wrench.d, 3)
     near, exact = _plus(base, _times(_reachable_part(base, yaw, low, high), yaw)), multiply(unmixing, wrench)
-    is_reachable = (min(min(exact.a, exact.b), min(exact.c, exact.d)) >= low) & (
-        max(max(exact.a, exact.b), max(exact.c, exact.d)) <= high
+    excess = max(
+        low - min(min(exact.a, exact.b), min(exact.c, exact.d)),
+        max(max(exact.a, exact.b), max(exact.c, exact.d)) - high,
     )
     return Four(
-        exact.a if is_reachable else _clip(near.a, low, high),
-        exact.b if is_reachable else _clip(near.b, low, high),
-        exact.c if is_reachable else _clip(near.c, low, high),
-        exact.d if is_reachable else _clip(near.d, low, high),
+        select(excess <= 0.0, exact.a, _clip(near.a, low, high)),
+        select(excess <= 0.0, exact.b, _clip(near.b, low, high)),
+        select(excess <= 0.0, exact.c, _clip(near.c, low, high)),
+        select(excess <= 0.0, exact.d, _clip(near.d, low, high)),
     )
 
 
@@ -199,7 +201,7 @@ def rate_loop(rate: Vec3, wanted: Vec3, torque: Vec3, loop: RateLoopSettings) ->
 
 @inlined
 def _from_hover(action: float, low: float, hover: float, high: float) -> float:
-    return hover + action * (high - hover if action > 0.0 else hover - low)
+    return hover + action * select(action > 0.0, high - hover, hover - low)
 
 
 @inlined
@@ -217,7 +219,7 @@ def thrusts_from_hover(action: Four, rotors: RotorSettings) -> Four:
 @inlined
 def _after(start: float, wanted: float, rise: float, fall: float) -> float:
     gap = start - wanted
-    return wanted + gap * (rise if gap < 0.0 else fall)
+    return wanted + gap * select(gap < 0.0, rise, fall)
 
 
 @inlined

@@ -57,7 +57,13 @@ def reward_terms(error: Vec3, cosine: float, yaw_error: float, action: Any, lane
 
 
 @inlined
-def pendulum_factor(cosine: float, rate: Vec3, pendulum_first: float) -> float:
-    """Return the factor in (5) from h, ṙ (1/s) and p."""
+def reward(terms: Reward, cosine: float, rate: Vec3, weights: Any) -> float:
+    """Return the reward, equation (5), from the terms, h, ṙ (1/s) and the `KernelWeights`."""
     reached = 0.25 * (1.0 + cosine) * (1.0 + cosine) / (1.0 + dot(rate, rate) / _SWING**2)
-    return 1.0 - pendulum_first * (1.0 - reached)
+    mean = (
+        weights.tracking * terms.tracking
+        + weights.upright * terms.upright
+        + weights.yaw * terms.yaw
+        + weights.effort * terms.effort
+    )
+    return float((1.0 - weights.pendulum_first * (1.0 - reached)) * mean)

@@ -1,0 +1,32 @@
+"""The equations of the environments for other engines: CasADi's functions, their derivatives, and generated C.
+
+There is one source: the scalar functions that numba compiles. `lifting` reads them into CasADi's expressions, `plants`
+makes functions of them, and `generated_c` compiles functions for batches of rows. Install CasADi with
+``pip install 'quadpend-gym[mpc]'``.
+"""
+
+from importlib.util import find_spec
+
+if find_spec("casadi") is None:
+    raise ImportError("quadpend_gym.engines needs CasADi: pip install 'quadpend-gym[mpc]'")
+
+from quadpend_gym.engines.functions import (
+    initial_memory,
+    observation_function,
+    reference_function,
+    reward_function,
+    step_function,
+)
+from quadpend_gym.engines.generated_c import CompiledFunction
+from quadpend_gym.engines.lifting import columns, lift
+
+__all__ = [
+    "CompiledFunction",
+    "columns",
+    "initial_memory",
+    "lift",
+    "observation_function",
+    "reference_function",
+    "reward_function",
+    "step_function",
+]

@@ -1,0 +1,154 @@
+"""The control step, the observation, the reward and the references as functions of CasADi.
+
+Every function is a `casadi.Function` with named arguments and results, which are column vectors. Derivatives are made
+by ``function.factory``, for example the Jacobian of the next state with respect to the action by
+``f.factory("B", f.name_in(), ["jac:next_state:action"])``, and products with the transposed Jacobian by
+``["adj:state"]`` of ``[*f.name_in(), "adj:next_state", "adj:next_memory"]``.
+
+| argument or result | size | unit and frame |
+|---|---|---|
+| state, next_state | 18 | `quadpend_gym.physics.state` |
+| memory, next_memory | k | what a vehicle has besides the state, see `step_function` |
+| action | 4 | components in [−1, 1], of the simulation's interface |
+| wind | 12 | d_Q, d_B (N), d_τ (N·m), air velocity (m/s), `quadpend_gym.wind`; constant during a control period |
+| parameters | 9 | `Parameters.as_array` |
+| point | 24 | derivatives of order 0 to 6 of (F_x, F_y, z), and of order 0 to 2 of ψ; `ReferencePoint` |
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.engines.lifting import columns, lift, vector
+from quadpend_gym.envs.kernel_layout import make_weights
+from quadpend_gym.physics.drag import add_drag
+from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, integrate, store_command
+from quadpend_gym.physics.plants import RigidPlant, plant_of
+from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
+from quadpend_gym.physics.rigid_settings import make_rigid_settings
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, DISTURBANCE_SIZE, STATE_SIZE
+from quadpend_gym.physics.vectors import Four, Vec3, load
+from quadpend_gym.tasks import Task
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_SIZE,
+    Target,
+    observe_reference,
+    observe_state,
+    tracking_errors,
+)
+from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint, reference_point
+from quadpend_gym.tasks.rewards import reward, reward_terms
+from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
+from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+
+POINT_SIZE = 24
+
+
+def actions_under_way(simulation: Simulation) -> int:
+    """Return the number of actions whose effect a control period begins with: the latency in periods, rounded up."""
+    return -(-simulation.delayed_substeps // simulation.substeps)
+
+
+def initial_memory(simulation: Simulation, state: Floats) -> Floats:
+    """Return the memories at the beginning of episodes with states of shape (n, 18), shape (n, k)."""
+    under_way = np.zeros((len(state), ACTION_SIZE * actions_under_way(simulation)))
+    return np.hstack([plant_of(simulation).initial_memory(state), under_way])
+
+
+@lru_cache(maxsize=32)
+def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
+    """Return the control step, (state, memory, action, wind, parameters) → (next_state, next_memory).
+
+    The memory of rigid vehicles begins with quaternion, body rate and rotor thrusts (`rigid_kernel`), 11 numbers; that
+    of the paper's vehicle with none. With a latency, the actions under way follow, the oldest first, four numbers each.
+
+    Args:
+        simulation: The vehicle with its interface, period, substeps and latency.
+        moves_air: Whether the wind can have a velocity. If not, the paper's vehicle has no drag, as in the environment;
+            rigid vehicles always have drag.
+    """
+    is_rigid = isinstance(plant_of(simulation), RigidPlant)
+    vehicle_size, substeps = RIGID_SIZE if is_rigid else 0, simulation.substeps
+    names = "state", "memory", "action", "wind", "parameters"
+    memory_size = vehicle_size + ACTION_SIZE * actions_under_way(simulation)
+    sizes = STATE_SIZE, memory_size, ACTION_SIZE, WIND_SIZE, PARAMETERS_SIZE
+    state, memory, action, wind, parameters = arguments = [
+        ca.SX.sym(*symbol) for symbol in zip(names, sizes, strict=True)
+    ]
+    queue = [*ca.vertsplit(memory[vehicle_size:], ACTION_SIZE), action]
+    switch = simulation.delayed_substeps % substeps  # the first action acts in the substeps before it, then the second
+    before, after = columns(queue[0]), columns(queue[min(switch, 1)])
+    disturbance, air = columns(wind[:DISTURBANCE_SIZE]), columns(wind[WIND_FIELDS["velocity"]])
+    physics = columns(parameters)
+    if is_rigid:
+        lanes = columns(ca.vertcat(state, ca.SX(3, 1), memory[:RIGID_SIZE]), RIGID_LANE_SIZE)
+        settings, timing = make_rigid_settings(simulation), (simulation.period, substeps, switch)
+        lift(integrate_rigid)(lanes, before, after, disturbance, air, physics, settings, 1, *timing)
+    else:
+        lanes, command = columns(state, LANE_STATE_SIZE), columns(ca.SX(ACTION_SIZE, 1))
+        if moves_air:
+            lift(add_drag)(lift(load)(air, 0, 0), lanes, physics, 0, disturbance)
+        for given, count in ((before, switch), (after, substeps - switch)):
+            if count > 0:
+                lift(store_command)(given, Four(*simulation.command_scale.tolist()), 0, command)
+                period = simulation.period * count / substeps
+                lift(integrate)(lanes, command, disturbance, physics, 1, period, count)
+    next_memory = ca.vertcat(vector(lanes[RIGID : RIGID + vehicle_size]), *queue[1:])
+    results = [vector(lanes[:STATE_SIZE]), next_memory]
+    return ca.Function("step", arguments, results, list(names), ["next_state", "next_memory"])
+
+
+@lru_cache(maxsize=1)
+def reference_function() -> Any:
+    """Return a reference at a time (s), (reference, time) → point; `reference` is a `Reference.as_array`."""
+    reference, time = ca.SX.sym("reference", REFERENCE_SIZE), ca.SX.sym("time")
+    point = vector(lift(reference_point)(columns(reference), 0, time))
+    return ca.Function("reference", [reference, time], [point], ["reference", "time"], ["point"])
+
+
+def _point(point: Any) -> ReferencePoint:
+    entries: list[Any] = ca.vertsplit(point)
+    vectors: list[Any] = [Vec3(*entries[first : first + 3]) for first in range(0, POINT_SIZE - 3, 3)]
+    return ReferencePoint(*vectors, *entries[-3:])
+
+
+def _errors(state: Any, parameters: Any, point: ReferencePoint) -> Any:
+    return lift(tracking_errors)(state, 0, parameters[ROD_LENGTH], Target(point.d0, point.d1, point.yaw))
+
+
+@lru_cache(maxsize=1)
+def observation_function() -> Any:
+    """Return the observation and its first part in metres, (state, parameters, point) → (observation, tracking_error).
+
+    The observation has 36 numbers, not rounded to float32.
+    """
+    names = "state", "parameters", "point"
+    arguments = [ca.SX.sym(*symbol) for symbol in zip(names, (STATE_SIZE, PARAMETERS_SIZE, POINT_SIZE), strict=True)]
+    state, point, out = columns(arguments[0]), _point(arguments[2]), columns([], OBSERVATION_SIZE)
+    tracking = _errors(state, arguments[1], point)
+    lift(observe_state)(state, 0, tracking, out, 0)
+    lift(observe_reference)(point, 0, out)
+    results = [vector(out), vector(tracking.error)]
+    return ca.Function("observation", arguments, results, list(names), ["observation", "tracking_error"])
+
+
+@lru_cache(maxsize=8)
+def reward_function(task: Task) -> Any:
+    """Return the reward and its four terms in the state that an action led to.
+
+    (state, action, parameters, point) → (reward, terms), see `quadpend_gym.tasks.rewards`.
+    """
+    names = "state", "action", "parameters", "point"
+    sizes = STATE_SIZE, ACTION_SIZE, PARAMETERS_SIZE, POINT_SIZE
+    arguments = [ca.SX.sym(*symbol) for symbol in zip(names, sizes, strict=True)]
+    state, weights = columns(arguments[0]), make_weights(task)
+    tracking = _errors(state, arguments[2], _point(arguments[3]))
+    cosine = task.side * state[DIRECTION + 2, 0]
+    action = columns(arguments[1])
+    terms = lift(reward_terms)(tracking.error, cosine, tracking.yaw_error, action, 0, weights.tip)
+    total = lift(reward)(terms, cosine, lift(load)(state, DIRECTION_RATE, 0), weights)
+    return ca.Function("reward", arguments, [total, vector(terms)], list(names), ["reward", "terms"])

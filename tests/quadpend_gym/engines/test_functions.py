@@ -1,0 +1,141 @@
+"""The functions of CasADi compute what the compiled step of the environments computes, and have its derivatives."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quadpend_gym import Simulation
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.envs import kernel_layout as layout
+from quadpend_gym.envs import outcome as places
+from quadpend_gym.envs.plant_rows import plant_rows
+from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
+from quadpend_gym.physics.state import State
+from quadpend_gym.tasks import TASKS
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.references import REFERENCE_SIZE
+from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+from tests.helpers.physics import random_states
+
+pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
+
+from quadpend_gym import engines
+
+ROWS = 1000
+SIMULATIONS = {
+    "paper": Simulation(),
+    **{interface: Simulation("hummingbird", interface) for interface in ("wrench", "rotors", "body_rates")},
+    "latency": Simulation("hummingbird", "body_rates", latency=0.015),
+    "longer latency": Simulation("hummingbird", "wrench", latency=0.02, substeps=1),
+}
+TASK = TASKS["track"]
+
+
+class Inputs:
+    """Random inputs of a control step for n rows."""
+
+    def __init__(self, simulation: Simulation, rows: int) -> None:
+        rng = np.random.default_rng(0)
+        self.state = random_states(rows, 0)
+        State(self.state).euler[:, 1] = rng.uniform(
+            -1.2, 1.2, rows
+        )  # at ±π/2 the Euler-angle rates are ill-conditioned
+        self.memory = engines.initial_memory(simulation, self.state)
+        vehicle_size = self.memory.shape[1] - 4 * (-(-simulation.delayed_substeps // simulation.substeps))
+        if vehicle_size:
+            self.memory[:, 7:RIGID_SIZE] *= rng.uniform(0.6, 1.4, (rows, 4))
+        self.memory[:, vehicle_size:] = rng.uniform(-0.5, 0.5, (rows, self.memory.shape[1] - vehicle_size))
+        self.memory[:, vehicle_size:] = self.memory[:, vehicle_size:].astype(np.float32)
+        self.action = rng.uniform(-1.0, 1.0, (rows, 4)).astype(np.float32)
+        self.wind = rng.normal(size=(rows, WIND_SIZE))
+        self.wind[:, WIND_FIELDS["torque"]] *= 0.01
+        self.parameters = simulation.parameters.as_array() * rng.uniform(0.9, 1.1, (rows, 9))
+        self.reference = rng.normal(size=(rows, REFERENCE_SIZE))
+
+    def of_step(self) -> tuple[Floats, ...]:
+        """The arguments of the step function."""
+        return self.state, self.memory, self.action, self.wind, self.parameters
+
+
+def call(function: Any, *arguments: Floats) -> list[Floats]:
+    """Return the results of a function for n rows, each of shape (n, size)."""
+    rows = len(arguments[0])
+    return [np.array(result).T for result in function.map(rows).call([array.T for array in arguments])]
+
+
+def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return next state, next memory, observation and outcome of the compiled step."""
+    rows, size = len(x.state), x.memory.shape[1]
+    plant = plant_rows(rows, simulation)
+    memory, outcome = plant.memory, np.zeros((places.OUTCOME_SIZE, rows))
+    memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS] = x.state, x.parameters
+    memory[:, layout.MEMORY_REFERENCE] = x.reference
+    queue = np.hstack([x.memory[:, RIGID_SIZE:], x.action]) if size else x.action
+    acting = x.action
+    if size:
+        switch = simulation.delayed_substeps % simulation.substeps
+        memory[:, layout.MEMORY_RIGID], memory[:, layout.MEMORY_ACTION] = x.memory[:, :RIGID_SIZE], queue[:, :4]
+        acting = queue[:, 4:8] if switch else queue[:, :4]
+    observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
+    settings = plant.settings(TASK, True, simulation.substeps)
+    acting = np.ascontiguousarray(acting, np.float32)
+    nothing = np.zeros((layout.SENSED_SIZE, 0)), np.zeros(0), np.zeros(rows, np.int64)
+    wind = np.ascontiguousarray(x.wind.T)
+    plant.step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, *nothing)
+    after = np.hstack([memory[:, layout.MEMORY_RIGID], queue[:, 4:]]) if size else np.zeros((rows, 0))
+    return memory[:, layout.MEMORY_STATE], after, observation, outcome
+
+
+@pytest.mark.parametrize("name", SIMULATIONS)
+def test_a_step_is_that_of_the_environment(name: str) -> None:
+    simulation = SIMULATIONS[name]
+    x = Inputs(simulation, ROWS)
+    state, memory, _, _ = step_by_numba(simulation, x)
+    next_state, next_memory = call(engines.step_function(simulation, moves_air=True), *x.of_step())
+    np.testing.assert_allclose(next_state, state, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(next_memory, memory, rtol=1e-13, atol=1e-13)
+
+
+def test_observation_reward_and_reference_are_those_of_the_environment() -> None:
+    simulation = SIMULATIONS["paper"]
+    x = Inputs(simulation, ROWS)
+    state, _, observation, outcome = step_by_numba(simulation, x)
+    (point,) = call(engines.reference_function(), x.reference, np.full((ROWS, 1), simulation.period))
+    observed, error = call(engines.observation_function(), state, x.parameters, point)
+    rewards, terms = call(engines.reward_function(TASK), state, x.action, x.parameters, point)
+    np.testing.assert_allclose(observed, observation, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(error.T, outcome[places.TRACKING_ERROR], rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(rewards[:, 0], outcome[places.REWARD], rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(
+        terms.T, outcome[places.TRACKING_TERM : places.TRACKING_TERM + 4], rtol=1e-13, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("name", SIMULATIONS)
+def test_the_jacobian_agrees_with_finite_differences(name: str) -> None:
+    simulation = SIMULATIONS[name]
+    function, x = engines.step_function(simulation, moves_air=True), Inputs(simulation, 1)
+    names, results, start = function.name_in(), function.name_out(), [array[0] for array in x.of_step()]
+    derivatives = [f"jac:{result}:{name}" for result in results for name in names]
+    exact = function.factory("jacobian", names, derivatives).call(start)
+    exact = np.vstack([np.hstack(exact[: len(names)]), np.hstack(exact[len(names) :])])
+    point, ends = np.concatenate(start), np.cumsum([len(array) for array in start])[:-1]
+    changes = 1e-4 * np.diag(np.maximum(1e-2, np.abs(point)))
+
+    def after(factor: float) -> Floats:
+        """The results after a change of each number, one column for each."""
+        return np.hstack(call(function, *np.split(point + factor * changes, ends, axis=1))).T
+
+    difference = (8.0 * (after(1.0) - after(-1.0)) - (after(2.0) - after(-2.0))) / (12.0 * np.diag(changes))
+    np.testing.assert_allclose(exact, difference, rtol=1e-8, atol=1e-8 * np.maximum(1.0, np.abs(difference).max(0)))
+
+
+def test_the_drag_at_rest_has_derivatives() -> None:
+    simulation = SIMULATIONS["wrench"]
+    function, state = engines.step_function(simulation, moves_air=True), np.zeros((1, 18))
+    state[0, 14] = 1.0
+    arguments = state, engines.initial_memory(simulation, state), np.zeros((1, 4)), np.zeros((1, 12))
+    jacobian = function.factory("jacobian", function.name_in(), ["jac:next_state:state"])
+    (found,) = jacobian.call([*(array[0] for array in arguments), simulation.parameters.as_array()])
+    assert np.isfinite(np.array(found)).all()
