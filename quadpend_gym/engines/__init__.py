@@ -1,7 +1,7 @@
 """The equations of the environments for other engines: CasADi's functions, their derivatives, and generated C.
 
-There is one source: the scalar functions that numba compiles. `lifting` reads them into CasADi's expressions, `plants`
-makes functions of them, and `generated_c` compiles functions for batches of rows. Install CasADi with
+The only source is the scalar functions that numba compiles. `lifting` reads them into CasADi's expressions,
+`functions` makes functions of them, and `generated_c` compiles functions for batches of rows. Install CasADi with
 ``pip install 'quadpend-gym[mpc]'``.
 """
 
@@ -18,7 +18,7 @@ from quadpend_gym.engines.functions import (
     step_function,
 )
 from quadpend_gym.engines.generated_c import CompiledFunction
-from quadpend_gym.engines.lifting import columns, lift
+from quadpend_gym.engines.lifting import columns, lift, vector
 
 __all__ = [
     "CompiledFunction",
@@ -29,4 +29,5 @@ __all__ = [
     "reference_function",
     "reward_function",
     "step_function",
+    "vector",
 ]

@@ -18,7 +18,7 @@ OWN = ("quadpend_gym", "quadpend_baselines", "quadpend_train", "benchmarks", "ex
 KNOWN = {**packages_distributions(), "tomli": ["tomli"], "griffe": ["mkdocstrings"], "pydantic_core": ["pydantic"]}
 # Extras that the code of a folder may import, beside the dependencies of the package.
 EXTRAS = {
-    "quadpend_gym": ("view",),
+    "quadpend_gym": ("view", "mpc"),
     "baselines": ("train", "mpc"),
     "train": ("train", "view", "mpc", "cluster"),
     "benchmarks": ("train", "view", "dev", "cluster"),
