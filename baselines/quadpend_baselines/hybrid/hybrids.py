@@ -10,7 +10,12 @@ a ∈ [−1, 1]⁴ in different ways, with the action scale κ:
 | `ResidualAction`      | (2)  clip(a_base + κ a, −1, 1)                                                              |
 | `BandwidthScheduling` | (3)  the base controller's action, with its four bandwidths multiplied by (1 + κ)^a         |
 
-Equation (4), in `fallback`, optionally scales a down when the base controller's observer reports an anomaly.
+With a fallback gain γ > 0, (2) and (3) use c a in place of a. The weight c decreases with the torque that the base
+controller's observer estimates, and with the tilt of the pendulum. The torque indicates delayed or slow actuators: the
+observer attributes their effect to a torque, and the wind models exert almost none. The anomaly score q decays with a
+time constant of 1 s; the policy does not observe it. In control step k of the period T
+
+    (4)  c_k = 1/(1 + γ² q_k²),    q_k = max(|τ̂_k|/(0.5 N·m), |r_xy|/0.2, 0.99^(T/10 ms) q_{k−1}).
 
 The policy's observation contains, in this order,
 
@@ -35,18 +40,29 @@ import numpy as np
 from quadpend_baselines.controllers.adrc import ADRC
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.hybrid.fallback import update_anomaly_score, weigh_action
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_baselines.registry import controller
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.settings import Range, parse, settings
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbance
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, REFERENCE_START, read_observation
+from quadpend_gym.vehicles import CONTROL_PERIOD
+
+__all__ = [
+    "HYBRIDS",
+    "BandwidthScheduling",
+    "EstimateOnly",
+    "Hybrid",
+    "HybridMemory",
+    "ResidualAction",
+    "hybrid_from_data",
+]
 
 ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
 FallbackGain = Annotated[float, Range(0.0, 10.0)]  # γ of equation (4); 0 disables the fallback
 _MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation
+_TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # of equation (4): N·m, 1, per 10 ms
 HybridType = TypeVar("HybridType", bound="Hybrid")
 
 
@@ -55,7 +71,7 @@ class HybridMemory(NamedTuple):
 
     controller: Any  # memory of the base controller
     base_action: Floats32  # action of the base controller, (n, 4); zeros if the hybrid computes it later
-    anomaly_score: Floats  # q of equation (4), (n,); zeros without a fallback gain
+    anomaly_score: Floats  # q of equation (4), (n,); zeros with `EstimateOnly`
     situation: Any = ()  # `Situation`; empty for hybrids that do not observe it
 
 
@@ -74,7 +90,6 @@ class Hybrid:
     controller: Any
 
     def __post_init__(self) -> None:
-        """Find the base controller."""
         given = self.base_controller
         found = controller(given) if isinstance(given, str) else given
         if not isinstance(found, ADRC | OutputFeedback):
@@ -96,9 +111,7 @@ class Hybrid:
         """Return the size of the policy's observation if the environment's observation has `size` numbers."""
         return (OBSERVATION_SIZE if isinstance(self.controller, OutputFeedback) else size) + DISTURBANCE_SIZE
 
-    def observe(
-        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
-    ) -> tuple[Floats32, HybridMemory]:
+    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Update the base controller's estimate and make the policy's observation.
 
         Args:
@@ -165,7 +178,6 @@ class EstimateOnly(Hybrid):
     situation: bool = False
 
     def __post_init__(self) -> None:
-        """Find the base controller."""
         super().__post_init__()
         if self.situation and not isinstance(self.controller, OutputFeedback):
             raise ValueError(f"situation needs a base_controller with a Kalman observer, not {self.base_controller!r}")
@@ -174,9 +186,7 @@ class EstimateOnly(Hybrid):
         """Return the size of the policy's observation; see `Hybrid.observation_size`."""
         return super().observation_size(size) + self.situation * SITUATION_SIZE
 
-    def observe(
-        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
-    ) -> tuple[Floats32, HybridMemory]:
+    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
         known = base.predicted_observation(observation, updated) if isinstance(base, OutputFeedback) else observation
@@ -206,34 +216,37 @@ class _Correction(Hybrid):
 
     fallback_gain: float
 
-    def observe(
-        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
-    ) -> tuple[Floats32, HybridMemory]:
+    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         base, (action, updated) = self.controller, self._update(observation, memory, episode_start)
         estimates_state = isinstance(base, OutputFeedback)
         estimated = base.estimated_observation(observation, updated) if estimates_state else observation.copy()
-        disturbance, last = base.estimated_disturbance(updated), None if memory is None else memory.anomaly_score
-        period = base.simulation.period
-        score = update_anomaly_score(self.fallback_gain, estimated, disturbance, last, episode_start, period)
+        disturbance = base.estimated_disturbance(updated)
+        tilt = np.linalg.norm(read_observation(estimated, "direction")[:, :2], axis=1) / _TILT
+        score = np.maximum(np.linalg.norm(Disturbance(disturbance).torque, axis=1) / _TORQUE, tilt)
+        if memory is not None:
+            decayed = _DECAY ** (base.simulation.period / CONTROL_PERIOD) * memory.anomaly_score
+            score = np.where(episode_start, score, np.maximum(score, decayed))
         estimated[:, : REFERENCE_START - OBSERVATION_SIZE] *= _MAGNIFICATION
         seen = np.concatenate([estimated, disturbance], axis=1, dtype=np.float32)
         return seen, HybridMemory(updated, action, score)
 
     def _weighed(self, action: Floats32, memory: HybridMemory) -> Floats32:
-        return weigh_action(self.fallback_gain, action, memory.anomaly_score)
+        """Return c a of equation (4), shape (n, 4)."""
+        weight = 1.0 / (1.0 + (self.fallback_gain * memory.anomaly_score) ** 2)
+        return np.asarray((weight[:, np.newaxis] * action).astype(np.float32))
 
 
 @settings
 class ResidualAction(_Correction):
-    """Hybrid that applies clip(a_base + κ a, −1, 1), equation (2) (residual policy learning).
+    """Hybrid whose policy corrects the base controller's action, equation (2) (residual policy learning).
 
     The policy observes the base controller's estimates and its action. With a = 0 the base controller acts alone.
 
     Args:
         base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
         action_scale: κ.
-        fallback_gain: γ of equation (4) in `quadpend_baselines.hybrid.fallback`.
+        fallback_gain: γ.
     """
 
     kind: ClassVar[str] = "residual_action"
@@ -246,9 +259,7 @@ class ResidualAction(_Correction):
         """Return the size of the policy's observation; see `Hybrid.observation_size`."""
         return super().observation_size(size) + ACTION_SIZE
 
-    def observe(
-        self, observation: Floats32, memory: HybridMemory | None, episode_start: Any
-    ) -> tuple[Floats32, HybridMemory]:
+    def observe(self, observation: Floats32, memory: Any, episode_start: Any) -> tuple[Floats32, HybridMemory]:
         """Return the policy's observation and the memory; see `Hybrid.observe`."""
         seen, now = super().observe(observation, memory, episode_start)
         return np.concatenate([seen, _MAGNIFICATION * now.base_action], axis=1), now
@@ -270,7 +281,7 @@ class BandwidthScheduling(_Correction):
     Args:
         base_controller: ``"flatness"``, or a flatness-based controller with other gains.
         action_scale: κ.
-        fallback_gain: γ of equation (4) in `quadpend_baselines.hybrid.fallback`.
+        fallback_gain: γ.
     """
 
     kind: ClassVar[str] = "bandwidth_scheduling"
@@ -279,12 +290,9 @@ class BandwidthScheduling(_Correction):
     fallback_gain: FallbackGain = 0.0
 
     def __post_init__(self) -> None:
-        """Find the base controller."""
         super().__post_init__()
         if not isinstance(self.controller, OutputFeedback) or not self.controller.has_bandwidth_scale:
-            raise ValueError(
-                f"only the flatness-based controller has bandwidths to scale, not {self.base_controller!r}"
-            )
+            raise ValueError(f"only the flatness-based controller has bandwidths to scale, not {self.base_controller}")
 
     def act(self, action: Floats32, memory: HybridMemory) -> tuple[Floats32, HybridMemory]:
         """Return the base controller's action with scaled bandwidths and the memory; see `Hybrid.act`."""
@@ -301,12 +309,12 @@ def hybrid_from_data(data: Any) -> Hybrid:
 
     Args:
         data: A mapping with the key ``kind``, one of `HYBRIDS`, and the arguments of that class, for example
-            ``{"kind": "residual_action", "base_controller": "flatness", "action_scale": 0.3, "fallback_gain": 0.0}``.
+            ``{"kind": "residual_action", "base_controller": "flatness", "action_scale": 0.3}``.
     """
-    kind = data.get("kind") if isinstance(data, Mapping) else None
-    if not isinstance(kind, str) or kind not in HYBRIDS or not isinstance(data.get("base_controller"), str):
+    kind = HYBRIDS.get(str(data.get("kind"))) if isinstance(data, Mapping) else None
+    if kind is None or not isinstance(data.get("base_controller"), str):
         raise ValueError(
             f"a hybrid must be a mapping with a kind, one of {', '.join(HYBRIDS)}, and the name of a base_controller,"
             f" not {data!r}"
         )
-    return parse(HYBRIDS[kind], {name: value for name, value in data.items() if name != "kind"}, "hybrid")
+    return parse(kind, {name: value for name, value in data.items() if name != "kind"}, "hybrid")

@@ -1,7 +1,8 @@
-"""Wrappers of hybrids: the vector wrapper equals single environments in every autoreset mode."""
+"""The wrapper of hybrids equals single environments in every autoreset mode."""
 
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
@@ -12,13 +13,13 @@ from quadpend_baselines import controller
 from quadpend_baselines.hybrid import (
     BandwidthScheduling,
     EstimateOnly,
-    HybridWrapper,
     ResidualAction,
     VectorHybridWrapper,
 )
 from quadpend_gym import Simulation
+from quadpend_gym.envs.spaces import observation_space
 from tests.helpers.bad_input import assert_refused
-from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make, make_vec, run_actions
+from tests.helpers.envs import AUTORESET_MODES, assert_same, draw_actions, make_vec, run_actions
 from tests.helpers.wrappers import (
     HISTORY,
     OUTPUTS,
@@ -33,6 +34,27 @@ from tests.helpers.wrappers import (
 KINDS = [EstimateOnly("adrc-matched"), ResidualAction("flatness", 0.3), BandwidthScheduling("flatness", 1.0)]
 hybrids = pytest.mark.parametrize("hybrid", KINDS, ids=lambda hybrid: hybrid.kind)
 LAYERS = [WIND, SENSORS, OUTPUTS]
+
+
+class Single(gym.Wrapper[Any, Any, Any, Any]):
+    """A hybrid around a single environment."""
+
+    def __init__(self, env: Any, hybrid: Any) -> None:
+        super().__init__(env)
+        self.hybrid, self.observation_space = hybrid, observation_space(hybrid.observation_size(27))
+
+    def reset(self, **options: Any) -> Any:
+        observation, info = self.env.reset(**options)
+        seen, self.memory = self.hybrid.observe(observation[np.newaxis], None, np.array([True]))
+        return seen[0], info
+
+    def step(self, action: Any) -> Any:
+        applied, memory = self.hybrid.act(action[np.newaxis], self.memory)
+        observation, *rest = self.env.step(applied[0])
+        seen, self.memory = self.hybrid.observe(observation[np.newaxis], memory, np.array([False]))
+        return seen[0], *rest
+
+
 BRIEF = {**SHORT, "max_episode_steps": 9}
 
 
@@ -41,7 +63,7 @@ BRIEF = {**SHORT, "max_episode_steps": 9}
 def test_vector_wrapper_equals_wrapped_single_environments(hybrid: Any, mode: str) -> None:
     """Exactly, across the ends of several episodes, final observations included."""
     env = VectorHybridWrapper(make_wrapped_vec(3, LAYERS, autoreset_mode=mode, **BRIEF), hybrid)
-    theirs: Any = SyncVectorEnv([lambda: HybridWrapper(make_wrapped(LAYERS, **BRIEF), hybrid)] * 3, autoreset_mode=mode)
+    theirs: Any = SyncVectorEnv([lambda: Single(make_wrapped(LAYERS, **BRIEF), hybrid)] * 3, autoreset_mode=mode)
     assert env.observation_space == theirs.observation_space
     assert_array_equal(env.reset(seed=7)[0], theirs.reset(seed=7)[0])
     ended = np.zeros(3, np.int64)
@@ -61,11 +83,10 @@ def test_vector_wrapper_equals_wrapped_single_environments(hybrid: Any, mode: st
 
 def test_a_base_controller_with_a_name_is_designed_for_the_environment_and_an_object_is_not() -> None:
     slow = Simulation(period=0.02)
-    for kind, env in ((HybridWrapper, make(period=0.02)), (VectorHybridWrapper, make_vec(2, period=0.02))):
-        wrap: Any = kind
-        assert wrap(env, EstimateOnly("lqr")).hybrid.controller.simulation == slow
-        assert wrap(env, EstimateOnly("lqr").as_data()).hybrid.controller.simulation == slow
-        assert wrap(env, EstimateOnly(controller("lqr"))).hybrid.controller.simulation == Simulation()
+    env, wrap = make_vec(2, period=0.02), VectorHybridWrapper
+    assert wrap(env, EstimateOnly("lqr")).hybrid.controller.simulation == slow
+    assert wrap(env, EstimateOnly("lqr").as_data()).hybrid.controller.simulation == slow
+    assert wrap(env, EstimateOnly(controller("lqr"))).hybrid.controller.simulation == Simulation()
 
 
 @pytest.mark.parametrize("hybrid", [*KINDS, EstimateOnly("flatness"), ResidualAction("lqi", 0.3)])
@@ -79,20 +100,18 @@ def test_base_action_is_what_the_base_controller_would_apply(hybrid: Any) -> Non
         assert_array_equal(observation[:, -4:], 10.0 * env.base_action)
 
 
-@pytest.mark.parametrize("rows", [(), (3,)], ids=["one", "many"])
-def test_actions_that_the_environment_would_refuse_change_nothing(rows: tuple[int, ...]) -> None:
-    wrap: Any = VectorHybridWrapper if rows else HybridWrapper
-    env, copy = (wrap(make_vec(3) if rows else make(), KINDS[1]) for _ in range(2))
+def test_actions_that_the_environment_would_refuse_change_nothing() -> None:
+    env, copy = (VectorHybridWrapper(make_vec(3), KINDS[1]) for _ in range(2))
     with pytest.raises(ResetNeeded):
-        env.step(np.zeros((*rows, 4)))
+        env.step(np.zeros((3, 4)))
     env.reset(seed=0), copy.reset(seed=0)
-    for bad, names in ((np.full((*rows, 4), 1.5), "four numbers"), (np.zeros((*rows, 3)), r"shape .*4")):
+    for bad, names in ((np.full((3, 4), 1.5), "numbers in"), (np.zeros((3, 3)), r"shape .*4")):
         with pytest.raises(ValueError, match=names):
             env.step(bad)
-    actions = 0.1 * draw_actions(0, 3, *rows)
+    actions = 0.1 * draw_actions(0, 3, 3)
     assert_same(run_actions(env, actions), run_actions(copy, actions))
 
 
 def test_environments_with_other_observations_are_refused() -> None:
     message = "observations of 36 or 27 numbers, not of .*116.*: put its wrapper inside"
-    assert_refused(lambda: HybridWrapper(make_wrapped([HISTORY]), KINDS[2]), message, ValueError)
+    assert_refused(lambda: VectorHybridWrapper(make_wrapped_vec(2, [HISTORY]), KINDS[2]), message, ValueError)

@@ -3,10 +3,10 @@
 import gymnasium as gym
 import numpy as np
 
-from quadpend_baselines.hybrid import HybridWrapper, VectorHybridWrapper, hybrid_from_data
+from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs, update_situation
 from quadpend_gym.sensors import Noise
-from quadpend_gym.wrappers import OutputFeedbackWrapper, VectorOutputFeedbackWrapper, VectorSensorWrapper
+from quadpend_gym.wrappers import VectorSensorWrapper
 
 HYBRID = {"kind": "estimate_only", "base_controller": "flatness", "situation": True}
 
@@ -44,16 +44,3 @@ def test_noise_is_seen_in_the_innovation_and_wind_in_the_disturbance():
     assert (noisy[:, [0, 3]] > 0.1).all()
     assert (noisy[:, [0, 3]] > 5 * calm[:, [0, 3]]).all()
     assert (windy[:, 6] > 5 * calm[:, 6]).all()
-
-
-def test_single_and_vector_environments_observe_the_same():
-    env = OutputFeedbackWrapper(gym.make("quadpend_gym:QuadPendulum-v0", wind="windy"))
-    envs = gym.make_vec("quadpend_gym:QuadPendulum-v0", num_envs=2, wind="windy")
-    single = HybridWrapper(env, hybrid_from_data(HYBRID))
-    vector = VectorHybridWrapper(VectorOutputFeedbackWrapper(envs), HYBRID)
-    one, many = single.reset(seed=5)[0], vector.reset(seed=5)[0]
-    assert one.shape == (45 + SITUATION_SIZE,)
-    for _ in range(4):
-        np.testing.assert_array_equal(one, many[0])
-        one, *_ = single.step(np.full(4, 0.05, np.float32))
-        many, *_ = vector.step(np.full((2, 4), 0.05, np.float32))

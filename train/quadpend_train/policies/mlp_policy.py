@@ -24,7 +24,7 @@ from gymnasium import logger
 from quadpend_baselines import Policy
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
-from quadpend_baselines.hybrid.wrappers import NO_HYBRID
+from quadpend_baselines.hybrid.wrapper import NO_HYBRID
 from quadpend_baselines.policy.protocol import episode_start_mask
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
