@@ -22,14 +22,14 @@ from quadpend_gym.core.factories import is_factory
 from quadpend_gym.core.files import parse_mapping
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.settings import suggest
-from quadpend_gym.core.streams import Streams
+from quadpend_gym.core.streams import WIND_STREAM, Streams
 from quadpend_gym.physics.drag import AIR_DENSITY
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_SIZE, State
 from quadpend_gym.scenarios import find_scenario
 from quadpend_gym.sensors import KINDS as SENSORS
 from quadpend_gym.sensors import as_sensors
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES
-from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, as_wind, time_series
+from quadpend_gym.wind import KINDS, PRESETS, WIND_FIELDS, WIND_SIZE, as_wind
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import figure_text
 from quadpend_train.reports.figures import COLOURS
@@ -107,9 +107,26 @@ def _find(name: str) -> tuple[str, tuple[Any, ...]]:
     )
 
 
+def _time_series(models: tuple[Any, ...], steps: int, seed: int) -> Floats:
+    """Return the wind in the first episodes of environments with the seeds from `seed`, (steps, _EPISODES, 12)."""
+    batch, out = ModelBatch(models, _EPISODES), np.zeros((steps, WIND_SIZE, _EPISODES)).swapaxes(1, 2)
+    streams = Streams.from_seeds([*range(seed, seed + _EPISODES)]).derive(0).derive(WIND_STREAM)
+    for step, values in enumerate(out):
+        clock = np.full(_EPISODES, step)
+
+        def sample(model: Any, memory: Floats, own: Streams, out: Floats = values, clock: Integers = clock) -> None:
+            model.sample(out, memory, clock, _PERIOD, own)
+
+        if step == 0:
+            batch.start_episodes(np.arange(_EPISODES), streams, sample)
+        else:
+            batch.apply(sample)
+    return out
+
+
 def _draw_wind(figure: Any, models: tuple[Any, ...], seconds: float, seed: int) -> None:
     """Draw the time series of one episode, and histogram and spectrum of many episodes beside their theory."""
-    wind = time_series(models, round(max(seconds, _SPECTRUM_SECONDS) / _PERIOD), _EPISODES, seed, _PERIOD)
+    wind = _time_series(models, round(max(seconds, _SPECTRUM_SECONDS) / _PERIOD), seed)
     if models and not wind.any():
         raise ValueError("the wind is always zero: set its loads, as JSON with a kind")
     order = ("velocity", "force", "bob_force", "torque")

@@ -9,12 +9,22 @@ in ``__all__`` in its module, and nowhere else.
 | `Constant`, `Sinusoid`, `StillAir`, `Drawn`, `Rescaled` | `steady`     |
 | `Gusts`, `PaperGusts`                                 | `gusts`      |
 | `OrnsteinUhlenbeck`, `Dryden`, `VonKarman`            | `turbulence` |
-| `KINDS` and `PRESETS` (as in ``wind="windy"``)        | `registry`   |
 """
 
 from quadpend_gym.wind.base import *
+from quadpend_gym.wind.base import WINDS
 from quadpend_gym.wind.gusts import *
-from quadpend_gym.wind.registry import *
 from quadpend_gym.wind.steady import *
-from quadpend_gym.wind.time_series import *
 from quadpend_gym.wind.turbulence import *
+
+as_wind, KINDS, PRESETS = WINDS.parse, WINDS.kinds, WINDS.presets
+PRESETS |= {  # as in ``wind="windy"``
+    "calm": None,
+    "breeze": {"kind": "ornstein_uhlenbeck", "force": 0.15},
+    "windy": {"kind": "ornstein_uhlenbeck", "force": 0.3},
+    "storm": [
+        {"kind": "drawn", "wind": {"kind": "dryden", "intensity": "moderate"}},
+        {"kind": "gusts", "velocity": (6.0, 0.0, 0.0)},
+    ],
+    "paper": {"kind": "paper_gusts", "onset": 2.0},
+}

@@ -21,8 +21,7 @@ Von Kármán's spectra, with a = 1.339:
     (7)  Φ_w = (σ_w² T_w/π) (1 + 8/3 (a T_w ω)²) / (1 + (a T_w ω)²)^(11/6)
 
 MIL-HDBK-1797 halves the lengths across and up (2 L_v = L_u, 2 L_w = h), and writes 2 L where (5) and (7) have L. At low
-altitude both documents describe the same process. Lengths of one document with the spectra of the other are wrong by a
-factor of 2.
+altitude both documents describe the same process.
 
 The mean wind alone carries the field past the quadrotor, and the altitude h is fixed: the turbulence does not depend on
 the quadrotor's position and velocity.
@@ -58,7 +57,6 @@ __all__ = ["Dryden", "OrnsteinUhlenbeck", "VonKarman"]
 
 FOOT, KNOT = 0.3048, 0.514444  # m, m/s
 INTENSITIES = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}  # W₂₀, m/s, MIL-F-8785C
-STANDARDS = {"MIL-F-8785C": 1.0, "MIL-HDBK-1797": 0.5}  # factor on the lengths L_v and L_w
 _ROUGHNESS = 0.15  # feet, z₀
 _VELOCITY = np.arange(WIND_FIELDS["velocity"].start, WIND_FIELDS["velocity"].stop)
 
@@ -147,7 +145,6 @@ class _Turbulence(Addable):
     mean_wind: Annotated[float | None, Range(1e-3, 1000.0, "m/s")] = None  # V; None: computed with equation (1)
     # from x towards y, direction of the mean wind's velocity
     heading: Annotated[float, Range(-1000.0, 1000.0, "rad")] = 0.0
-    standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = "MIL-F-8785C"
     kind: str = ""
     moves_air = True
 
@@ -170,17 +167,10 @@ class _Turbulence(Addable):
         return 0.1 * self.wind_20_feet * np.array([horizontal, horizontal, 1.0])
 
     @property
-    def lengths(self) -> Floats:
-        """L_u, L_v, L_w, m, equation (3) with the standard's factor."""
-        horizontal = self.altitude / (0.177 + 0.000823 * self.altitude / FOOT) ** 1.2
-        factor = STANDARDS[self.standard]
-        return np.array([horizontal, factor * horizontal, factor * self.altitude])
-
-    @property
     def times(self) -> Floats:
-        """T_u, T_v, T_w of equations (4)–(7), s: L/V with the lengths of MIL-F-8785C, for either standard."""
-        factor = STANDARDS[self.standard]
-        return self.lengths / [1.0, factor, factor] / self.mean_speed
+        """T_u, T_v, T_w of equations (4)–(7), s: L/V with the lengths of equation (3)."""
+        horizontal = self.altitude / (0.177 + 0.000823 * self.altitude / FOOT) ** 1.2
+        return np.array([horizontal, horizontal, self.altitude]) / self.mean_speed
 
     @property
     def filter(self) -> Filter:
