@@ -9,6 +9,7 @@ All other gains were found by the command ``quadpend tune``, except where ``gain
 hand. ``quadpend_train.search.tuning.SEARCH_SPACES`` lists the gains that it varies, by the names of the fields.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -173,7 +174,7 @@ class Search(NamedTuple):
     # Mean penalised RMSE over the scenarios of the search, in mm, in episodes that the search did not use. A fall
     # (early termination) counts as 1 m. See `quadpend_train.search.tuning`.
     score: float
-    scenarios: tuple[str, ...]  # scenarios, and sets of scenarios, of the search
+    scenarios: Sequence[str] = ("training",)  # scenarios, and sets of scenarios, of the search
 
 
 KINDS: dict[str, type] = {
@@ -185,6 +186,7 @@ KINDS: dict[str, type] = {
     "nmpc": NmpcGains,
     "swing-up": SwingUpGains,
 }
+_NO_GAINS = ("like", "vehicle", "search", "description")  # keys of the tables in the file
 UNPREDICTED = "-unpredicted"  # end of the names of controllers that do not know the delays and lags of the loop
 _DATA = read_toml(Path(__file__).with_suffix(".toml"))
 
@@ -203,26 +205,25 @@ def _read(group: str) -> dict[str, Any]:
     """Return the gains of a group by controller; a string in a field is the controller whose gains it takes."""
     out: dict[str, Any] = {}
     for name in _DATA[group]:
-        table = {key: value for key, value in _table(group, name).items() if key not in ("like", "vehicle", "search")}
+        table = {key: value for key, value in _table(group, name).items() if key not in _NO_GAINS}
         kind = KINDS[table.pop("kind")]
         out[name] = kind(**{key: out[value] if isinstance(value, str) else value for key, value in table.items()})
     return out
 
 
 def _searches(group: str) -> dict[str, Search]:
-    found = {name: table["search"] for name, table in _DATA[group].items() if "search" in table}
-    return {
-        name: Search(item["command"], item["score"], tuple(item.get("scenarios", ("training",))))
-        for name, item in found.items()
-    }
+    return {name: Search(**table["search"]) for name, table in _DATA[group].items() if "search" in table}
 
 
 # Gains by controller: of the paper's vehicle, of the paper's vehicle with a hanging pendulum (`HANGING_GAINS`), and of
 # rigid vehicles with the vehicle for which they were found (`RIGID_GAINS`); see `controllers.vehicle_gains.gains_for`.
 GAINS, HANGING_GAINS = _read("paper"), _read("hanging")
-for _gains in (GAINS, HANGING_GAINS):
-    _gains |= {name + UNPREDICTED: without_prediction(_gains[name]) for name in ("flatness", "lqr")}
 RIGID_GAINS = {name: (gains, _table("rigid", name)["vehicle"]) for name, gains in _read("rigid").items()}
+DESCRIPTIONS = {name: table["description"] for name, table in _DATA["paper"].items()}
+for _name in ("flatness", "lqr"):
+    for _gains in (GAINS, HANGING_GAINS):
+        _gains[_name + UNPREDICTED] = without_prediction(_gains[_name])
+    DESCRIPTIONS[_name + UNPREDICTED] = f"{_name}, without the prediction through known delays and lags"
 # The searches; gains without an entry are the paper's, set by hand, or derived from those of another controller.
 TUNED, HANGING_TUNED = _searches("paper"), _searches("hanging")
 # Gains of ADRC by the names that its constructor accepts.

@@ -7,7 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from quadpend_gym.core.settings import json_schema
+from pydantic import TypeAdapter
+
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles import Vehicle
 from quadpend_train.training.settings import TrainSettings
@@ -21,7 +22,7 @@ def schema(name: str) -> str:
 
     The arguments of an algorithm are in a table of any name, in the file of a training.
     """
-    found = json_schema(KINDS[name])
+    found = TypeAdapter(KINDS[name]).json_schema()
     if found["properties"].pop("arguments", None):
         found["additionalProperties"] = {"type": "object"}
     return json.dumps(found, indent=1, ensure_ascii=False) + "\n"

@@ -31,11 +31,7 @@ def split_name(text: str) -> tuple[str, str]:
 
 
 def find_factory(name: str) -> Callable[..., Any]:
-    """Return the function or class with a name.
-
-    Args:
-        name: Text of the form ``"module:factory"``.
-    """
+    """Return the function or class with a name of the form ``"module:factory"``."""
     module_name, _, attribute = name.partition(":")
     if "" not in sys.path and os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())  # as with `python -m`; the installed command `quadpend` does not add it
@@ -56,13 +52,7 @@ def find_factory(name: str) -> Callable[..., Any]:
 
 
 def call_factory(name: str, factory: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a factory returns.
-
-    Args:
-        name: Name of the factory for error messages.
-        factory: The function or class.
-        arguments: Its arguments.
-    """
+    """Return what the factory with a name returns; its errors become a ValueError with the name."""
     try:
         return factory(*arguments)
     except Exception as error:  # the factory may raise exceptions of any type

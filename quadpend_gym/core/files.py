@@ -17,33 +17,19 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
-    except RecursionError as error:
-        raise ValueError(f"{path} is nested too deeply") from error
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
     """Return the mapping in a file: JSON if its name ends with ``.json``, else TOML."""
-    if path.suffix != ".json":
-        return read_toml(path)
-    try:
-        return parse_mapping(path.read_text(encoding="utf-8"), str(path))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not valid JSON: {error}") from error
+    return parse_mapping(path.read_bytes(), str(path)) if path.suffix == ".json" else read_toml(path)
 
 
-def parse_mapping(text: str, name: str) -> dict[str, Any]:
-    """Return the mapping in a JSON text.
-
-    Args:
-        text: JSON text.
-        name: Name of the text for error messages.
-    """
+def parse_mapping(text: str | bytes, name: str) -> dict[str, Any]:
+    """Return the mapping in a JSON text, which error messages call `name`."""
     try:
         value = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(f"{name} is not valid JSON: {error}") from error
-    except RecursionError as error:
-        raise ValueError(f"{name} is nested too deeply") from error
     if not isinstance(value, dict):
         raise ValueError(f"{name} must contain a mapping, not {value!r}")
     return value

@@ -6,7 +6,7 @@ the function or a source file of this package changes. Files of the viewer are i
 code.
 
 Numba writes the cache beside the sources, or else to the user's cache folder, or to ``NUMBA_CACHE_DIR``. If it can
-write to none of them, or the disk is full, there is a warning, and every process compiles the functions again. With
+write to none of them, there is a warning, and every process compiles the functions again. With
 ``NUMBA_DISABLE_JIT=1`` Python executes the functions, with the same results, but slowly.
 
 ``fastmath`` is off: it would let the compiler assume that every number is finite, which breaks ``isfinite``, and round
@@ -44,11 +44,10 @@ def compiled(function: Function) -> Function:
     except RuntimeError:  # there is no folder that numba can write
         _warn_without_cache()
         return cast(Function, dispatcher)
-    cache = dispatcher._cache
     # Numba checks only the file of `function`, not the files of the functions inlined into it, and has no public option
     # for more files. This therefore replaces the private stamp that numba compares with its cache.
-    cache._cache_file._source_stamp = (*_SOURCE_STAMP, _stamp(Path(function.__code__.co_filename)))
-    cache.save_overload = functools.partial(_save, cache.save_overload)
+    stamp = (*_SOURCE_STAMP, _stamp(Path(function.__code__.co_filename)))
+    dispatcher._cache._cache_file._source_stamp = stamp
     return cast(Function, dispatcher)
 
 
@@ -57,32 +56,14 @@ def inlined(function: Function) -> Function:
     return cast(Function, njit(forceinline=True, error_model="numpy")(function))
 
 
-def _save(save: Callable[..., None], *arguments: Any) -> None:
-    """Save machine code in the cache; a full disk is no reason not to use the code."""
-    try:
-        save(*arguments)
-    except OSError:
-        _warn_without_cache()
-
-
 @functools.cache
 def _warn_without_cache() -> None:
     """Warn once, and not in every process of a program."""
     if parent_process() is None:
-        warnings.warn(
-            "numba cannot write its cache of compiled code, so every process compiles quadpend_gym again, for up to a"
-            " minute: set NUMBA_CACHE_DIR to a folder that can be written",
-            RuntimeWarning,
-            stacklevel=3,
-        )
+        message = "numba cannot write its cache, so every process compiles again: set NUMBA_CACHE_DIR to another folder"
+        warnings.warn(message, RuntimeWarning, stacklevel=3)
 
 
 def _interpreted(function: Function) -> Function:
     """Return `function` without compiling it; like machine code, it does not warn of overflows."""
-
-    @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
-        with np.errstate(all="ignore"):
-            return function(*arguments)
-
-    return cast(Function, call)
+    return np.errstate(all="ignore")(function)

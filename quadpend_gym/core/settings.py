@@ -210,8 +210,3 @@ def declared(kind: Any) -> Iterator[tuple[str, Any, Range]]:
     for name, hint in get_type_hints(kind, include_extras=True).items():
         if get_origin(hint) is Annotated:
             yield from ((name, get_args(hint)[0], item) for item in get_args(hint)[1:] if isinstance(item, Range))
-
-
-def json_schema(kind: Any) -> dict[str, Any]:
-    """Return the JSON schema of a settings class, for editors."""
-    return TypeAdapter(kind).json_schema()

@@ -9,10 +9,11 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 import quadpend_train.training.settings  # noqa: F401, so that all settings are imported
 from quadpend_gym import Constant, SinusoidTerm, Waypoints
-from quadpend_gym.core.settings import Interval, Range, declared, json_schema, parse, settings
+from quadpend_gym.core.settings import Interval, Range, declared, parse, settings
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.tasks.trajectories import Sinusoids
 from quadpend_gym.vehicles import VEHICLES
@@ -105,7 +106,7 @@ def test_numpy_values_become_plain_data() -> None:
 
 
 def test_the_schema_of_a_wind_names_its_presets_and_kinds() -> None:
-    schema = json_schema(Drawn)
+    schema = TypeAdapter(Drawn).json_schema()
     names, *kinds = schema["$defs"]["Drawn"]["properties"]["wind"]["anyOf"]
     assert {"windy", "storm", "dryden"} <= set(names["enum"])
     assert {"$ref": f"#/$defs/{Gusts.__name__}"} in kinds

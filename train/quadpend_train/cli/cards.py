@@ -10,8 +10,7 @@ import pandas as pd
 import tyro
 
 from quadpend_baselines import CONTROLLERS
-from quadpend_baselines.gains import GAINS, TUNED
-from quadpend_baselines.registry import DESCRIPTIONS
+from quadpend_baselines.gains import DESCRIPTIONS, GAINS, TUNED
 from quadpend_train.common.files import to_json_data
 from quadpend_train.policies.loading import load_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy

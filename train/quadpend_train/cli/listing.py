@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 
-from quadpend_baselines.registry import DESCRIPTIONS
+from quadpend_baselines.gains import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
 from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
 from quadpend_gym.tasks import ENVIRONMENTS, TASKS
