@@ -97,7 +97,7 @@ def with_constant_output(policy: MlpPolicy) -> MlpPolicy:
 
 def row(part: str, scenario: str, without: Floats, added: Floats) -> list[str]:
     """Return a row of the table from the penalised RMSE, mm, shape (seeds, n)."""
-    values = mean(without).not_negative(), mean(added).not_negative(), mean(added - without)
+    values = mean(without).clipped(0.0), mean(added).clipped(0.0), mean(added - without)
     place = "breeze, no velocities" if "output_feedback" in scenario else scenario
     return [part, place, *map(format_interval, values)]
 

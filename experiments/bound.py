@@ -184,7 +184,7 @@ def gap_table(found: Mapping[str, pd.DataFrame], comparison: Comparison) -> tupl
     rows, gaps, values = [], {}, cells(comparison.table)
     for name, flights in found.items():
         best = _column(flights, "penalised_rmse")
-        errors = (format_interval(mean(item).not_negative()) for item in (best, _column(flights, "settled_rmse")))
+        errors = (format_interval(mean(item).clipped(0.0)) for item in (best, _column(flights, "settled_rmse")))
         line = [name, f"≥ {100.0 * flights['survived'].mean():.3g}", *errors]
         gap = {p: _MM * values[name, p]["penalised_rmse"] - best for p in comparison.policies}
         for policy, difference in gap.items():

@@ -1,4 +1,4 @@
-"""Cached results are used again, unless something that determines them has changed or the file is damaged."""
+"""Cached results are used again, unless something that determines them has changed."""
 
 import re
 from pathlib import Path
@@ -30,16 +30,6 @@ def test_a_repeated_comparison_runs_no_episode(tmp_path: Path, monkeypatch: pyte
     assert len(list(tmp_path.iterdir())) == 4
     monkeypatch.setattr(jobs, "run_episodes", None)
     assert_same(first, compare(BOTH, SCENARIOS, 4, cache_folder=tmp_path))
-
-
-@pytest.mark.parametrize("size", [0, 100])
-def test_results_in_a_damaged_file_are_computed_again(tmp_path: Path, size: int) -> None:
-    first = compare(BOTH, SCENARIOS, 2, cache_folder=tmp_path)
-    path = sorted(tmp_path.iterdir())[0]
-    path.write_bytes(path.read_bytes()[:size])
-    with pytest.warns(UserWarning, match=f"{path.name} is damaged and its results are computed again"):
-        assert_same(first, compare(BOTH, SCENARIOS, 2, cache_folder=tmp_path))
-    assert_same(first, compare(BOTH, SCENARIOS, 2, cache_folder=tmp_path))
 
 
 def test_everything_that_determines_a_result_is_in_the_name_of_its_file(

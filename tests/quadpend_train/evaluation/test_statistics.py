@@ -25,7 +25,7 @@ from quadpend_train.evaluation.statistics import (
 def test_intervals_of_one_policy_agree_with_textbook_formulas() -> None:
     successes = np.arange(100)[np.newaxis] < 93
     expected = stats.binomtest(93, 100).proportion_ci(method="wilson")
-    assert proportion(successes)[1:] == (expected.low, expected.high)
+    assert proportion(successes)[1:] == pytest.approx((expected.low, expected.high))
     values = np.random.default_rng(0).normal(size=(1, 400))
     _, low, high = mean(values)
     half = stats.norm.ppf(0.975) * values.std() / 20.0

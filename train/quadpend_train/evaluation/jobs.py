@@ -7,7 +7,6 @@ anew.
 
 import hashlib
 import json
-import warnings
 from collections.abc import Hashable, Mapping
 from concurrent.futures import Executor
 from functools import lru_cache
@@ -23,7 +22,6 @@ from quadpend_gym.scenarios import Scenario, own_models, scenario_data
 from quadpend_train.common.executors import run
 from quadpend_train.common.files import atomic
 from quadpend_train.common.provenance import versions
-from quadpend_train.common.text import brief
 from quadpend_train.evaluation.episodes import EpisodeResults, run_episodes
 
 _PACKAGES = (quadpend_gym.__file__, quadpend_baselines.__file__, Path(__file__).parents[1] / "__init__.py")
@@ -54,11 +52,7 @@ class Job(NamedTuple):
         return run_episodes(*self)
 
     def file(self, folder: Path | None) -> Path | None:
-        """Return the file of the cached results in a folder.
-
-        None if they are not cached: there is no folder, a policy has no fingerprint, or the scenario has models of the
-        user's own code.
-        """
+        """Return the file of the cached results; None without a folder, or if the job depends on the user's own code."""
         fingerprints = [policy.fingerprint for policy in self.policies]
         if folder is None or None in fingerprints or own_models(self.scenario):
             return None
@@ -82,20 +76,11 @@ def run_jobs(
 ) -> dict[Name, EpisodeResults]:
     """Run all jobs and return their results, which do not depend on `processes`.
 
-    Args:
-        jobs: Jobs by any hashable name.
-        cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
-        recompute: Whether to ignore cached results and to run all jobs again.
-        processes: Number of processes, or an executor.
-
-    Raises:
-        CallsFailedError: If jobs fail, when all others have ended and are cached.
+    `cache_folder` is the folder of the cached results; only missing results are computed, or all if `recompute` is
+    true. All jobs are run and cached before CallsFailedError is raised for those that failed.
     """
     files = {name: job.file(cache_folder) for name, job in jobs.items()}
-    results = {}
-    for name, path in files.items():
-        if path and path.exists() and not recompute and (found := _load(path)) is not None:
-            results[name] = found
+    results = {name: _load(path) for name, path in files.items() if path and path.exists() and not recompute}
     missing = {name: job for name, job in jobs.items() if name not in results}
 
     def save(name: Name, result: EpisodeResults) -> None:
@@ -109,11 +94,6 @@ def run_jobs(
     return {name: results[name] for name in jobs}
 
 
-def _load(path: Path) -> EpisodeResults | None:
-    """Return cached results; None, with a warning, if the file is damaged."""
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            return EpisodeResults(**{field: data[field] for field in EpisodeResults._fields})
-    except Exception as error:  # readers of a damaged archive raise exceptions of many types
-        warnings.warn(f"{path} is damaged and its results are computed again: {brief(error)}", stacklevel=2)
-        return None
+def _load(path: Path) -> EpisodeResults:
+    with np.load(path, allow_pickle=False) as data:
+        return EpisodeResults(**data)

@@ -43,8 +43,9 @@ def leaderboard(table: pd.DataFrame) -> list[LeaderboardRow]:
     wins: Counter[str] = Counter()
     losses: Counter[str] = Counter()
     for (first, second), pair in compare_all_pairs(table).items():
-        wins += Counter({first: len(pair.won), second: len(pair.lost)})
-        losses += Counter({first: len(pair.lost), second: len(pair.won)})
+        won, lost = len(pair.where(1)), len(pair.where(-1))
+        wins += Counter({first: won, second: lost})
+        losses += Counter({first: lost, second: won})
     by_policy: dict[str, dict[str, Values]] = {}
     for (scenario, policy), values in cells(table).items():
         by_policy.setdefault(policy, {})[scenario] = values
@@ -62,7 +63,7 @@ def standing(
     pooled = proportion(np.stack(list(survived.values())).reshape(1, -1))
     return LeaderboardRow(
         policy,
-        mean(np.mean([values["penalised_rmse"] for values in results.values()], axis=0)).not_negative().scaled(1000.0),
+        mean(np.mean([values["penalised_rmse"] for values in results.values()], axis=0)).clipped(0.0).scaled(1000.0),
         survival.widened(pooled).scaled(100.0),
         proportion(survived[worst]).scaled(100.0),
         worst,

@@ -7,16 +7,12 @@ one family are corrected together by Holm's method: the probability that at leas
 is at most 5 %, if the level of each single test is correct. The family of `compare_pair` is one pair, that of
 `compare_all_pairs` and of the leaderboard is all pairs, so the latter report slightly fewer wins.
 
-Few episodes cannot give a win by RMSE, however different the policies are: `episodes_needed` is the fewest that can.
-
 The penalised RMSE (a fall counts as 1 m) is reported but does not decide who wins: falls that are rarer than about 3/n
 may not be among n episodes, and then neither the mean nor its interval accounts for them.
 """
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +29,7 @@ from quadpend_train.evaluation.statistics import (
     paired_proportion,
     probability_of_improvement,
 )
-from quadpend_train.evaluation.table import Values, cells, names
+from quadpend_train.evaluation.table import Values, cells
 
 _MIN_COMMON_SURVIVALS = 10  # fewest common survived episodes for which the RMSE is tested
 _MAX_LISTED = 5  # largest number of scenarios that a sentence names
@@ -65,87 +61,58 @@ class ScenarioResult(NamedTuple):
     improvement: Interval
 
 
-@dataclass(frozen=True)
-class PairwiseComparison:
+class PairwiseComparison(NamedTuple):
     """Two policies in all scenarios.
 
     Attributes:
         first: Name of the first policy.
         second: Name of the second policy.
         results: Result of each scenario, by the scenario's name.
-        rmse_differences: First policy's penalised RMSE minus the second's in each scenario, mm, shape (s, n) each.
-        episodes_needed: Fewest episodes of a scenario that can give a win by RMSE, see `episodes_needed`.
+        differences: First policy's penalised RMSE minus the second's in each scenario, mm, shape (s, n) each.
     """
 
     first: str
     second: str
     results: dict[str, ScenarioResult]
-    rmse_differences: dict[str, Floats]
-    episodes_needed: int
+    differences: dict[str, Floats]
 
-    @property
-    def won(self) -> list[str]:
-        """Scenarios that the first policy wins."""
-        return [name for name, result in self.results.items() if result.winner > 0]
-
-    @property
-    def lost(self) -> list[str]:
-        """Scenarios that the second policy wins."""
-        return [name for name, result in self.results.items() if result.winner < 0]
-
-    @property
-    def undecided(self) -> list[str]:
-        """Scenarios in which the policies are not distinguishable."""
-        return [name for name, result in self.results.items() if not result.winner]
+    def where(self, winner: int) -> list[str]:
+        """Return the scenarios that the first policy wins (1), that the second wins (−1), or that neither wins (0)."""
+        return [name for name, result in self.results.items() if result.winner == winner]
 
     def sentence(self) -> str:
-        """Return one sentence: who wins which scenarios, and by how much; the policy with more wins is the subject."""
-        won, lost, undecided = self.won, self.lost, self.undecided
-        subject, other, sign = self.first, self.second, 1.0
-        if len(lost) > len(won):
-            won, lost, subject, other, sign = lost, won, other, subject, -1.0
-        parts = []
+        """Return one sentence: who wins which scenarios, and by how much; the policy with more wins is the subject.
+
+        The mean difference is over all scenarios. Over the won scenarios alone it would be biased, because they were
+        selected by the difference.
+        """
+        sign = -1 if len(self.where(-1)) > len(self.where(1)) else 1
+        subject, other = (self.first, self.second)[::sign]
+        won, lost, undecided = (self.where(sign * winner) for winner in (1, -1, 0))
+        parts, total = [], len(self.results)
         if won:
-            scenarios = "scenarios" if len(self.results) > 1 else "scenario"
-            parts.append(f"beats {other} in {len(won)} of {len(self.results)} {scenarios}{_listed(won)}")
+            scenarios = "scenarios" if total > 1 else "scenario"
+            parts.append(f"beats {other} in {len(won)} of {total} {scenarios}{_listed(won)}")
             parts.append(f"loses in {len(lost) or 'none'}{_listed(lost)}")
         if undecided:
             whom = "" if won else f" from {other}"
             parts.append(f"is not distinguishable{whom} in {len(undecided)}{_listed(undecided)}")
-        episodes, few = next(iter(self.rmse_differences.values())).shape[1], ""
-        if undecided and episodes < self.episodes_needed:
-            are = "1 episode is" if episodes == 1 else f"{episodes} episodes are"
-            few = f"; {are} too few to show a difference, use at least {self.episodes_needed}"
-        *before, last = parts
-        joined = f"{', '.join(before)} and {last}" if before else last
-        return f"{subject} {joined}; overall, its penalised RMSE is {self._overall_difference(sign)}{few}."
-
-    def _overall_difference(self, sign: float) -> str:
-        """Return the mean difference of the penalised RMSE over all scenarios, which have equal weights, as text.
-
-        The mean over the won scenarios alone would be biased, because they were selected by the difference.
-        `sign` is 1 for the difference of the first policy from the second, −1 for the opposite.
-        """
-        difference = mean(sign * np.mean(list(self.rmse_differences.values()), axis=0))
-        lower = difference.value <= 0.0
-        value, low, high = difference.negated() if lower else difference
+        joined = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+        difference = sign * np.mean(list(self.differences.values()), axis=0)
+        lower = mean(difference).value <= 0.0
+        value, low, high = mean(-difference if lower else difference)
+        decimals = 0 if high >= 20.0 else 1 if high >= 1.0 else 2
         better = np.mean([result.improvement.value for result in self.results.values()])
         return (
-            f"{'lower' if lower else 'higher'} by {_number(value, high)} mm"
-            f"{' on average' if len(self.results) > 1 else ''},"
-            f" 95 % interval {_number(low, high)} to {_number(high, high)};"
-            f" probability of improvement {better if sign > 0.0 else 1.0 - better:.2f}"
+            f"{subject} {joined}; overall, its penalised RMSE is {'lower' if lower else 'higher'} by"
+            f" {value:.{decimals}f} mm{' on average' if total > 1 else ''}, 95 % interval {low:.{decimals}f} to"
+            f" {high:.{decimals}f}; probability of improvement {better if sign > 0 else 1.0 - better:.2f}."
         )
 
 
 def _listed(names: Sequence[str]) -> str:
     """Return the names in brackets, or nothing if there are too many for a sentence."""
     return f" ({', '.join(names)})" if 0 < len(names) <= _MAX_LISTED else ""
-
-
-def _number(value: float, largest: float) -> str:
-    """Return a number with the decimals that are appropriate for the largest number beside it."""
-    return f"{value:.{0 if largest >= 20.0 else 1 if largest >= 1.0 else 2}f}"
 
 
 def compare_pair(table: pd.DataFrame, first: str, second: str) -> PairwiseComparison:
@@ -155,31 +122,17 @@ def compare_pair(table: pd.DataFrame, first: str, second: str) -> PairwiseCompar
 
 def compare_all_pairs(table: pd.DataFrame) -> dict[tuple[str, str], PairwiseComparison]:
     """Compare all pairs of the policies of a table of results; the tests of all pairs are corrected together."""
-    return _compare_pairs(table, list(itertools.combinations(names(table, "policy"), 2)))
-
-
-@lru_cache(maxsize=64)
-def episodes_needed(tests: int, seeds: int = 1) -> int:
-    """Return the fewest episodes in which the RMSE of two policies can differ significantly.
-
-    It is the smallest number, at least 10, for which the smallest possible p-value, that of a difference that is the
-    same in all episodes, is below 5 % after Holm's correction.
-    """
-    numbers = itertools.count(_MIN_COMMON_SURVIVALS)
-    return next(n for n in numbers if tests * p_value(np.ones((seeds, n))) < 1.0 - CONFIDENCE)
+    return _compare_pairs(table, list(itertools.combinations(dict.fromkeys(table["policy"]), 2)))
 
 
 def _compare_pairs(table: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> dict[tuple[str, str], PairwiseComparison]:
-    found, scenarios = cells(table), names(table, "scenario")
+    found, out = cells(table), {pair: PairwiseComparison(*pair, {}, {}) for pair in pairs}
+    scenarios = dict.fromkeys(table["scenario"])
     both = {(pair, name): (found[name, pair[0]], found[name, pair[1]]) for pair in pairs for name in scenarios}
-    p_values = [p for values in both.values() for p in _p_values(*values)]
-    corrected = iter(holm(p_values))
-    results = {key: _scenario_result(*values, next(corrected), next(corrected)) for key, values in both.items()}
-    out = {}
-    for pair in pairs:
-        differences = {name: 1000.0 * _penalised_rmse_difference(*both[pair, name]) for name in scenarios}
-        needed = episodes_needed(len(p_values), max(map(len, differences.values())))
-        out[pair] = PairwiseComparison(*pair, {name: results[pair, name] for name in scenarios}, differences, needed)
+    corrected = iter(holm([p for values in both.values() for p in _p_values(*values)]))
+    for (pair, name), (first, second) in both.items():
+        out[pair].results[name] = _scenario_result(first, second, next(corrected), next(corrected))
+        out[pair].differences[name] = 1000.0 * (first["penalised_rmse"] - second["penalised_rmse"])
     return out
 
 
@@ -195,11 +148,6 @@ def _rmse_difference(first: Values, second: Values) -> Floats:
     return np.asarray(np.where(first["survived"] & second["survived"], first["rmse"] - second["rmse"], np.nan))
 
 
-def _penalised_rmse_difference(first: Values, second: Values) -> Floats:
-    """Difference of the penalised RMSE, m, shape (s, n)."""
-    return np.asarray(first["penalised_rmse"] - second["penalised_rmse"])
-
-
 def _scenario_result(first: Values, second: Values, p_survival: float, p_rmse: float) -> ScenarioResult:
     survival = paired_proportion(first["survived"], second["survived"])
     rmse = mean(_rmse_difference(first, second))
@@ -211,7 +159,7 @@ def _scenario_result(first: Values, second: Values, p_survival: float, p_rmse: f
         int(winner),
         survival.scaled(100.0),
         rmse.scaled(1000.0),
-        mean(_penalised_rmse_difference(first, second)).scaled(1000.0),
+        mean(first["penalised_rmse"] - second["penalised_rmse"]).scaled(1000.0),
         p_survival,
         p_rmse,
         probability_of_improvement(first["penalised_rmse"], second["penalised_rmse"]),

@@ -14,9 +14,8 @@ statements are about the learner, over the populations of training seeds and of 
 where t_k is the quantile of Student's distribution with k degrees of freedom and var the unbiased estimate. The
 coverage of (1) is at least the nominal one if effects and residual are normal and no value is nan (Banerjee,
 "Approximate confidence interval for linear functions of means of k populations when the population variances are not
-equal", Sankhyā 1960). V_s + V_e counts the residual twice, which makes the interval conservative. Satterthwaite's
-degrees of freedom for V_s + V_e would make it narrower, but then its coverage is 87 % to 90 % with two seeds. The
-p-value is the level at which (1) reaches zero.
+equal", Sankhyā 1960). V_s + V_e counts the residual twice, which makes the interval conservative. The p-value is the
+level at which (1) reaches zero.
 
 For one seed with the mean m, the standard deviation σ (unbiased variance), the skewness γ and a = γ / √n:
 
@@ -31,20 +30,18 @@ The interquartile mean and the probability of improvement are those of Agarwal e
 the Edge of the Statistical Precipice", NeurIPS 2021 (the package rliable).
 """
 
-from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy import optimize, special, stats
 
-from quadpend_gym.core.arrays import Booleans, Floats, Integers
+from quadpend_gym.core.arrays import Booleans, Floats
 
 CONFIDENCE = 0.95
 _RESAMPLES = 2000  # of the bootstrap
 _SIGN_CHOICES = 9999  # of the randomisation test
-_KEPT_EPISODES = 1000  # up to which random numbers are kept for the next call; for more they are drawn again
-_BLOCK_NUMBERS = 2_000_000  # random numbers in memory at a time, for more episodes
+_BLOCK_NUMBERS = 2_000_000  # random numbers in memory at a time
 _ROUNDING = 1e-12  # relative standard deviation below which values count as equal
 _SMALLEST_P = 1e-12  # smaller p-values over several seeds are reported as this one
 _TAIL_FACTOR = 0.25 / stats.norm.sf(np.sqrt(2.0))  # 3.178, of Bentkus and Dzindzalieta's bound
@@ -61,17 +58,9 @@ class Interval(NamedTuple):
         """Return the interval in another unit; `factor` is positive."""
         return Interval(*(factor * x for x in self))
 
-    def negated(self) -> "Interval":
-        """Return the interval of the quantity with the opposite sign."""
-        return Interval(0.0 - self.value, 0.0 - self.high, 0.0 - self.low)  # 0 - x avoids -0
-
-    def clipped(self, low: float, high: float) -> "Interval":
+    def clipped(self, low: float, high: float = np.inf) -> "Interval":
         """Return the interval with its ends clipped to the range of the quantity."""
         return Interval(self.value, *(float(np.clip(x, low, high)) for x in self[1:]))
-
-    def not_negative(self) -> "Interval":
-        """Return the interval of a quantity that is not negative, with its ends clipped to 0."""
-        return self.clipped(0.0, np.inf)
 
     def widened(self, other: "Interval") -> "Interval":
         """Return the same estimate with the lower of the two lower ends and the higher of the two higher ends."""
@@ -84,8 +73,7 @@ def proportion(successes: Booleans) -> Interval:
     For several seeds, Wilson's interval is that of all s n episodes, widened by (1). The interval has a positive width
     even if every episode is a success.
     """
-    low, high = stats.binomtest(int(successes.sum()), successes.size).proportion_ci(CONFIDENCE, method="wilson")
-    pooled = Interval(float(successes.mean()), float(low), float(high))
+    pooled = _wilson(float(successes.mean()), successes.size)
     return _widen_over_seeds(pooled, successes.astype(np.float64), 0.0)
 
 
@@ -120,16 +108,6 @@ def _blocks(rows: int, size: int) -> Iterator[int]:
     return (min(block, rows - first) for first in range(0, rows, block))
 
 
-def _bootstrap_indices(size: int, stream: int, width: int = 1) -> Iterator[Integers]:
-    """Return the indices of the bootstrap's resamples, in blocks of rows that together have the shape (2000, size).
-
-    They are the same in every call, so that equal values get equal intervals. `stream` is the number of the stream of
-    random numbers, and `width` how many numbers the caller computes of each index.
-    """
-    random = np.random.default_rng([stream, size])
-    return (random.integers(size, size=(rows, size)) for rows in _blocks(_RESAMPLES, size * width))
-
-
 def mean(values: Floats) -> Interval:
     """Mean of values of shape (s, n), with the interval (2) for one seed and (1) for several.
 
@@ -144,9 +122,9 @@ def mean(values: Floats) -> Interval:
         return Interval(np.nan, np.nan, np.nan)
     if len(seeds) == 1:
         return _mean_of_one_seed(seeds[~np.isnan(seeds)])
-    effects = _random_effects(seeds)
-    half = effects.half_width(1.0 - CONFIDENCE)
-    return Interval(effects.mean, effects.mean - half, effects.mean + half)
+    centre, half_width = _random_effects(seeds)
+    half = half_width(1.0 - CONFIDENCE)
+    return Interval(centre, centre - half, centre + half)
 
 
 def _mean_of_one_seed(values: Floats) -> Interval:
@@ -165,35 +143,18 @@ def _mean_of_one_seed(values: Floats) -> Interval:
     return Interval(centre, float(low), float(high))
 
 
-class _RandomEffects(NamedTuple):
-    """The terms of (1).
+def _random_effects(values: Floats) -> tuple[float, Callable[[float], float]]:
+    """Return the mean of at least two seeds that each have a value, and half the width of its interval (1).
 
-    Attributes:
-        mean: m.
-        variances: Squared standard errors of seeds and episodes, V_s and V_e.
-        degrees_of_freedom: s − 1 and n − 1.
-    """
-
-    mean: float
-    variances: Floats
-    degrees_of_freedom: Floats
-
-    def half_width(self, level: float) -> float:
-        """Return half the width of interval (1) at the confidence level 1 − `level`."""
-        quantiles = special.stdtrit(self.degrees_of_freedom, 0.5 * level)
-        return float(np.sqrt(np.sum(quantiles**2 * self.variances)))
-
-
-def _random_effects(values: Floats) -> _RandomEffects:
-    """Estimate the terms of (1) from at least two seeds that each have a value.
-
-    An effect with a single level, such as that of one episode, is left out.
+    The width is a function of 1 − confidence. An effect with a single level, such as that of one episode, is left out.
     """
     seeds = np.nanmean(values, axis=1)
     episodes = np.nanmean(values[:, ~np.isnan(values).all(axis=0)], axis=0)
     means = [x for x in (seeds, episodes) if x.size > 1]
-    variances = np.array([x.var(ddof=1) / x.size for x in means])
-    return _RandomEffects(float(seeds.mean()), variances, np.array([x.size - 1.0 for x in means]))
+    variances, freedom = np.array([(x.var(ddof=1) / x.size, x.size - 1.0) for x in means]).T
+    return float(seeds.mean()), lambda level: float(
+        np.sqrt(np.sum(special.stdtrit(freedom, 0.5 * level) ** 2 * variances))
+    )
 
 
 def interquartile_mean(values: Floats) -> Interval:
@@ -202,11 +163,12 @@ def interquartile_mean(values: Floats) -> Interval:
     Outliers on either side, such as a few falls, do not change it. For several seeds the bootstrap is rliable's, which
     resamples seeds and episodes. Its interval is too narrow for few seeds: with five, its coverage is about 85 %.
     """
-    seeds, episodes = values.shape
-    by_seed, estimates = np.concatenate(list(_bootstrap_indices(seeds, 0))), []
-    for by_episode in _bootstrap_indices(episodes, 1, seeds):
-        rows, by_seed = by_seed[: len(by_episode)], by_seed[len(by_episode) :]
-        resamples = values[rows[:, :, np.newaxis], by_episode[:, np.newaxis, :]].reshape(len(rows), -1)
+    streams, estimates = [np.random.default_rng([axis, size]) for axis, size in enumerate(values.shape)], []
+    for rows in _blocks(_RESAMPLES, values.size):
+        seeds, episodes = (
+            random.integers(size, size=(rows, size)) for random, size in zip(streams, values.shape, strict=True)
+        )
+        resamples = values[seeds[:, :, np.newaxis], episodes[:, np.newaxis, :]].reshape(rows, -1)
         estimates.append(stats.trim_mean(resamples, 0.25, axis=1))
     low, high = np.quantile(np.concatenate(estimates), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return Interval(float(stats.trim_mean(values, 0.25, axis=None)), float(low), float(high))
@@ -236,15 +198,11 @@ def p_value(differences: Floats) -> float:
     """p-value of the hypothesis that the mean difference is zero, two-sided, shape (s, n).
 
     For several seeds it is the level at which the interval (1) of the mean reaches zero, and 1 if fewer than two seeds
-    have a value. The test is exact or conservative if the effects of the seeds are normal. If they are as skewed as the
-    exponential distribution, it rejects a true hypothesis in 9 % to 12 % of cases at the 5 % level.
+    have a value.
 
-    For one seed it is the randomisation test. The null hypothesis is that the two policies are exchangeable within each
-    episode: both signs of an episode's difference are equally likely. The test compares the mean with the means under
-    9999 random choices of signs. It is valid for any number of episodes and for heavy tails. If only the mean is zero
-    and the differences are skewed, it is valid in the limit of large n: at the 5 % level it rejects 5 % (exponential)
-    and 7 % (lognormal, σ = 1) at n = 200, 9 % and 15 % at n = 10. The t test behaves the same, but Wilcoxon's test,
-    which is about ranks, rejects 62 % and 97 % at n = 200.
+    For one seed it is the randomisation test, which compares the mean with the means under 9999 random choices of the
+    signs. The null hypothesis is that both signs of an episode's difference are equally likely. The test is then valid
+    for any number of episodes and for heavy tails; docs/accuracy.md has its level for skewed differences.
 
     If no choice of signs is as extreme as the observed one, the p-value is the smaller of 1/10000 and an upper bound on
     the share of all 2ⁿ choices that are as extreme: 3.178 times the normal distribution's tails (Bentkus and
@@ -253,41 +211,24 @@ def p_value(differences: Floats) -> float:
     """
     seeds = differences[~np.isnan(differences).all(axis=1)]
     if len(differences) > 1:
-        return _p_value_over_seeds(_random_effects(seeds)) if len(seeds) > 1 else 1.0
+        return _p_value_over_seeds(*_random_effects(seeds)) if len(seeds) > 1 else 1.0
     values = np.nan_to_num(differences[0])
     if not values.any():
         return 1.0
-    extreme = np.sum(np.abs(_sums_of_random_signs(values)) >= abs(values.sum()) * (1.0 - 1e-9))
+    random = np.random.default_rng([2, values.size])
+    signs = (random.integers(2, size=(rows, values.size)) for rows in _blocks(_SIGN_CHOICES, values.size))
+    sums = np.concatenate([(2.0 * drawn - 1.0) @ values for drawn in signs])
+    extreme = np.sum(np.abs(sums) >= abs(values.sum()) * (1.0 - 1e-9))
     tails = 2.0 * _TAIL_FACTOR * stats.norm.sf(abs(values.sum()) / np.linalg.norm(values))
     return float((extreme + 1) / (_SIGN_CHOICES + 1) if extreme else min(1.0 / (_SIGN_CHOICES + 1), tails))
 
 
-def _sums_of_random_signs(values: Floats) -> Floats:
-    """Return the sums of values with random signs, shape (n,) → (9999,)."""
-    if values.size <= _KEPT_EPISODES:
-        return np.asarray(_random_signs(values.size) @ values)
-    return np.concatenate([signs @ values for signs in _sign_blocks(values.size)])
-
-
-@lru_cache(maxsize=4)
-def _random_signs(size: int) -> Floats:
-    """Random choices of signs, shape (9999, size)."""
-    return np.concatenate(list(_sign_blocks(size)))
-
-
-def _sign_blocks(size: int) -> Iterator[Floats]:
-    """Return the random choices of signs in blocks of rows, which together are one draw of shape (9999, size)."""
-    random = np.random.default_rng([2, size])
-    for rows in _blocks(_SIGN_CHOICES, size):
-        yield np.asarray(2.0 * random.integers(2, size=(rows, size)) - 1.0, np.float64)
-
-
-def _p_value_over_seeds(effects: _RandomEffects) -> float:
+def _p_value_over_seeds(centre: float, half_width: Callable[[float], float]) -> float:
     """Return the level at which the interval (1) reaches zero."""
-    distance = abs(effects.mean)
-    if not distance or effects.half_width(_SMALLEST_P) <= distance:
+    distance = abs(centre)
+    if not distance or half_width(_SMALLEST_P) <= distance:
         return _SMALLEST_P if distance else 1.0
-    log = optimize.brentq(lambda log: effects.half_width(np.exp(log)) - distance, np.log(_SMALLEST_P), 0.0)
+    log = optimize.brentq(lambda log: half_width(np.exp(log)) - distance, np.log(_SMALLEST_P), 0.0)
     return float(np.exp(log))
 
 

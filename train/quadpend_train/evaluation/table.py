@@ -16,8 +16,6 @@ from quadpend_train.evaluation.statistics import Interval, interquartile_mean, m
 Cell = tuple[str, str]  # names of a scenario and of a policy
 Values = dict[str, Any]  # arrays of shape (training seeds, episodes) by the name of the column
 KEYS = ("scenario", "policy", "training_seed", "episode")
-
-
 COLUMNS = ("survived", "steps", "rmse", "penalised_rmse", "settled_rmse", "largest_tilt", "effort", "return")
 
 
@@ -70,11 +68,6 @@ def cells(table: pd.DataFrame) -> dict[Cell, Values]:
     return found
 
 
-def names(table: pd.DataFrame, key: str) -> list[str]:
-    """Return the names of the scenarios or of the policies in the order of the table."""
-    return list(dict.fromkeys(table[key]))
-
-
 def summarise(values: Values) -> dict[str, Interval]:
     """Return every metric of `METRICS` in its unit, with its 95 % interval.
 
@@ -82,7 +75,7 @@ def summarise(values: Values) -> dict[str, Interval]:
     all episodes, and ``iqm`` is its interquartile mean. No metric is negative.
     """
     return {
-        name: metric.estimate(_values(name, values)).not_negative().scaled(metric.factor)
+        name: metric.estimate(_values(name, values)).clipped(0.0).scaled(metric.factor)
         for name, metric in METRICS.items()
     }
 
