@@ -14,7 +14,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Booleans, Floats
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks import TASKS
+from quadpend_gym.tasks.task import TASKS
 from quadpend_train.evaluation.episodes import EpisodeResults
 
 HOVER_HEIGHT = 2.0  # m, of the hover point above the origin

@@ -24,7 +24,7 @@ from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import UNPREDICTED
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.scenarios import SETS, Scenario
-from quadpend_gym.tasks import TASKS
+from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import OrnsteinUhlenbeck
 from quadpend_train.evaluation.comparison import Comparison, compare

@@ -1,8 +1,9 @@
 """Nested named tuples as flat arrays, because numba unboxes one array faster than a nested tuple at every call."""
 
+from collections import namedtuple
 from collections.abc import Callable, Iterator
 from itertools import count
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -19,7 +20,10 @@ def pack(value: Any) -> Floats:
 
 
 def unpacker(kind: type[Kind]) -> Callable[[Any], Kind]:
-    """Return an inlined function that makes a named tuple of the first numbers of an array that `pack` made."""
+    """Return an inlined function that makes a named tuple of the first numbers of an array that `pack` made.
+
+    A settings class stands for a named tuple of its fields; pack its `dataclasses.astuple`.
+    """
     names: dict[str, Any] = {"__name__": __name__}
     exec(f"def unpack(packed):\n    return {_expression(kind, names, count())}", names)
     unpack: Callable[[Any], Kind] = inlined(names["unpack"])
@@ -34,6 +38,8 @@ def _expression(kind: Any, names: dict[str, Any], position: Iterator[int]) -> st
     """Return the expression that reads a field; numba cannot compile a loop over fields of different types."""
     if kind in _READ:
         return _READ[kind].format(next(position))
-    names[kind.__name__] = kind
-    fields = [_expression(field, names, position) for field in get_type_hints(kind).values()]
-    return f"{kind.__name__}({', '.join(fields)})"
+    if get_origin(kind) is tuple:
+        return f"({', '.join(_expression(part, names, position) for part in get_args(kind))})"
+    hints, make = get_type_hints(kind), cast(Any, namedtuple)
+    names[kind.__name__] = kind if issubclass(kind, tuple) else make(kind.__name__, hints)
+    return f"{kind.__name__}({', '.join(_expression(hint, names, position) for hint in hints.values())})"

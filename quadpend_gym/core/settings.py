@@ -33,6 +33,7 @@ from pydantic_core.core_schema import custom_error_schema, no_info_plain_validat
 from typing_extensions import dataclass_transform
 
 Settings = TypeVar("Settings")
+Value = TypeVar("Value")
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False)
 _PARTS = {"tuple": "items_schema", "union": "choices"}  # of a schema of pydantic
 _PARTS |= dict.fromkeys(("nullable", "function-after", "function-before"), "schema")
@@ -203,6 +204,13 @@ def suggest(value: Any, known: Iterable[str]) -> str:
     """Return " (did you mean 'windy'?)" with the known name most similar to `value`, or "" if none is similar."""
     similar = get_close_matches(str(value), list(known), 1)
     return f" (did you mean {similar[0]!r}?)" if similar else ""
+
+
+def look_up(table: Mapping[str, Value], name: str, what: str, more: str = "") -> Value:
+    """Return the value of a name in a table; `what` it is and `more` that may be given are for the error message."""
+    if name not in table:
+        raise ValueError(f"there is no {what} {name!r}{suggest(name, table)}; there are {', '.join(table)}{more}")
+    return table[name]
 
 
 def declared(kind: Any) -> Iterator[tuple[str, Any, Range]]:

@@ -31,7 +31,6 @@ from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, DISTURBANCE_SIZE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four, Vec3, load
-from quadpend_gym.tasks import Task
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
     Target,
@@ -39,8 +38,10 @@ from quadpend_gym.tasks.observation import (
     observe_state,
     tracking_errors,
 )
-from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint, reference_point
+from quadpend_gym.tasks.references import REFERENCE_SIZE, ReferencePoint
 from quadpend_gym.tasks.rewards import reward, reward_terms
+from quadpend_gym.tasks.task import Task
+from quadpend_gym.tasks.trajectories import point_at
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
@@ -106,7 +107,7 @@ def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
 def reference_function() -> Any:
     """Return a reference at a time (s), (reference, time) → point; `reference` is a `Reference.as_array`."""
     reference, time = ca.SX.sym("reference", REFERENCE_SIZE), ca.SX.sym("time")
-    point = vector(lift(reference_point)(columns(reference), 0, time))
+    point = vector(lift(point_at)(None, 0, columns(reference), 0, time))
     return ca.Function("reference", [reference, time], [point], ["reference", "time"], ["point"])
 
 

@@ -10,7 +10,7 @@ from quadpend_gym.envs.step_kernel import step_euler, step_rigid
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, rigid_from_state
 from quadpend_gym.physics.state import ACTION_SIZE
-from quadpend_gym.tasks import Task
+from quadpend_gym.tasks.task import Task
 from quadpend_gym.vehicles import Simulation
 
 

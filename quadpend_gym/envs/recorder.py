@@ -16,8 +16,7 @@ from quadpend_gym.envs.world import World
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, THRUST, Disturbance, State
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.viewer import check_pygame
-from quadpend_gym.viewer.shape import PAPER_SHAPE, shape_of
-from quadpend_gym.viewer.snapshot import Snapshot
+from quadpend_gym.viewer.snapshot import PAPER_SHAPE, Snapshot, shape_of
 
 HISTORY_STEPS = 200  # latest states that are stored for each sub-environment
 MAX_TILES = 64  # largest number of sub-environments in a mosaic or a window

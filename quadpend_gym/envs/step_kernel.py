@@ -52,7 +52,7 @@ from quadpend_gym.tasks.observation import (
 )
 from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.rewards import reward, reward_terms
-from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
+from quadpend_gym.tasks.trajectories import point_at
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and the further
@@ -115,7 +115,7 @@ def _measure(
 def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: Any, begin: int, end: int) -> int:
     """Advance the sub-environments begin ≤ i < end, as `step_euler` describes.
 
-    `trajectories` is a `PackedTrajectories` or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle.
+    `trajectories` is (numbers, first) or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle.
     """
     memory, clock, wind, action, observation, outcome, sensed = arrays
     error = find_error(action, wind, begin, end)
@@ -239,8 +239,8 @@ def step_euler(
         sensed: Shape (26, 0) without sensors. With sensors an output of shape (26, n): the step then writes only the
             reference's part of the observation, and `observe_sensed` the other part once the sensors have changed the
             state in `sensed`.
-        numbers: Packed trajectories, a field of `PackedTrajectories`; empty if no sub-environment follows one.
-        first: The other field of `PackedTrajectories`, shape (n,).
+        numbers: Packed trajectories, see `TrajectoryTable`; empty if no sub-environment follows one.
+        first: See `TrajectoryTable`, shape (n,).
         begin: A multiple of 64.
         end: A multiple of 64, or n.
 
@@ -250,7 +250,7 @@ def step_euler(
     arrays, task = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_settings(settings)
     if numbers.size == 0:
         return _step(arrays, task, None, None, begin, end)
-    return _step(arrays, task, PackedTrajectories(numbers, first), None, begin, end)
+    return _step(arrays, task, (numbers, first), None, begin, end)
 
 
 @compiled
@@ -272,7 +272,7 @@ def step_rigid(
     arrays, rigid = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_rigid_settings(settings)
     if numbers.size == 0:
         return _step(arrays, rigid.kernel, None, rigid, begin, end)
-    return _step(arrays, rigid.kernel, PackedTrajectories(numbers, first), rigid, begin, end)
+    return _step(arrays, rigid.kernel, (numbers, first), rigid, begin, end)
 
 
 @compiled

@@ -11,6 +11,7 @@ change its inputs and outputs in this order:
 """
 
 from collections.abc import Sequence
+from dataclasses import astuple
 from functools import partial
 from typing import Any
 
@@ -20,6 +21,7 @@ from gymnasium.error import ResetNeeded
 from quadpend_gym.actuators import check_chain
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.models import ModelBatch
+from quadpend_gym.core.packing import pack
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.envs.inputs import NO_ERROR, check_inputs, clip_rounding, raise_step_error
 from quadpend_gym.envs.kernel_layout import MEMORY_PARAMETERS, MEMORY_REFERENCE, MEMORY_STATE, SENSED_SIZE, SENSED_STATE
@@ -32,12 +34,10 @@ from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.sensors import check_periods
-from quadpend_gym.tasks import flatten
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
-from quadpend_gym.tasks.starts import draw_starts, draw_starts_on_trajectories, start_pole
-from quadpend_gym.tasks.trajectories import Trajectory
-from quadpend_gym.tasks.trajectory_table import TrajectoryTable
+from quadpend_gym.tasks.starts import draw_starts, start_pole
+from quadpend_gym.tasks.trajectories import Trajectory, TrajectoryTable
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
 
@@ -72,8 +72,8 @@ class World:
         self.clock = np.zeros(num_envs, np.int64)
         self.episode = np.full(num_envs, -1, np.int64)
         self._seeds = np.zeros(num_envs, np.uint64)
-        self._reference_ranges = flatten(task.references)
-        self._start_settings = flatten(task.start), start_pole(simulation, task.side)
+        self._reference_ranges = pack(astuple(task.references))
+        self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
         self._observe_settings = self._plant.settings(task, moves_air=False, substeps=0)
         self._parameter_ranges: ParameterRanges | None = None
@@ -201,10 +201,7 @@ class World:
         self._set_reference(rows, options.references)
         keys, table = (self._seeds, self.episode), self._trajectories
         arguments = rows, *keys, *self._start_settings, self.parameters, self.reference, self.state
-        if table.in_use:
-            draw_starts_on_trajectories(*arguments, table.numbers, table.first)
-        else:
-            draw_starts(*arguments)
+        draw_starts(*arguments, table.numbers, table.first)
         for name, value in options.state.items():
             self.state[rows, STATE_FIELDS[name]] = value
         if "direction" in options.state or "direction_rate" in options.state:

@@ -10,13 +10,14 @@ from quadpend_gym.scenarios.library import (
     SCENARIOS,
     SETS,
     as_scenario,
+    check_own_models,
     find_scenario,
     find_scenarios,
+    own_models,
     read_scenarios,
     refuse_held_out,
     shipped,
 )
-from quadpend_gym.scenarios.own_models import check_own_models, own_models
 from quadpend_gym.scenarios.scenario import Scenario, scenario_data
 
 __all__ = [

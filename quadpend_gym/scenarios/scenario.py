@@ -15,12 +15,12 @@ from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.randomization import Around, ParameterRanges, RangesField
 from quadpend_gym.sensors import SensorsField, check_periods
-from quadpend_gym.tasks import TASKS, RewardWeights, Task, TaskField
 from quadpend_gym.tasks.feasibility import check_feasible
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
+from quadpend_gym.tasks.task import TASKS, Task, TaskField
 from quadpend_gym.vehicles import CONTROL_PERIOD, VEHICLES, Simulation, Vehicle
-from quadpend_gym.vehicles.registry import VehicleField
 from quadpend_gym.vehicles.simulation import Interface
+from quadpend_gym.vehicles.vehicle import VehicleField
 from quadpend_gym.wind import PRESETS, Rescaled, as_wind
 from quadpend_gym.wind.base import WINDS
 
@@ -104,10 +104,6 @@ class Scenario:
     def steps(self) -> int:
         """Number of control steps of an episode: it ends with the first one at or after `duration`."""
         return math.ceil(self.duration / self.period * (1.0 - 1e-9))
-
-    def with_reward(self, reward: RewardWeights) -> "Scenario":
-        """Return the scenario with other reward weights."""
-        return replace(self, task=replace(self.task, reward=reward))
 
     def with_vehicle(self, vehicle: Any = None, interface: str | None = None) -> "Scenario":
         """Return the scenario with another vehicle, another command interface, or both.

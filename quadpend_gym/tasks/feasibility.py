@@ -31,19 +31,12 @@ from quadpend_gym.vehicles import Parameters, Simulation
 
 
 class Demand(NamedTuple):
-    """What exact tracking demands at k times.
+    """What exact tracking demands at k times."""
 
-    Attributes:
-        thrust: Thrust u, N, shape (k,).
-        pendulum_angle: Angle of the pendulum from its side, rad, shape (k,).
-        body_angle: Angle of the thrust axis from vertical, rad, shape (k,).
-        height: Height of the lower of quadrotor and bob, m, shape (k,).
-    """
-
-    thrust: Floats
-    pendulum_angle: Floats
-    body_angle: Floats
-    height: Floats
+    thrust: Floats  # u, N, shape (k,)
+    pendulum_angle: Floats  # angle of the pendulum from its side, rad, shape (k,)
+    body_angle: Floats  # angle of the thrust axis from vertical, rad, shape (k,)
+    height: Floats  # height of the lower of quadrotor and bob, m, shape (k,)
 
 
 def demand(trajectory: Trajectory, parameters: Parameters, times: Floats, side: float = 1.0) -> Demand:
@@ -91,29 +84,22 @@ def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limit
         return
     times = trajectory.sample_times()
     needed = demand(trajectory, simulation.parameters, times, side)
-    largest = 2.0 * float(simulation.command_scale[0])
-    refuse = "the trajectory cannot be flown: it needs"
-    for what, angle in (("a pendulum", needed.pendulum_angle), ("a body", needed.body_angle)):
-        at = int(angle.argmax())
-        if angle[at] >= 0.5 * np.pi:
-            raise ValueError(
-                f"{refuse} {what} tilt of {np.degrees(angle[at]):.1f}° at {times[at]:.2f} s, where it must be below 90°"
-            )
-    at = int(needed.thrust.argmax())
+    at, largest = int(needed.thrust.argmax()), 2.0 * float(simulation.command_scale[0])
     if needed.thrust[at] > largest:
         raise ValueError(
-            f"{refuse} a thrust of {needed.thrust[at]:.2f} N at {times[at]:.2f} s, but the largest is {largest:.2f} N"
+            f"the trajectory cannot be flown: it needs a thrust of {needed.thrust[at]:.2f} N at {times[at]:.2f} s, but"
+            f" the largest is {largest:.2f} N"
         )
     for what, angle, limit in (
-        ("a pendulum", needed.pendulum_angle, limits.pendulum_angle),
-        ("a body", needed.body_angle, limits.body_angle),
+        ("pendulum", needed.pendulum_angle, limits.pendulum_angle),
+        ("body", needed.body_angle, limits.body_angle),
     ):
         at = int(angle.argmax())
+        needs = f"needs a {what} tilt of {np.degrees(angle[at]):.1f}° at {times[at]:.2f} s"
+        if angle[at] >= 0.5 * np.pi:
+            raise ValueError(f"the trajectory cannot be flown: it {needs}, where it must be below 90°")
         if angle[at] > limit:
-            logger.warn(
-                f"the trajectory needs {what} tilt of {np.degrees(angle[at]):.1f}° at {times[at]:.2f} s; episodes"
-                f" terminate at {np.degrees(limit):.1f}°"
-            )
+            logger.warn(f"the trajectory {needs}; episodes terminate at {np.degrees(limit):.1f}°")
     at = int(needed.height.argmin())
     if needed.height[at] <= limits.ground:
         logger.warn(

@@ -37,23 +37,11 @@ COEFFICIENTS = 2 * ORDERS  # of a piece
 _SNAP = 4  # order of the derivative whose square is minimised
 
 
-def _coefficient_matrix() -> Floats:
-    """Return B, whose entries are multiples of 1/6!."""
-    ends = [[perm(k, j) * u ** max(k - j, 0) for k in range(COEFFICIENTS)] for u in (0, 1) for j in range(ORDERS)]
-    return np.asarray(np.rint(720.0 * np.linalg.inv(np.array(ends, np.float64))) / 720.0)
-
-
-def _snap_matrix() -> Floats:
-    """Return G."""
-    gram = np.zeros((COEFFICIENTS, COEFFICIENTS))
-    for k in range(_SNAP, COEFFICIENTS):
-        for n in range(_SNAP, COEFFICIENTS):
-            gram[k, n] = perm(k, _SNAP) * perm(n, _SNAP) / (k + n - 2 * _SNAP + 1)
-    return gram
-
-
-_COEFFICIENTS = _coefficient_matrix()
-_COST = _COEFFICIENTS.T @ _snap_matrix() @ _COEFFICIENTS
+_ENDS = [[perm(k, j) * u ** max(k - j, 0) for k in range(COEFFICIENTS)] for u in (0, 1) for j in range(ORDERS)]
+_COEFFICIENTS: Floats = np.rint(720.0 * np.linalg.inv(np.array(_ENDS, np.float64))) / 720.0  # multiples of 1/6!
+_POWERS, _FACTORS = np.arange(COEFFICIENTS), [perm(k, _SNAP) for k in range(COEFFICIENTS)]
+_GRAM = np.outer(_FACTORS, _FACTORS) / np.maximum(_POWERS[:, np.newaxis] + _POWERS - 2 * _SNAP + 1, 1)  # G
+_COST = _COEFFICIENTS.T @ _GRAM @ _COEFFICIENTS
 
 
 def minimum_snap(times: Floats, points: Floats, closed: bool) -> Floats:

@@ -4,17 +4,6 @@
 powers of two, so the division has no rounding error. The tracking error is the error of the flat outputs in the world
 frame, as in the paper, (F_x − F_xd, F_y − F_yd, z − z_d): its horizontal part is that of the bob, its vertical part
 that of the quadrotor. ψ_e = ψ − ψ_d. The observation does not contain the wind.
-
-| name                 | symbol          | size | unit       | scale        |
-|----------------------|-----------------|------|------------|--------------|
-| tracking_error       | e               | 3    | m          | ½            |
-| tracking_error_rate  | ė               | 3    | m/s        | 1            |
-| direction            | r               | 3    | 1          | ¼, ¼, 1      |
-| direction_rate       | ṙ               | 3    | 1/s        | 1            |
-| attitude             | φ, θ, ψ_e       | 3    | rad        | ¼            |
-| euler_rate           | φ̇, θ̇, ψ̇         | 3    | rad/s      | 2            |
-| reference_2 … _6     | F_d⁽²⁾ … F_d⁽⁶⁾ | 3 each | m/s² … m/s⁶ | 1, 2, 4, 8, 16 |
-| yaw_reference        | ψ_d, ψ̇_d, ψ̈_d   | 3    | rad …      | 1            |
 """
 
 from collections.abc import Iterable
@@ -28,20 +17,19 @@ from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_R
 from quadpend_gym.physics.vectors import Vec3, axpy, load, store
 from quadpend_gym.tasks.references import ReferencePoint
 
-# Scale of each component of a field, in the order of the layout.
 _SCALES: dict[str, tuple[float, float, float]] = {
-    "tracking_error": (0.5, 0.5, 0.5),
-    "tracking_error_rate": (1.0, 1.0, 1.0),
-    "direction": (0.25, 0.25, 1.0),
-    "direction_rate": (1.0, 1.0, 1.0),
-    "attitude": (0.25, 0.25, 0.25),
-    "euler_rate": (2.0, 2.0, 2.0),
-    "reference_2": (1.0, 1.0, 1.0),
-    "reference_3": (2.0, 2.0, 2.0),
-    "reference_4": (4.0, 4.0, 4.0),
-    "reference_5": (8.0, 8.0, 8.0),
-    "reference_6": (16.0, 16.0, 16.0),
-    "yaw_reference": (1.0, 1.0, 1.0),
+    "tracking_error": (0.5, 0.5, 0.5),  # e, m
+    "tracking_error_rate": (1.0, 1.0, 1.0),  # ė, m/s
+    "direction": (0.25, 0.25, 1.0),  # r
+    "direction_rate": (1.0, 1.0, 1.0),  # ṙ, 1/s
+    "attitude": (0.25, 0.25, 0.25),  # φ, θ, ψ_e, rad
+    "euler_rate": (2.0, 2.0, 2.0),  # φ̇, θ̇, ψ̇, rad/s
+    "reference_2": (1.0, 1.0, 1.0),  # F_d⁽²⁾, m/s²
+    "reference_3": (2.0, 2.0, 2.0),  # F_d⁽³⁾, m/s³
+    "reference_4": (4.0, 4.0, 4.0),  # F_d⁽⁴⁾, m/s⁴
+    "reference_5": (8.0, 8.0, 8.0),  # F_d⁽⁵⁾, m/s⁵
+    "reference_6": (16.0, 16.0, 16.0),  # F_d⁽⁶⁾, m/s⁶
+    "yaw_reference": (1.0, 1.0, 1.0),  # ψ_d, ψ̇_d, ψ̈_d, rad, rad/s, rad/s²
 }
 _RATES = ("tracking_error_rate", "direction_rate", "euler_rate")
 

@@ -25,7 +25,8 @@ from pydantic import BeforeValidator
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.core.settings import Range, settings
+from quadpend_gym.core.packing import unpacker
+from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import REFERENCE_STREAM, Keys, derive, uniform, uniform_between
 from quadpend_gym.physics.vectors import Vec3
 
@@ -43,18 +44,8 @@ def _for_each(value: Any) -> Any:
 
 
 Channels = Annotated[tuple[float, float, float, float], BeforeValidator(_for_each)]  # one number is one for each
-
-
-class Derivatives(NamedTuple):
-    """Value of a channel and its time derivatives of order 1 to 6."""
-
-    d0: float
-    d1: float
-    d2: float
-    d3: float
-    d4: float
-    d5: float
-    d6: float
+# value of a channel and its time derivatives of order 1 to 6
+Derivatives = tuple[float, float, float, float, float, float, float]
 
 
 @inlined
@@ -70,15 +61,8 @@ def channel_derivatives(lanes: Any, channel: int, lane: int, time: float) -> Der
     a4 = a3 * frequency
     a5 = a4 * frequency
     a6 = a5 * frequency
-    return Derivatives(
-        offset + rate * time + amplitude * sine,
-        rate + a1 * cosine,
-        -a2 * sine,
-        -a3 * cosine,
-        a4 * sine,
-        a5 * cosine,
-        -a6 * sine,
-    )
+    value = offset + rate * time + amplitude * sine
+    return value, rate + a1 * cosine, -a2 * sine, -a3 * cosine, a4 * sine, a5 * cosine, -a6 * sine
 
 
 class ReferencePoint(NamedTuple):
@@ -94,34 +78,6 @@ class ReferencePoint(NamedTuple):
     yaw: float
     yaw_rate: float
     yaw_acceleration: float
-
-
-@inlined
-def channels_to_point(x: Derivatives, y: Derivatives, z: Derivatives, yaw: Derivatives) -> ReferencePoint:
-    """Return the point of a reference with these channels."""
-    return ReferencePoint(
-        Vec3(x.d0, y.d0, z.d0),
-        Vec3(x.d1, y.d1, z.d1),
-        Vec3(x.d2, y.d2, z.d2),
-        Vec3(x.d3, y.d3, z.d3),
-        Vec3(x.d4, y.d4, z.d4),
-        Vec3(x.d5, y.d5, z.d5),
-        Vec3(x.d6, y.d6, z.d6),
-        yaw.d0,
-        yaw.d1,
-        yaw.d2,
-    )
-
-
-@inlined
-def reference_point(lanes: Any, lane: int, time: float) -> ReferencePoint:
-    """Return the reference in column `lane` of a (20, n) buffer at `time` (s)."""
-    return channels_to_point(
-        channel_derivatives(lanes, _X, lane, time),
-        channel_derivatives(lanes, _Y, lane, time),
-        channel_derivatives(lanes, _Z, lane, time),
-        channel_derivatives(lanes, _YAW, lane, time),
-    )
 
 
 @compiled
@@ -204,31 +160,37 @@ class Reference:
         return out.reshape(*times.shape, ORDERS, CHANNELS)
 
 
-class ReferenceRanges(NamedTuple):
-    """The values of `ReferenceSettings` inside compiled functions."""
+@settings
+class ReferenceSettings:
+    """Relative frequency of each family of random references, and the bounds of their numbers."""
 
-    hover: float
-    circle: float
-    figure_eight: float
-    helix: float
-    height_low: float
-    height_high: float
-    radius_low: float
-    radius_high: float
-    acceleration_low: float
-    acceleration_high: float
-    climb_low: float
-    climb_high: float
-    yaw_offset: float
-    yaw_amplitude: float
-    yaw_frequency: float
-    slalom: float
-    speed_low: float
-    speed_high: float
+    hover: Annotated[float, Range(0.0, 1e6)] = 1.0  # relative frequencies of the families; that of slaloms is below
+    circle: Annotated[float, Range(0.0, 1e6)] = 1.0
+    figure_eight: Annotated[float, Range(0.0, 1e6)] = 1.0
+    helix: Annotated[float, Range(0.0, 1e6)] = 1.0
+    height: Annotated[Interval, Range(0.0, 10_000.0, "m")] = (2.0, 3.0)  # above the ground z = 0
+    radius: Annotated[Interval, Range(1e-3, 1000.0, "m")] = (0.3, 1.5)
+    acceleration: Annotated[Interval, Range(0.0, 1000.0, "m/s²")] = (0.2, 1.0)  # peak of the horizontal acceleration
+    climb: Annotated[Interval, Range(-1000.0, 1000.0, "m/s")] = (-0.1, 0.1)  # vertical velocity of a helix
+    # largest absolute value of the constant part of the yaw
+    yaw_offset: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.5
+    # largest amplitude of the sinusoidal part of the yaw
+    yaw_amplitude: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.3
+    yaw_frequency: Annotated[float, Range(0.0, 10_000.0, "rad/s")] = 1.0  # largest angular frequency of the yaw
+    # relative frequency of slaloms; it is one of the last fields, so that the draws of older tasks stay the same
+    slalom: Annotated[float, Range(0.0, 1e6)] = 0.0
+    speed: Annotated[Interval, Range(0.0, 1000.0, "m/s")] = (1.0, 3.0)  # forward velocity of a slalom
+
+    def __post_init__(self) -> None:
+        if not (self.hover or self.circle or self.figure_eight or self.helix or self.slalom):
+            raise ValueError("one of hover, circle, figure_eight, helix and slalom must be above zero")
+
+
+_unpack = unpacker(ReferenceSettings)
 
 
 @inlined
-def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> None:
+def draw_reference(key: Any, ranges: ReferenceSettings, lanes: Any, lane: int) -> None:
     """Draw a random reference into column `lane` of a (20, n) buffer.
 
     The family is drawn first, then the radius and the peak horizontal acceleration a, which determine the frequency:
@@ -244,8 +206,8 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
     )
     is_slalom = (choice >= other_families) & (ranges.slalom > 0.0)
     is_helix = (choice >= ranges.hover + ranges.circle + ranges.figure_eight) & ~is_slalom
-    radius = 0.0 if is_hover else uniform_between(key, 1, ranges.radius_low, ranges.radius_high)
-    acceleration = uniform_between(key, 2, ranges.acceleration_low, ranges.acceleration_high)
+    radius = 0.0 if is_hover else uniform_between(key, 1, ranges.radius[0], ranges.radius[1])
+    acceleration = uniform_between(key, 2, ranges.acceleration[0], ranges.acceleration[1])
     divisor = 2.0 if is_figure_eight else 1.0
     peak = 17.0 / 8.0 if is_figure_eight else 1.0  # largest |F̈| / (radius ω²)
     frequency = 0.0 if is_hover else np.sqrt(acceleration / (peak * radius))
@@ -253,10 +215,10 @@ def draw_reference(key: Any, ranges: ReferenceRanges, lanes: Any, lane: int) -> 
     sign = 1.0 if uniform(key, 4) < 0.5 else -1.0
     for field in range(REFERENCE_SIZE):
         lanes[field, lane] = 0.0
-    lanes[_OFFSET + _Z, lane] = uniform_between(key, 5, ranges.height_low, ranges.height_high)
+    lanes[_OFFSET + _Z, lane] = uniform_between(key, 5, ranges.height[0], ranges.height[1])
     lanes[_OFFSET + _YAW, lane] = uniform_between(key, 6, -ranges.yaw_offset, ranges.yaw_offset)
-    lanes[_RATE + _Z, lane] = uniform_between(key, 7, ranges.climb_low, ranges.climb_high) if is_helix else 0.0
-    lanes[_RATE + _X, lane] = sign * uniform_between(key, 11, ranges.speed_low, ranges.speed_high) if is_slalom else 0.0
+    lanes[_RATE + _Z, lane] = uniform_between(key, 7, ranges.climb[0], ranges.climb[1]) if is_helix else 0.0
+    lanes[_RATE + _X, lane] = sign * uniform_between(key, 11, ranges.speed[0], ranges.speed[1]) if is_slalom else 0.0
     lanes[_AMPLITUDE + _X, lane] = 0.0 if is_slalom else radius
     lanes[_AMPLITUDE + _Y, lane] = sign * radius / divisor
     lanes[_AMPLITUDE + _YAW, lane] = uniform_between(key, 8, 0.0, ranges.yaw_amplitude)
@@ -276,14 +238,10 @@ def draw_references(rows: Integers, seeds: Keys, episodes: Integers, ranges: Flo
         rows: Indices of the sub-environments, shape (m,).
         seeds: Key of the random stream of each sub-environment, shape (n,).
         episodes: Number of the episode of each sub-environment, shape (n,).
-        ranges: Values of `ReferenceSettings`, see `quadpend_gym.tasks.flatten`, shape (18,).
+        ranges: A packed `ReferenceSettings`.
         reference: References, shape (n, 20), see `Reference.as_array`, changed in place.
     """
-    r = ranges
-    bounds = ReferenceRanges(
-        *(r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]),
-        *(r[9], r[10], r[11], r[12], r[13], r[14], r[15], r[16], r[17]),
-    )
+    bounds = _unpack(ranges)
     for row in rows:
         key = derive(derive(seeds[row], episodes[row]), REFERENCE_STREAM)
         draw_reference(key, bounds, reference.T, row)

@@ -22,33 +22,40 @@ A start is this state plus a random deviation, which is uniform in each componen
 turns r.
 """
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import unpacker
+from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import START_STREAM, Keys, derive, uniform_between
 from quadpend_gym.physics.dynamics import Physics, load_physics
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, norm, scale, store
 from quadpend_gym.tasks.references import ReferencePoint
-from quadpend_gym.tasks.trajectories import PackedTrajectories, point_at
+from quadpend_gym.tasks.trajectories import point_at
 from quadpend_gym.vehicles import Simulation
 
 
-class StartRanges(NamedTuple):
-    """The values of `StartSettings` inside compiled functions."""
+@settings
+class StartSettings:
+    """Largest deviation of a random start, in each component, from the state that tracks the reference exactly."""
 
-    position: float
-    velocity: float
-    angle: float
-    angle_rate: float
-    direction: float
-    direction_rate: float
-    lowest_angle: float
-    highest_angle: float
+    position: Annotated[float, Range(0.0, 1000.0, "m")] = 0.1  # position of the quadrotor
+    velocity: Annotated[float, Range(0.0, 1000.0, "m/s")] = 0.05  # velocity of the quadrotor
+    angle: Annotated[float, Range(0.0, 1000.0, "rad")] = 0.03  # roll, pitch and yaw
+    angle_rate: Annotated[float, Range(0.0, 1000.0, "rad/s")] = 0.05
+    direction: Annotated[float, Range(0.0, 0.9)] = 0.03  # r, before its normalisation
+    # ṙ, before its projection onto the plane perpendicular to r
+    direction_rate: Annotated[float, Range(0.0, 1000.0, "1/s")] = 0.05
+    # angle by which r is then turned to a random side, drawn uniformly by the area on the sphere
+    pendulum_angle: Annotated[Interval, Range(0.0, np.pi, "rad")] = (0.0, 0.0)
+
+
+_unpack = unpacker(StartSettings)
 
 
 class StartPole(NamedTuple):
@@ -82,9 +89,9 @@ def _roll_and_pitch(axis: Vec3, yaw: float) -> tuple[float, float]:
 
 
 @inlined
-def _turned(key: Any, index: int, ranges: StartRanges, r: Vec3) -> Vec3:
+def _turned(key: Any, index: int, ranges: StartSettings, r: Vec3) -> Vec3:
     """Return r turned to a random side by a random angle, whose cosine is uniform."""
-    (_, lowest), (_, highest) = sincos(ranges.highest_angle), sincos(ranges.lowest_angle)
+    (_, lowest), (_, highest) = sincos(ranges.pendulum_angle[1]), sincos(ranges.pendulum_angle[0])
     cosine = uniform_between(key, index, lowest, highest)
     sin_side, cos_side = sincos(uniform_between(key, index + 1, -np.pi, np.pi))
     along = cross(r, Vec3(1.0, 0.0, 0.0) if abs(r.x) < 0.8 else Vec3(0.0, 1.0, 0.0))
@@ -103,7 +110,7 @@ def _horizontally(a: float, x: Vec3, y: Vec3) -> Vec3:
 @inlined
 def draw_start(
     key: Any,
-    ranges: StartRanges,
+    ranges: StartSettings,
     pole: StartPole,
     reference: ReferencePoint,
     physics: Physics,
@@ -141,31 +148,11 @@ def draw_start(
     store(lanes, EULER, lane, add(euler, _deviation(key, 12, ranges.angle)))
     store(lanes, EULER_RATE, lane, add(euler_rate, _deviation(key, 15, ranges.angle_rate)))
     r, r_dot = scale(pole.side, r), scale(pole.side, r_dot)
-    if ranges.highest_angle > 0.0:
+    if ranges.pendulum_angle[1] > 0.0:
         r = _turned(key, 18, ranges, r)
         r_dot = axpy(-dot(r, r_dot), r, r_dot)
     store(lanes, DIRECTION, lane, r)
     store(lanes, DIRECTION_RATE, lane, r_dot)
-
-
-@inlined
-def _draw_starts(
-    rows: Any,
-    seeds: Any,
-    episodes: Any,
-    ranges: Any,
-    pole: Any,
-    parameters: Any,
-    reference: Any,
-    state: Any,
-    trajectories: Any,
-) -> None:
-    bounds = StartRanges(ranges[0], ranges[1], ranges[2], ranges[3], ranges[4], ranges[5], ranges[6], ranges[7])
-    geometry = StartPole(pole[0], pole[1], pole[2])
-    for row in rows:
-        key = derive(derive(seeds[row], episodes[row]), START_STREAM)
-        point = point_at(trajectories, row, reference.T, row, 0.0)
-        draw_start(key, bounds, geometry, point, load_physics(parameters.T, row), state.T, row)
 
 
 @compiled
@@ -178,6 +165,8 @@ def draw_starts(
     parameters: Floats,
     reference: Floats,
     state: Floats,
+    numbers: Floats,
+    first: Integers,
 ) -> None:
     """Draw a random start near the reference for some of n sub-environments.
 
@@ -185,31 +174,16 @@ def draw_starts(
         rows: Indices of the sub-environments, shape (m,).
         seeds: Key of the random stream of each sub-environment, shape (n,).
         episodes: Number of the episode of each sub-environment, shape (n,).
-        ranges: Values of `StartSettings`, see `quadpend_gym.tasks.flatten`, shape (8,).
+        ranges: A packed `StartSettings`.
         pole: See `start_pole`, shape (3,).
         parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
         reference: References, shape (n, 20), see `Reference.as_array`.
         state: States, shape (n, 18), changed in place.
+        numbers: See `TrajectoryTable`.
+        first: See `TrajectoryTable`, shape (n,).
     """
-    _draw_starts(rows, seeds, episodes, ranges, pole, parameters, reference, state, None)
-
-
-@compiled
-def draw_starts_on_trajectories(
-    rows: Integers,
-    seeds: Keys,
-    episodes: Integers,
-    ranges: Floats,
-    pole: Floats,
-    parameters: Floats,
-    reference: Floats,
-    state: Floats,
-    numbers: Floats,
-    first: Integers,
-) -> None:
-    """As `draw_starts`, where some sub-environments follow a trajectory.
-
-    `numbers` and `first` are the fields of `PackedTrajectories`.
-    """
-    trajectories = PackedTrajectories(numbers, first)
-    _draw_starts(rows, seeds, episodes, ranges, pole, parameters, reference, state, trajectories)
+    bounds, geometry = _unpack(ranges), StartPole(pole[0], pole[1], pole[2])
+    for row in rows:
+        key = derive(derive(seeds[row], episodes[row]), START_STREAM)
+        point = point_at((numbers, first), row, reference.T, row, 0.0)
+        draw_start(key, bounds, geometry, point, load_physics(parameters.T, row), state.T, row)

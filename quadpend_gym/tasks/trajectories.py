@@ -18,16 +18,17 @@ A packed trajectory is a flat array. Many of them stand one after the other in t
 | terms       | k · 20     | each term as a reference array, offset and rate in the first                 |
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.core.jit import compiled, inlined
-from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
+from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
+from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks.minimum_snap import COEFFICIENTS, minimum_snap
 from quadpend_gym.tasks.references import (
     CHANNELS,
@@ -39,19 +40,12 @@ from quadpend_gym.tasks.references import (
     Reference,
     ReferencePoint,
     channel_derivatives,
-    channels_to_point,
-    reference_point,
 )
 
 SHORTEST_INTERVAL = 0.01  # s, between two waypoints
 LARGEST_RATIO = 1000.0  # of the longest interval to the shortest
 _HEADER = 3
 _PERIOD, _PIECES, _TERMS = range(_HEADER)
-
-
-@inlined
-def _add(a: Derivatives, b: Derivatives) -> Derivatives:
-    return Derivatives(a.d0 + b.d0, a.d1 + b.d1, a.d2 + b.d2, a.d3 + b.d3, a.d4 + b.d4, a.d5 + b.d5, a.d6 + b.d6)
 
 
 @inlined
@@ -66,7 +60,7 @@ def _polynomial(numbers: Any, first: int, t: float) -> Derivatives:
         d2 = d2 * t + d1
         d1 = d1 * t + d0
         d0 = d0 * t + numbers[first + k]
-    return Derivatives(d0, d1, 2.0 * d2, 6.0 * d3, 24.0 * d4, 120.0 * d5, 720.0 * d6)
+    return d0, d1, 2.0 * d2, 6.0 * d3, 24.0 * d4, 120.0 * d5, 720.0 * d6
 
 
 @inlined
@@ -75,7 +69,7 @@ def _trajectory_channel(numbers: Any, first: int, channel: int, time: float) -> 
     pieces, terms = int(numbers[first + _PIECES]), int(numbers[first + _TERMS])
     origins = first + _HEADER
     polynomials = origins + pieces
-    out = Derivatives(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    out = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if pieces > 0:
         t, period = time, numbers[first + _PERIOD]
         if period > 0.0:
@@ -93,20 +87,19 @@ def _trajectory_channel(numbers: Any, first: int, channel: int, time: float) -> 
         begin = polynomials + pieces * CHANNELS * COEFFICIENTS
         columns = numbers[begin : begin + terms * REFERENCE_SIZE].reshape((terms, REFERENCE_SIZE)).T
         for term in range(terms):
-            out = _add(out, channel_derivatives(columns, channel, term, time))
+            a, b = out, channel_derivatives(columns, channel, term, time)
+            out = a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6]
     return out
 
 
-class PackedTrajectories(NamedTuple):
-    """Trajectories of n sub-environments inside compiled functions.
-
-    Attributes:
-        numbers: Packed trajectories, one after the other, shape (k,).
-        first: Position in `numbers` of the trajectory of each sub-environment, shape (n,); −1: it has a `Reference`.
-    """
-
-    numbers: Floats
-    first: Integers
+@inlined
+def _channel(trajectories: Any, row: int, lanes: Any, lane: int, channel: int, time: float) -> Derivatives:
+    if trajectories is None:
+        return channel_derivatives(lanes, channel, lane, time)
+    numbers, first = trajectories[0], trajectories[1][row]
+    if first < 0:
+        return channel_derivatives(lanes, channel, lane, time)
+    return _trajectory_channel(numbers, first, channel, time)
 
 
 @inlined
@@ -114,22 +107,27 @@ def point_at(trajectories: Any, row: int, lanes: Any, lane: int, time: float) ->
     """Return the reference of sub-environment `row` at `time` (s).
 
     Args:
-        trajectories: `PackedTrajectories`, or None if all sub-environments have a `Reference`.
+        trajectories: `numbers` and `first` of a `TrajectoryTable`, or None if all sub-environments have a `Reference`.
         row: Number of the sub-environment.
         lanes: References, shape (20, m).
         lane: Column of `lanes` with the reference of the sub-environment.
         time: Time, s.
     """
-    if trajectories is None:
-        return reference_point(lanes, lane, time)
-    numbers, first = trajectories.numbers, trajectories.first[row]
-    if first < 0:
-        return reference_point(lanes, lane, time)
-    return channels_to_point(
-        _trajectory_channel(numbers, first, 0, time),
-        _trajectory_channel(numbers, first, 1, time),
-        _trajectory_channel(numbers, first, 2, time),
-        _trajectory_channel(numbers, first, 3, time),
+    x = _channel(trajectories, row, lanes, lane, 0, time)
+    y = _channel(trajectories, row, lanes, lane, 1, time)
+    z = _channel(trajectories, row, lanes, lane, 2, time)
+    yaw = _channel(trajectories, row, lanes, lane, 3, time)
+    return ReferencePoint(
+        Vec3(x[0], y[0], z[0]),
+        Vec3(x[1], y[1], z[1]),
+        Vec3(x[2], y[2], z[2]),
+        Vec3(x[3], y[3], z[3]),
+        Vec3(x[4], y[4], z[4]),
+        Vec3(x[5], y[5], z[5]),
+        Vec3(x[6], y[6], z[6]),
+        yaw[0],
+        yaw[1],
+        yaw[2],
     )
 
 
@@ -283,14 +281,45 @@ def as_trajectory(value: Any, name: str) -> Trajectory:
         return value
     if not (isinstance(value, Mapping) and "kind" in value):
         return parse(Reference, value, name)
-    if (kind := KINDS.get(value["kind"])) is None:
-        raise ValueError(
-            f"{name} has no kind {value['kind']!r}{suggest(value['kind'], KINDS)}; the kinds are {', '.join(KINDS)}"
-        )
-    return parse(kind, value, name)
+    return parse(look_up(KINDS, value["kind"], f"{name} of the kind"), value, name)
 
 
 # Annotation of a field that holds a trajectory or None
 TrajectoryField = Parsed(
     lambda value: None if value is None else as_trajectory(value, "trajectory"), lambda: Trajectory | None
 )
+
+
+class TrajectoryTable:
+    """Trajectories that n sub-environments follow, packed; each object is stored once.
+
+    Attributes:
+        numbers: Packed trajectories, one after the other, shape (k,).
+        first: Position in `numbers` of the trajectory of each sub-environment, shape (n,); −1: it has a `Reference`.
+    """
+
+    def __init__(self, rows: int) -> None:
+        self.numbers, self.first = np.zeros(0), np.full(rows, -1, np.int64)
+        self._followed: list[Waypoints | Sinusoids | None] = [None] * rows
+
+    def assign(self, rows: Integers, trajectories: Sequence[Waypoints | Sinusoids | None]) -> None:
+        """Set the trajectories of some sub-environments.
+
+        Args:
+            rows: Indices of the sub-environments, shape (m,).
+            trajectories: One trajectory for all of them or one for each; None for a sub-environment without one.
+        """
+        new = dict(zip(rows.tolist(), list(trajectories) * (len(rows) // len(trajectories)), strict=True))
+        if all(self._followed[row] is item for row, item in new.items()):
+            return
+        for row, item in new.items():
+            self._followed[row] = item
+        distinct = {id(item): item.packed for item in self._followed if item is not None}
+        ends = np.cumsum([0, *(packed.size for packed in distinct.values())])
+        position = dict(zip(distinct, ends.tolist(), strict=False))
+        self.first[:] = [position.get(id(item), -1) for item in self._followed]
+        self.numbers = np.concatenate([np.zeros(0), *distinct.values()])
+
+    def find(self, row: int) -> Waypoints | Sinusoids | None:
+        """Return the trajectory of a sub-environment, or None if it follows none."""
+        return self._followed[row]

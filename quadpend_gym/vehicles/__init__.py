@@ -2,15 +2,21 @@
 
 from quadpend_gym.vehicles.parameters import PARAMETER_NAMES, Parameters
 from quadpend_gym.vehicles.parts import POLES, Drag, Pole, RateLoop, Rotors
-from quadpend_gym.vehicles.registry import VEHICLES, as_vehicle
-from quadpend_gym.vehicles.simulation import CONTROL_PERIOD, INTERFACES, Simulation
-from quadpend_gym.vehicles.vehicle import Vehicle, hover_thrusts, hover_wrench, mixing, torque_limits
+from quadpend_gym.vehicles.simulation import CONTROL_PERIOD, Simulation
+from quadpend_gym.vehicles.vehicle import (
+    VEHICLES,
+    Vehicle,
+    as_vehicle,
+    hover_thrusts,
+    hover_wrench,
+    mixing,
+    torque_limits,
+)
 
 PAPER = VEHICLES["paper"].parameters
 
 __all__ = [
     "CONTROL_PERIOD",
-    "INTERFACES",
     "PAPER",
     "PARAMETER_NAMES",
     "POLES",

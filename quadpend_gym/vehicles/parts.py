@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator
 
 from quadpend_gym.core.files import read_toml
-from quadpend_gym.core.settings import Parsed, Range, parse, settings, suggest
+from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
 
 PRESETS = read_toml(Path(__file__).with_name("presets.toml"))
 Axes = tuple[float, float, float]  # x, y, z
@@ -49,9 +49,7 @@ POLES = {name: parse(Pole, data, f"poles.{name}") for name, data in PRESETS["pol
 
 def as_pole(value: Any) -> Pole:
     """Return a `Pole` from itself, a mapping of its fields, or a name in `POLES`."""
-    if isinstance(value, str) and value not in POLES:
-        raise ValueError(f"there is no pole {value!r}{suggest(value, POLES)}; there are {', '.join(POLES)}")
-    return POLES[value] if isinstance(value, str) else parse(Pole, value, "pole")
+    return look_up(POLES, value, "pole") if isinstance(value, str) else parse(Pole, value, "pole")
 
 
 PoleField = Parsed(as_pole, lambda: Literal[tuple(POLES)] | Pole)  # annotation of a field that holds a pole

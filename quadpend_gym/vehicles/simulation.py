@@ -2,19 +2,17 @@
 
 from dataclasses import field
 from functools import cached_property
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.vehicles.parameters import Parameters
-from quadpend_gym.vehicles.registry import VEHICLES, VehicleField
-from quadpend_gym.vehicles.vehicle import Vehicle, torque_limits
+from quadpend_gym.vehicles.vehicle import VEHICLES, Vehicle, VehicleField, torque_limits
 
 CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
 Interface = Literal["wrench", "rotors", "body_rates"]
-INTERFACES: tuple[str, ...] = get_args(Interface)
 _MOST_DELAYED = 1000  # control periods from an action to the moment when it acts
 # Largest rate at which linear drag slows a motion, times the length of a substep. The drag of the rotors is constant
 # during a substep, so it would reverse the motion above 1. Angular drag is part of the Runge-Kutta step, which is

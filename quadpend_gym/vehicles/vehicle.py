@@ -1,18 +1,21 @@
-"""A quadrotor with a pole as data: `Vehicle`, and what follows from its rotors.
+"""A quadrotor with a pole as data: `Vehicle`, what follows from its rotors, and the vehicles of `presets.toml`.
 
 Frames: world z up; body x forward, y left, z up, with its origin in the body's centre of mass. SI units.
 """
 
 from collections.abc import Sequence
 from dataclasses import field
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.settings import Range, settings
+from quadpend_gym.core.files import read_toml
+from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
 from quadpend_gym.vehicles.parameters import Parameters
-from quadpend_gym.vehicles.parts import Axes, Drag, Pole, PoleField, RateLoop, Rotors
+from quadpend_gym.vehicles.parts import PRESETS, Axes, Drag, Pole, PoleField, RateLoop, Rotors
 
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
 _LARGEST_GYRATION = 3.0  # radius of gyration per distance of the outermost rotor; 1 if all mass is at that distance
@@ -219,3 +222,34 @@ def _check_rotors(vehicle: Vehicle, rotors: Rotors) -> None:
             f"rate_loop.time_constant must be at least half the rotors' lag of {lag:g} s, not"
             f" {vehicle.rate_loop.time_constant:g} s"
         )
+
+
+VEHICLES = {name: Vehicle(**{"name": name, **data}) for name, data in PRESETS["vehicles"].items()}
+
+
+def as_vehicle(value: Any) -> Vehicle:
+    """Return a vehicle.
+
+    Args:
+        value: A `Vehicle`, the name of one in `VEHICLES`, the path of a TOML file (it ends in .toml), a mapping of the
+            fields of `Vehicle`, or None for the paper's vehicle.
+    """
+    if value is None:
+        return VEHICLES["paper"]
+    if isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml")):
+        path = Path(value)
+        try:
+            return Vehicle(**{"name": path.stem, **read_toml(path)})
+        except OSError as error:
+            raise ValueError(f"the vehicle file {str(path)!r} cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+    if isinstance(value, str):
+        return look_up(VEHICLES, value, "vehicle", "; or give a TOML file")
+    return parse(Vehicle, value, "vehicle")
+
+
+# annotation of a field that holds a vehicle
+VehicleField = Parsed(
+    as_vehicle, lambda: Literal[tuple(VEHICLES)] | Annotated[str, Field(pattern=r"\.toml$")] | Vehicle
+)

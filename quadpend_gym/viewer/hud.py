@@ -10,8 +10,7 @@ from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import View
 from quadpend_gym.viewer.palette import Colour, blend
 from quadpend_gym.viewer.primitives import Point, arrow, circle, line, polygon, rectangle, text_width, write
-from quadpend_gym.viewer.shape import PAPER_SHAPE
-from quadpend_gym.viewer.snapshot import Snapshot
+from quadpend_gym.viewer.snapshot import PAPER_SHAPE, Snapshot
 
 _MAX_THRUST = 2.0  # thrust divided by the weight, at the upper end of the thrust bar
 _MAX_FORCE = 0.5  # N, at the rim of the wind dial of the paper's vehicle

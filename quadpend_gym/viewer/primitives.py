@@ -1,6 +1,6 @@
 """Anti-aliased lines, polygons, circles, arrows and text on a pygame surface, in pixels."""
 
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -80,15 +80,6 @@ def text_width(text: str, size: int) -> float:
 
 @lru_cache(2000)
 def _render(text: str, size: int, colour: Colour) -> Any:
-    try:
-        return _font(size).render(text, True, colour)
-    except pygame.error:  # other code has called pygame.quit() in the meantime
-        _font.cache_clear()
-        return _font(size).render(text, True, colour)
-
-
-@cache
-def _font(size: int) -> Any:
-    """Return the font that pygame ships, which looks the same on every machine."""
-    pygame.font.init()
-    return pygame.font.Font(None, size)
+    """Return a line of text in the font that pygame ships, which looks the same on every machine."""
+    pygame.font.init()  # again after other code has called pygame.quit()
+    return pygame.font.Font(None, size).render(text, True, colour)

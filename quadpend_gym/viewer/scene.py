@@ -1,7 +1,7 @@
 """The scene in perspective: ground, reference, wind, quadrotor, rod and bob.
 
-`quadpend_gym.viewer.shape` has the sizes of the vehicle. The reference and the trail are drawn at the pole's centre of
-mass of an upright vehicle, the pivot's offset above ζ + l r.
+`quadpend_gym.viewer.snapshot` has the sizes of the vehicle. The reference and the trail are drawn at the pole's centre
+of mass of an upright vehicle, the pivot's offset above ζ + l r.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,8 +18,7 @@ from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import NEAR, View
 from quadpend_gym.viewer.palette import Colour, blend
 from quadpend_gym.viewer.primitives import arrow, circle, line, outline, polygon
-from quadpend_gym.viewer.shape import PAPER_SHAPE
-from quadpend_gym.viewer.snapshot import Snapshot
+from quadpend_gym.viewer.snapshot import PAPER_SHAPE, Snapshot
 
 BODY = 0.055  # m, radius of the body of the paper's vehicle
 _GRID_RADIUS = 12  # m

@@ -40,10 +40,8 @@ class Controls:
         }
         self.paused, self.help = False, False  # help: whether the list of keys is shown
         self.speed, self.steps = 1.0, 0  # 1 is real time; number of single steps still to make while paused
-        self.end_requested, self.closed = (
-            False,
-            False,
-        )  # of the running episode; whether the window is or is to be closed
+        self.end_requested = False  # of the running episode
+        self.closed = False  # whether the window is or is to be closed
 
     def handle(self, event: Any) -> None:
         """Respond to an event of pygame."""

@@ -10,7 +10,6 @@ from quadpend_baselines import ADRC, Policy
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.physics.state import ACTION_SIZE, THRUST
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks import EPISODE_STEPS
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, OBSERVATION_SCALE
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.comparison import Comparison
@@ -64,7 +63,7 @@ def synthetic_results(rmse: Any, survived: Any = True) -> EpisodeResults:
     """Return synthetic results with the given RMSE (m) of each episode, shape (n,) or (s, n)."""
     rmse = np.atleast_2d(np.asarray(rmse, np.float64))
     survived = np.broadcast_to(survived, rmse.shape)
-    one, error = np.ones_like(rmse), np.zeros((*rmse.shape, EPISODE_STEPS), np.float32)
+    one, error = np.ones_like(rmse), np.zeros((*rmse.shape, 1000), np.float32)
     return EpisodeResults(
         survived,
         one.astype(np.int64),

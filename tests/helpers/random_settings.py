@@ -5,11 +5,12 @@ from typing import Any, get_args
 
 import numpy as np
 
+from quadpend_gym import Limits, ReferenceSettings, RewardWeights, StartSettings
 from quadpend_gym.actuators import KINDS as ACTUATORS
 from quadpend_gym.core.settings import Range, declared
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import KINDS as SENSORS
-from quadpend_gym.tasks import TASKS, Limits, ReferenceSettings, RewardWeights, StartSettings
+from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wind import KINDS as WINDS
 

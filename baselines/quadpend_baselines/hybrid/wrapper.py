@@ -16,7 +16,7 @@ from quadpend_gym.envs.inputs import check_action, clip_rounding
 from quadpend_gym.envs.spaces import observation_space
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
-from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
+from quadpend_gym.wrappers import last_observations, replace_final_observations
 
 NO_HYBRID = "hybrids balance an upright pendulum: the base controller does not fly a hanging load"
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from quadpend_baselines.policy.protocol import Policy, PolicyWrapper
 from quadpend_gym import Simulation
-from quadpend_gym.actuators import Rotors
+from quadpend_gym.actuators import Rotors, mixing
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import Scenario
 
@@ -30,7 +30,7 @@ class RotorAllocation(PolicyWrapper):
     def __init__(self, policy: Policy, rotors: Rotors | None = None, simulation: Simulation | None = None) -> None:
         """Invert the mixing matrix."""
         super().__init__(policy)
-        self._unmixing = np.linalg.inv((rotors or Rotors()).mixing(simulation or Simulation()))
+        self._unmixing = np.linalg.inv(mixing(rotors or Rotors(), simulation or Simulation()))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

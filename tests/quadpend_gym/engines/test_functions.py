@@ -11,8 +11,8 @@ from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as places
 from quadpend_gym.envs.plant_rows import plant_rows
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
-from quadpend_gym.tasks import TASKS
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
+from quadpend_gym.tasks.task import TASKS
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
 
 pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")

@@ -26,7 +26,7 @@ BAD_MASKS: dict[str, tuple[Any, str]] = {
     "empty": (np.zeros(3, np.bool_), "'reset_mask'.* True"),
 }
 BAD_ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
-    "unknown task": ({"task": "swim"}, "no task 'swim'; the tasks are track, hover"),
+    "unknown task": ({"task": "swim"}, "no task 'swim'; there are track, hover"),
     "unknown field of a task": ({"task": {"limits": {"angle": 1}}}, "limits has no field 'angle'"),
     "unknown wind": ({"wind": "gale"}, "no wind 'gale'; there are calm, breeze, windy, storm"),
     "wind of an unknown kind": ({"wind": {"kind": "gale"}}, "'gale'.*constant, sinusoid"),

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from quadpend_gym.vehicles import INTERFACES, Simulation
+from quadpend_gym.vehicles import Simulation
 from tests.helpers.envs import ENDLESS, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.random_settings import INTERFACES
 from tests.helpers.rigid import random_vehicle, start
 
 STEPS, SEED = 30, 50

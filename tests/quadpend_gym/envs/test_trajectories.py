@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_gym import Reference, Sinusoids, StartSettings, Task, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.observation import read_observation
-from quadpend_gym.tasks.trajectory_table import TrajectoryTable
+from quadpend_gym.tasks.trajectories import TrajectoryTable
 from tests.helpers.envs import draw_actions, make_unwrapped
 
 WAYPOINTS = Waypoints((0, 2, 4, 6), ((0, 0, 2), (1, 0, 2, 0.3), (1, 1, 2.5), (0, 1, 2)))
@@ -65,7 +65,7 @@ def test_equal_trajectories_are_stored_once_and_old_ones_are_removed() -> None:
         assert_array_equal(stored(table, 1, CHORD), CHORD.packed)
         assert table.numbers.size == new.packed.size + CHORD.packed.size
     table.assign(np.arange(2), [None])
-    assert not table.in_use
+    assert not table.numbers.size
 
 
 def stored(table: TrajectoryTable, row: int, trajectory: Any) -> Floats:

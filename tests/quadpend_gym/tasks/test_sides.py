@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quadpend_gym import Limits, Reference, RewardWeights, StartSettings
-from quadpend_gym.tasks import TASKS
+from quadpend_gym.tasks.task import TASKS
 from tests.helpers.envs import AT_REST, make_unwrapped, make_vec, run_actions
 
 HANGING = {**AT_REST, "direction": (0.0, 0.0, -1.0)}

@@ -12,8 +12,7 @@ from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.viewer import scene
 from quadpend_gym.viewer.camera import NEAR
 from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.shape import shape_of
-from quadpend_gym.viewer.snapshot import Snapshot
+from quadpend_gym.viewer.snapshot import Snapshot, shape_of
 from tests.helpers.viewer import SIZE, hovering
 
 BODY = np.array([0.0, 0.0, 2.0])

@@ -12,7 +12,7 @@ from quadpend_gym import Reference
 from quadpend_gym.viewer import hud, palette
 from quadpend_gym.viewer.camera import NEAR, Camera
 from quadpend_gym.viewer.picture import Picture
-from quadpend_gym.viewer.shape import ARM, PAPER_SHAPE
+from quadpend_gym.viewer.snapshot import ARM, PAPER_SHAPE
 from tests.helpers.viewer import (
     SIZE,
     centroid,

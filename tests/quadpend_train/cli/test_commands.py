@@ -13,7 +13,7 @@ import pytest
 from quadpend_baselines import CONTROLLERS
 from quadpend_gym import __version__, actuators, sensors, wind
 from quadpend_gym.scenarios import SCENARIOS, SETS, find_scenario
-from quadpend_gym.tasks import TASKS
+from quadpend_gym.tasks.task import TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES
 from quadpend_train.cli.main import COMMANDS, main
 from quadpend_train.policies.loading import shipped_policies

@@ -11,7 +11,7 @@ import tyro
 from quadpend_baselines.gains import DESCRIPTIONS
 from quadpend_gym import actuators, sensors, wind
 from quadpend_gym.scenarios import SCENARIOS, SETS, Scenario
-from quadpend_gym.tasks import ENVIRONMENTS, TASKS
+from quadpend_gym.tasks.task import ENVIRONMENTS, TASKS
 from quadpend_gym.vehicles import POLES, VEHICLES, Pole, Vehicle
 from quadpend_train.policies.loading import shipped_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy

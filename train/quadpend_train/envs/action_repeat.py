@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 
-from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
+from quadpend_gym.wrappers import last_observations, replace_final_observations
 
 
 class ActionRepeat(VectorWrapper):

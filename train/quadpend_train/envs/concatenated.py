@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
+from quadpend_gym.wrappers import last_observations, replace_final_observations
 
 
 class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):

@@ -12,7 +12,7 @@ from tqdm.auto import tqdm
 
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.viewer.shape import PAPER_SHAPE
+from quadpend_gym.viewer.snapshot import PAPER_SHAPE
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.recording import Recording, record_episode

@@ -85,7 +85,9 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
     `pendulum_first` is not below that of the scenario, because it belongs to the task.
     """
     least = max(reward.pendulum_first, scenario.task.reward.pendulum_first)
-    return scenario if reward == RewardWeights() else scenario.with_reward(replace(reward, pendulum_first=least))
+    if reward == RewardWeights():
+        return scenario
+    return replace(scenario, task=replace(scenario.task, reward=replace(reward, pendulum_first=least)))
 
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:

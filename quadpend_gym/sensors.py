@@ -8,9 +8,9 @@ reference. Reward, termination and ``info`` use the true state.
 Several sensors act in the order in which they are listed: ``[Noise(position=0.002), Delay(2)]`` delays noisy samples.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
-from typing import Annotated, Any, Literal, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,19 +21,6 @@ from quadpend_gym.core.models import Model, Registry, ZeroInitialized
 from quadpend_gym.core.settings import Parsed, Range, parse, settings
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
 from quadpend_gym.physics.state import DIRECTION, STATE_FIELDS, STATE_SIZE
-
-__all__ = [
-    "KINDS",
-    "Channel",
-    "Delay",
-    "Dropout",
-    "Noise",
-    "SampleHold",
-    "Sensor",
-    "SensorsField",
-    "as_sensors",
-    "check_periods",
-]
 
 
 @runtime_checkable
@@ -71,11 +58,10 @@ class Channel:
     quantum: Annotated[float, Range(0.0, 1e6)] = 0.0
 
 
-def _as_channel(value: Any) -> Channel:
-    return Channel(value) if isinstance(value, int | float) else parse(Channel, value, "Channel")
-
-
-ErrorsField = Parsed(_as_channel, lambda: Channel | float)
+ErrorsField = Parsed(
+    lambda value: Channel(value) if isinstance(value, int | float) else parse(Channel, value, "Channel"),
+    lambda: Channel | float,
+)
 
 
 @SENSORS.add
@@ -107,67 +93,49 @@ class Noise:
         return sizes
 
     @cached_property
-    def _plan(self) -> "_NoisePlan":
-        white, bias, walk = (self._sizes(what) for what in ("white", "bias", "walk"))
-        columns = np.flatnonzero(white + bias + walk)
-        quantum = self._sizes("quantum")
-        return _NoisePlan(
-            columns,
-            white[columns],
-            bias[columns],
-            walk[columns],
-            quantum,
-            np.flatnonzero(quantum),
-            has_offset=bool(bias.any() or walk.any()),
-            has_walk=bool(walk.any()),
-            normalises=bool(self.direction.white or self.direction.bias or self.direction.walk),
-        )
+    def _columns(self) -> "_NoisyColumns":
+        white, bias, walk, quantum = (self._sizes(item.name) for item in fields(Channel))
+        noisy, rounded = np.flatnonzero(white + bias + walk), np.flatnonzero(quantum)
+        return _NoisyColumns(noisy, white[noisy], bias[noisy], walk[noisy], rounded, quantum[rounded])
 
     @property
     def memory_size(self) -> int:
         """One number for each noisy column, bias plus random walk, if there is a bias or a random walk."""
-        return self._plan.columns.size if self._plan.has_offset else 0
+        columns = self._columns
+        return columns.noisy.size if columns.bias.any() or columns.walk.any() else 0
 
     def initial_memory(self, streams: Streams) -> Floats:
         """Draw the biases."""
-        plan = self._plan
-        if not plan.has_offset:
-            return np.empty((streams.keys.size, 0))
-        return plan.bias * streams.normal(0, plan.columns.size)
+        return (self._columns.bias * streams.normal(0, self._columns.noisy.size))[:, : self.memory_size]
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the errors, then round.
 
         The white noise uses block 2 · step + 1 of the random streams, the random walk block 2 · step + 2.
         """
-        plan = self._plan
-        if plan.columns.size:
-            _add_normal(streams.keys, 2 * step + 1, plan.columns, plan.white, measured.T)
-        if plan.has_offset:
-            for i, column in enumerate(plan.columns):
-                measured[:, column] += memory[:, i]
-        if plan.has_walk:
-            columns_of_memory = np.arange(plan.columns.size)
-            _add_normal(streams.keys, 2 * step + 2, columns_of_memory, np.sqrt(period) * plan.walk, memory.T)
-        if plan.normalises:
+        columns = self._columns
+        if columns.noisy.size:
+            _add_normal(streams.keys, 2 * step + 1, columns.noisy, columns.white, measured.T)
+        for i in range(memory.shape[1]):
+            measured[:, columns.noisy[i]] += memory[:, i]
+        if columns.walk.any():
+            every = np.arange(columns.noisy.size)
+            _add_normal(streams.keys, 2 * step + 2, every, np.sqrt(period) * columns.walk, memory.T)
+        if self.direction.white or self.direction.bias or self.direction.walk:
             _normalise(measured.T)
-        for column in plan.rounded:
-            measured[:, column] = plan.quantum[column] * np.rint(measured[:, column] / plan.quantum[column])
+        for column, quantum in zip(columns.rounded, columns.quantum, strict=True):
+            measured[:, column] = quantum * np.rint(measured[:, column] / quantum)
 
 
-@dataclass(frozen=True)
-class _NoisePlan:
-    """A `Noise` by columns of the state."""
+class _NoisyColumns(NamedTuple):
+    """The columns of the state in which a `Noise` adds errors, and their sizes; those in which it rounds, and steps."""
 
-    columns: Integers  # with white noise, bias or random walk, shape (k,)
-    white: Floats  # their sizes, shape (k,)
+    noisy: Integers
+    white: Floats
     bias: Floats
     walk: Floats
-    quantum: Floats  # quantisation steps of all columns, shape (18,)
-    rounded: Integers  # columns with quantisation
-    has_offset: bool  # whether there is a bias or a random walk
-    has_walk: bool
-    normalises: bool  # whether the direction is noisy
+    rounded: Integers
+    quantum: Floats
 
 
 @inlined

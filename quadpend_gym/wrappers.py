@@ -1,4 +1,30 @@
-"""Wrappers that change the observation: output feedback without velocities, and histories."""
+"""Wrappers for non-ideal conditions and for other observations.
+
+Each wrapper exists for a single environment and, with the prefix ``Vector``, for a vector environment.
+
+| wrapper                 | effect                                                   | models                       |
+|-------------------------|----------------------------------------------------------|------------------------------|
+| `WindWrapper`           | adds forces, torques and moving air                      | `quadpend_gym.wind`          |
+| `SensorWrapper`         | adds noise, delay and dropout to the measured state      | `quadpend_gym.sensors`       |
+| `ActuatorWrapper`       | adds rotors, lag, delay, rate limits and faults          | `quadpend_gym.actuators`     |
+| `ParameterWrapper`      | draws the physical parameters of each episode            | `quadpend_gym.randomization` |
+| `OutputFeedbackWrapper` | removes the velocities from the observation              |                              |
+| `HistoryWrapper`        | stacks the latest observations and actions               |                              |
+
+The specification of a single environment contains its wrappers and can be converted to JSON with them. The
+specification of a vector environment contains no wrappers, as with Gymnasium's own vector wrappers, but it contains the
+wind that the environment was made with.
+
+`WindWrapper`, `SensorWrapper`, `ActuatorWrapper` and `ParameterWrapper` change the simulation of the innermost
+environment, a `QuadPendulumEnv` or `QuadPendulumVectorEnv`; the next reset applies the change. Any wrapper in between
+therefore also receives the changed observations, and the changed actuators act on its actions. Env and VectorEnv return
+the same numbers for the same seed.
+
+With same-step autoreset, `step` returns the first observation of the next episode for each sub-environment whose
+episode ended. The last observation of the ended episode is in ``info["final_obs"]``, an object array of shape (n,) that
+holds None for the other sub-environments. A wrapper that changes observations must change both, see
+`last_observations`.
+"""
 
 from typing import Any
 
@@ -9,10 +35,140 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
+from quadpend_gym.actuators import as_actuators
 from quadpend_gym.core.arrays import Booleans, Floats32
 from quadpend_gym.envs.spaces import observation_space
+from quadpend_gym.envs.world import World
+from quadpend_gym.randomization import as_ranges
+from quadpend_gym.scenarios.scenario import wind_models
+from quadpend_gym.sensors import as_sensors
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS, OUTPUT_FEEDBACK_SIZE
-from quadpend_gym.wrappers.same_step import last_observations, replace_final_observations
+
+AnyEnv = gym.Env[Any, Any] | VectorEnv[Any, Any, Any]
+
+
+def _world(env: AnyEnv) -> World:
+    """Return the simulation of the innermost environment."""
+    world = getattr(env.unwrapped, "world", None)
+    if not isinstance(world, World):
+        raise TypeError(f"env must be a QuadPendulum environment, wrapped or not, not {env}")
+    return world
+
+
+def _add_wind(env: AnyEnv, wind: Any) -> None:
+    world = _world(env)
+    world.add_wind(wind_models(wind, world.simulation))
+
+
+class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Add wind to the wind that `env` already has.
+
+    Args:
+        env: A QuadPendulum environment, wrapped or not.
+        wind: As the argument of `gymnasium.make`; presets by name are scaled for the vehicle.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], wind: Any) -> None:
+        RecordConstructorArgs.__init__(self, wind=wind)
+        gym.Wrapper.__init__(self, env)
+        _add_wind(env, wind)
+
+
+class VectorWindWrapper(VectorWrapper):
+    """`WindWrapper` for a vector environment."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], wind: Any) -> None:
+        VectorWrapper.__init__(self, env)
+        _add_wind(env, wind)
+
+
+class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Compute the observation of `env` from measured states; reward, termination and info do not change.
+
+    Args:
+        env: A QuadPendulum environment, wrapped or not. Its own sensors come before these.
+        sensors: As the argument of `gymnasium.make`.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], sensors: Any) -> None:
+        RecordConstructorArgs.__init__(self, sensors=sensors)
+        gym.Wrapper.__init__(self, env)
+        _world(env).add_sensors(as_sensors(sensors))
+
+
+class VectorSensorWrapper(VectorWrapper):
+    """`SensorWrapper` for a vector environment."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], sensors: Any) -> None:
+        VectorWrapper.__init__(self, env)
+        _world(env).add_sensors(as_sensors(sensors))
+
+
+class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Pass the actions through actuators before they act on `env`; ``info["command"]`` has the resulting command.
+
+    Args:
+        env: A QuadPendulum environment, wrapped or not. An action passes its own actuators after these.
+        actuators: As the argument of `gymnasium.make`.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], actuators: Any) -> None:
+        RecordConstructorArgs.__init__(self, actuators=actuators)
+        gym.Wrapper.__init__(self, env)
+        _world(env).add_actuators(as_actuators(actuators))
+
+
+class VectorActuatorWrapper(VectorWrapper):
+    """`ActuatorWrapper` for a vector environment."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], actuators: Any) -> None:
+        VectorWrapper.__init__(self, env)
+        _world(env).add_actuators(as_actuators(actuators))
+
+
+class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Draw the physical parameters of each episode; ``info["parameters"]`` has the true values.
+
+    Args:
+        env: A QuadPendulum environment, wrapped or not, whose parameters are not drawn yet.
+        ranges: As the argument `parameters` of `gymnasium.make`.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:
+        RecordConstructorArgs.__init__(self, ranges=ranges)
+        gym.Wrapper.__init__(self, env)
+        _world(env).draw_parameters(as_ranges(ranges))
+
+
+class VectorParameterWrapper(VectorWrapper):
+    """`ParameterWrapper` for a vector environment."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], ranges: Any) -> None:
+        VectorWrapper.__init__(self, env)
+        _world(env).draw_parameters(as_ranges(ranges))
+
+
+def last_observations(observation: Floats32, info: dict[str, Any], ended: Booleans) -> Floats32:
+    """Return the observations, shape (n, k), that the last step reached, before any same-step autoreset.
+
+    Args:
+        observation: The observations that `step` returned, shape (n, k).
+        info: The info that `step` returned.
+        ended: The sub-environments whose episode ended with the step, shape (n,).
+    """
+    if "final_obs" not in info:
+        return observation
+    last = observation.copy()
+    last[ended] = np.stack(info["final_obs"][ended])
+    return last
+
+
+def replace_final_observations(info: dict[str, Any], ended: Booleans, last: Floats32) -> None:
+    """Set ``info["final_obs"]`` and its mask ``info["_final_obs"]``, to the last observations, shape (n, k)."""
+    final = np.empty(ended.size, object)  # filled with None
+    for row in np.flatnonzero(ended):
+        final[row] = last[row].copy()
+    info["final_obs"], info["_final_obs"] = final, ended
 
 
 def _without_velocities(space: Any) -> spaces.Box:
@@ -32,7 +188,6 @@ class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstru
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
-        """Wrap `env`."""
         RecordConstructorArgs.__init__(self)
         gym.ObservationWrapper.__init__(self, env)
         self.observation_space = _without_velocities(env.observation_space)
@@ -46,7 +201,6 @@ class VectorOutputFeedbackWrapper(VectorWrapper):
     """`OutputFeedbackWrapper` for a vector environment, in every autoreset mode."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         self.single_observation_space = _without_velocities(env.single_observation_space)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -113,7 +267,6 @@ class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], observations: int = 4, actions: int = 0) -> None:
-        """Wrap `env`."""
         RecordConstructorArgs.__init__(self, observations=observations, actions=actions)
         gym.Wrapper.__init__(self, env)
         self._histories = _Histories(1, observations, actions, env.observation_space, env.action_space)
@@ -138,7 +291,6 @@ class VectorHistoryWrapper(VectorWrapper):
     """`HistoryWrapper` for a vector environment, in every autoreset mode."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], observations: int = 4, actions: int = 0) -> None:
-        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         spaces_of_one = env.single_observation_space, env.single_action_space
         self._histories = _Histories(self.num_envs, observations, actions, *spaces_of_one)

@@ -18,21 +18,6 @@ from quadpend_gym.core.streams import Streams
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.vehicles import Simulation
 
-__all__ = [
-    "KINDS",
-    "ActionDelay",
-    "Actuator",
-    "ActuatorsField",
-    "GyroBias",
-    "MotorLag",
-    "PacketLoss",
-    "RateLimit",
-    "RotorFault",
-    "Rotors",
-    "as_actuators",
-    "check_chain",
-]
-
 
 @runtime_checkable
 class Actuator(Model, Protocol):
@@ -55,12 +40,6 @@ ActuatorsField = ACTUATORS.field()  # annotation of a field that holds a tuple o
 as_actuators, KINDS = ACTUATORS.parse, ACTUATORS.kinds
 
 
-class _FromHover(ZeroInitialized):
-    """Mixin for models whose memory is the current value of each component of the action, initially zero (hover)."""
-
-    memory_size = ACTION_SIZE
-
-
 @ACTUATORS.add
 @settings
 class ActionDelay(ZeroInitialized):
@@ -81,7 +60,7 @@ class ActionDelay(ZeroInitialized):
 
 @ACTUATORS.add
 @settings
-class MotorLag(_FromHover):
+class MotorLag(ZeroInitialized):
     """A first-order lag T ẏ = a − y of each component.
 
     The action of a control period is the mean of y over this period, a + (y_k − a) (T/period) (1 − e^(−period/T)), with
@@ -90,6 +69,7 @@ class MotorLag(_FromHover):
 
     time_constant: Annotated[float, Range(1e-6, 1e6, "s")] = 0.05  # T
     kind: Literal["motor_lag"] = "motor_lag"
+    memory_size = ACTION_SIZE  # the lagged action
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace the action by the mean of the lagged action over the period."""
@@ -101,11 +81,12 @@ class MotorLag(_FromHover):
 
 @ACTUATORS.add
 @settings
-class RateLimit(_FromHover):
+class RateLimit(ZeroInitialized):
     """A limit on the rate of change of each component."""
 
     rate: Annotated[float, Range(1e-6, 1e9, "1/s")] = 20.0  # a change from −1 to 1 takes 2/rate
     kind: Literal["rate_limit"] = "rate_limit"
+    memory_size = ACTION_SIZE  # the previous action
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Move from the previous action towards the new one, as far as the rate limit allows."""
@@ -116,11 +97,12 @@ class RateLimit(_FromHover):
 
 @ACTUATORS.add
 @settings
-class PacketLoss(_FromHover):
+class PacketLoss(ZeroInitialized):
     """Random loss of commands; the last command that arrived replaces a lost one, at first hover."""
 
     probability: Annotated[float, Range(0.0, 1.0)] = 0.001
     kind: Literal["packet_loss"] = "packet_loss"
+    memory_size = ACTION_SIZE  # the last action that arrived
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace lost commands by the last one that arrived."""
@@ -170,33 +152,30 @@ class Rotors(Stateless):
     drag_ratio: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.02  # κ, drag torque divided by thrust
     kind: Literal["rotors"] = "rotors"
 
-    def mixing(self, simulation: Simulation) -> Floats:
-        """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4)."""
-        d, k = self.arm, self.drag_ratio
-        forces = simulation.parameters.hover_thrust / 4.0
-        rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, d, 0.0, -d], [-d, 0.0, d, 0.0], [k, -k, k, -k]])
-        mixing = forces * rows / simulation.command_scale[:, np.newaxis]
-        largest = np.abs(mixing).sum(axis=1)
-        if (largest > 1.0 + 1e-12).any():
-            row = int(largest.argmax())
-            name, unit = ("thrust", "N") if row == 0 else ("torque", "N·m")
-            limit = simulation.command_scale[row]
-            raise ValueError(
-                f"the rotors' {name} of up to {limit * largest[row]:g} {unit} exceeds the simulation's limit of"
-                f" {limit:g} {unit}: reduce arm or drag_ratio, or raise the limit"
-            )
-        return np.asarray(mixing)
-
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
         """Replace the thrusts of the rotors by the total thrust and the torques that they produce."""
         f1, f2, f3, f4 = action.T.copy()
-        for column, (m1, m2, m3, m4) in enumerate(_mixing(self, simulation)):
+        for column, (m1, m2, m3, m4) in enumerate(mixing(self, simulation)):
             action[:, column] = np.clip(m1 * f1 + m2 * f2 + m3 * f3 + m4 * f4, -1.0, 1.0)  # removes rounding errors
 
 
 @lru_cache(maxsize=64)
-def _mixing(rotors: Rotors, simulation: Simulation) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in rotors.mixing(simulation).tolist())
+def mixing(rotors: Rotors, simulation: Simulation) -> Floats:
+    """Return the matrix that maps the four rotor actions to an action of thrust and torques, shape (4, 4)."""
+    d, k = rotors.arm, rotors.drag_ratio
+    forces = simulation.parameters.hover_thrust / 4.0
+    rows = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, d, 0.0, -d], [-d, 0.0, d, 0.0], [k, -k, k, -k]])
+    matrix = forces * rows / simulation.command_scale[:, np.newaxis]
+    largest = np.abs(matrix).sum(axis=1)
+    if (largest > 1.0 + 1e-12).any():
+        row = int(largest.argmax())
+        name, unit = ("thrust", "N") if row == 0 else ("torque", "N·m")
+        limit = simulation.command_scale[row]
+        raise ValueError(
+            f"the rotors' {name} of up to {limit * largest[row]:g} {unit} exceeds the simulation's limit of"
+            f" {limit:g} {unit}: reduce arm or drag_ratio, or raise the limit"
+        )
+    return np.asarray(matrix)
 
 
 @ACTUATORS.add
@@ -225,7 +204,7 @@ def check_chain(models: tuple[Any, ...], simulation: Simulation) -> None:
     if len(rotors) > 1:
         raise ValueError(f"actuators may contain Rotors only once, not {len(rotors)} times")
     if rotors:
-        models[rotors[0]].mixing(simulation)
+        mixing(models[rotors[0]], simulation)
     for i, model in enumerate(models):
         if isinstance(model, RotorFault) and not (rotors and i < rotors[0]):
             raise ValueError(

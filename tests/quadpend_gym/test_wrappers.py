@@ -20,7 +20,7 @@ from quadpend_gym import Waypoints
 from quadpend_gym.actuators import ActionDelay, GyroBias, PacketLoss
 from quadpend_gym.core.arrays import Booleans
 from quadpend_gym.sensors import Noise
-from quadpend_gym.vehicles import INTERFACES, VEHICLES
+from quadpend_gym.vehicles import VEHICLES
 from quadpend_gym.wrappers import SensorWrapper
 from tests.helpers.envs import (
     AUTORESET_MODES,
@@ -29,6 +29,7 @@ from tests.helpers.envs import (
     run_actions,
     select_info,
 )
+from tests.helpers.random_settings import INTERFACES
 from tests.helpers.wrappers import (
     ACTUATORS,
     PARAMETERS,

@@ -1,3 +1,0 @@
-"""Actuator models, which change the action between the policy and the quadrotor."""
-
-from quadpend_gym.actuators.models import *
