@@ -21,7 +21,7 @@ from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import DISTURBANCE_SIZE
 from quadpend_gym.scenarios import SCENARIOS, Scenario
-from quadpend_gym.tasks.references import Reference
+from quadpend_gym.tasks.trajectories import Reference
 from quadpend_train.evaluation.comparison import Comparison, compare
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.statistics import Interval, mean, proportion

@@ -19,10 +19,10 @@ from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.physics.state import Disturbance, State
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.tasks.observation import OBSERVATION_FIELDS, read_observation
-from quadpend_gym.tasks.references import Reference, ReferenceSettings
+from quadpend_gym.tasks.references import ReferenceSettings
 from quadpend_gym.tasks.starts import StartSettings
 from quadpend_gym.tasks.task import ENVIRONMENTS, Limits, RewardWeights, Task
-from quadpend_gym.tasks.trajectories import Sinusoids, SinusoidTerm, Waypoints
+from quadpend_gym.tasks.trajectories import Reference, Sinusoids, SinusoidTerm, Waypoints
 from quadpend_gym.vehicles import PAPER, Parameters, Simulation
 from quadpend_gym.wind import (
     Constant,

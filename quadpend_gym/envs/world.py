@@ -35,9 +35,9 @@ from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.sensors import check_periods
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
-from quadpend_gym.tasks.references import REFERENCE_SIZE, Reference, draw_references
+from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.starts import draw_starts, start_pole
-from quadpend_gym.tasks.trajectories import Trajectory, TrajectoryTable
+from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
 
 

@@ -84,12 +84,7 @@ def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limit
         return
     times = trajectory.sample_times()
     needed = demand(trajectory, simulation.parameters, times, side)
-    at, largest = int(needed.thrust.argmax()), 2.0 * float(simulation.command_scale[0])
-    if needed.thrust[at] > largest:
-        raise ValueError(
-            f"the trajectory cannot be flown: it needs a thrust of {needed.thrust[at]:.2f} N at {times[at]:.2f} s, but"
-            f" the largest is {largest:.2f} N"
-        )
+    warnings = []
     for what, angle, limit in (
         ("pendulum", needed.pendulum_angle, limits.pendulum_angle),
         ("body", needed.body_angle, limits.body_angle),
@@ -99,10 +94,18 @@ def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limit
         if angle[at] >= 0.5 * np.pi:
             raise ValueError(f"the trajectory cannot be flown: it {needs}, where it must be below 90°")
         if angle[at] > limit:
-            logger.warn(f"the trajectory {needs}; episodes terminate at {np.degrees(limit):.1f}°")
+            warnings.append(f"the trajectory {needs}; episodes terminate at {np.degrees(limit):.1f}°")
+    at, largest = int(needed.thrust.argmax()), 2.0 * float(simulation.command_scale[0])
+    if needed.thrust[at] > largest:
+        raise ValueError(
+            f"the trajectory cannot be flown: it needs a thrust of {needed.thrust[at]:.2f} N at {times[at]:.2f} s, but"
+            f" the largest is {largest:.2f} N"
+        )
     at = int(needed.height.argmin())
     if needed.height[at] <= limits.ground:
-        logger.warn(
+        warnings.append(
             f"the trajectory reaches a height of {needed.height[at]:.2f} m at {times[at]:.2f} s; episodes terminate at"
             f" {limits.ground:.2f} m"
         )
+    for warning in warnings:
+        logger.warn(warning)

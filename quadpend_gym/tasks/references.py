@@ -1,4 +1,4 @@
-"""Reference trajectories with exact derivatives.
+"""Sinusoidal references with exact derivatives, and random ones.
 
 A reference gives the flat outputs as functions of time: the horizontal position of the bob, F_x = x + l r_x and
 F_y = y + l r_y, the height z of the quadrotor, and the yaw angle ψ. Positions are in the world frame. Each of these
@@ -16,7 +16,6 @@ Hovering, circles, figure eights (Gerono's lemniscate), helices, slaloms and all
 | 3       | ψ      | rad  |
 """
 
-from dataclasses import astuple, fields
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -78,86 +77,6 @@ class ReferencePoint(NamedTuple):
     yaw: float
     yaw_rate: float
     yaw_acceleration: float
-
-
-@compiled
-def _evaluate(lanes: Floats, time: Floats, out: Floats) -> None:
-    for i in range(time.shape[0]):
-        for channel in range(CHANNELS):
-            derivatives = channel_derivatives(lanes, channel, 0, time[i])
-            for order in range(ORDERS):
-                out[i, order, channel] = derivatives[order]
-
-
-@settings
-class Reference:
-    """One reference trajectory, equation (1).
-
-    Every field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
-    """
-
-    offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
-    rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
-    frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
-    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
-
-    @classmethod
-    def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":
-        """Return a constant reference: a point (m) and a yaw angle (rad)."""
-        return cls(offset=(x, y, z, yaw))
-
-    @classmethod
-    def circle(cls, radius: float, frequency: float, height: float = 2.0, climb: float = 0.0) -> "Reference":
-        """Return a horizontal circle around the z axis, or a helix.
-
-        Args:
-            radius: Radius, m.
-            frequency: Angular frequency, rad/s; negative for clockwise motion seen from above.
-            height: Height at time zero, m.
-            climb: Vertical velocity, m/s; zero for a circle.
-        """
-        return cls(
-            offset=(0.0, 0.0, height, 0.0),
-            rate=(0.0, 0.0, climb, 0.0),
-            amplitude=(radius, radius, 0.0, 0.0),
-            frequency=(frequency, frequency, 0.0, 0.0),
-            phase=(np.pi / 2, 0.0, 0.0, 0.0),
-        )
-
-    @classmethod
-    def figure_eight(cls, radius: float, frequency: float, height: float = 2.0) -> "Reference":
-        """Return a horizontal figure eight.
-
-        Args:
-            radius: Half of its length, m.
-            frequency: Angular frequency, rad/s; the period is 2π/`frequency`.
-            height: Height, m.
-        """
-        return cls(
-            offset=(0.0, 0.0, height, 0.0),
-            amplitude=(radius, radius / 2, 0.0, 0.0),
-            frequency=(frequency, 2 * frequency, 0.0, 0.0),
-        )
-
-    @classmethod
-    def from_array(cls, array: Floats) -> "Reference":
-        """Return the reference of an array from `as_array`, without checks, since a task may draw larger numbers."""
-        reference = object.__new__(cls)
-        for field, values in zip(fields(cls), array.reshape(-1, CHANNELS).tolist(), strict=True):
-            object.__setattr__(reference, field.name, tuple(values))
-        return reference
-
-    def as_array(self) -> Floats:
-        """Return the fields in order as an array of shape (20,)."""
-        return np.array(astuple(self)).ravel()
-
-    def derivatives(self, time: float | Floats) -> Floats:
-        """Return the four channels at `time` (s) and their derivatives of order 0 to 6, shape (..., 7, 4)."""
-        times = np.asarray(time, np.float64)
-        out = np.empty((times.size, ORDERS, CHANNELS))
-        _evaluate(self.as_array()[:, np.newaxis], times.ravel(), out)
-        return out.reshape(*times.shape, ORDERS, CHANNELS)
 
 
 @settings

@@ -1,7 +1,7 @@
-"""Trajectories of one's own: waypoints with times, and sums of sinusoids.
+"""Trajectories: one sinusoid (`Reference`), waypoints with times, and sums of sinusoids.
 
-Like a `Reference`, a trajectory gives the four channels F_x, F_y, z and ψ as functions of time, with exact derivatives
-of order 0 to 6:
+A trajectory gives the four channels F_x, F_y, z and ψ as functions of time, see `references`, with exact derivatives of
+order 0 to 6:
 
     (1)  Waypoints:  Σₖ cᵢₖ (t − tᵢ)ᵏ in piece i, k = 0 … 13, see `minimum_snap`
     (2)  Sinusoids:  offset + rate · t + Σⱼ amplitudeⱼ · sin(frequencyⱼ · t + phaseⱼ)
@@ -19,6 +19,7 @@ A packed trajectory is a flat array. Many of them stand one after the other in t
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple, fields
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -37,7 +38,6 @@ from quadpend_gym.tasks.references import (
     REFERENCE_SIZE,
     Channels,
     Derivatives,
-    Reference,
     ReferencePoint,
     channel_derivatives,
 )
@@ -158,6 +158,75 @@ class _Packed:
         out = np.empty((times.size, ORDERS, CHANNELS))
         _evaluate(self.packed, times.ravel(), out)
         return out.reshape(*times.shape, ORDERS, CHANNELS)
+
+
+@settings
+class Reference(_Packed):
+    """A constant velocity plus one sinusoid, see `references`.
+
+    Every field has one number for each channel: F_x (m), F_y (m), z (m) and ψ (rad).
+    """
+
+    offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
+    rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    amplitude: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 0.0, 0.0)
+    frequency: Annotated[Channels, Range(-LARGEST, LARGEST, "rad/s")] = (0.0, 0.0, 0.0, 0.0)
+    phase: Annotated[Channels, Range(-LARGEST, LARGEST, "rad")] = (0.0, 0.0, 0.0, 0.0)
+
+    @classmethod
+    def hover(cls, x: float = 0.0, y: float = 0.0, z: float = 2.0, yaw: float = 0.0) -> "Reference":
+        """Return a constant reference: a point (m) and a yaw angle (rad)."""
+        return cls(offset=(x, y, z, yaw))
+
+    @classmethod
+    def circle(cls, radius: float, frequency: float, height: float = 2.0, climb: float = 0.0) -> "Reference":
+        """Return a horizontal circle around the z axis, or a helix.
+
+        Args:
+            radius: Radius, m.
+            frequency: Angular frequency, rad/s; negative for clockwise motion seen from above.
+            height: Height at time zero, m.
+            climb: Vertical velocity, m/s; zero for a circle.
+        """
+        return cls(
+            offset=(0.0, 0.0, height, 0.0),
+            rate=(0.0, 0.0, climb, 0.0),
+            amplitude=(radius, radius, 0.0, 0.0),
+            frequency=(frequency, frequency, 0.0, 0.0),
+            phase=(np.pi / 2, 0.0, 0.0, 0.0),
+        )
+
+    @classmethod
+    def figure_eight(cls, radius: float, frequency: float, height: float = 2.0) -> "Reference":
+        """Return a horizontal figure eight.
+
+        Args:
+            radius: Half of its length, m.
+            frequency: Angular frequency, rad/s; the period is 2π/`frequency`.
+            height: Height, m.
+        """
+        return cls(
+            offset=(0.0, 0.0, height, 0.0),
+            amplitude=(radius, radius / 2, 0.0, 0.0),
+            frequency=(frequency, 2 * frequency, 0.0, 0.0),
+        )
+
+    @classmethod
+    def from_array(cls, array: Floats) -> "Reference":
+        """Return the reference of an array from `as_array`, without checks, since a task may draw larger numbers."""
+        reference = object.__new__(cls)
+        for field, values in zip(fields(cls), array.reshape(-1, CHANNELS).tolist(), strict=True):
+            object.__setattr__(reference, field.name, tuple(values))
+        return reference
+
+    def as_array(self) -> Floats:
+        """Return the fields in order as an array of shape (20,)."""
+        return np.array(astuple(self)).ravel()
+
+    @cached_property
+    def packed(self) -> Floats:
+        """The packed trajectory, shape (23,)."""
+        return np.concatenate([[0.0, 0.0, 1.0], self.as_array()])
 
 
 @settings

@@ -42,8 +42,8 @@ class Simulation:
     pendulum: Literal["upright", "hanging"] = "upright"
 
     def __post_init__(self) -> None:
-        _check_interface(self)
-        _check_damping(self)
+        self._check_interface()
+        self._check_damping()
         if self.latency > _MOST_DELAYED * self.period * (1.0 + 1e-9):
             raise ValueError(
                 f"latency must be at most {_MOST_DELAYED} control periods of {self.period:g} s, not {self.latency:g} s"
@@ -85,32 +85,31 @@ class Simulation:
             roll_pitch, yaw = loop.roll_pitch, loop.yaw
         return np.array([self.parameters.hover_thrust, roll_pitch, roll_pitch, yaw])
 
+    def _check_interface(self) -> None:
+        if self.vehicle.attitude == "euler":
+            if self.interface != "wrench":
+                raise ValueError(
+                    f"interface must be 'wrench', not {self.interface!r}: the paper's attitude model has no rotors"
+                    " and no body rates; choose a rigid vehicle, for example vehicle='hummingbird'"
+                )
+            if self.latency > 0.0:
+                raise ValueError(
+                    f"latency must be 0 for the paper's attitude model, not {self.latency:g} s: use the actuator"
+                    " action_delay, or a rigid vehicle"
+                )
+        elif self.interface == "rotors" and self.vehicle.rotors is None:
+            raise ValueError(f"interface must not be 'rotors': the vehicle {self.vehicle.name!r} has no rotors")
 
-def _check_interface(simulation: Simulation) -> None:
-    if simulation.vehicle.attitude == "euler":
-        if simulation.interface != "wrench":
+    def _check_damping(self) -> None:
+        """Refuse a linear drag that is too strong for the length of a substep."""
+        vehicle, period = self.vehicle, self.period
+        drag, turning = vehicle.drag, np.linalg.solve(vehicle.inertia_matrix, np.diag(vehicle.drag.angular))
+        rates = {"rotor": max(drag.rotor) / vehicle.mass, "angular": float(np.linalg.eigvals(turning).real.max())}
+        name = max(rates, key=lambda name: rates[name] / _MOST_DAMPED[name])
+        least = int(np.ceil(period * rates[name] / _MOST_DAMPED[name] * (1.0 - 1e-9)))
+        if self.substeps < least:
             raise ValueError(
-                f"interface must be 'wrench', not {simulation.interface!r}: the paper's attitude model has no rotors"
-                " and no body rates; choose a rigid vehicle, for example vehicle='hummingbird'"
+                f"substeps must be at least {least}, not {self.substeps}: drag.{name} = {getattr(drag, name)!r} slows"
+                f" the vehicle in {1.0 / rates[name]:.2g} s, and a substep may last {_MOST_DAMPED[name]:g} times as"
+                " long"
             )
-        if simulation.latency > 0.0:
-            raise ValueError(
-                f"latency must be 0 for the paper's attitude model, not {simulation.latency:g} s: use the actuator"
-                " action_delay, or a rigid vehicle"
-            )
-    elif simulation.interface == "rotors" and simulation.vehicle.rotors is None:
-        raise ValueError(f"interface must not be 'rotors': the vehicle {simulation.vehicle.name!r} has no rotors")
-
-
-def _check_damping(simulation: Simulation) -> None:
-    """Refuse a linear drag that is too strong for the length of a substep."""
-    vehicle, period = simulation.vehicle, simulation.period
-    drag, turning = vehicle.drag, np.linalg.solve(vehicle.inertia_matrix, np.diag(vehicle.drag.angular))
-    rates = {"rotor": max(drag.rotor) / vehicle.mass, "angular": float(np.linalg.eigvals(turning).real.max())}
-    name = max(rates, key=lambda name: rates[name] / _MOST_DAMPED[name])
-    least = int(np.ceil(period * rates[name] / _MOST_DAMPED[name] * (1.0 - 1e-9)))
-    if simulation.substeps < least:
-        raise ValueError(
-            f"substeps must be at least {least}, not {simulation.substeps}: drag.{name} = {getattr(drag, name)!r} slows"
-            f" the vehicle in {1.0 / rates[name]:.2g} s, and a substep may last {_MOST_DAMPED[name]:g} times as long"
-        )

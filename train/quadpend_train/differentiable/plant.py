@@ -17,7 +17,7 @@ from torch import Tensor
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.references import Reference
+from quadpend_gym.tasks.trajectories import Reference
 from quadpend_gym.wind import WIND_FIELDS
 from quadpend_train.differentiable.dynamics import Forces, Motion, Physics, advance, drag
 
