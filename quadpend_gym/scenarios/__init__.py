@@ -10,13 +10,10 @@ from quadpend_gym.scenarios.library import (
     SCENARIOS,
     SETS,
     as_scenario,
-    check_own_models,
     find_scenario,
     find_scenarios,
     own_models,
-    read_scenarios,
     refuse_held_out,
-    shipped,
 )
 from quadpend_gym.scenarios.scenario import Scenario, scenario_data
 
@@ -25,12 +22,9 @@ __all__ = [
     "SETS",
     "Scenario",
     "as_scenario",
-    "check_own_models",
     "find_scenario",
     "find_scenarios",
     "own_models",
-    "read_scenarios",
     "refuse_held_out",
     "scenario_data",
-    "shipped",
 ]

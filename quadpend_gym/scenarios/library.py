@@ -6,9 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from quadpend_gym.core.factories import call_factory, describe_error, find_factory, is_factory, split_name
+from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name
 from quadpend_gym.core.files import parse_mapping, read_mapping
 from quadpend_gym.core.models import is_project_class
 from quadpend_gym.core.settings import parse, settings, suggest
@@ -174,16 +172,3 @@ def own_models(value: Any) -> list[Any]:
     if isinstance(value, WindFromFactory) or not is_project_class(type(value)) or not is_dataclass(value):
         return [value]
     return own_models([getattr(value, item.name) for item in fields(value)])
-
-
-def check_own_models(name: str, scenario: Scenario) -> None:
-    """Run a scenario with own models for two steps, so that their errors are found before a long evaluation."""
-    if not own_models(scenario):
-        return
-    try:
-        env = scenario.make_vec(2)
-        env.reset(seed=0)
-        for _ in range(2):
-            env.step(np.zeros(env.action_space.shape, np.float32))
-    except Exception as error:  # own code may raise exceptions of any type
-        raise ValueError(f"the scenario {name} does not run: {describe_error(error)}") from error

@@ -13,6 +13,7 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
 from quadpend_gym.core.jit import inlined
+from quadpend_gym.core.settings import look_up
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, axpy, load, store
 from quadpend_gym.tasks.references import ReferencePoint
@@ -64,9 +65,8 @@ def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
     fields = _LAYOUTS.get(observation.shape[-1])
     if fields is None:
         raise ValueError(f"an observation has {' or '.join(map(str, _LAYOUTS))} numbers, not {observation.shape[-1]}")
-    if name not in fields:
-        raise ValueError(f"the observation has no field {name!r}; its fields are {', '.join(fields)}")
-    return np.asarray(observation[..., fields[name]] * OBSERVATION_SCALE[OBSERVATION_FIELDS[name]])
+    columns = look_up(fields, name, "field of the observation")
+    return np.asarray(observation[..., columns] * OBSERVATION_SCALE[OBSERVATION_FIELDS[name]])
 
 
 class Target(NamedTuple):

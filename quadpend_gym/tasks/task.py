@@ -100,9 +100,8 @@ ENVIRONMENTS = {  # tasks by the ids of their environments
 }
 
 
-def as_task(value: Any) -> Task:
-    """Return a task from itself, its name, or a mapping of its fields."""
-    return look_up(TASKS, value, "task") if isinstance(value, str) else parse(Task, value, "task")
-
-
-TaskField = Parsed(as_task, lambda: Literal[tuple(TASKS)] | Task)  # annotation of a field that holds a task
+# annotation of a field that holds a task: from itself, its name, or a mapping of its fields
+TaskField = Parsed(
+    lambda value: look_up(TASKS, value, "task") if isinstance(value, str) else parse(Task, value, "task"),
+    lambda: Literal[tuple(TASKS)] | Task,
+)

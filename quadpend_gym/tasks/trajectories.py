@@ -251,15 +251,11 @@ class Waypoints(_Packed):
         if len(self.times) < 2 or self.times[0] != 0.0:
             raise ValueError(f"times must be at least two numbers that begin with 0, not {self.times}")
         intervals = np.diff(self.times)
-        if (shortest := intervals.min()) < SHORTEST_INTERVAL * (1.0 - 1e-9):
-            late = self.times[int(intervals.argmin()) + 1]
+        shortest, longest = intervals.min(), intervals.max()
+        if shortest < SHORTEST_INTERVAL * (1.0 - 1e-9) or longest > LARGEST_RATIO * shortest:
             raise ValueError(
-                f"times must increase by at least {SHORTEST_INTERVAL:g} s, not by {shortest:g} s at {late:g}"
-            )
-        if intervals.max() > LARGEST_RATIO * shortest:
-            raise ValueError(
-                f"the longest interval between times must be at most {LARGEST_RATIO:g} times the shortest, not"
-                f" {intervals.max():g} s and {shortest:g} s"
+                f"times must increase by at least {SHORTEST_INTERVAL:g} s, and by at most {LARGEST_RATIO:g} times the"
+                f" shortest interval, not by {shortest:g} s to {longest:g} s"
             )
         if len(self.points) != len(self.times):
             raise ValueError(

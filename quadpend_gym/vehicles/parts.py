@@ -1,7 +1,7 @@
 """The parts of a vehicle: pole, rotors, drag, and the rate loop on board. SI units, body frame."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator
 
@@ -47,12 +47,11 @@ class Pole:
 POLES = {name: parse(Pole, data, f"poles.{name}") for name, data in PRESETS["poles"].items()}
 
 
-def as_pole(value: Any) -> Pole:
-    """Return a `Pole` from itself, a mapping of its fields, or a name in `POLES`."""
-    return look_up(POLES, value, "pole") if isinstance(value, str) else parse(Pole, value, "pole")
-
-
-PoleField = Parsed(as_pole, lambda: Literal[tuple(POLES)] | Pole)  # annotation of a field that holds a pole
+# annotation of a field that holds a pole: from itself, its name, or a mapping of its fields
+PoleField = Parsed(
+    lambda value: look_up(POLES, value, "pole") if isinstance(value, str) else parse(Pole, value, "pole"),
+    lambda: Literal[tuple(POLES)] | Pole,
+)
 
 
 @settings

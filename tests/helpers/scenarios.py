@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenario, shipped
+from quadpend_gym.scenarios import SCENARIOS, Scenario, find_scenario
+from quadpend_gym.scenarios.library import shipped
 
 
 def short(name: str, duration: float) -> Scenario:

@@ -68,7 +68,6 @@ def watch(
         vehicle: Vehicle of the scenario, as in evaluate.
         interface: What the actions command in the scenario: wrench, rotors or body_rates.
     """
-    from quadpend_gym.scenarios import check_own_models
     from quadpend_gym.viewer import check_pygame
     from quadpend_train.evaluation.comparison import named_policies
     from quadpend_train.policies.check import check_policy
@@ -90,7 +89,6 @@ def watch(
     loaded = [(name, load_policies(str(policy))) for name, policy in named_policies(policies).items()]
     if several := [name for name, seeds in loaded if len(seeds) > 1]:
         raise ValueError(f"{several[0]} has several training seeds: choose one of them")
-    check_own_models(shown, found)
     for name, seeds in loaded:
         check_policy(name, seeds[0], shown, found)
     if video.out is None:

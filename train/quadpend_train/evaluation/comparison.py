@@ -15,7 +15,7 @@ import pandas as pd
 from quadpend_baselines import Policy
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import split_name
-from quadpend_gym.scenarios import Scenario, as_scenario, check_own_models, find_scenarios, scenario_data
+from quadpend_gym.scenarios import Scenario, as_scenario, find_scenarios, scenario_data
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
@@ -104,7 +104,6 @@ def compare(
     all_jobs = {(s, p): Job(learners[p], found[s], episodes, seed) for s in found for p in learners}
     for (scenario, name), job in all_jobs.items():  # a mismatch is found before the long evaluation
         if recompute or not ((path := job.file(folder)) and path.exists()):
-            check_own_models(scenario, job.scenario)
             for policy in job.policies:
                 check_policy(name, policy, scenario, job.scenario)
     results = run_jobs(all_jobs, folder, recompute, jobs)

@@ -25,7 +25,6 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from tqdm.auto import tqdm
 
-from quadpend_gym.scenarios import check_own_models
 from quadpend_train.common.files import atomic
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
@@ -143,8 +142,6 @@ def initial_model(settings: TrainSettings, folder: Path | None = None, start: Pa
         start: A copy of the policy `start_from`, which is used if it exists.
     """
     torch.set_num_threads(settings.num_threads)
-    for name, scenario in settings.all_scenarios().items():
-        check_own_models(name, scenario)
     env = make_env(settings)
     if settings.curriculum:
         check_curriculum(settings)
