@@ -72,7 +72,7 @@ def test_the_recorded_episode_is_the_compared_episode(replayed: tuple[Comparison
     for name, scenes in data["scenarios"].items():
         assert [scene["title"] for scene in scenes] == ["typical", "hardest"]
         for scene in scenes:
-            episode = scene["seed"] - comparison.seed
+            episode = scene["seed"] - comparison.table.attrs["seed"]
             for policy, run in zip(NAMES, scene["episodes"], strict=True):
                 values = cells(comparison.table)[name, policy]
                 error, steps = decoded(run)[:, -1], int(values["steps"][0, episode])

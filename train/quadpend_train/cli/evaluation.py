@@ -3,17 +3,16 @@
 Slow imports are inside the function, so that `quadpend --help` starts quickly.
 """
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from quadpend_gym.core.settings import Range
-from quadpend_train.cli.options import Episodes, Seed, make_console, named_scenarios
+from quadpend_train.cli.options import Episodes, Seed, named_scenarios
 from quadpend_train.common.executors import executor
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
-
-_MOST_ROWS = 40  # of the table on the terminal; the files contain all of them
 
 
 def evaluate(
@@ -56,6 +55,8 @@ def evaluate(
             the torque limits; wind velocities stay.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
     """
+    from rich.console import Console
+
     from quadpend_train.evaluation.pairwise import compare_pair
     from quadpend_train.reports import report, tables
 
@@ -70,19 +71,19 @@ def evaluate(
         recompute=recompute,
         replay=replay,
     )
-    comparison, console = made.comparison, make_console()
-    if len(comparison.summaries) <= _MOST_ROWS:
-        title = f"{episodes} episodes each, seeds from {seed}, 95 % intervals"
-        console.print(tables.terminal_table(title, tables.metric_rows(comparison)))
+    comparison = made.comparison
+    console = Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False, highlight=False)
+    title = f"{episodes} episodes each, seeds from {seed}, 95 % intervals"
+    console.print(tables.terminal_table(title, tables.metric_rows(comparison)))
     if note := tables.episodes_note(comparison):
-        console.print(note, highlight=False)
+        console.print(note)
     if len(comparison.policies) == 2:
         pair = compare_pair(comparison.table, *reversed(comparison.policies))
         title = f"{pair.first} minus {pair.second}, 95 % intervals, p corrected by Holm's method"
         console.print(tables.terminal_table(title, tables.pairwise_rows(pair)))
     for sentence in tables.sentences(comparison):
-        console.print(f"• {sentence}", highlight=False)
+        console.print(f"• {sentence}")
     if len(comparison.policies) > 1:
         title = "Means over all scenarios with equal weights; wins and losses by Holm's method"
         console.print(tables.terminal_table(title, tables.leaderboard_rows(made.leaderboard)))
-    console.print(f"Written: {out}/{', '.join(report.FILES)}", highlight=False)
+    console.print(f"Written: {out}/{', '.join(report.FILES)}")

@@ -1,9 +1,8 @@
-"""Helpers of several commands: ranges of options, NAME=SCENARIO, and a console for tables.
+"""Helpers of several commands: ranges of options and NAME=SCENARIO.
 
 The options `--vehicle` and `--interface` apply to all scenarios of a command, see `Scenario.with_vehicle`.
 """
 
-import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Annotated, Any, get_args, get_type_hints
@@ -45,10 +44,3 @@ def named_scenarios(
     if vehicle is None and interface is None:
         return found
     return find_scenarios(scenario.with_vehicle(vehicle, interface) for scenario in found.values())
-
-
-def make_console() -> Any:
-    """Return a console for tables, without markup; it is 150 characters wide if the output is not a terminal."""
-    from rich.console import Console
-
-    return Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False)

@@ -40,9 +40,7 @@ def tune(
         out: Folder for the gains that it finds, NAME.json, and a picture of the search, NAME.png.
         scenarios: Scenarios with the same vehicle and control period, for which the controllers are designed: names,
             TOML or JSON files, or JSON. "training" stands for all training scenarios.
-        vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
-            the torque limits; wind velocities stay.
+        vehicle: Vehicle of all scenarios, as in evaluate.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
             processes; the default is a file in OUT. Opening a storage executes code that it contains: use only storages
@@ -85,8 +83,7 @@ def sweep(
         out: Folder for best.json (the settings), trials.csv, sweep.png and the trainings.
         space: Search space, a settings file with a range {low = …, high = …, log = true} or a list of values in place
             of a value. The default is the file of the algorithm in train/quadpend_train/search/search_spaces.
-        storage: File, or URL of a database such as sqlite:///search.db or postgresql://…, for the trials of all
-            processes; the default is a file in OUT.
+        storage: File or URL of a database for the trials of all processes, as in tune.
         jobs: Number of processes.
         seed: Random seed of the search.
     """

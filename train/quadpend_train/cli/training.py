@@ -106,9 +106,7 @@ def train(
         resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
             --patience may be changed. Loading its checkpoint executes code that it contains: resume only runs that you
             trust.
-        vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
-            wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
-            the torque limits; wind velocities stay.
+        vehicle: Vehicle of all scenarios, as in evaluate.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         seeds: Several training seeds, such as 0-4 or 0,2,5, each in a folder of its own: OUT-0, OUT-1 and so on.
             Finished ones are skipped. With --resume OUT instead of --out OUT, interrupted ones continue.

@@ -34,7 +34,8 @@ class Comparison:
     """Results of every policy in every scenario.
 
     Attributes:
-        table: One row for each episode, see `quadpend_train.evaluation.table`; `attrs` has the provenance.
+        table: One row for each episode, see `quadpend_train.evaluation.table`; `attrs` has the provenance, the
+            number of episodes in each scenario, and the seed of the first one.
         errors: Error after each step by the names of scenario and policy, m, shape (s, n, T), see `EpisodeResults`.
         scenarios: Scenarios by name.
         learners: Policies by name: one controller, or the training seeds of one learner.
@@ -49,16 +50,6 @@ class Comparison:
     def policies(self) -> tuple[str, ...]:
         """Names of the policies."""
         return tuple(self.learners)
-
-    @property
-    def episodes(self) -> int:
-        """Number of episodes in each scenario."""
-        return int(self.table.attrs["episodes"])
-
-    @property
-    def seed(self) -> int:
-        """Seed of the first episode."""
-        return int(self.table.attrs["seed"])
 
     @cached_property
     def summaries(self) -> dict[Cell, dict[str, Interval]]:

@@ -9,12 +9,7 @@ from quadpend_train.evaluation.statistics import Interval
 
 
 def format_number(value: float, like: float | None = None) -> str:
-    """Return a number with none, one or two decimals, so that it shows about three digits; a dash for nan.
-
-    Args:
-        value: Number to format.
-        like: Number whose size determines the decimals; None: `value` itself.
-    """
+    """Return a number with about three digits, or with as many decimals as another one `like` it; a dash for nan."""
     if np.isnan(value):
         return "–"
     size = abs(value if like is None else like)
@@ -25,16 +20,9 @@ def format_interval(interval: Interval) -> str:
     """Return an estimate with its interval, such as ``20.2 [19.3, 21.1]``; a dash if the estimate is nan."""
     if np.isnan(interval.value):
         return "–"
-    value, low, high = (format_number(number, _smallest(interval)) for number in interval)
+    smallest = min(abs(interval.value), abs(interval.low) or abs(interval.value))  # 99.5 is not rounded to 100
+    value, low, high = (format_number(number, smallest) for number in interval)
     return f"{value} [{low}, {high}]"
-
-
-def _smallest(interval: Interval) -> float:
-    """Return the number that needs the most decimals: the estimate, or the lower end unless that is 0.
-
-    So an interval from 99.5 to 100 is not rounded to [100, 100], and a lower end of 0 adds no decimals.
-    """
-    return min(abs(interval.value), abs(interval.low) or abs(interval.value))
 
 
 def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

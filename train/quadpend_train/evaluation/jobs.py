@@ -52,7 +52,7 @@ class Job(NamedTuple):
         return run_episodes(*self)
 
     def file(self, folder: Path | None) -> Path | None:
-        """Return the file of the cached results; None without a folder, or if the job depends on the user's own code."""
+        """Return the file of the cached results; None without a folder, or if the job contains the user's own code."""
         fingerprints = [policy.fingerprint for policy in self.policies]
         if folder is None or None in fingerprints or own_models(self.scenario):
             return None

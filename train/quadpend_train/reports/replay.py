@@ -57,7 +57,7 @@ def record_replay(comparison: Comparison, standings: Sequence[LeaderboardRow], c
     scenarios: dict[str, list[dict[str, Any]]] = {}
     for name, scenario in tqdm(comparison.scenarios.items(), desc="recording", unit="scenario", leave=False):
         for title, episode in choose_episodes(comparison, name, names, count):
-            seed = comparison.seed + episode
+            seed = comparison.table.attrs["seed"] + episode
             recordings = [record_episode(policy, comparison.learners[policy][0], scenario, seed) for policy in names]
             scene = {"title": title, "seed": seed, **_episode_data(recordings, scenario)}
             scenarios.setdefault(name, []).append(scene)

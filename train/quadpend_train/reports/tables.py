@@ -88,7 +88,7 @@ def leaderboard_markdown(standings: Sequence[LeaderboardRow], bound: Leaderboard
 def episodes_note(comparison: Comparison) -> str:
     """Return that the intervals are from few episodes; empty if there are enough."""
     few = f"The 95 % intervals are from few episodes, which seldom contain a rare fall: use at least {MANY_EPISODES}."
-    return few if comparison.episodes < MANY_EPISODES else ""
+    return few if comparison.table.attrs["episodes"] < MANY_EPISODES else ""
 
 
 def sentences(comparison: Comparison) -> list[str]:
