@@ -93,14 +93,8 @@ class Mppi:
 
     def reference_horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
         """Return the reference over the horizon, see `modelling.reference_horizon`."""
-        return reference_horizon(
-            measurement.reference,
-            measurement.yaw_reference,
-            estimate.disturbance,
-            self.simulation,
-            self.horizon_simulation.period,
-            self.gains.horizon,
-        )
+        period = self.horizon_simulation.period
+        return reference_horizon(estimate, measurement, self.simulation, period, self.gains.horizon)
 
     def costs(self, estimate: Estimate, horizon: Horizon, samples: Floats) -> Floats:
         """Return J of equation (2), shape (n, samples), for δᵏ, N and N·m, shape (n, samples, knots, 4)."""

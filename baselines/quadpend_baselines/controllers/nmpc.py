@@ -129,14 +129,7 @@ class Nmpc:
 
     def _horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
         """Return the reference over the horizon; its commands have torques about the axes of the body."""
-        horizon = reference_horizon(
-            measurement.reference,
-            measurement.yaw_reference,
-            estimate.disturbance,
-            self.simulation,
-            self.gains.period,
-            self.gains.periods,
-        )
+        horizon = reference_horizon(estimate, measurement, self.simulation, self.gains.period, self.gains.periods)
         states, commands = horizon.state.reshape(-1, STATE_SIZE), horizon.command.reshape(-1, COMMAND_SIZE)
         disturbances = np.tile(estimate.disturbance, (self.gains.periods + 1, 1))
         commands = equivalent_model(self.simulation).body_command(states, commands, disturbances)

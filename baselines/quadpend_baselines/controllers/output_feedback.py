@@ -34,21 +34,13 @@ class ControlLaw(Protocol):
         """Return thrust (N) and torques (N·m), shape (n, 4), before saturation, and the memory of the law."""
 
 
-class Estimation(NamedTuple):
-    """The inputs of the control law for n rows."""
-
-    measurement: Measurement  # the current measurement
-    estimate: Estimate  # the estimate after the current measurement
-    law_memory: Any  # the memory of the control law
-    action: Floats32  # the action of the last control step, shape (n, 4); zeros at the start of an episode
-
-
 class OutputFeedbackMemory(NamedTuple):
     """Memory of an `OutputFeedback` policy for n rows."""
 
-    estimate: Estimate  # the latest estimate
-    action: Floats32  # the action of the current control step, shape (n, 4)
+    estimate: Estimate  # the estimate after the latest measurement
     law_memory: Any  # the memory of the control law
+    action: Floats32  # the latest action, shape (n, 4); zeros at the start of an episode
+    measurement: Any = ()  # the latest `Measurement`, if its action is not computed yet
 
 
 class OutputFeedback(Controller):
@@ -69,7 +61,6 @@ class OutputFeedback(Controller):
         simulation: Simulation | None = None,
         loop: Loop | None = None,
     ) -> None:
-        """Design the estimator and the control law."""
         self.make_law, self.given_gains, self.simulation = make_law, gains, simulation or Simulation()
         self.gains = gains(self.simulation) if callable(gains) else gains
         self.loop = loop or Loop()
@@ -104,25 +95,24 @@ class OutputFeedback(Controller):
         action, memory = self.control(estimation)
         return (action[0] if single else action), memory
 
-    def update(self, observation: Floats32, state: OutputFeedbackMemory | None, episode_start: Any) -> Estimation:
+    def update(
+        self, observation: Floats32, state: OutputFeedbackMemory | None, episode_start: Any
+    ) -> OutputFeedbackMemory:
         """Update the estimates with new observations, shape (n, 36), or (n, 27) without velocities."""
         measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
         rows = len(measurement.state)
         started = episode_start_mask(episode_start, state is None, rows)
-        updated: Any = None
+        memory: Any = None
         if state is not None and not started.all():
-            estimate = self._estimator.update(state.estimate, state.action, measurement)
-            updated = estimate, state.law_memory, state.action
+            memory = state._replace(estimate=self._estimator.update(state.estimate, state.action, measurement))
         if started.any():
-            initial = (
-                self._estimator.initial_estimate(measurement),
-                self._law.initial_memory(rows),
-                np.zeros((rows, ACTION_SIZE), np.float32),
-            )
-            updated = initial if updated is None else select_rows(started, initial, updated)
-        return Estimation(measurement, *updated)
+            none = np.zeros((rows, ACTION_SIZE), np.float32)
+            initial = self._estimator.initial_estimate(measurement), self._law.initial_memory(rows), none
+            fresh = OutputFeedbackMemory(*initial)
+            memory = fresh if memory is None else select_rows(started, fresh, memory)
+        return memory._replace(measurement=measurement)  # type: ignore[no-any-return]
 
-    def control(self, estimation: Estimation, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
+    def control(self, estimation: OutputFeedbackMemory, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
         """Return the actions of n rows, shape (n, 4), and the memory; `options` are passed on to the control law."""
         prediction = self._estimator.prediction
         estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
@@ -134,9 +124,9 @@ class OutputFeedback(Controller):
         command[:, THRUST] *= estimate.mass_ratio
         wanted, _ = to_action(command, self.simulation, estimate.rigid)
         action = prediction.loop.compensate(wanted, estimate.loop, self.simulation.period)
-        return action, OutputFeedbackMemory(estimation.estimate, action, law_memory)
+        return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 
-    def estimated_disturbance(self, memory: OutputFeedbackMemory | Estimation) -> Floats:
+    def estimated_disturbance(self, memory: OutputFeedbackMemory) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
 
         The vertical force includes the weight of the estimated deviation from the nominal mass.
@@ -145,15 +135,11 @@ class OutputFeedback(Controller):
         disturbance[:, FORCE + 2] -= (memory.estimate.mass_ratio - 1.0) * self.simulation.parameters.hover_thrust
         return disturbance
 
-    def innovation(self, memory: OutputFeedbackMemory | Estimation) -> Floats:
-        """Return the measured minus the predicted state before the latest correction, shape (n, 18); see `Estimate`."""
-        return np.asarray(memory.estimate.innovation)
-
-    def estimated_observation(self, observation: Floats32, memory: OutputFeedbackMemory | Estimation) -> Floats32:
+    def estimated_observation(self, observation: Floats32, memory: OutputFeedbackMemory) -> Floats32:
         """Return the observation of the estimated state after an observation, shape (n, 36)."""
         return observation_from_state(memory.estimate.state, observation, self.simulation.parameters.rod_length)
 
-    def predicted_observation(self, observation: Floats32, estimation: Estimation) -> Floats32:
+    def predicted_observation(self, observation: Floats32, estimation: OutputFeedbackMemory) -> Floats32:
         """Return the observation of the state at the time when the next action acts, shape (n, 36).
 
         Without known delays and lags it is `estimated_observation`.
@@ -165,6 +151,6 @@ class OutputFeedback(Controller):
         later = replace_reference(observation, measurement)
         return observation_from_state(estimate.state, later, self.simulation.parameters.rod_length)
 
-    def with_applied_action(self, memory: OutputFeedbackMemory | Estimation, action: Floats32) -> OutputFeedbackMemory:
+    def with_applied_action(self, memory: OutputFeedbackMemory, action: Floats32) -> OutputFeedbackMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
-        return OutputFeedbackMemory(memory.estimate, action, memory.law_memory)
+        return OutputFeedbackMemory(memory.estimate, memory.law_memory, action)

@@ -11,6 +11,7 @@ multiplied; gains that are not listed, such as damping ratios, angles and the no
 
 from dataclasses import fields, is_dataclass, replace
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -61,13 +62,6 @@ def replace_gains(gains: Any, values: dict[str, float]) -> Any:
     return gains
 
 
-def read_gain(gains: Any, path: str) -> Any:
-    """Return one field of gains; the path ``a.b`` stands for field b of field a."""
-    for name in path.split("."):
-        gains = getattr(gains, name)
-    return gains
-
-
 def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
     """Return the gains for a vehicle from those that were tuned for another, by the design parameters of both."""
     rate = float(np.sqrt(abs(other.chain_stiffness) / tuned.chain_stiffness))
@@ -78,7 +72,7 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
         factors["torque_walk"] = rate**2.5 * other.inertia_roll / tuned.inertia_roll
     if isinstance(gains, MppiGains):
         gains = replace(gains, steps_per_period=max(round(gains.steps_per_period / rate), 1))
-    present = {path: read_gain(gains, path) for path in factors}
+    present = {path: attrgetter(path)(gains) for path in factors}
     gains = replace_gains(gains, {path: factors[path] * gain for path, gain in present.items() if gain is not None})
     parts = {field.name: getattr(gains, field.name) for field in fields(gains)}
     return replace(

@@ -193,7 +193,7 @@ class EstimateOnly(Hybrid):
         disturbance, situation = base.estimated_disturbance(updated), None
         observed: list[Any] = [known, disturbance]
         if self.situation:
-            last, innovation = None if memory is None else memory.situation, base.innovation(updated)
+            last, innovation = None if memory is None else memory.situation, updated.estimate.innovation
             situation = update_situation(last, episode_start, innovation, disturbance, base.simulation.period)
             observed.append(situation_inputs(situation))
         seen = np.concatenate(observed, axis=1, dtype=np.float32)

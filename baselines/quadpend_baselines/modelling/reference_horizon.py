@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
@@ -22,33 +23,27 @@ class Horizon(NamedTuple):
 
 
 def reference_horizon(
-    reference: Floats, yaw_reference: Floats, disturbance: Floats, simulation: Simulation, period: float, periods: int
+    estimate: Estimate, measurement: Measurement, simulation: Simulation, period: float, periods: int
 ) -> Horizon:
-    """Return the reference over the horizon and the states and commands that follow it under a constant disturbance.
+    """Return the measured reference over `periods` periods (s) of a horizon.
 
-    Args:
-        reference: F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3).
-        yaw_reference: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3).
-        disturbance: d_Q (N), d_B (N), d_τ (N·m), shape (n, 9).
-        simulation: The vehicle.
-        period: Period of the horizon, s.
-        periods: H, number of periods.
+    States and commands follow it under the estimated disturbance, which is taken as constant.
     """
-    steps, rows = periods + 1, len(reference)
+    steps, rows = periods + 1, len(measurement.state)
     time = period * np.arange(steps)
-    derivatives = np.moveaxis(reference, 1, 0)
+    derivatives = np.moveaxis(measurement.reference, 1, 0)
     future = np.zeros((steps, *derivatives.shape))
     for order in range(len(derivatives)):
         for power in range(len(derivatives) - order):
             factor = time**power / factorial(power)
             future[:, order] += factor[:, np.newaxis, np.newaxis] * derivatives[order + power]
-    yaw, rate, acceleration = (yaw_reference[:, i] for i in range(3))
+    yaw, rate, acceleration = measurement.yaw_reference.T
     t = time[:, np.newaxis]
     yaws = np.stack(
         np.broadcast_arrays(yaw + t * rate + t**2 / 2 * acceleration, rate + t * acceleration, acceleration), -1
     )
-    disturbances = np.tile(disturbance, (steps, 1))
-    orders = np.moveaxis(future, 2, 1).reshape(-1, *reference.shape[1:])
+    disturbances = np.tile(estimate.disturbance, (steps, 1))
+    orders = np.moveaxis(future, 2, 1).reshape(-1, *measurement.reference.shape[1:])
     state, command = equivalent_model(simulation).trajectory(orders, yaws.reshape(-1, 3), disturbances)
     displacement = [
         sum(period ** (i + order) / factorial(i + order) * future[:-1, i] for i in range(len(derivatives)))

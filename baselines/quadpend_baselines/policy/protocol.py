@@ -33,11 +33,7 @@ class Policy:
         return other
 
     def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Floats32, Any]:
         """Return the action for one observation or for a batch of observations.
 
@@ -79,7 +75,6 @@ class PolicyWrapper(Policy):
     """
 
     def __init__(self, policy: Policy) -> None:
-        """Wrap `policy`."""
         self.policy = policy
         self.observation_sizes = policy.observation_sizes
 
@@ -112,33 +107,29 @@ def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:
 
 
 def select_rows(rows: Booleans, then: Any, otherwise: Any) -> Any:
-    """Return `then` in the rows of a mask and `otherwise` in the other rows.
+    """Return `then` in the rows of a mask, shape (n,), and `otherwise` in the other rows.
 
-    Args:
-        rows: Mask, shape (n,).
-        then: Array of n rows, or a (named) tuple of such arrays, nested to any depth.
-        otherwise: The same structure as `then`.
+    Both are arrays of n rows, or (named) tuples of such arrays, nested to any depth.
     """
-    if isinstance(then, np.ndarray):
-        return np.where(rows.reshape(-1, *[1] * (then.ndim - 1)), then, otherwise)
-    parts = [select_rows(rows, a, b) for a, b in zip(then, otherwise, strict=True)]
-    return type(then)(*parts) if hasattr(then, "_fields") else tuple(parts)
+    return _map(lambda a, b: np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b), then, otherwise)
 
 
 def replace_rows(rows: Integers, part: Any, whole: Any) -> Any:
-    """Return a copy of `whole` in which some rows are replaced by those of `part`.
+    """Return a copy of `whole` with `part` in the rows of the indices `rows`, shape (k,); structures as above."""
 
-    Args:
-        rows: Indices of the rows to replace, shape (k,).
-        part: Array of k rows, or a (named) tuple of such arrays, nested to any depth.
-        whole: The same structure with n rows.
-    """
-    if isinstance(whole, np.ndarray):
+    def replaced(part: Any, whole: Any) -> Any:
         out = whole.copy()
         out[rows] = part
         return out
-    parts = [replace_rows(rows, a, b) for a, b in zip(part, whole, strict=True)]
-    return type(whole)(*parts) if hasattr(whole, "_fields") else tuple(parts)
+
+    return _map(replaced, part, whole)
+
+
+def _map(function: Any, one: Any, other: Any) -> Any:
+    if isinstance(one, np.ndarray):
+        return function(one, other)
+    parts = [_map(function, a, b) for a, b in zip(one, other, strict=True)]
+    return type(one)(*parts) if hasattr(one, "_fields") else tuple(parts)
 
 
 def to_action(command: Floats, simulation: Simulation, rigid: Floats | None = None) -> tuple[Floats32, Floats]:

@@ -12,6 +12,7 @@ import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from optuna.distributions import FloatDistribution
 
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
-from quadpend_baselines.controllers.vehicle_gains import gains_for, read_gain, replace_gains
+from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
@@ -94,7 +95,7 @@ class Search:
 def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float]]:
     """Return the ranges for a vehicle, which are in proportion to its gains."""
     own, paper = gains_for(name, simulation), gains_for(name)
-    ratios = {path: read_gain(own, path) / read_gain(paper, path) for path in SEARCH_SPACES[name]}
+    ratios = {path: attrgetter(path)(own) / attrgetter(path)(paper) for path in SEARCH_SPACES[name]}
     return {
         path: {key: value * ratios[path] for key, value in given.items()} for path, given in SEARCH_SPACES[name].items()
     }
