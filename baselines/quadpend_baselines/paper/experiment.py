@@ -1,4 +1,4 @@
-"""The numerical experiment of the paper (Section 5), as far as the paper describes it.
+"""The numerical experiment of the paper (Section 5), as far as the paper describes it, and its figures of merit.
 
 The paper gives the parameters (Table 1) and the gains. It does not give the reference, the initial state, the gusts,
 the switching gain or the integration step. This project chooses them such that the results resemble the paper's
@@ -38,9 +38,10 @@ GUSTS = PaperGusts(force=0.2, yaw_torque=0.05, onset=10.0, hold=1.0)
 SEED = 0
 CONTINUOUS_STEP = 4e-4  # s, small enough for ω_n = 500 rad/s
 RECORDING_PERIOD = 0.01  # s
+CHANNELS = ("F_x", "F_y", "z", "psi")  # m, m, m, rad
+_TOLERANCES = (1e-2, 1e-3, 1e-4)  # ε of (8)–(11), m and rad
+_CONVERGED = 6.0  # s, after which the initial error has decayed
 GUST_COLUMNS = (FORCE, FORCE + 1, FORCE + 2, TORQUE + 2)  # nonzero disturbances in gusts: N, N, N, N·m
-
-
 Experiment = dict[str, Trajectory]  # "continuous", "1 kHz" and "100 Hz"
 
 
@@ -50,11 +51,10 @@ def run(gains: str = "paper", duration: float = DURATION) -> Experiment:
     times: Floats = 0.5 * CONTINUOUS_STEP * np.arange(2 * steps + 1, dtype=np.float64)
     loop = ContinuousLoop(ADRC(gains))
     every = round(RECORDING_PERIOD / CONTINUOUS_STEP)
-    continuous = loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every)
-    sampled = {"1 kHz": 1e-3, "100 Hz": CONTROL_PERIOD}
     return {
-        "continuous": continuous,
-        **{name: simulate_sampled(gains, period, duration) for name, period in sampled.items()},
+        "continuous": loop.simulate(start_state(), REFERENCE, gusts(times), CONTINUOUS_STEP, every),
+        "1 kHz": simulate_sampled(gains, 1e-3, duration),
+        "100 Hz": simulate_sampled(gains, CONTROL_PERIOD, duration),
     }
 
 
@@ -92,3 +92,32 @@ def simulate_sampled(gains: str, period: float, duration: float = DURATION) -> T
             break
     times, states, commands, estimates = (np.array(part) for part in zip(*records, strict=True))
     return Trajectory(times, states, REFERENCE.derivatives(times), commands, gusts(times), estimates)
+
+
+def figures_of_merit(trajectory: Trajectory) -> dict[str, Any]:
+    """Return the paper's criteria (8)–(11), errors and the accuracy of the estimates, by channel, in SI units."""
+    before = trajectory.time < GUSTS.onset
+    calm, windy = before & (trajectory.time >= _CONVERGED), trajectory.time >= GUSTS.onset + GUSTS.hold
+    error = np.abs(trajectory.error)
+    true, estimate = (d[windy][:, GUST_COLUMNS] for d in (trajectory.disturbance, trajectory.estimate))
+    correlation = [float(np.corrcoef(*pair)[0, 1]) for pair in zip(true.T, estimate.T, strict=True)]
+
+    def by_channel(values: Any) -> dict[str, Any]:
+        return dict(zip(CHANNELS, np.asarray(values).tolist(), strict=True))
+
+    return {
+        "largest_error_in_calm_air": by_channel(error[calm].max(axis=0)),
+        "rmse_in_gusts": by_channel(np.sqrt(np.mean(error[windy] ** 2, axis=0))),
+        "convergence_time": {
+            f"{limit:g}": by_channel([_convergence_time(trajectory.time, e, limit) for e in error[before].T])
+            for limit in _TOLERANCES
+        },
+        "rmse_of_estimates": by_channel(np.sqrt(np.mean((true - estimate) ** 2, axis=0))),
+        "correlation_of_estimates": by_channel(correlation),
+    }
+
+
+def _convergence_time(time: Floats, error: Floats, tolerance: float) -> float | None:
+    """Return T₀ of (8)–(11), s: the error stays within `tolerance` from T₀ until the gusts; None if it does not."""
+    first = int(np.append(np.flatnonzero(error > tolerance), -1).max()) + 1
+    return float(time[first]) if first < error.size else None

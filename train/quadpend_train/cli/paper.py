@@ -14,10 +14,10 @@ def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
         out: Folder for the figures (PNG, SVG) and merit.json.
     """
     writable_folder(out)
-    from quadpend_baselines.paper import experiment, figures, figures_of_merit
+    from quadpend_baselines.paper import experiment, figures
 
     results = experiment.run(gains)
     figures.draw(results, out)
-    numbers = json.dumps(figures_of_merit.compute_figures_of_merit(results), indent=1, allow_nan=False)
-    write_text(out / "merit.json", numbers + "\n")
+    merit = {name: experiment.figures_of_merit(trajectory) for name, trajectory in results.items()}
+    write_text(out / "merit.json", json.dumps(merit, indent=1, allow_nan=False) + "\n")
     print(f"Written: {out}/figure_4 to figure_10 (.png, .svg) and merit.json")
