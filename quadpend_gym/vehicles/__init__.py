@@ -3,15 +3,7 @@
 from quadpend_gym.vehicles.parameters import PARAMETER_NAMES, Parameters
 from quadpend_gym.vehicles.parts import POLES, Drag, Pole, RateLoop, Rotors
 from quadpend_gym.vehicles.simulation import CONTROL_PERIOD, Simulation
-from quadpend_gym.vehicles.vehicle import (
-    VEHICLES,
-    Vehicle,
-    as_vehicle,
-    hover_thrusts,
-    hover_wrench,
-    mixing,
-    torque_limits,
-)
+from quadpend_gym.vehicles.vehicle import VEHICLES, Vehicle, as_vehicle, hover_wrench, mixing, torque_limits
 
 PAPER = VEHICLES["paper"].parameters
 
@@ -29,7 +21,6 @@ __all__ = [
     "Simulation",
     "Vehicle",
     "as_vehicle",
-    "hover_thrusts",
     "hover_wrench",
     "mixing",
     "torque_limits",

@@ -42,7 +42,13 @@ class Simulation:
     pendulum: Literal["upright", "hanging"] = "upright"
 
     def __post_init__(self) -> None:
-        self._check_interface()
+        if self.vehicle.attitude == "euler" and (self.interface != "wrench" or self.latency > 0.0):
+            raise ValueError(
+                f"interface must be 'wrench' and latency 0 with the paper's attitude model, not {self.interface!r} and"
+                f" {self.latency:g} s; choose a rigid vehicle, for example vehicle='hummingbird'"
+            )
+        if self.interface == "rotors" and self.vehicle.rotors is None:
+            raise ValueError(f"interface must not be 'rotors': the vehicle {self.vehicle.name!r} has no rotors")
         self._check_damping()
         if self.latency > _MOST_DELAYED * self.period * (1.0 + 1e-9):
             raise ValueError(
@@ -84,21 +90,6 @@ class Simulation:
         if self.interface == "body_rates":
             roll_pitch, yaw = loop.roll_pitch, loop.yaw
         return np.array([self.parameters.hover_thrust, roll_pitch, roll_pitch, yaw])
-
-    def _check_interface(self) -> None:
-        if self.vehicle.attitude == "euler":
-            if self.interface != "wrench":
-                raise ValueError(
-                    f"interface must be 'wrench', not {self.interface!r}: the paper's attitude model has no rotors"
-                    " and no body rates; choose a rigid vehicle, for example vehicle='hummingbird'"
-                )
-            if self.latency > 0.0:
-                raise ValueError(
-                    f"latency must be 0 for the paper's attitude model, not {self.latency:g} s: use the actuator"
-                    " action_delay, or a rigid vehicle"
-                )
-        elif self.interface == "rotors" and self.vehicle.rotors is None:
-            raise ValueError(f"interface must not be 'rotors': the vehicle {self.vehicle.name!r} has no rotors")
 
     def _check_damping(self) -> None:
         """Refuse a linear drag that is too strong for the length of a substep."""

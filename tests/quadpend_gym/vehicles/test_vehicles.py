@@ -13,10 +13,10 @@ from quadpend_gym.vehicles import (
     RateLoop,
     Vehicle,
     as_vehicle,
-    hover_thrusts,
     mixing,
     torque_limits,
 )
+from quadpend_gym.vehicles.vehicle import hover_thrusts
 
 WITH_ROTORS = [name for name, vehicle in VEHICLES.items() if vehicle.rotors]
 
