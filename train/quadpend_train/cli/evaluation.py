@@ -1,7 +1,4 @@
-"""The command `evaluate`. The parameters of the function are the options of the command.
-
-Slow imports are inside the function, so that `quadpend --help` starts quickly.
-"""
+"""The command `evaluate`."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The command `paper`. The parameters of the function are the options of the command."""
+"""The command `paper`."""
 
 import json
 from pathlib import Path

@@ -1,8 +1,4 @@
-"""The commands of the searches: `tune` for gains of controllers and `sweep` for settings of learners.
-
-The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
-`quadpend --help` starts quickly.
-"""
+"""The commands of the searches: `tune` for gains of controllers and `sweep` for settings of learners."""
 
 import json
 import shlex

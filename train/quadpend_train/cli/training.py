@@ -1,8 +1,4 @@
-"""The commands about learned policies: `train`, `export` and `reproduce`.
-
-The parameters of these functions are the options of the commands. Slow imports are inside the functions, so that
-`quadpend --help` starts quickly.
-"""
+"""The commands about learned policies: `train`, `export` and `reproduce`."""
 
 import json
 import sys

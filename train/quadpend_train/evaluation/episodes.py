@@ -67,15 +67,10 @@ def run_episodes(
 ) -> EpisodeResults:
     """Run `episodes` episodes with each policy; episode k has the seed `seed` + k.
 
-    Args:
-        policies: Policies, or what `as_policy` takes: one, or one for each training seed.
-        scenario: Scenario, or its name as `find_scenario` takes it.
-        episodes: Number of episodes.
-        seed: Seed of the first episode.
-        options: Options of the environment's reset, such as a start for each episode.
+    The policies, or what `as_policy` takes, are one controller or the training seeds of one learner. `options` are
+    those of the environment's reset, such as a start for each episode.
     """
-    if isinstance(scenario, str):
-        scenario = find_scenario(scenario)
+    scenario = find_scenario(scenario)
     results, lengths = [], np.full(episodes, scenario.steps)
     for policy in policies:
         flown = as_policy(policy).adapt(scenario)
@@ -94,13 +89,10 @@ def pendulum_arm(scenario: Scenario) -> float:
 def collect_results(
     rollout_steps: Iterable[RolloutStep], lengths: Integers, period: float, arm: float = 0.0
 ) -> EpisodeResults:
-    """Compute the metrics of a rollout; the arrays have no axis for training seeds.
+    """Compute the metrics of a rollout of n sub-environments; the arrays have no axis for training seeds.
 
-    Args:
-        rollout_steps: Steps of n sub-environments.
-        lengths: Steps after which their episodes are truncated, shape (n,).
-        period: Control period, s.
-        arm: See `pendulum_arm`, m.
+    Their episodes are truncated after `lengths` steps, shape (n,). `period` is the control period, s, and `arm` that of
+    `pendulum_arm`, m.
     """
     episodes = len(lengths)
     survived, steps = np.zeros(episodes, np.bool_), np.zeros(episodes, np.int64)

@@ -31,15 +31,7 @@ Name = TypeVar("Name", bound=Hashable)
 
 
 class Job(NamedTuple):
-    """One evaluation: the arguments of `run_episodes`.
-
-    Attributes:
-        policies: One controller, or the training seeds of one learner.
-        scenario: Scenario of the episodes.
-        episodes: Number of episodes.
-        seed: Seed of the first episode.
-        options: Options of the environment's reset.
-    """
+    """One evaluation: the arguments of `run_episodes`."""
 
     policies: list[Policy]
     scenario: Scenario

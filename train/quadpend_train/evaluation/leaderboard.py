@@ -40,16 +40,14 @@ class LeaderboardRow(NamedTuple):
 
 def leaderboard(table: pd.DataFrame) -> list[LeaderboardRow]:
     """Return the rows of all policies, ordered by the mean penalised RMSE, the smallest first."""
-    wins: Counter[str] = Counter()
-    losses: Counter[str] = Counter()
+    wins: Counter[tuple[str, int]] = Counter()  # by policy and sign: 1 for wins, −1 for losses
     for (first, second), pair in compare_all_pairs(table).items():
-        won, lost = len(pair.where(1)), len(pair.where(-1))
-        wins += Counter({first: won, second: lost})
-        losses += Counter({first: lost, second: won})
+        for sign in (1, -1):
+            wins += Counter({(first, sign): len(pair.where(sign)), (second, -sign): len(pair.where(sign))})
     by_policy: dict[str, dict[str, Values]] = {}
     for (scenario, policy), values in cells(table).items():
         by_policy.setdefault(policy, {})[scenario] = values
-    lines = [standing(policy, results, wins[policy], losses[policy]) for policy, results in by_policy.items()]
+    lines = [standing(policy, results, wins[policy, 1], wins[policy, -1]) for policy, results in by_policy.items()]
     return sorted(lines, key=lambda row: row.penalised_rmse.value)
 
 

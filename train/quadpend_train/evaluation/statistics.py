@@ -55,7 +55,7 @@ class Interval(NamedTuple):
     high: float
 
     def scaled(self, factor: float) -> "Interval":
-        """Return the interval in another unit; `factor` is positive."""
+        """Return the interval in another unit."""
         return Interval(*(factor * x for x in self))
 
     def clipped(self, low: float, high: float = np.inf) -> "Interval":
@@ -93,7 +93,7 @@ def paired_proportion(successes: Booleans, others: Booleans) -> Interval:
 
 
 def _with_additional_episodes(differences: Floats) -> Floats:
-    """Append to differences of successes an episode in which only one policy succeeds, and one with the opposite."""
+    """Append an episode in which only one policy succeeds, and one with the opposite result."""
     return np.hstack([differences, np.tile([1.0, -1.0], (len(differences), 1))])
 
 

@@ -86,24 +86,16 @@ def differences(values: Values, others: Values) -> dict[str, Interval]:
     ``iqm`` is the interquartile mean of the differences. ``rmse_of_survivors`` and ``settled_rmse`` are means over the
     episodes that both survived. The other policy has one training seed, or as many as the first.
     """
-    return {
-        name: (
-            paired_proportion(values["survived"], others["survived"])
-            if name == "survival"
-            else metric.estimate(_values(name, values) - _values(name, others))
-        ).scaled(metric.factor)
-        for name, metric in METRICS.items()
-    }
+    found = {"survival": paired_proportion(values["survived"], others["survived"])}
+    for name in METRICS.keys() - found:
+        found[name] = METRICS[name].estimate(_values(name, values) - _values(name, others))
+    return {name: found[name].scaled(metric.factor) for name, metric in METRICS.items()}
 
 
 def summary_table(summaries: dict[Cell, dict[str, Interval]]) -> pd.DataFrame:
     """Return all metrics as a table with a row for each scenario, policy and metric."""
     columns = ["scenario", "policy", "metric", "value", "low", "high", "unit"]
-    lines = [
-        (*cell, name, *interval, METRICS[name].unit)
-        for cell, summary in summaries.items()
-        for name, interval in summary.items()
-    ]
+    lines = [(*cell, name, *found[name], METRICS[name].unit) for cell, found in summaries.items() for name in METRICS]
     return pd.DataFrame(lines, columns=columns)
 
 

@@ -28,10 +28,7 @@ _DPI = 100  # pixels per inch of the charts
 class SideBySideView:
     """A view of one to three recordings of the same episode, side by side, above charts.
 
-    Args:
-        recordings: Recordings of the same scenario and seed.
-        period: Time between two snapshots, s.
-        seconds: Begin and end of the part of the episode to show, s.
+    `period` is the time between two snapshots, and `seconds` are begin and end of the part of the episode to show, s.
 
     Attributes:
         steps: Steps of that part, counted from 0.
@@ -39,7 +36,6 @@ class SideBySideView:
     """
 
     def __init__(self, recordings: Sequence[Recording], period: float, seconds: tuple[float, float]) -> None:
-        """Find the steps to show."""
         longest = max(len(recording.snapshots) for recording in recordings)
         self.steps = range(round(seconds[0] / period), round(min(seconds[1] / period, longest)))
         if not self.steps:
@@ -50,12 +46,7 @@ class SideBySideView:
         self._charts: _Charts | None = None
 
     def draw(self, surface: Any, step: int) -> None:
-        """Draw the state after a step over the whole of a surface.
-
-        Args:
-            surface: Surface of pygame to draw on.
-            step: Step, counted from 0. A recording that has ended stays at its last snapshot.
-        """
+        """Draw the state after a step, counted from 0. A recording that has ended stays at its last snapshot."""
         width, height = surface.get_size()
         surface.fill(palette.WHITE)
         chart_top = round(height * (1.0 - _CHART_HEIGHT))
@@ -152,13 +143,8 @@ def _draw_wind(axis: Any, recordings: Sequence[Recording], period: float, shown:
     true = max(recordings, key=lambda recording: len(recording.snapshots)).disturbance[:, :3]
     component = int(np.argmax((true[shown] ** 2).sum(axis=0)))
     times = period * np.arange(1, len(true) + 1)
-    axis.plot(
-        times,
-        true[:, component],
-        color=np.array(_TRUE_WIND) / 255.0,
-        linewidth=3.5,
-        label="true; policies: their estimates",
-    )
+    colour = np.array(_TRUE_WIND) / 255.0
+    axis.plot(times, true[:, component], color=colour, linewidth=3.5, label="true; policies: their estimates")
     limit = max(float(np.abs(true[shown, component]).max()), 0.1)
     for i, recording in enumerate(recordings):
         estimate = recording.estimate[:, component]
@@ -175,12 +161,7 @@ def _draw_wind(axis: Any, recordings: Sequence[Recording], period: float, shown:
 def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: float, rate: float) -> None:
     """Write a video (.mp4, .gif, .webp), or the last picture if the file is a PNG.
 
-    Args:
-        view: View to draw.
-        path: The file.
-        size: Width and height in pixels.
-        fps: Pictures per second.
-        rate: Control steps that one second of the video shows.
+    `size` is in pixels, and `rate` the number of control steps that one second of the video shows.
     """
     seconds = round(100.0 / fps) / 100.0 if path.suffix == ".gif" else 1.0 / fps  # GIF stores hundredths of a second
     steps = np.arange(view.steps.start, view.steps.stop, rate * seconds).astype(int).tolist()
