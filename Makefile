@@ -33,8 +33,9 @@ format: .venv/.installed  ## format the code and fix what ruff can fix
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: .venv/.installed  ## docs/bench.md: speed of the environments, compared with others
-	$(BIN)/python -m benchmarks.speed --out docs/bench.json
+bench: .venv/.installed  ## docs/benchmarks.md: speed, compared with other environments and, if installed, the extra `peers`
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed
+	OMP_NUM_THREADS=1 SCIPY_ARRAY_API=1 $(BIN)/python -m benchmarks.peers
 
 golden: .venv/.installed  ## hashes of results: written on the first run, compared on the next; run before and after a refactoring
 	$(BIN)/python -m benchmarks.golden

@@ -1,16 +1,14 @@
-"""Everything for an hour: random steps, environments, training, and damaged files.
+"""Everything for an hour: random steps, environments and training.
 
 `make soak` runs this file in two processes and updates docs/soak.md. What must not happen is a *finding*: an
 observation that is not finite or not in its space, a reward outside [0, 1], a warning, an exception, a step of more
-than a second of processor time, a damaged file that is neither refused nor works, or memory that grows.
+than a second of processor time, or memory that grows.
 """
 
 import argparse
 import datetime
 import gc
-import json
 import os
-import random as stdlib_random
 import tempfile
 import time
 import warnings
@@ -20,21 +18,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from experiments.pages import fill
 from quadpend_gym import QuadPendulumEnv
-from quadpend_gym.scenarios import find_scenario
 from quadpend_train.common import executors
 from quadpend_train.evaluation.formatting import markdown_table
-from quadpend_train.policies.loading import policy_file
-from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training.settings import PRESETS, TrainSettings, read_settings
+from quadpend_train.training.settings import TrainSettings
 from quadpend_train.training.train import train
 from tests.helpers.random_settings import random_scenario
 
 PROCESSES = 2
-STEPS, ENVIRONMENTS, TIMESTEPS, FILES = 10**9, 10**4, 10**7, 10**4  # of all processes together
+STEPS, ENVIRONMENTS, TIMESTEPS = 10**9, 10**4, 10**7  # of all processes together
 STEPS_OF_A_CONFIGURATION = 300  # of each sub-environment
 SECONDS_OF_A_CONFIGURATION = 10.0  # s of processor time, after which the next configuration begins
 LARGEST_GROWTH = 1.0  # MB for each million steps
@@ -43,13 +37,12 @@ LONGEST_STEP = 1.0  # s of processor time, for up to 1024 sub-environments
 _EXPECTED = ".*(the wind pushes with up to|the trajectory (needs|reaches))"  # warnings about settings, not about steps
 _WARM_UP = 100  # configurations, after which all compiled code is loaded
 ROWS = (1, 7, 64, 1024, 4096)
-SCENARIO = {"duration": 4.0, "period": 0.02, "wind": {"kind": "gusts", "force": 1.0}}
 
 
 class Outcome(NamedTuple):
     """What a part of the soak did in one process."""
 
-    done: int  # number of steps, environments, timesteps or files
+    done: int  # number of steps, environments or timesteps
     findings: list[str]  # descriptions of what went wrong
     growth: float  # of the memory, MB
 
@@ -147,52 +140,6 @@ def training(timesteps: int, process: int) -> Outcome:
     return Outcome(timesteps, findings + grown(growth, timesteps), growth)
 
 
-def damaged_bytes(content: bytes, random: stdlib_random.Random) -> bytes:
-    """Return the content with one to three parts replaced, left out, repeated or cut off."""
-    data = bytearray(content)
-    for _ in range(random.randint(1, 3)):
-        at, length = random.randrange(len(data) + 1), random.randint(1, 40)
-        part = data[at : at + length]
-        data[at : at + length] = random.choice([random.randbytes(length), b"", part + part])
-        if random.random() < 0.1:
-            del data[at:]
-    return bytes(data)
-
-
-def read_damaged(kind: str, seed: int) -> None:
-    """Damage a file and read it again: it is refused with one sentence, or it works."""
-    name, content, read = READ[kind]
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, name)
-        path.write_bytes(damaged_bytes(content, stdlib_random.Random(f"{kind} {seed}")))
-        try:
-            read(path)
-        except (ValueError, TypeError, OSError) as error:  # what the command line prints as one sentence
-            if not str(error):
-                raise RuntimeError("the refusal is empty") from error
-
-
-def _fly_policy(path: Path) -> None:
-    policy = MlpPolicy.load(path)
-    action, _ = policy.predict(np.zeros((2, policy.observation_sizes[0]), np.float32))
-    assert np.isfinite(action).all()
-
-
-def _fly_scenario(path: Path) -> None:
-    env: Any = find_scenario(str(path)).make_vec(2, AutoresetMode.SAME_STEP)
-    env.reset(seed=0)
-    assert np.isfinite(env.step(np.zeros((2, 4), np.float32))[0]).all()
-
-
-PRESET = PRESETS / "ppo-gain-scheduling.toml"
-# Kinds of files: name, content, and what reads and uses them
-READ: dict[str, tuple[str, bytes, Callable[[Path], Any]]] = {
-    "policy files": ("policy.npz", policy_file("apg-0").read_bytes(), _fly_policy),
-    "settings": (PRESET.name, PRESET.read_bytes(), lambda path: read_settings(str(path))),
-    "scenarios": ("file.json", json.dumps(SCENARIO).encode(), _fly_scenario),
-}
-
-
 def parts(scale: float) -> dict[tuple[str, int], Callable[[], Outcome]]:
     """Return all parts of all processes by name and process, for a share of the numbers of this module."""
 
@@ -200,7 +147,6 @@ def parts(scale: float) -> dict[tuple[str, int], Callable[[], Outcome]]:
         return max(int(number * scale) // PROCESSES, 1)
 
     made: dict[str, Callable[[int], Outcome]] = {
-        **{f"damaged {kind}": partial(repeat, partial(read_damaged, kind), share(FILES)) for kind in READ},
         "environments made and closed": partial(repeat, make_and_close, share(ENVIRONMENTS)),
         "timesteps of training": partial(training, share(TIMESTEPS)),
         "random steps": partial(random_steps, share(STEPS), time.time() + 3600.0 * scale),

@@ -1,21 +1,17 @@
-"""Speed of the environments, compared with other environments in the same run.
+"""Speed of the environments, compared with other environments in the same run, for docs/benchmarks.md.
 
 `make bench` runs this file as ``python -m benchmarks.speed``. Each rate is the best of several rounds in one process
 with one thread, unless its name says otherwise. The environments receive a small fixed action at every step, and the
-rates include resets. "hummingbird" is a rigid vehicle by body rates. "Everything" means Dryden wind, noisy sensors and
-random parameters together.
+rates include resets.
 """
 
 import argparse
-import json
-import platform
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -23,16 +19,15 @@ import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from experiments.pages import DOCS
-from quadpend_baselines import controller
+from experiments.pages import DOCS, fill
 from quadpend_gym import Dryden, OrnsteinUhlenbeck
 from quadpend_gym.envs.vector_env import QuadPendulumVectorEnv
 from quadpend_gym.randomization import Around
 from quadpend_gym.sensors import Noise
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.wrappers import VectorParameterWrapper, VectorSensorWrapper
-from quadpend_train.common.files import write_text
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.evaluation.formatting import markdown_table
 from quadpend_train.policies.export import export
 from quadpend_train.training.algorithms import make_model
 from quadpend_train.training.environment import make_env
@@ -45,27 +40,37 @@ _SECONDS = 0.15  # length of one timing
 _ROUNDS = 15
 _TRAINING_STEPS = 150_000  # of one timing
 
-Call = tuple[Callable[[], Any], int]  # a function and the number of environment steps that one call makes
+Call = tuple[Callable[[], Any], float]  # a function and what one call makes, usually the number of environment steps
+Key = tuple[str, str]  # row and column of a table of rates
 
 
-def best_rates(calls: dict[str, Call]) -> dict[str, float]:
-    """Return the steps per second of each call: the best of several rounds.
+def best_rates(calls: dict[Key, Call], clock: Callable[[], float] = time.process_time) -> dict[Key, float]:
+    """Return what each call makes per second of processor time, or of another clock: the best of several rounds.
 
     Every round times all calls, so a slow phase of the machine affects all of them alike.
     """
     repeats, best = {}, dict.fromkeys(calls, np.inf)
-    for name, (function, _) in calls.items():
+    for key, (function, _) in calls.items():
         function()
-        start = time.perf_counter()
+        start = clock()
         function()
-        repeats[name] = max(1, int(_SECONDS / max(time.perf_counter() - start, 1e-7)))
+        repeats[key] = max(1, int(_SECONDS / max(clock() - start, 1e-7)))
     for _ in range(_ROUNDS):
-        for name, (function, _) in calls.items():
-            start = time.perf_counter()
-            for _ in range(repeats[name]):
+        for key, (function, _) in calls.items():
+            start = clock()
+            for _ in range(repeats[key]):
                 function()
-            best[name] = min(best[name], (time.perf_counter() - start) / repeats[name])
-    return {name: steps / best[name] for name, (_, steps) in calls.items()}
+            best[key] = min(best[key], (clock() - start) / repeats[key])
+    return {key: made / best[key] for key, (_, made) in calls.items()}
+
+
+def rate_table(heading: str, rates: dict[Key, float]) -> str:
+    """Return rates, rounded to three digits, as a Markdown table."""
+    names, columns = (list(dict.fromkeys(key[i] for key in rates)) for i in range(2))
+    cells = {key: f"{float(f'{rate:.3g}'):,g}" for key, rate in rates.items()}
+    return markdown_table(
+        [heading, *columns], [[name, *(cells.get((name, c), "–") for c in columns)] for name in names]
+    )
 
 
 def single_env(env: gym.Env[Any, Any], action: Any) -> Call:
@@ -94,26 +99,31 @@ def make_everything(num_envs: int) -> VectorEnv[Any, Any, Any]:
     return VectorParameterWrapper(noisy, Around(0.3))
 
 
-def measure_environments() -> dict[str, float]:
-    """Return the steps per second of this package's environments and of Gymnasium's."""
-    wind, hover = OrnsteinUhlenbeck(), np.full(4, 0.01, np.float32)
-    calls = {
-        "QuadPendulum-v0, single": single_env(gym.make("quadpend_gym:QuadPendulum-v0"), hover),
-        "QuadPendulum-v0, single, wind": single_env(gym.make("quadpend_gym:QuadPendulum-v0", wind=wind), hover),
-        "QuadPendulum-v0, single, hummingbird": single_env(gym.make("quadpend_gym:QuadPendulum-v0", **RIGID), hover),
-        "CartPole-v1, single": single_env(gym.make("CartPole-v1"), 1),
-        "InvertedDoublePendulum-v5, single": single_env(gym.make("InvertedDoublePendulum-v5"), np.zeros(1)),
-    }
+def measure_environments() -> dict[Key, float]:
+    """Return the thousands of steps per second of this package's environments and of Gymnasium's, by name and size."""
+    hover, wind = np.full(4, 0.01, np.float32), OrnsteinUhlenbeck()
+    variants: dict[str, dict[str, Any]] = {"calm": {}, "wind": {"wind": wind}, "hummingbird": RIGID}
+    make = partial(gym.make, "quadpend_gym:QuadPendulum-v0")
+    calls = {(name, "single"): single_env(make(**parts), hover) for name, parts in variants.items()}
+    calls["CartPole-v1", "single"] = single_env(gym.make("CartPole-v1"), 1)
+    calls["InvertedDoublePendulum-v5", "single"] = single_env(gym.make("InvertedDoublePendulum-v5"), np.zeros(1))
     for n in NUM_ENVS:
-        for suffix, model in (("", None), (", wind", wind)):
-            env = QuadPendulumVectorEnv(n, wind=model, autoreset_mode=AutoresetMode.SAME_STEP)
-            calls[f"QuadPendulum-v0, num_envs={n}{suffix}"] = vector_env(env, hover)
-        env = QuadPendulumVectorEnv(n, autoreset_mode=AutoresetMode.SAME_STEP, **RIGID)
-        calls[f"QuadPendulum-v0, num_envs={n}, hummingbird"] = vector_env(env, hover)
-        calls[f"QuadPendulum-v0, num_envs={n}, everything"] = vector_env(make_everything(n), hover)
+        for name, parts in variants.items():
+            env = QuadPendulumVectorEnv(n, autoreset_mode=AutoresetMode.SAME_STEP, **parts)
+            calls[name, f"{n:,}"] = vector_env(env, hover)
+        calls["everything", f"{n:,}"] = vector_env(make_everything(n), hover)
         cartpole = gym.make_vec("CartPole-v1", n, vectorization_mode="vector_entry_point")
-        calls[f"CartPole-v1, num_envs={n}"] = vector_env(cartpole, np.int64(1))
-    return best_rates(calls)
+        calls["CartPole-v1", f"{n:,}"] = vector_env(cartpole, np.int64(1))
+    return {key: rate / 1e3 for key, rate in best_rates(calls).items()}
+
+
+def measure_threads() -> float:
+    """Return how many times faster two threads are than one at the largest number of sub-environments."""
+    make = partial(gym.make_vec, "quadpend_gym:QuadPendulum-v0", NUM_ENVS[-1], "vector_entry_point")
+    action, names = np.full(4, 0.01, np.float32), ("1 thread", "2 threads")
+    calls = {(name, ""): vector_env(make(num_threads=int(name[0])), action) for name in names}
+    one, two = best_rates(calls, time.perf_counter).values()
+    return two / one
 
 
 class FreeVectorEnv(QuadPendulumVectorEnv):
@@ -163,29 +173,9 @@ def measure_policies() -> dict[str, float]:
     for name, observation in (("one observation", observations[0]), ("256 observations", observations)):
         exported = partial(policy.predict, observation)
         sb3 = partial(model.predict, observation, deterministic=True)
-        rates = best_rates({"exported": (exported, 1), "sb3": (sb3, 1)})
-        ratios[f"MlpPolicy.predict / PPO.predict, {name}"] = rates["exported"] / rates["sb3"]
+        of_exported, of_sb3 = best_rates({("exported", ""): (exported, 1), ("sb3", ""): (sb3, 1)}).values()
+        ratios[f"MlpPolicy.predict / PPO.predict, {name}"] = of_exported / of_sb3
     return ratios
-
-
-def measure_pictures() -> dict[str, float]:
-    """Return the pictures per second that the environments render without a window, in the middle of an episode.
-
-    QuadPendulum's pictures have 640 × 480 pixels, CartPole's 600 × 400.
-    """
-    calls: dict[str, Call] = {}
-    for name, wind in (("calm", None), ("storm", "storm")):
-        env = gym.make("quadpend_gym:QuadPendulum-v0", wind=wind, render_mode="rgb_array")
-        policy, memory = controller("flatness"), None
-        observation, _ = env.reset(seed=0)
-        for _ in range(200):
-            action, memory = policy.predict(observation, memory)
-            observation, *_ = env.step(action)
-        calls[f"QuadPendulum-v0, {name}"] = env.render, 1
-    cartpole = gym.make("CartPole-v1", render_mode="rgb_array")
-    cartpole.reset(seed=0)
-    calls["CartPole-v1"] = cartpole.render, 1
-    return best_rates(calls)
 
 
 _FIRST_EPISODE = """
@@ -216,62 +206,19 @@ def measure_start() -> dict[str, float]:
     return {"import quadpend_gym": cached[0], "first episode, cold": cold[1], "first episode, cached": cached[1]}
 
 
-def speed_ratios(rates: dict[str, float]) -> dict[str, float]:
-    """Return the ratios of the rates that `measure_environments` returns."""
-    single = rates["QuadPendulum-v0, single"]
-    ratios = {
-        "single / CartPole-v1": single / rates["CartPole-v1, single"],
-        "single, hummingbird / CartPole-v1": rates["QuadPendulum-v0, single, hummingbird"]
-        / rates["CartPole-v1, single"],
-        "single / InvertedDoublePendulum-v5": single / rates["InvertedDoublePendulum-v5, single"],
-    }
-    for n in NUM_ENVS:
-        label = f"num_envs={n}"
-        calm, everything = rates[f"QuadPendulum-v0, {label}"], rates[f"QuadPendulum-v0, {label}, everything"]
-        ratios[f"{label} / CartPole-v1's"] = calm / rates[f"CartPole-v1, {label}"]
-        ratios[f"{label}, everything / calm"] = everything / calm
-        ratios[f"{label}, hummingbird / paper"] = rates[f"QuadPendulum-v0, {label}, hummingbird"] / calm
-    return ratios
-
-
-def markdown(
-    rates: dict[str, float], ratios: dict[str, float], pictures: dict[str, float], start: dict[str, float]
-) -> str:
-    """Return steps per second, ratios, pictures per second and start-up times (s) as a Markdown table."""
-    rows = [
-        *((name, _format_rate(rate)) for name, rate in rates.items()),
-        *((name, f"{ratio:.2f} ×") for name, ratio in ratios.items()),
-        *((name, f"{rate:.0f} pictures/s") for name, rate in pictures.items()),
-        *((name, f"{seconds:.2f} s") for name, seconds in start.items()),
-    ]
-    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)]) + "\n"
-
-
-def _format_rate(rate: float) -> str:
-    if rate < 1e3:
-        return f"{rate:,.3g} steps/s"
-    return f"{rate / 1e6:.3g} M steps/s" if rate >= 1e6 else f"{rate / 1e3:.3g} k steps/s"
-
-
 def main() -> None:
-    """Measure everything, print it, and write it to a JSON file with a Markdown table beside it."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.speed", description="Measure speed.")
-    parser.add_argument("--out", type=Path, default=DOCS / "bench.json", help="JSON file for the measurements")
-    out = parser.parse_args().out
-    rates = measure_environments()
-    ratios = speed_ratios(rates)
-    training_rates = measure_training()
-    rates |= training_rates
-    quadpend, free = training_rates.values()
-    ratios["PPO / PPO on a free environment"] = quadpend / free
-    ratios |= measure_policies()
-    pictures, start = measure_pictures(), measure_start()
-    table = markdown(rates, ratios, pictures, start)
-    print(table)
-    machine = f"{platform.machine()}, Python {platform.python_version()}"
-    data = {"machine": machine, "steps_per_second": rates, "ratios": ratios, "pictures": pictures, "seconds": start}
-    write_text(out, json.dumps(data, indent=1) + "\n")
-    write_text(out.with_suffix(".md"), table)
+    """Measure everything, print it, and update the page."""
+    argparse.ArgumentParser(prog="python -m benchmarks.speed", description=__doc__).parse_args()
+    environments, training, start = measure_environments(), measure_training(), measure_start()
+    rows = [
+        *([name, f"{rate / 1e3:.3g} k steps/s"] for name, rate in training.items()),
+        [f"two threads / one, {NUM_ENVS[-1]:,} sub-environments", f"{measure_threads():.2f} ×"],
+        *([name, f"{ratio:.2f} ×"] for name, ratio in measure_policies().items()),
+        *([name, f"{seconds:.2f} s"] for name, seconds in start.items()),
+    ]
+    tables = {"environments": rate_table("environment", environments), "speed": markdown_table(["", ""], rows)}
+    print("\n\n".join(tables.values()))
+    fill(DOCS / "benchmarks.md", tables)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,15 @@
 """The benchmarks run with small sizes."""
 
-import json
+import re
+import shutil
 from pathlib import Path
 
 import pytest
 
-from benchmarks import golden, golden_cases, speed
+from benchmarks import golden, golden_cases, peers, speed
 from quadpend_baselines import CONTROLLERS
 from quadpend_train.policies.loading import shipped_policies
+from tests.helpers.sources import ROOT
 
 
 @pytest.fixture
@@ -17,21 +19,46 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed, "_ROUNDS", 1)
 
 
-def test_speed_writes_a_rate_for_every_environment(
-    brief: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the page that the benchmarks update."""
+    for module in (speed, peers):
+        monkeypatch.setattr(module, "DOCS", tmp_path)
+    monkeypatch.setattr("sys.argv", ["speed"])
+    return Path(shutil.copy(ROOT / "docs/benchmarks.md", tmp_path))
+
+
+def test_speed_writes_a_rate_for_every_environment(brief: None, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed, "measure_start", lambda: {"import": 0.1})
-    monkeypatch.setattr(speed, "measure_training", lambda: {"quadpend": 2.0, "free": 3.0})
-    monkeypatch.setattr("sys.argv", ["speed", "--out", str(tmp_path / "bench.json")])
+    monkeypatch.setattr(speed, "measure_training", lambda: {"quadpend": 2000.0, "free": 3000.0})
     speed.main()
-    data = json.loads((tmp_path / "bench.json").read_text())
-    assert all(rate > 0 for rate in data["steps_per_second"].values())
-    assert {
-        "single / CartPole-v1",
-        "num_envs=4 / CartPole-v1's",
-        "num_envs=4, hummingbird / paper",
-        "MlpPolicy.predict / PPO.predict, one observation",
-    } <= set(data["ratios"])
+    text = page.read_text(encoding="utf-8")
+    assert "| environment | single | 1 | 4 |" in text
+    for name in ("calm", "wind", "hummingbird", "everything", "CartPole-v1"):
+        assert re.search(rf"\| {name} \| [\d,.–]+ \| [\d,.]+ \| [\d,.]+ \|", text)
+    assert "| quadpend | 2 k steps/s |" in text
+    assert re.search(r"\| two threads / one, 4 sub-environments \| [\d.]+ × \|", text)
+
+
+def test_peers_write_a_rate_for_every_contender(brief: None, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(peers, "NUM_VEHICLES", (2,))
+    monkeypatch.setattr(peers, "find_spec", lambda name: name)
+    monkeypatch.setattr(peers.os, "sched_setaffinity", lambda process, cores: None)
+    ours = {name: make for name, make in peers.CONTENDERS.items() if name.startswith("quadpend")}
+    monkeypatch.setattr(peers, "CONTENDERS", ours)
+    peers.main()
+    rows = re.findall(r"\| (quadpend-gym, .*) \| [\d,.]+ \|", page.read_text(encoding="utf-8"))
+    assert rows == [*ours]
+
+
+def test_peers_that_are_not_installed_are_skipped(
+    page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = page.read_text(encoding="utf-8")
+    monkeypatch.setattr(peers, "find_spec", lambda name: None)
+    peers.main()
+    assert "Skipped, since crazyflow and rotorpy" in capsys.readouterr().out
+    assert page.read_text(encoding="utf-8") == before
 
 
 def test_golden_hashes_are_repeatable_and_a_different_hash_is_reported(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ EXTRAS = {
     "quadpend_gym": ("view", "mpc"),
     "baselines": ("train", "mpc"),
     "train": ("train", "view", "mpc", "cluster"),
-    "benchmarks": ("train", "view", "dev", "cluster"),
+    "benchmarks": ("train", "view", "dev", "peers"),
     "experiments": ("train", "view", "dev", "mpc"),
     "tests": ("train", "view", "dev", "docs", "cluster"),
     "docs": ("train", "view", "dev", "docs", "cluster"),
