@@ -7,7 +7,7 @@
 A progress bar shows the time that is left. The return of an untrained policy is about 30 of 1000; the default ends with
 about 700. The tuned classical controller `flatness` is printed beside it: it is better, see docs/results.md.
 
-Writes `ppo.zip`. `python train/compare.py ppo.zip` compares it with two classical controllers in 100 episodes.
+Writes `ppo.zip`. `quadpend evaluate ppo.zip flatness --scenarios windy` compares it with a classical controller.
 """
 
 import argparse

@@ -6,7 +6,7 @@
 A step of SAC takes much longer than a step of PPO. The default ends with a mean return of about 130 of 1000; an
 untrained policy has about 30. In the same time `ppo.py` reaches about 700.
 
-Writes `sac.zip`. `python train/compare.py sac.zip` compares it with two classical controllers.
+Writes `sac.zip`. `quadpend evaluate sac.zip flatness --scenarios windy` compares it with a classical controller.
 """
 
 import argparse

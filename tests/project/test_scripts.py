@@ -27,12 +27,9 @@ def run_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     return run
 
 
-def test_ppo_script_trains_a_model_that_compare_script_compares(run_script: Run) -> None:
+def test_ppo_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
     assert "mean return" in run_script("ppo.py", "--total-timesteps", "2000")
-    table = run_script("compare.py", "ppo.zip", "--episodes", "2").splitlines()
-    assert [line.split()[:2] for line in table[1:]] == [
-        [scenario, name] for scenario in ("windy", "gusts") for name in ("ppo", "flatness", "adrc-paper")
-    ]
+    assert (tmp_path / "ppo.zip").is_file()
 
 
 def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:

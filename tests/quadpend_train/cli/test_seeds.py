@@ -10,8 +10,8 @@ import pytest
 from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training import train as training
-from quadpend_train.training.run_folder import POLICY
 from quadpend_train.training.settings import to_mapping
+from quadpend_train.training.train import POLICY
 from tests.helpers.training import BRIEF, interrupt_at
 
 

@@ -22,7 +22,7 @@ from quadpend_train.policies.conversion import as_policy, policy_from_function
 from quadpend_train.policies.export import export, export_zip, policy_from_torch
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, output_layer, read_zip
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, linear_layers, read_zip
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.envs import make_vec
 from tests.helpers.own_code import write_module
@@ -49,7 +49,7 @@ def model(kind: Any, around: Any = None, gain: float = 1.0, sde: bool = False, *
     made = kind("MlpPolicy", around or env(), policy_kwargs=policy, seed=0, device="cpu", **more)
     if gain != 1.0:
         with torch.no_grad():
-            for parameter in output_layer(made).parameters():
+            for parameter in linear_layers(made)[-1].parameters():
                 parameter *= gain
     return made
 

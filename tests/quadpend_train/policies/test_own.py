@@ -11,8 +11,8 @@ from quadpend_gym.scenarios import SCENARIOS, Scenario
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.jobs import Job
+from quadpend_train.policies.conversion import PROTOCOL
 from quadpend_train.policies.loading import load_policies, load_policy
-from quadpend_train.policies.objects import PROTOCOL
 from tests.helpers.own_code import write_module
 
 CODE = '''

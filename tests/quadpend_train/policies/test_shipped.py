@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from quadpend_train.policies.loading import load_policies, shipped_policies
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, SHIPPED, MlpPolicy
+from quadpend_train.training.callbacks import validate
 from quadpend_train.training.settings import read_settings, settings_of_card, to_mapping
 from quadpend_train.training.train import CARD_SEED
-from quadpend_train.training.validation import validate
 
 SEEDS = {  # number of training seeds of each learned policy
     **dict.fromkeys(("apg", "ppo-alone", "sac-alone", "ppo-gain-scheduling", "ppo-hummingbird", "sac-hummingbird"), 5),

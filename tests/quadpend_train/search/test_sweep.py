@@ -4,6 +4,7 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,9 +12,10 @@ from optuna.trial import TrialState
 
 from quadpend_train.cli.main import main
 from quadpend_train.common.files import write_text
-from quadpend_train.search import space, sweep
+from quadpend_train.search import sweep
+from quadpend_train.search.shared import flat
+from quadpend_train.training.callbacks import Score
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
-from quadpend_train.training.validation import Score, write_curve
 from tests.helpers.training import BRIEF
 
 SPACE = """
@@ -56,7 +58,7 @@ def searched(tmp_path: Path, **changes: Any) -> sweep.Sweep:
     start = replace(BRIEF, **changes)
     write_text(tmp_path / "space.toml", "reward_scale = { low = 1e-4, high = 1e-2, log = true }\n")
     return sweep.Sweep(
-        start, *space.read_space(tmp_path / "space.toml", start), 10.0, tmp_path / "out", str(tmp_path / "trials.log")
+        start, *sweep.read_space(tmp_path / "space.toml", start), 10.0, tmp_path / "out", str(tmp_path / "trials.log")
     )
 
 
@@ -69,9 +71,12 @@ def test_trials_worse_than_the_median_after_the_same_time_are_stopped(
         """Make an evaluation each second; the last trials are the worst ones."""
         folder.mkdir(parents=True)
         lengths.extend([0] if callbacks else [])
+        scores: list[Score] = []
+        for callback in callbacks:
+            callback.model = SimpleNamespace(scores=scores)
         for second in range(10 if callbacks else 0):
             rmse = 0.1 * len(lengths) / (1 + second)
-            write_curve(folder, [*sweep.read_curve(folder), Score(100 * second, float(second), 1.0, rmse)])
+            scores.append(Score(100 * second, float(second), 1.0, rmse))
             lengths[-1] += 1
             callbacks[0]._on_rollout_start()
         (folder / "policy.npz").touch()
@@ -102,19 +107,19 @@ def test_a_training_that_fails_does_not_end_the_sweep(tmp_path: Path, monkeypatc
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc", "apg"])
 def test_the_presets_are_in_the_search_space_of_their_algorithm(algo: str) -> None:
     start = read_settings(algo)
-    ranges, values = space.read_space(None, start)
+    ranges, values = sweep.read_space(None, start)
     for name, distribution in ranges.items():
         assert distribution._contains(distribution.to_internal_repr(values[name])), name
-    unset = {name for name in values if name not in dict(space.flat(to_mapping(start)))}
+    unset = {name for name in values if name not in dict(flat(to_mapping(start)))}
     kept = {name: value for name, value in values.items() if name not in unset}
-    assert space.proposed(start, kept) == start
+    assert sweep.proposed(start, kept) == start
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("leaning_rate = [1.0]", "not a setting of algo 'ppo'"),
-        ("sac.tau = [0.1]", "not a setting of algo 'ppo'"),
+        ("leaning_rate = [1.0]", "has no field 'leaning_rate'"),
+        ("sac.tau = [0.1]", "has no field 'sac'"),
         ("ppo.learning = [0.1]", "ppo has no argument 'learning'"),
         ("reward_scale = 0.1", r"reward_scale must be \{low"),
         ("reward_scale = {low = 0.0, high = 1.0}", "reward_scale must be a finite number from 1e-09"),
@@ -124,7 +129,7 @@ def test_the_presets_are_in_the_search_space_of_their_algorithm(algo: str) -> No
 def test_a_wrong_search_space_is_refused(text: str, sentence: str, tmp_path: Path) -> None:
     write_text(tmp_path / "space.toml", text)
     with pytest.raises(ValueError, match=sentence):
-        space.read_space(tmp_path / "space.toml", BRIEF)
+        sweep.read_space(tmp_path / "space.toml", BRIEF)
 
 
 def test_a_file_that_is_no_storage_is_refused(tmp_path: Path) -> None:

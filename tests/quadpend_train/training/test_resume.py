@@ -12,9 +12,8 @@ from stable_baselines3 import PPO
 from quadpend_train.cli.main import main
 from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import train as training
-from quadpend_train.training.run_folder import locked
 from quadpend_train.training.settings import ApgSettings, HybridSettings, TrainSettings
-from quadpend_train.training.validation import read_curve
+from quadpend_train.training.train import locked
 from tests.helpers.envs import assert_same
 from tests.helpers.training import (
     BRIEF,
@@ -23,6 +22,7 @@ from tests.helpers.training import (
     SHORT,
     interrupt_at,
     model_of,
+    read_curve,
     train_policy,
     trained_arrays,
     with_arguments,
@@ -138,7 +138,7 @@ def test_a_checkpoint_that_was_interrupted_is_the_old_one(
 def test_a_second_process_in_a_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The lock of a process that was killed does not stay."""
     code = (
-        "import sys, time; from pathlib import Path; from quadpend_train.training.run_folder import locked\n"
+        "import sys, time; from pathlib import Path; from quadpend_train.training.train import locked\n"
         "with locked(Path(sys.argv[1])): print('locked', flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE) as process:

@@ -135,7 +135,7 @@ def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None
     )
     mlp_policy(36, interface="wrench").save(start)
     assert_refused(
-        lambda: training.initial_model(rates), "start.npz: the policy was trained to command thrust and torques"
+        lambda: training.initial_model(rates), "start.npz: the policy was trained with the interface 'wrench'"
     )
     mlp_policy(36, interface="body_rates", vehicle="hummingbird").save(start)
     training.initial_model(rates)

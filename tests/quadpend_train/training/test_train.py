@@ -18,11 +18,10 @@ from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, weigh
 from quadpend_train.training import callbacks, dagger
 from quadpend_train.training import train as training
 from quadpend_train.training.algorithms import make_model
-from quadpend_train.training.callbacks import first_seed
+from quadpend_train.training.callbacks import first_seed, validate
 from quadpend_train.training.dagger import Imitation
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings, from_mapping, read_settings
-from quadpend_train.training.validation import read_curve, validate
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.training import (
     BRIEF,
@@ -30,6 +29,7 @@ from tests.helpers.training import (
     OTHER,
     SHORT,
     model_of,
+    read_curve,
     train_policy,
     with_arguments,
 )

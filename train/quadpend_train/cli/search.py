@@ -45,15 +45,13 @@ def tune(
     from quadpend_train.reports import figures, search_plots
     from quadpend_train.search import tuning
 
-    tuning.check_names(controllers)
     writable_folder(out)
     refuse_held_out(scenarios)
     chosen = [*named_scenarios(scenarios, vehicle, interface).values()]
-    for name in controllers:
-        search = tuning.Search(name, chosen, episodes)
+    for search in [tuning.Search(name, chosen, episodes) for name in controllers]:
         study = search.open(storage or str(out / "trials.log"), seed)
         print(json.dumps(tuning.tune(search, study, trials, out), indent=1))
-        figures.write_png(search_plots.draw(study, "loss (mm)"), out / f"{name}.png")
+        figures.write_png(search_plots.draw(study, "loss (mm)"), out / f"{search.name}.png")
 
 
 def sweep(
@@ -84,13 +82,12 @@ def sweep(
         seed: Random seed of the search.
     """
     from quadpend_train.reports import figures, search_plots
-    from quadpend_train.search import space as search_space
     from quadpend_train.search import sweep as study_of_settings
     from quadpend_train.training.settings import read_settings
 
     writable_folder(out)
     start = read_settings(settings)
-    ranges, values = search_space.read_space(space, start)
+    ranges, values = study_of_settings.read_space(space, start)
     where = storage or str(out / "trials.log")
     searched = study_of_settings.Sweep(start, ranges, values, seconds, out, where, seed)
     study = study_of_settings.search(searched, trials, jobs)

@@ -12,9 +12,8 @@ from typing import Any
 from quadpend_train.common.executors import run as run_calls
 from quadpend_train.common.files import writable_folder
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.training import train as training
-from quadpend_train.training.run_folder import POLICY, SETTINGS
 from quadpend_train.training.settings import TrainSettings, read_settings
+from quadpend_train.training.train import LIMITS, POLICY, SETTINGS, train_or_resume
 
 
 def parse_seeds(text: str) -> list[int]:
@@ -51,7 +50,7 @@ def train_seeds(run: TrainSettings, seeds: str, out: Path, resume: bool, execute
         settings = replace(run, seed=seed)
         print(f"{folder}: {_state(folder, settings, resume)}", flush=True)
         if not (folder / POLICY).is_file():
-            calls[f"seed {seed}"] = partial(training.train_or_resume, settings, folder, progress=False)
+            calls[f"seed {seed}"] = partial(train_or_resume, settings, folder, progress=False)
     try:
         run_calls(calls, execute, what="training", kept=f"are in {out}-…", finished=len(folders) - len(calls))
     except KeyboardInterrupt:
@@ -64,7 +63,7 @@ def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
     """Return what will be done with a folder."""
     if not begun([folder]):
         return "a new run"
-    limits: dict[str, Any] = dict.fromkeys(training.LIMITS, 0)
+    limits: dict[str, Any] = dict.fromkeys(LIMITS, 0)
     if replace(read_settings(str(folder / SETTINGS)), **limits) != replace(settings, **limits):
         raise ValueError(f"{folder} contains a run with other settings: choose another folder with --out")
     if (folder / POLICY).is_file():

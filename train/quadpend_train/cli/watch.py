@@ -63,8 +63,7 @@ def watch(
     """
     from quadpend_gym.viewer import check_pygame
     from quadpend_train.evaluation.comparison import named_policies
-    from quadpend_train.policies.check import check_policy
-    from quadpend_train.policies.loading import load_policies
+    from quadpend_train.policies.loading import check_policy, load_policies
 
     if not 1 <= len(policies) <= 3:
         raise ValueError(f"policies must be one to three, not {len(policies)}")

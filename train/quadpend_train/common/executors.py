@@ -5,7 +5,6 @@ others and is named when they have ended, so a study gives the same results on e
 """
 
 import os
-import re
 import signal
 import sys
 import threading
@@ -25,7 +24,6 @@ from quadpend_train.common.text import brief
 
 Name = TypeVar("Name", bound=Hashable)
 _LONGEST = 400  # characters of the message of a failure
-_ADDRESS = re.compile(r"auto|local|(ray://)?[\w.-]+:\d+")
 
 
 class Call(Protocol):
@@ -36,35 +34,19 @@ class Call(Protocol):
 
 
 class CallsFailedError(RuntimeError):
-    """Some calls failed, and all others have ended.
-
-    Args:
-        failures: The exceptions by the names of the calls.
-        calls: Number of all calls.
-        what: What a call is, such as "job".
-        kept: What happened to the results of the others, such as "are cached".
-    """
+    """Some calls failed, and all others have ended; see `run`."""
 
     def __init__(self, failures: Mapping[Any, BaseException], calls: int, what: str, kept: str) -> None:
         others = f"; the results of the others {kept}" if kept and calls > len(failures) else ""
         lines = [f"{len(failures)} of {calls} {what}s failed{others}:"]
         for name, error in failures.items():
-            parts = name if isinstance(name, tuple) else (name,)
-            lines.append(f"  {', '.join(map(str, parts))}: {brief(_reason(error), _LONGEST)}")
+            named = ", ".join(map(str, name)) if isinstance(name, tuple) else name
+            reason = getattr(error, "cause", None) or error  # Ray wraps it
+            if isinstance(error, BrokenProcessPool):
+                reason = "its process was killed, perhaps for lack of memory: use fewer jobs"
+            lines.append(f"  {named}: {brief(reason, _LONGEST)}")
         super().__init__("\n".join(lines))
         self.failures = dict(failures)
-
-
-class _DescribedError(RuntimeError):
-    """Type, message and place of an exception of another process, where its class may not exist."""
-
-
-def _reason(error: BaseException) -> str:
-    """Return type, message and place of an exception, also of one from another process."""
-    if isinstance(error, BrokenProcessPool):
-        return "its process was killed, perhaps for lack of memory: use fewer jobs"
-    error = getattr(error, "cause", None) or error  # Ray wraps it
-    return str(error) if isinstance(error, _DescribedError) else describe_error(error)
 
 
 def executor(jobs: int = 1, cluster: str | None = None) -> Executor:
@@ -88,45 +70,37 @@ def run(
     calls: Mapping[Name, Call],
     jobs: int | Executor = 1,
     *,
-    here: Mapping[Name, Call] | None = None,
     done: Callable[[Name, Any], object] = lambda name, result: None,
     what: str = "job",
     kept: str = "",
     finished: int = 0,
 ) -> dict[Name, Any]:
-    """Run calls with a progress bar, and return their results by name.
+    """Run calls, which can be pickled, with a progress bar, and return their results by name.
 
-    Args:
-        calls: Functions without arguments that can be pickled.
-        jobs: Number of processes, or an executor.
-        here: Functions without arguments for this process only.
-        done: Called in this process with the name and the result of each call that succeeds, as soon as it ends.
-        what: What a call is, for the progress bar and the message about failures.
-        kept: What happened to the results of the others, for this message.
-        finished: Number of calls that the progress bar counts as finished from the beginning.
+    `jobs` is the number of processes, or an executor. `done` is called in this process with the name and the result of
+    each call that succeeds, as soon as it ends. A message about failures says what a call is (`what`) and what happened
+    to the results of the others (`kept`). The progress bar begins with `finished` calls.
 
     Raises:
         CallsFailedError: If calls failed, when all others have ended.
     """
-    pool, local = executor(jobs) if isinstance(jobs, int) else jobs, here or {}
-    total = len(calls) + len(local)
+    pool = executor(jobs) if isinstance(jobs, int) else jobs
     results: dict[Name, Any] = {}
     failures: dict[Name, BaseException] = {}
-    with tqdm(total=total + finished, initial=finished, unit=what, leave=False) as bar:
+    with tqdm(total=len(calls) + finished, initial=finished, unit=what, leave=False) as bar:
         try:
-            for part, where in ((calls, pool), (local, _ThisProcess())):
-                for name, future in _completed(part, where):
-                    if (error := future.exception()) is None:
-                        results[name] = future.result()
-                        done(name, results[name])
-                    else:
-                        failures[name] = error
-                    bar.update()
+            for name, future in _completed(calls, pool):
+                if (error := future.exception()) is None:
+                    results[name] = future.result()
+                    done(name, results[name])
+                else:
+                    failures[name] = error
+                bar.update()
         except BaseException:  # also an interruption: leave no process behind
             pool.shutdown(cancel_futures=True)
             raise
     if failures:
-        raise CallsFailedError(failures, total, what, kept) from next(iter(failures.values()))
+        raise CallsFailedError(failures, len(calls), what, kept) from next(iter(failures.values()))
     return results
 
 
@@ -149,8 +123,8 @@ class _ThisProcess(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         future: Future[Any] = Future()
         try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # own code may raise exceptions of any type
+            future.set_result(_described(partial(fn, *args, **kwargs)))
+        except RuntimeError as error:
             future.set_exception(error)
         return future
 
@@ -176,11 +150,11 @@ class _Processes(Executor):
 
 
 def _described(call: Call) -> Any:
-    """Make a call in another process, and raise its exception as one that can be pickled."""
+    """Make a call, and raise type, message and place of its exception, whose class another process may not have."""
     try:
         return call()
-    except Exception as error:
-        raise _DescribedError(describe_error(error)) from error
+    except Exception as error:  # own code may raise exceptions of any type
+        raise RuntimeError(describe_error(error)) from error
 
 
 def _follow_parent() -> None:
@@ -205,8 +179,6 @@ class _Ray(Executor):
     ahead = sys.maxsize
 
     def __init__(self, address: str) -> None:
-        if not _ADDRESS.fullmatch(address):
-            raise ValueError(f"cluster must be auto, local, ray://HOST:PORT or HOST:PORT, not {address!r}")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray sends nothing about this machine
         import ray
 

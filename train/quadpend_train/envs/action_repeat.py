@@ -9,20 +9,15 @@ from quadpend_gym.wrappers import last_observations, replace_final_observations
 
 
 class ActionRepeat(VectorWrapper):
-    """Apply every action for several steps of `env` and return the sum of their rewards.
+    """Apply every action for several `steps` of an environment with same-step autoreset, and sum their rewards.
 
     A sub-environment whose episode ends during the repeats resets at once. For the remaining repeats it receives zero
     actions, whose rewards are not counted. For a hybrid, a zero action is the base controller alone.
 
     The info is that of the last of the repeated steps; only ``final_obs`` is collected over all of them.
-
-    Args:
-        env: A vector environment with same-step autoreset.
-        steps: The number of steps for which an action is applied.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], steps: int) -> None:
-        """Wrap `env`."""
         VectorWrapper.__init__(self, env)
         self._steps = steps
 

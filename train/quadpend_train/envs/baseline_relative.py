@@ -55,7 +55,6 @@ class BaselineRelativeReward(VectorWrapper):
         gamma: float,
         failure_penalty: float = 0.0,
     ) -> None:
-        """Pair each sub-environment with its baseline copy."""
         VectorWrapper.__init__(self, env)
         edges = np.cumsum([0, *(world.num_envs for world in worlds(env))])
         self._parts = [
@@ -91,11 +90,7 @@ class BaselineRelativeReward(VectorWrapper):
         return observation, relative, terminated, truncated, info
 
     def _step_copies(self) -> tuple[Floats, Booleans]:
-        """Step the baseline copies.
-
-        Returns:
-            The reward of each copy, zero after its fall, and whether it fell at this step, both of shape (n,).
-        """
+        """Return the copies' rewards, zero after a fall, and whether they fall at this step, shape (n,) each."""
         observed = self._observation[:, self._columns]
         reward, terminated = np.zeros(self.num_envs), np.zeros(self.num_envs, np.bool_)
         for number, (_, baseline_world, controller, rows) in enumerate(self._parts):

@@ -22,16 +22,11 @@ class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:
-        """Concatenate the environments."""
         first = envs[0]
-        for env in envs:
-            if env.single_observation_space != first.single_observation_space:
-                raise ValueError(
-                    f"envs must have the same observation space, not {first.single_observation_space}"
-                    f" and {env.single_observation_space}"
-                )
-            if worlds(env)[0].simulation != worlds(first)[0].simulation:
-                raise ValueError("envs must have the same nominal simulation")
+        if any(env.single_observation_space != first.single_observation_space for env in envs):
+            raise ValueError("envs must have the same observation space")
+        if any(worlds(env)[0].simulation != worlds(first)[0].simulation for env in envs):
+            raise ValueError("envs must have the same nominal simulation")
         self.envs = list(envs)
         self.metadata = dict(first.metadata)
         self.num_envs = sum(env.num_envs for env in envs)

@@ -21,7 +21,6 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], reward_scale: float = 1.0) -> None:
-        """Wrap `env`."""
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"env must have autoreset_mode {AutoresetMode.SAME_STEP}, not {mode}")
@@ -45,11 +44,7 @@ class SB3VecEnv(VecEnv):
         return observation
 
     def restart(self, rows: Any) -> Any:
-        """Start the next episode in some sub-environments, and return the observations of all.
-
-        Args:
-            rows: Mask of the sub-environments, shape (num_envs,), bool.
-        """
+        """Start the next episode in the sub-environments of a mask, and return the observations of all."""
         observation, _ = self.env.reset(options={"reset_mask": rows})
         self._returns[rows], self._lengths[rows] = 0.0, 0
         return observation
@@ -65,7 +60,12 @@ class SB3VecEnv(VecEnv):
         ``terminal_observation``, ``TimeLimit.truncated`` and ``episode``; elsewhere the info is empty.
         """
         observation, reward, terminated, truncated, vector_info = self.env.step(self._actions)
-        self._add_to_means(vector_info)
+        self._steps += 1
+        terms = {name: value.mean() for name, value in vector_info.get("reward_terms", {}).items() if name[0] != "_"}
+        if "tracking_error" in vector_info:  # only QuadPendulum environments have it
+            terms["tracking_error"] = np.linalg.norm(vector_info["tracking_error"], axis=1).mean()
+        for name, mean in terms.items():
+            self._sums[name] = self._sums.get(name, 0.0) + mean
         self._returns += reward
         self._lengths += 1
         ended = terminated | truncated
@@ -82,15 +82,6 @@ class SB3VecEnv(VecEnv):
             }
         self._returns[ended], self._lengths[ended] = 0.0, 0
         return observation, (self.reward_scale * reward).astype(np.float32), ended, infos
-
-    def _add_to_means(self, vector_info: dict[str, Any]) -> None:
-        self._steps += 1
-        if "tracking_error" in vector_info:  # only QuadPendulum environments have it
-            error = np.linalg.norm(vector_info["tracking_error"], axis=1).mean()
-            self._sums["tracking_error"] = self._sums.get("tracking_error", 0.0) + error
-        for name, value in vector_info.get("reward_terms", {}).items():
-            if not name.startswith("_"):
-                self._sums[name] = self._sums.get(name, 0.0) + value.mean()
 
     def take_means(self) -> dict[str, float]:
         """Return the means of the reward terms and of the tracking error (m), and reset them.
@@ -112,21 +103,18 @@ class SB3VecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return the vector environment's attribute, once for each of `indices`."""
-        return [getattr(self.env, attr_name)] * len(self._indices(indices))
+        return [getattr(self.env, attr_name)] * len([*self._get_indices(indices)])
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set the vector environment's attribute, which has one value for all sub-environments."""
-        if len(self._indices(indices)) != self.num_envs:
+        if len([*self._get_indices(indices)]) != self.num_envs:
             raise ValueError(f"indices must be None or all sub-environments to set {attr_name}, not {indices}")
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Call the vector environment's method once and return its result once for each of `indices`."""
-        return [getattr(self.env, method_name)(*args, **kwargs)] * len(self._indices(indices))
+        return [getattr(self.env, method_name)(*args, **kwargs)] * len([*self._get_indices(indices)])
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Return True for Stable-Baselines3's `Monitor`, because this class provides the same episode statistics."""
-        return [wrapper_class is Monitor] * len(self._indices(indices))
-
-    def _indices(self, indices: Any) -> Sequence[int]:
-        return list(self._get_indices(indices))
+        return [wrapper_class is Monitor] * len([*self._get_indices(indices)])

@@ -21,9 +21,8 @@ from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import Cell, cells, rows, summarise
-from quadpend_train.policies.check import check_policy
 from quadpend_train.policies.conversion import as_policy
-from quadpend_train.policies.loading import load_policies
+from quadpend_train.policies.loading import check_policy, load_policies
 
 Policies = Mapping[str, str | Policy | Sequence[Policy]] | Sequence[str | Policy]
 Scenarios = Mapping[str, Any] | Sequence[str | Scenario]  # values as for `as_scenario`
@@ -72,7 +71,7 @@ def compare(
         policies: Mapping from names in the comparison to policies, or a sequence of policies, see `named_policies`. A
             policy is a name for `load_policies`, an object with the `predict` protocol, or a list of such objects (the
             training seeds of one learner). Results of objects are cached only if they have a `fingerprint`, see
-            `quadpend_train.policies.own`.
+            `quadpend_train.policies.conversion`.
         scenarios: Mapping from names in the comparison to scenarios, or a sequence of scenarios and sets, each a
             `Scenario` or a text, see `find_scenarios`. Results of scenarios with models of the user's own code are not
             cached.

@@ -1,13 +1,57 @@
-"""Objects of other libraries and functions as policies."""
+"""Policies of other libraries and of the user's own code: objects with `predict`, functions, and factories.
 
+A text ``"module:factory"`` names a function or class. It is called for each scenario: with its nominal `Simulation` if
+its first argument is required or called ``simulation``, otherwise without arguments. It returns what `as_policy` takes,
+or a pair of that and a wrapper: a function that maps the scenario's vector environment to the one in which the policy
+flies, with a wall, an observed wind, or pixels.
+
+Results of own policies are cached only if the factory has an attribute `fingerprint`, a text that its author changes
+with the behaviour, because the cache cannot see whether the code has changed.
+"""
+
+import inspect
 import sys
 from collections.abc import Callable
 from typing import Any
 
+from gymnasium.vector import VectorEnv
+
 from quadpend_baselines import Policy
+from quadpend_baselines.policy.protocol import PolicyWrapper
+from quadpend_baselines.policy.rotors import allocate_rotors
 from quadpend_gym.core.arrays import Floats32
-from quadpend_train.policies.history import History, HistoryPolicy
-from quadpend_train.policies.objects import PROTOCOL, FunctionPolicy, ObjectPolicy
+from quadpend_gym.core.factories import call_factory, find_factory
+from quadpend_gym.envs.spaces import action_space
+from quadpend_gym.scenarios import Scenario
+from quadpend_train.policies.history import FunctionPolicy, History, HistoryPolicy
+from quadpend_train.policies.normalization import Normalization
+
+PROTOCOL = (
+    "a policy is an object with predict(observation, state=None, episode_start=None, deterministic=True), which takes"
+    " observations of shape (n, 36) and returns actions of shape (n, 4) in [-1, 1] and its memory"
+)
+
+
+class ObjectPolicy(Policy):
+    """An object with the method `predict`, whose observations may be normalised."""
+
+    def __init__(self, value: Any, normalization: Normalization | None = None) -> None:
+        self.value, self.normalization = value, normalization
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return what the object returns; see `quadpend_baselines.Policy.predict`."""
+        if self.normalization is not None:
+            observation = self.normalization.apply(observation)
+        returned = self.value.predict(observation, state, episode_start, deterministic=deterministic)
+        if not isinstance(returned, tuple) or len(returned) != 2:
+            raise ValueError(f"predict returned {type(returned).__name__}, not a tuple of actions and memory")
+        return returned
+
+    def adapt(self, scenario: Scenario) -> Policy:
+        """Return the policy; where the actions command rotors, its thrust and torques are allocated to them."""
+        return allocate_rotors(self, scenario)
 
 
 def as_policy(value: Any) -> Policy:
@@ -15,18 +59,13 @@ def as_policy(value: Any) -> Policy:
 
     Args:
         value: A `quadpend_baselines.Policy`, which is returned; a model of Stable-Baselines3 or of a library with the
-            same interface, see `quadpend_train.policies.export.policy_from_model`; or another object with `predict`,
+            same interface, see `policy_from_model`; or another object with `predict`,
             whose actions are thrust and torques, or those of the scenario.
-
-    Raises:
-        ValueError: If `value` is none of these, or a model has other observations or actions than the environment.
     """
     if isinstance(value, Policy):
         return value
     if "stable_baselines3" in sys.modules:  # a model needs it, other objects are converted without loading torch
         from stable_baselines3.common.base_class import BaseAlgorithm
-
-        from quadpend_train.policies.export import policy_from_model
 
         if isinstance(value, BaseAlgorithm):
             return policy_from_model(value)
@@ -35,15 +74,63 @@ def as_policy(value: Any) -> Policy:
     return ObjectPolicy(value)
 
 
+def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
+    """Return the policy of a model of any algorithm: by `export` if possible, else run by its `predict`.
+
+    It observes 36 or 27 numbers, or a history of them. The memory of a recurrent model is the state of its LSTM.
+    """
+    from quadpend_train.policies.export import export, find_history, normalization_of
+
+    history, normalization = find_history(model), normalization_of(model, vec_normalize)
+    if model.action_space != action_space():
+        raise ValueError(f"{type(model).__name__} acts in {model.action_space}; a policy acts in {action_space()}")
+    try:
+        return export(model, vec_normalize)
+    except Exception:  # networks of other libraries have other attributes
+        return HistoryPolicy(ObjectPolicy(model, normalization), history)
+
+
 def policy_from_function(
     function: Callable[[Floats32], Any], size: int = 36, history: int = 1, history_actions: int = 0
 ) -> Policy:
     """Return a policy that calls a function, such as a torch module or a session of ONNX, for a batch of observations.
 
-    Args:
-        function: Maps observations, shape (n, m), float32, to actions, shape (n, 4), which are clipped to [−1, 1].
-        size: Size of an observation: 36, or 27 without velocities.
-        history: Number of the latest observations that the function receives, oldest first.
-        history_actions: Number of the latest actions that it receives after them, oldest first.
+    The function maps inputs, shape (n, m), float32, to actions, shape (n, 4), which are clipped to [−1, 1]. An input is
+    the latest `history` observations of 36 numbers, or of 27 without velocities, and then the latest `history_actions`
+    actions, oldest first.
     """
     return HistoryPolicy(FunctionPolicy(function), History(size, history, history_actions))
+
+
+class FactoryPolicy(Policy):
+    """A policy that a factory, named by a text ``"module:factory"``, makes anew for every scenario in `adapt`."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.factory = name, find_factory(name)
+        text = getattr(self.factory, "fingerprint", None)
+        self.fingerprint = f"{name} {text}" if isinstance(text, str) else None
+
+    def adapt(self, scenario: Scenario) -> Policy:
+        """Return the policy that the factory makes for a scenario."""
+        first = next(iter(inspect.signature(self.factory).parameters.values()), None)
+        required = first is not None and first.default is first.empty and first.kind.name.startswith("POSITIONAL")
+        takes = first is not None and (required or first.name == "simulation")
+        made = call_factory(self.name, self.factory, *([scenario.simulation] if takes else []))
+        policy, wrapper = made if isinstance(made, tuple) and len(made) == 2 else (made, None)
+        try:
+            adapted = as_policy(policy).adapt(scenario)
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from error
+        return adapted if wrapper is None else _InWrapper(adapted, wrapper)
+
+
+class _InWrapper(PolicyWrapper):
+    """A policy with a wrapper around the environment."""
+
+    def __init__(self, policy: Policy, wrapper: Callable[[Any], VectorEnv[Any, Any, Any]]) -> None:
+        super().__init__(policy)
+        self._wrapper = wrapper
+
+    def wrap(self, env: VectorEnv[Any, Any, Any]) -> VectorEnv[Any, Any, Any]:
+        """Return the environment in the wrapper."""
+        return self._wrapper(self.policy.wrap(env))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,11 +14,9 @@ from gymnasium import spaces
 from quadpend_baselines import Policy
 from quadpend_gym import read_observation
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.envs.spaces import action_space
-from quadpend_train.policies.history import History, HistoryPolicy, histories_of
+from quadpend_train.policies.history import History, histories_of
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 from quadpend_train.policies.normalization import Normalization, from_vec_normalize, statistics_file
-from quadpend_train.policies.objects import ObjectPolicy
 from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, actor_modules, read_zip
 
 _TOLERANCE = 1e-5  # of a component of the action: torch and numpy sum float32 numbers in different orders
@@ -36,18 +35,14 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
             environment, if it has one. Loading such a file executes code that is in it.
         card: Further entries of the card, such as ``history=4``. The default is a policy that observes what the model
             observes, see `find_history`, without a hybrid.
-
-    Raises:
-        ValueError: If the policy is not a feedforward network, its number of inputs is not the one that the card
-            implies, or it was trained with normalised observations whose statistics are missing.
     """
     if "history" not in card:
         history = find_history(model)
         card = {"history": history.observations, "history_actions": history.actions, **card}
     layers, fields = read_layers(actor_modules(model))
-    normalization = _normalization(model, vec_normalize)
+    normalization = normalization_of(model, vec_normalize)
     if normalization is not None:
-        fields["normalization"] = normalization.as_data()
+        fields["normalization"] = asdict(normalization)
     policy = MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE, **card})
     inputs = np.random.default_rng(0).normal(size=(64, *model.observation_space.shape)).astype(np.float32)
     expected, _ = model.predict(inputs if normalization is None else normalization.apply(inputs), deterministic=True)
@@ -56,48 +51,17 @@ def export(model: Any, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
     return policy
 
 
-def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
-    """Return the policy of a model of any algorithm: exported if possible, else run by its `predict`.
-
-    Args:
-        model: A model of Stable-Baselines3, sb3-contrib or a library with the same interface that observes 36 or 27
-            numbers, or a history of them, and acts in [−1, 1]⁴. The memory of a recurrent one is the state of its LSTM.
-        vec_normalize: As for `export`.
-
-    Raises:
-        ValueError: If the model has other observations or actions, or was trained with normalised observations whose
-            statistics are missing.
-    """
-    history, normalization = find_history(model), _normalization(model, vec_normalize)
-    if model.action_space != action_space():
-        raise ValueError(f"{_name(model)} acts in {model.action_space}; a policy acts in {action_space()}")
-    try:
-        return export(model, vec_normalize)
-    except Exception:  # networks of other libraries have other attributes
-        return HistoryPolicy(ObjectPolicy(model, normalization), history)
-
-
 def export_zip(path: str | Path, vec_normalize: Any = None, **card: Any) -> MlpPolicy:
-    """Return the policy of a saved model, see `export`. Loading a model executes code that is in its file.
+    """Return the policy of a saved model (.zip), see `export`. Loading a model executes code that is in its file.
 
-    Args:
-        path: The file (.zip).
-        vec_normalize: As for `export`. None: the file that RL Baselines3 Zoo saves with the model, if the model needs
-            it and it is there, see `statistics_file`.
-        card: Further entries of the card.
-
-    Raises:
-        ValueError: If `path` is not such a file, or `export` refuses the model.
+    Without `vec_normalize`, the file that RL Baselines3 Zoo saves with the model is used, if the model needs it and it
+    is there, see `statistics_file`.
     """
-    return _from_zip(Path(path), vec_normalize, partial(export, **card))
+    return from_zip(Path(path), vec_normalize, partial(export, **card))
 
 
-def policy_from_zip(path: Path) -> Policy:
-    """Return the policy of a saved model, see `policy_from_model` and `export_zip`."""
-    return _from_zip(path, None, policy_from_model)
-
-
-def _from_zip(path: Path, vec_normalize: Any, convert: Callable[[Any, Any], _Made]) -> _Made:
+def from_zip(path: Path, vec_normalize: Any, convert: Callable[[Any, Any], _Made]) -> _Made:
+    """Return what a function makes of a saved model and of its `VecNormalize`, see `export_zip`."""
     model = read_zip(path)
     if vec_normalize is None and _was_normalized(model):
         vec_normalize = statistics_file(path)
@@ -110,49 +74,30 @@ def _from_zip(path: Path, vec_normalize: Any, convert: Callable[[Any, Any], _Mad
 def policy_from_torch(module: torch.nn.Module) -> MlpPolicy:
     """Return a policy that acts like a `torch.nn.Sequential`, and can be saved to a policy file.
 
-    Args:
-        module: Linear layers for one observation per row, with relu, tanh or elu between them, and a tanh at the end
-            if wanted; without it the output is clipped to [−1, 1].
-
-    Raises:
-        ValueError: If the module is another one; `policy_from_function` takes it.
+    It has linear layers with relu, tanh or elu between them. Without a tanh at the end, actions are clipped to [−1, 1].
     """
     layers, fields = read_layers([deepcopy(module).eval()])
     return MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE})
 
 
 def find_history(model: Any) -> History:
-    """Return the history that a model observes, from the size of its observation space.
-
-    Raises:
-        ValueError: If there is no such history, or several: three whole observations have the size of four without
-            velocities.
-    """
+    """Return the history that a model observes, from the size of its observation space."""
     space = model.observation_space
     found = histories_of(space.shape[0]) if isinstance(space, spaces.Box) and len(space.shape) == 1 else []
-    if not found:
+    if len(found) != 1:
         raise ValueError(
-            f"{_name(model)} observes {' '.join(str(space).split())}; a policy observes 36 or 27 numbers, or a history"
-            " of them with at most 8 actions"
-        )
-    if len(found) > 1:
-        several = " or ".join(f"{history.observations} observations of {history.size}" for history in found)
-        raise ValueError(
-            f"{_name(model)} observes {space.shape[0]} numbers, which can be {several}: export it with the option"
-            " history (quadpend export --history)"
+            f"{type(model).__name__} with {type(model.policy).__name__} observes {' '.join(str(space).split())}; a"
+            " policy observes 36 or 27 numbers, or a history of them with at most 8 actions; where several fit, export"
+            " it with the option history (quadpend export --history)"
         )
     return found[0]
 
 
 def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32, Floats32]], dict[str, Any]]:
-    """Return the layers of a feedforward network, and the fields of an `MlpPolicy`'s card that describe the others.
+    """Return the linear layers of a feedforward network, and the fields of an `MlpPolicy`'s card about the rest.
 
-    Args:
-        modules: The modules of the network in order. Containers are replaced by their modules.
-
-    Raises:
-        ValueError: If the network does not consist of linear layers with one kind of activation function between them,
-            optional `MultiScaleInputs` at the beginning, and an optional limit and tanh at the end.
+    These are one kind of activation function between the layers, optional `MultiScaleInputs` at the beginning, and an
+    optional limit and tanh at the end. Containers are replaced by their modules.
     """
     found = [module for module in _flat(modules) if not isinstance(module, _IDENTITIES)]
     fields: dict[str, Any] = {"squashed": bool(found) and type(found[-1]) is torch.nn.Tanh}
@@ -164,12 +109,18 @@ def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32
     if found and isinstance(limit := found[-1], torch.nn.Hardtanh) and limit.min_val == -limit.max_val:
         fields["bound"] = float(limit.max_val)
         found.pop()
-    linear, activations = found[::2], found[1::2]
+    linear: list[Any] = found[::2]
+    activations = found[1::2]
     names = [name for name, kind in ACTIVATION_MODULES.items() if all(type(item) is kind for item in activations)]
     wrong = not all(type(item) is torch.nn.Linear for item in linear) or len(linear) != len(activations) + 1
     if wrong or not names or any(getattr(item, "alpha", 1.0) != 1.0 for item in activations):
         raise ValueError("the policy network must have linear layers with relu, tanh or elu between them")
-    return [_arrays(layer) for layer in linear], {**fields, "activation": names[0]}
+    layers = []
+    for layer in linear:
+        weights, biases = layer.weight.detach().cpu().numpy().T.copy(), layer.bias
+        given = np.zeros(weights.shape[1]) if biases is None else biases.detach().cpu().numpy()
+        layers.append((weights.astype(np.float32), given.astype(np.float32)))
+    return layers, {**fields, "activation": names[0]}
 
 
 def _flat(modules: Iterable[torch.nn.Module]) -> Iterator[torch.nn.Module]:
@@ -180,13 +131,8 @@ def _flat(modules: Iterable[torch.nn.Module]) -> Iterator[torch.nn.Module]:
             yield module
 
 
-def _arrays(layer: Any) -> tuple[Floats32, Floats32]:
-    weights = layer.weight.detach().cpu().numpy().T.astype(np.float32).copy()
-    bias = np.zeros(weights.shape[1]) if layer.bias is None else layer.bias.detach().cpu().numpy()
-    return weights, bias.astype(np.float32)
-
-
-def _normalization(model: Any, vec_normalize: Any) -> Normalization | None:
+def normalization_of(model: Any, vec_normalize: Any) -> Normalization | None:
+    """Return the normalisation of the observations of a model, see `export`."""
     if vec_normalize is None:
         vec_normalize = model.get_vec_normalize_env()
     if vec_normalize is not None:
@@ -205,22 +151,13 @@ def _was_normalized(model: Any) -> bool:
     `VecNormalize` leaves an original observation in a model. The direction of the pendulum has the length 1 in original
     observations, but not in normalised ones.
     """
-    last, original = model._last_obs, model._last_original_obs
-    if original is None or np.ndim(original) != 2:
+    original, last = model._last_original_obs, model._last_obs
+    if original is None or last is None or np.ndim(last) != 2:
         return False
-    return any(
-        _has_unit_directions(original, history) and not _has_unit_directions(last, history)
-        for history in histories_of(np.shape(original)[1])
-    )
+    firsts = [[rows[:, : history.size] for rows in (original, last)] for history in histories_of(last.shape[1])]
+    return any(_has_unit_directions(before) and not _has_unit_directions(after) for before, after in firsts)
 
 
-def _has_unit_directions(observation: Any, history: History) -> bool:
-    """Return whether the first of the observations in a history, shape (n, m), have directions of length 1."""
-    if observation is None:
-        return False
-    length = np.linalg.norm(read_observation(np.asarray(observation)[:, : history.size], "direction"), axis=1)
+def _has_unit_directions(observation: Any) -> bool:
+    length = np.linalg.norm(read_observation(observation, "direction"), axis=1)
     return bool(np.median(np.abs(length - 1.0)) < _LENGTH_ERROR)
-
-
-def _name(model: Any) -> str:
-    return f"{type(model).__name__} with {type(model.policy).__name__}"

@@ -24,15 +24,10 @@ class FiniteDifferencePolicy(PolicyWrapper):
     """A policy for environments behind `OutputFeedbackWrapper` that computes rates from two successive observations.
 
     At the first step of an episode the rates of the tracking error, the direction and the roll and pitch angles are
-    zero, and the yaw rate is that of the reference.
-
-    Args:
-        policy: A policy that predicts from the observation with velocities.
-        period: The control period, s.
+    zero, and the yaw rate is that of the reference. The control period is in s.
     """
 
     def __init__(self, policy: Policy, period: float) -> None:
-        """Wrap `policy`."""
         super().__init__(policy)
         self.period = period
 

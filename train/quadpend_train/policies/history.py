@@ -1,5 +1,6 @@
 """Histories of observations and actions that belong to a policy, as those of `HistoryWrapper` to an environment."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +35,19 @@ def histories_of(inputs: int) -> list[History]:
     ]
 
 
+class FunctionPolicy(Policy):
+    """A function of the observation, see `quadpend_train.policies.conversion.policy_from_function`."""
+
+    def __init__(self, function: Callable[[Floats32], Any]) -> None:
+        self.function = function
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return the action and None; see `quadpend_baselines.Policy.predict`."""
+        return np.clip(np.asarray(self.function(observation), np.float32), -1.0, 1.0), None
+
+
 class HistoryMemory(NamedTuple):
     """The memory of a `HistoryPolicy` for n rows."""
 
@@ -45,16 +59,9 @@ class HistoryMemory(NamedTuple):
 
 
 class HistoryPolicy(PolicyWrapper):
-    """Give a policy the latest observations and actions, as `HistoryWrapper` does, and repeat its actions.
-
-    Args:
-        policy: A policy that observes the history.
-        history: The history.
-        action_repeat: Control steps for which each action is used.
-    """
+    """Give a policy the latest observations and actions, as `HistoryWrapper` does, and repeat its actions."""
 
     def __init__(self, policy: Policy, history: History, action_repeat: int = 1) -> None:
-        """Wrap `policy`."""
         super().__init__(policy)
         self.history, self.action_repeat, self.observation_sizes = history, action_repeat, (history.size,)
 

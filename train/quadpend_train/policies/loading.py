@@ -1,15 +1,19 @@
-"""Load policies by name or path, as on the command line."""
+"""Load policies by name or path, as on the command line, and try them before a long evaluation."""
 
 import hashlib
-import sys
 from pathlib import Path
 
+import numpy as np
+from gymnasium import logger
+from gymnasium.vector import AutoresetMode
+
 from quadpend_baselines import CONTROLLERS, Policy, controller
-from quadpend_gym.core.factories import find_factory, is_factory
+from quadpend_gym.core.factories import describe_error, is_factory
 from quadpend_gym.core.settings import suggest
+from quadpend_gym.scenarios import Scenario
+from quadpend_train.policies.conversion import PROTOCOL, FactoryPolicy, ObjectPolicy, policy_from_model
 from quadpend_train.policies.mlp_policy import SHIPPED, MlpPolicy
 from quadpend_train.policies.normalization import statistics_file
-from quadpend_train.policies.own import FactoryPolicy
 
 
 def load_policies(names: str) -> list[Policy]:
@@ -18,11 +22,9 @@ def load_policies(names: str) -> list[Policy]:
 
 
 def policy_names(names: str) -> list[str]:
-    """Return the names of the single policies in `names`.
+    """Return the names of the single policies in `names`, which commas separate: training seeds of one learned policy.
 
-    Args:
-        names: One name, or several separated by commas: the training seeds of one learned policy. The name of a learned
-            policy of this package without its seed (``"ppo-gain-scheduling"``) stands for all its seeds.
+    The name of a learned policy of this package without its seed (``"ppo-gain-scheduling"``) stands for all its seeds.
     """
     shipped = shipped_policies()
     return [single for name in names.split(",") for single in (shipped.get(name) or [name])]
@@ -44,60 +46,38 @@ def load_policy(name: str) -> Policy:
 
             - the name of a classical controller, a key of `quadpend_baselines.CONTROLLERS`;
             - the name of a learned policy of this package, with its seed (``"ppo-gain-scheduling-0"``);
-            - ``"module:factory"``, see `quadpend_train.policies.own`;
+            - ``"module:factory"``, see `quadpend_train.policies.conversion`;
             - the path of a run folder or of a policy file (.npz);
             - the path of a model (.zip) saved by Stable-Baselines3 or a library with the same interface, or of a run
               folder of RL Baselines3 Zoo. Loading a model, or the statistics of `VecNormalize` beside it, executes code
               that is in the file: load only files whose source you trust.
-
-    Raises:
-        ValueError: If `name` is none of these.
     """
     if is_factory(name):
         return FactoryPolicy(name)
-    policy = controller(name) if name in CONTROLLERS else _load_file(policy_file(name))
+    policy: Policy
+    if name in CONTROLLERS:
+        policy = controller(name)
+    elif (path := policy_file(name)).suffix == ".zip":
+        from quadpend_train.policies.export import from_zip
+
+        policy = from_zip(path, None, policy_from_model)
+    else:
+        policy = MlpPolicy.load(path)
     policy.fingerprint = policy_fingerprint(name)
     return policy
 
 
-def _load_file(path: Path) -> Policy:
-    if path.suffix != ".zip":
-        return MlpPolicy.load(path)
-    from quadpend_train.policies.export import policy_from_zip
-
-    return policy_from_zip(path)
-
-
 def policy_fingerprint(name: str) -> str:
-    """Return a text that differs for different policies: a controller's name, or the hash of a file.
-
-    Args:
-        name: As for `load_policy`.
-
-    Raises:
-        ValueError: If there is no such policy.
-    """
+    """Return a text that differs for different policies: a controller's name, or the hash of a file."""
     if name in CONTROLLERS:
         return name
-    if is_factory(name):
-        find_factory(name)
-        files = [sys.modules[name.partition(":")[0]].__file__]
-    else:
-        path = policy_file(name)
-        files = [str(path), str(statistics_file(path) or "") if path.suffix == ".zip" else ""]
-    content = hashlib.sha256(b"".join(Path(part).read_bytes() for part in files if part)).hexdigest()
-    return f"{name} {content}" if is_factory(name) else content
+    path = policy_file(name)
+    statistics = statistics_file(path) if path.suffix == ".zip" else None
+    return hashlib.sha256(path.read_bytes() + (statistics.read_bytes() if statistics else b"")).hexdigest()
 
 
 def policy_file(name: str) -> Path:
-    """Return the file of a learned policy.
-
-    Args:
-        name: As for `load_policy`, but no classical controller.
-
-    Raises:
-        ValueError: If there is no such file.
-    """
+    """Return the file of a learned policy, see `load_policy`."""
     path = Path(name)
     if path.is_dir():
         zoo = path / f"{path.name.rpartition('_')[0]}.zip"  # RL Baselines3 Zoo saves models as ID_1/ID.zip
@@ -111,3 +91,25 @@ def policy_file(name: str) -> Path:
             " finished run or a policy file, or 'module:factory'"
         )
     return path
+
+
+def check_policy(name: str, policy: Policy, scenario_name: str, scenario: Scenario) -> None:
+    """Fly a policy for two steps in two sub-environments of a scenario, so that a mismatch is found early.
+
+    An exported policy from elsewhere is warned about unless the scenario has the interface ``"wrench"``, since nothing
+    says what its actions command.
+    """
+    interface, memory = scenario.simulation.interface, None
+    if interface != "wrench" and isinstance(policy, MlpPolicy) and "interface" not in policy.card:
+        logger.warn("nothing says what the actions of %s command: they are taken as those of %r", name, interface)
+    try:
+        adapted = policy.adapt(scenario)
+        env = adapted.wrap(scenario.make_vec(2, AutoresetMode.SAME_STEP))
+        observation, _ = env.reset(seed=0)
+        for started in ([True, True], [True, False]):
+            action, memory = adapted.predict(observation, memory, np.array(started), deterministic=True)
+            observation, *_ = env.step(action)
+    except Exception as error:  # own code may raise exceptions of any type
+        what = str(error) if isinstance(error, ValueError) else describe_error(error)
+        rule = f"; {PROTOCOL}" if isinstance(policy, FactoryPolicy | ObjectPolicy) and PROTOCOL not in what else ""
+        raise ValueError(f"{name} does not fit the scenario {scenario_name}: {what}{rule}") from error

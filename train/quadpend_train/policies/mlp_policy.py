@@ -34,15 +34,13 @@ from quadpend_gym.scenarios import Scenario
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
 from quadpend_train.policies.finite_differences import with_velocities
-from quadpend_train.policies.history import OBSERVATION_SIZES, History, HistoryPolicy
+from quadpend_train.policies.history import OBSERVATION_SIZES, FunctionPolicy, History, HistoryPolicy
 from quadpend_train.policies.normalization import Normalization
-from quadpend_train.policies.objects import FunctionPolicy
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
 # Fields of the card of a policy whose only input is the latest observation
 PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1, "history": 1, "history_actions": 0}
-_COMMANDS = {"wrench": "thrust and torques", "rotors": "rotor thrusts", "body_rates": "thrust and body rates"}
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -52,40 +50,26 @@ ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
 
 @settings
 class Card:
-    """What determines the policy in a card.
-
-    Attributes:
-        activation: Activation function of the hidden layers.
-        squashed: Whether the output goes through tanh; otherwise it is clipped to [−1, 1].
-        hybrid: Data for `quadpend_baselines.hybrid.hybrid_from_data`; None for a policy without base controller.
-        action_repeat: Control steps for which each output of the network is used.
-        history: Number of latest observations that the network receives, oldest first.
-        history_actions: Number of its own latest outputs that the network receives after them, oldest first.
-        bound: Limit of the output before tanh.
-        input_scales: Scales s₁, s₂, … of the inputs x, which become [x, tanh(s₁ x), tanh(s₂ x), …].
-        normalization: Of the inputs.
-        interface: What an action commands, as `Simulation.interface`; None: nothing is known.
-        vehicle: Name of the vehicle of the training; None: the paper's.
-    """
+    """What determines the policy in a card."""
 
     format: Literal["quadpend policy 2"]
-    activation: Literal["relu", "tanh", "elu"]
-    squashed: bool
-    hybrid: dict[str, Any] | None
-    action_repeat: Annotated[int, Range(1, 10_000_000)]
-    history: Annotated[int, Range(1, 10_000_000)]
-    history_actions: Annotated[int, Range(0, 10_000_000)]
-    bound: Annotated[float | None, Range(1e-30, 1e30)] = None
-    input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()
-    normalization: Normalization | None = None
-    interface: Literal["wrench", "rotors", "body_rates"] | None = None
-    vehicle: str | None = None
+    activation: Literal["relu", "tanh", "elu"]  # function of the hidden layers
+    squashed: bool  # whether the output goes through tanh; otherwise it is clipped to [−1, 1]
+    hybrid: dict[str, Any] | None  # data for `hybrid_from_data`; None for a policy without base controller
+    action_repeat: Annotated[int, Range(1, 10_000_000)]  # control steps for which each output of the network is used
+    history: Annotated[int, Range(1, 10_000_000)]  # latest observations that the network receives, oldest first
+    history_actions: Annotated[int, Range(0, 10_000_000)]  # its own latest outputs after them, oldest first
+    bound: Annotated[float | None, Range(1e-30, 1e30)] = None  # limit of the output before tanh
+    input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()  # s of the inputs [x, tanh(s₁ x), tanh(s₂ x), …]
+    normalization: Normalization | None = None  # of the inputs
+    interface: Literal["wrench", "rotors", "body_rates"] | None = None  # what an action commands; None: unknown
+    vehicle: str | None = None  # of the training; None: the paper's
 
 
 class MlpMemory(NamedTuple):
-    """The state of a policy between two calls; for policies with a hybrid, a history or action repeat."""
+    """The state of a policy with a hybrid, a history or action repeat between two calls."""
 
-    hybrid: Any  # memory of the hybrid; None without a hybrid
+    hybrid: Any  # None without a hybrid
     network: Any  # of its history, see `HistoryPolicy`
 
 
@@ -95,25 +79,18 @@ class MlpPolicy(Policy):
     Args:
         layers: Weights of shape (inputs, outputs) and biases of shape (outputs,) of each layer, float32.
         card: The fields of `Card`, and others.
-
-    Attributes:
-        layers: The layers.
-        card: The card.
-        input_scales: Scales of the inputs; empty without them.
-        hybrid: The hybrid that the policy is part of, or None.
-        observation_sizes: Sizes of the observations that the policy accepts: 36, 27 or both.
     """
 
-    observation_sizes: tuple[int, ...]
+    observation_sizes: tuple[int, ...]  # 36, 27 or both
 
     def __init__(self, layers: Sequence[tuple[Floats32, Floats32]], card: dict[str, Any]) -> None:
-        """Check that layers and card fit together."""
         known = {item.name for item in fields(Card)}
         self._card = read = parse(Card, {name: value for name, value in card.items() if name in known}, "card")
         self.layers, self.card, self.input_scales = list(layers), card, read.input_scales
         self.hybrid: Hybrid | None = None if read.hybrid is None else hybrid_from_data(read.hybrid)
         self._activation, self._normalization = ACTIVATIONS[read.activation], read.normalization
-        sizes = {size: self._input_size(size) for size in OBSERVATION_SIZES}
+        seen = {size: self.hybrid.observation_size(size) if self.hybrid else size for size in OBSERVATION_SIZES}
+        sizes = {size: read.history * n + read.history_actions * ACTION_SIZE for size, n in seen.items()}
         inputs = len(self.layers[0][0]) / (1 + len(self.input_scales))
         self.observation_sizes = tuple(size for size, count in sizes.items() if count == inputs)
         if not self.observation_sizes:
@@ -128,14 +105,7 @@ class MlpPolicy(Policy):
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
-        """Load a policy file.
-
-        Args:
-            name: The path of a file, or the name of a policy of this package (``"ppo-gain-scheduling-0"``).
-
-        Raises:
-            ValueError: If there is no such file, or it does not contain a policy.
-        """
+        """Load a policy file by its path, or a policy of this package by its name (``"ppo-gain-scheduling-0"``)."""
         path = Path(name)
         if not path.is_file() and not (path := SHIPPED / f"{name}.npz").is_file():
             raise ValueError(f"{str(name)!r} must be the path of a policy file or the name of a policy of this package")
@@ -156,11 +126,7 @@ class MlpPolicy(Policy):
             np.savez_compressed(file, **arrays)
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy with its base controller designed for a scenario, and with velocities if it needs them.
-
-        Raises:
-            ValueError: If the policy was trained with another command interface, or a hybrid is to fly a load.
-        """
+        """Return the policy with its base controller designed for a scenario, and with velocities if it needs them."""
         check_interface(self.card, scenario.simulation)
         if self.hybrid is None:
             return with_velocities(self, scenario)
@@ -215,40 +181,27 @@ class MlpPolicy(Policy):
             output = np.clip(output, -bound, bound)
         return np.asarray(np.tanh(output) if self._card.squashed else np.minimum(np.maximum(output, -1.0), 1.0))
 
-    def _input_size(self, size: int) -> int:
-        """Return how many numbers the policy passes to the network if an observation has `size` numbers."""
-        seen = size if self.hybrid is None else self.hybrid.observation_size(size)
-        return int(self._card.history * seen + self._card.history_actions * ACTION_SIZE)
-
 
 def weight_difference(policy: MlpPolicy, other: MlpPolicy) -> float:
     """Return the largest absolute difference of two policies' weights; inf if the shapes of their layers differ."""
-    pairs = [pair for layers in zip(policy.layers, other.layers, strict=False) for pair in zip(*layers, strict=True)]
-    if len(policy.layers) != len(other.layers) or any(a.shape != b.shape for a, b in pairs):
+    own, others = ([array for layer in item.layers for array in layer] for item in (policy, other))
+    if [array.shape for array in own] != [array.shape for array in others]:
         return float("inf")
-    return max(float(np.abs(a - b).max()) for a, b in pairs)
+    return max(float(np.abs(a - b).max()) for a, b in zip(own, others, strict=True))
 
 
 def check_interface(card: dict[str, Any], simulation: Simulation) -> None:
-    """Check that a policy's actions mean in a simulation what they meant in its training.
+    """Check that a policy's actions mean in a nominal simulation what they meant in its training.
 
     The base controller of a hybrid of the kind ``"bandwidth_scheduling"`` commands any vehicle and interface. Policies
     from elsewhere have no `interface` on their card: they are not checked.
-
-    Args:
-        card: The policy's card.
-        simulation: Nominal simulation in which the policy is to fly.
-
-    Raises:
-        ValueError: If the interfaces differ.
     """
     trained, interface = card.get("interface"), simulation.interface
     if trained is None or (card["hybrid"] or {}).get("kind") == "bandwidth_scheduling":
         return
     if trained != interface:
         raise ValueError(
-            f"the policy was trained to command {_COMMANDS[trained]} (interface {trained!r}), but an action of the"
-            f" simulation commands {_COMMANDS[interface]} (interface {interface!r})"
+            f"the policy was trained with the interface {trained!r}, but the simulation has the interface {interface!r}"
         )
     vehicle = simulation.vehicle.name
     if (own := card.get("vehicle") or "paper") != vehicle:

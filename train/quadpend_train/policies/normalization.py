@@ -1,7 +1,6 @@
 """Normalisation of observations: that of `VecNormalize` of Stable-Baselines3, as data in the card of a policy."""
 
 import pickle
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,21 +27,11 @@ class Normalization:
         scaled = (observation - np.array(self.mean)) / np.array(self.std)
         return np.asarray(np.clip(scaled, -self.clip, self.clip), np.float32)
 
-    def as_data(self) -> dict[str, Any]:
-        """Return plain data for a policy's card."""
-        return {name: list(value) if name != "clip" else value for name, value in asdict(self).items()}
-
 
 def from_vec_normalize(vec_normalize: Any, size: int) -> Normalization | None:
-    """Return the normalisation of a `VecNormalize`; None if it normalises rewards only.
+    """Return the normalisation of `size` inputs by a `VecNormalize`; None if it normalises rewards only.
 
-    Args:
-        vec_normalize: A `VecNormalize`, or the path of the file (.pkl) to which it was saved. Loading such a file
-            executes code that is in it.
-        size: Number of inputs of the network.
-
-    Raises:
-        ValueError: If `vec_normalize` is neither, or has statistics of another number of inputs.
+    A path is that of the file (.pkl) to which a `VecNormalize` was saved. Loading it executes code that is in it.
     """
     source = vec_normalize if isinstance(vec_normalize, str | Path) else "vec_normalize"
     try:
@@ -59,10 +48,6 @@ def from_vec_normalize(vec_normalize: Any, size: int) -> Normalization | None:
 
 
 def statistics_file(model: Path) -> Path | None:
-    """Return the file with the statistics of a model in a run folder of RL Baselines3 Zoo; None if there is none.
-
-    Args:
-        model: File (.zip) of the model. The Zoo saves the statistics in a folder next to it.
-    """
+    """Return the file of the statistics of a model (.zip), beside it or, as in RL Baselines3 Zoo, one folder below."""
     found = [path for path in (model.parent / STATISTICS, *model.parent.glob(f"*/{STATISTICS}")) if path.is_file()]
     return found[0] if len(found) == 1 else None

@@ -24,19 +24,9 @@ _OF_COMMON_POLICIES = {"stable_baselines3.common": PPO, "sb3_contrib.common.recu
 
 
 class MultiScaleInputs(torch.nn.Module):
-    """The map of an input x to [x, tanh(s₁ x), tanh(s₂ x), …], also a features extractor for Stable-Baselines3.
-
-    Args:
-        observation_space: Space of the inputs.
-        scales: The scales s₁, s₂, …
-
-    Attributes:
-        scales: The scales.
-        features_dim: Number of outputs.
-    """
+    """The map of an input x to [x, tanh(s₁ x), tanh(s₂ x), …], also a features extractor for Stable-Baselines3."""
 
     def __init__(self, observation_space: spaces.Box, scales: Sequence[float]) -> None:
-        """Compute the number of outputs."""
         super().__init__()
         self.scales = tuple(scales)
         self.features_dim = observation_space.shape[0] * (1 + len(self.scales))
@@ -47,14 +37,7 @@ class MultiScaleInputs(torch.nn.Module):
 
 
 def algorithm_class(name: str) -> Any:
-    """Return the class of an algorithm.
-
-    Args:
-        name: The name of the class in Stable-Baselines3 or sb3-contrib, in any case.
-
-    Raises:
-        ValueError: If there is no such class.
-    """
+    """Return the class of an algorithm by its name in Stable-Baselines3 or sb3-contrib, in any case."""
     found = {
         label.lower(): item
         for label, item in (*vars(stable_baselines3).items(), *vars(sb3_contrib).items())
@@ -71,30 +54,8 @@ def is_on_policy(model: Any) -> bool:
     return hasattr(model.policy, "action_net")
 
 
-def output_layer(model: Any) -> Any:
-    """Return the last layer of the policy network; for SAC and TQC with gSDE it is followed by a clipping module."""
-    return model.policy.action_net if is_on_policy(model) else model.actor.mu
-
-
-def start_new_episodes(model: Any) -> None:
-    """Reset the environment and the noise of gSDE during the training of a model.
-
-    Stable-Baselines3 resets the environment only at the beginning of `learn`, and offers no public method for it later.
-    Therefore this function sets the two private attributes in which a model keeps the last observation.
-    """
-    env = model.get_env()
-    model._last_obs = env.reset()
-    model._last_episode_starts[:] = True
-    if model.use_sde:
-        (model.policy if is_on_policy(model) else model.actor).reset_noise(env.num_envs)
-
-
 def actor_modules(model: Any) -> list[torch.nn.Module]:
-    """Return the modules between a model's observation and its deterministic action, in order.
-
-    Raises:
-        ValueError: If the model has no such sequence of modules.
-    """
+    """Return the modules between a model's observation and its deterministic action, in order."""
     policy = model.policy
     if hasattr(policy, "mlp_extractor") and not hasattr(policy, "lstm_actor"):  # PPO, A2C, TRPO
         return [*_multi_scale(policy), policy.mlp_extractor.policy_net, policy.action_net]
@@ -107,6 +68,11 @@ def actor_modules(model: Any) -> list[torch.nn.Module]:
     raise ValueError(f"the policy of {type(model).__name__} is not a feedforward network")
 
 
+def linear_layers(model: Any) -> list[torch.nn.Linear]:
+    """Return the linear layers of a model's policy network, in order."""
+    return [item for part in actor_modules(model) for item in part.modules() if isinstance(item, torch.nn.Linear)]
+
+
 def _multi_scale(part: Any) -> list[torch.nn.Module]:
     """Return the features extractor of a policy or of an actor if it changes the inputs."""
     return [part.features_extractor] if isinstance(part.features_extractor, MultiScaleInputs) else []
@@ -116,9 +82,6 @@ def read_zip(path: Path) -> Any:
     """Load a model from a file saved by Stable-Baselines3 or sb3-contrib, or by a library with the same interface.
 
     Loading executes code that is in the file.
-
-    Raises:
-        ValueError: If `path` is not such a file.
     """
     try:
         with zipfile.ZipFile(path) as archive:

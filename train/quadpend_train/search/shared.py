@@ -20,6 +20,7 @@ from tqdm.auto import tqdm
 
 from quadpend_train.common.text import brief
 
+SPACES = Path(__file__).with_name("search_spaces")
 Space = Mapping[str, BaseDistribution]
 
 
@@ -31,15 +32,10 @@ def open_study(
     start: Mapping[str, Any],
     pruner: optuna.pruners.BasePruner | None = None,
 ) -> optuna.Study:
-    """Open or create a study.
+    """Open or create a study, whose first trial has the values `start`.
 
-    Args:
-        name: Name of the study in the storage.
-        storage: File of a journal, or URL of a database such as ``sqlite:///search.db``.
-        sampler: Function that returns a sampler for its seed.
-        seed: Seed; processes that share a study need different ones, so that they propose different trials.
-        start: Values of the first trial.
-        pruner: What stops trials early; None: nothing.
+    The storage is the file of a journal, or the URL of a database such as ``sqlite:///search.db``. Processes that share
+    a study need different seeds, so that they propose different trials.
     """
     with quiet():
         try:
@@ -83,6 +79,15 @@ def run_trials(
                 study.tell(trial, state=TrialState.FAIL)
                 raise
         bar.update(trials - bar.n)
+
+
+def flat(values: Mapping[str, Any], table: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the paths of settings and their values; a range is a value."""
+    for name, value in values.items():
+        if isinstance(value, dict) and "low" not in value:
+            yield from flat(value, f"{table}{name}.")
+        else:
+            yield f"{table}{name}", value
 
 
 @contextmanager

@@ -4,6 +4,9 @@ The score of a trial is that on the card of its policy. The evaluations of the t
 of its policies that is, and whether the trial is stopped since the median of the others is better after the same time.
 The first trial has the settings of the start. The sampler is TPE of Optuna. The best policy and that of the start are
 finally compared in episodes that the search has not used.
+
+A search space is a settings file with a range or a list of values in place of a value. A range is a table
+``{low = 1e-4, high = 1e-2, log = true}``. The space is extended to include the settings of the start.
 """
 
 import hashlib
@@ -17,20 +20,24 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import optuna
-from optuna.distributions import distribution_to_json
+from optuna.distributions import (
+    BaseDistribution,
+    CategoricalDistribution,
+    FloatDistribution,
+    IntDistribution,
+    distribution_to_json,
+)
 from optuna.trial import FrozenTrial, TrialState
-from stable_baselines3.common.callbacks import BaseCallback
 
+from quadpend_gym.core.files import read_mapping
 from quadpend_train.common.executors import run as run_calls
 from quadpend_train.common.files import write_text
 from quadpend_train.common.text import brief
 from quadpend_train.policies.mlp_policy import MlpPolicy
-from quadpend_train.search.shared import Space, finished, open_study, run_trials
-from quadpend_train.search.space import proposed
-from quadpend_train.training.run_folder import POLICY
-from quadpend_train.training.settings import TrainSettings, to_mapping
-from quadpend_train.training.train import CARD_SEED, train
-from quadpend_train.training.validation import read_curve, validate
+from quadpend_train.search.shared import SPACES, Space, finished, flat, open_study, run_trials
+from quadpend_train.training.callbacks import RolloutCallback, validate
+from quadpend_train.training.settings import TrainSettings, to_mapping, with_values
+from quadpend_train.training.train import CARD_SEED, POLICY, train
 
 BEST, TABLE, PICTURE = "best.json", "trials.csv", "sweep.png"
 FILES = (BEST, TABLE, PICTURE)
@@ -40,26 +47,59 @@ _WARM_UP, _STARTUP = 5, 4  # moments and finished trials before the first compar
 _FINAL_EPISODES, _FINAL_SEED = 200, CARD_SEED + 100_000  # of the comparison with the start
 
 
-class Sweep(NamedTuple):
-    """A search for settings.
+def read_space(path: Path | None, start: TrainSettings) -> tuple[dict[str, BaseDistribution], dict[str, Any]]:
+    """Read a search space; without a file, that of the algorithm in this package.
 
-    Attributes:
-        start: Settings of the first trial.
-        space: Distributions of the settings to search for.
-        values: Their values at the start.
-        seconds: Duration of the training of a trial, s.
-        out: Folder for the trainings.
-        storage: File or URL for `open_study`.
-        seed: Seed of the search; the seed of the trainings is that of `start`.
+    Returns:
+        The distributions and the values at the start by the path of the setting, such as ``ppo.n_epochs``. A setting
+        that the start leaves to the algorithm starts with the lowest or the first value.
     """
+    file, known = path or SPACES / f"{start.algo}.toml", dict(flat(to_mapping(start)))
+    if not file.is_file():
+        raise ValueError(f"there is no search space {file}: give one with --space")
+    read = {name: _distribution(name, given, known.get(name)) for name, given in flat(read_mapping(file))}
+    for name, (found, _) in read.items():
+        for value in found.choices if isinstance(found, CategoricalDistribution) else (found.low, found.high):
+            proposed(start, {name: value})
+    return {name: found for name, (found, _) in read.items()}, {name: first for name, (_, first) in read.items()}
 
-    start: TrainSettings
-    space: Space
-    values: Mapping[str, Any]
-    seconds: float
-    out: Path
-    storage: str
-    seed: int = 0
+
+def _distribution(
+    name: str, given: Any, start: Any
+) -> tuple[CategoricalDistribution | FloatDistribution | IntDistribution, Any]:
+    """Return a distribution that includes the value at the start, and this value."""
+    if isinstance(given, list) and given:
+        choices, first = [_choice(value) for value in given], _choice(given[0] if start is None else start)
+        return CategoricalDistribution(choices if first in choices else [*choices, first]), first
+    if not isinstance(given, dict) or not {"low", "high"} <= given.keys() <= {"low", "high", "log"}:
+        raise ValueError(f"{name} must be {{low = …, high = …, log = …}} or a list, not {given!r}")
+    first = start if isinstance(start, int | float) else given["low"]
+    low, high = min(given["low"], first), max(given["high"], first)
+    kind = FloatDistribution if isinstance(low, float) or isinstance(high, float) else IntDistribution
+    return kind(low, high, log=given.get("log", False)), first
+
+
+def _choice(value: Any) -> Any:
+    """Return a value that Optuna can store: lists become JSON."""
+    return json.dumps(value) if isinstance(value, list | tuple) else value
+
+
+def proposed(start: TrainSettings, values: Mapping[str, Any]) -> TrainSettings:
+    """Return settings with the values of a trial."""
+    lists = {name: json.loads(value) for name, value in values.items() if isinstance(value, str) and value[:1] == "["}
+    return with_values(start, {**values, **lists})
+
+
+class Sweep(NamedTuple):
+    """A search for settings."""
+
+    start: TrainSettings  # of the first trial
+    space: Space  # distributions of the settings to search for
+    values: Mapping[str, Any]  # their values at the start
+    seconds: float  # duration of the training of a trial, s
+    out: Path  # folder for the trainings
+    storage: str  # file or URL for `open_study`
+    seed: int = 0  # of the search; the seed of the trainings is that of `start`
 
     @property
     def trial_start(self) -> TrainSettings:
@@ -115,7 +155,7 @@ def _score(sweep: Sweep, trial: optuna.Trial) -> float:
     shutil.rmtree(run, ignore_errors=True)  # of an earlier storage
     try:
         settings = proposed(sweep.trial_start, trial.params)
-        path = train(settings, run, progress=False, callbacks=[_Reporting(trial, run, sweep.seconds)])
+        path = train(settings, run, progress=False, callbacks=[_Reporting(trial, sweep.seconds)])
     except (ValueError, FloatingPointError) as error:  # the settings contradict each other, or training diverged
         trial.set_user_attr("reason", brief(error))
         raise optuna.TrialPruned(brief(error)) from error
@@ -125,30 +165,27 @@ def _score(sweep: Sweep, trial: optuna.Trial) -> float:
     return float(MlpPolicy.load(path).card["score"]["penalised_rmse"])
 
 
-class _Reporting(BaseCallback):
+class _Reporting(RolloutCallback):
     """Report the best score so far at each moment of a trial, as soon as an evaluation has ended.
 
     The settings determine how fast training is, so trials are compared after the same time, not at the same timesteps.
     """
 
-    def __init__(self, trial: optuna.Trial, folder: Path, seconds: float) -> None:
+    def __init__(self, trial: optuna.Trial, seconds: float) -> None:
         super().__init__()
-        self.trial, self.folder, self.seconds, self.reported = trial, folder, seconds, -1
+        self.trial, self.seconds, self.reported = trial, seconds, -1
 
     def _on_rollout_start(self) -> None:
-        scores = read_curve(self.folder)
-        moments = [int(MOMENTS * score.seconds / self.seconds) for score in scores]
-        if not scores or moments[-1] <= self.reported:
+        scores: Any = self.model.scores  # type: ignore[attr-defined]  # of `EvaluationCallback`
+        now = int(MOMENTS * scores[-1].seconds / self.seconds) if scores else -1
+        if now <= self.reported:
             return
-        for moment in range(self.reported + 1, moments[-1] + 1):
-            known = [score for score, at in zip(scores, moments, strict=True) if at <= moment]
-            self.trial.report(min(score.penalised_rmse for score in known or scores), moment)
-        self.reported = moments[-1]
+        for moment in range(self.reported + 1, now + 1):
+            known = scores if moment == now else scores[:-1] or scores
+            self.trial.report(min(score.penalised_rmse for score in known), moment)
+        self.reported = now
         if self.trial.should_prune():
             raise optuna.TrialPruned
-
-    def _on_step(self) -> bool:
-        return True
 
 
 def write_results(study: optuna.Study, sweep: Sweep) -> list[str]:

@@ -32,8 +32,7 @@ from quadpend_gym.core.settings import suggest
 from quadpend_gym.scenarios import Scenario, find_scenarios, scenario_data
 from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.episodes import TUNING_SEED, EpisodeResults, collect_results, pendulum_arm
-from quadpend_train.search.shared import open_study, run_trials
-from quadpend_train.search.space import SPACES, flat
+from quadpend_train.search.shared import SPACES, flat, open_study, run_trials
 from quadpend_train.training.environment import concatenate_scenarios
 
 SCORE_SEED = TUNING_SEED + 100_000  # seed of the first episode of the score
@@ -43,16 +42,14 @@ SEARCH_SPACES = {name: dict(flat(ranges)) for name, ranges in read_mapping(SPACE
 
 
 class Search:
-    """A search for the gains of a controller.
-
-    Args:
-        name: Key of `SEARCH_SPACES`.
-        scenarios: Scenarios, as for `find_scenarios`.
-        episodes: Number of episodes in each scenario.
-    """
+    """A search for the gains of a controller, a key of `SEARCH_SPACES`, with `episodes` in each scenario."""
 
     def __init__(self, name: str, scenarios: Sequence[str | Scenario] = ("training",), episodes: int = 48) -> None:
-        check_names([name])
+        if name not in SEARCH_SPACES:
+            raise ValueError(
+                f"there is no controller {name!r} to tune{suggest(name, SEARCH_SPACES)}; there are"
+                f" {', '.join(SEARCH_SPACES)}"
+            )
         self.name, self.episodes = name, episodes
         self.scenarios = find_scenarios(scenarios)
         found = [*self.scenarios.values()]
@@ -63,7 +60,7 @@ class Search:
             )
         simulation, self.hangs = found[0].simulation, found[0].task.pendulum == "hanging"
         self.designed = mirror_simulation(simulation) if self.hangs else simulation
-        self.env = concatenate(found, episodes)
+        self.env = concatenate_scenarios(found, episodes * len(found))
         self.present = gains_for(name, self.designed)
         ranges = search_space(name, simulation)
         self.start = {path: given["start"] for path, given in ranges.items()}
@@ -88,8 +85,10 @@ class Search:
         return Hanging(policy) if self.hangs else policy
 
     def loss(self, trial: optuna.Trial) -> float:
-        """Return the loss of a trial."""
-        return loss(fly(self.policy(trial.params), self.env, [*self.scenarios.values()], TUNING_SEED))
+        """Return the mean penalised RMSE in mm, with up to 1 m added for each fall, the more the earlier it is."""
+        found = fly(self.policy(trial.params), self.env, [*self.scenarios.values()], TUNING_SEED)
+        remaining = 1.0 - found.steps / found.error.shape[-1]
+        return 1000.0 * float(np.mean(found.penalised_rmse + np.where(found.survived, 0.0, remaining)))
 
 
 def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float]]:
@@ -101,28 +100,10 @@ def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float
     }
 
 
-def loss(results: EpisodeResults) -> float:
-    """Return the mean penalised RMSE in mm, with up to 1 m added for each fall, the more the earlier it is."""
-    remaining = 1.0 - results.steps / results.error.shape[-1]
-    return 1000.0 * float(np.mean(results.penalised_rmse + np.where(results.survived, 0.0, remaining)))
-
-
-def concatenate(scenarios: Sequence[Scenario], episodes: int) -> VectorEnv[Any, Any, Any]:
-    """Return one vector environment with `episodes` sub-environments of each scenario."""
-    return concatenate_scenarios(scenarios, episodes * len(scenarios))
-
-
 def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scenario], seed: int) -> EpisodeResults:
-    """Run a policy through the same seeds in every scenario.
+    """Run a policy through the same seeds in every scenario of the environment.
 
-    Args:
-        policy: Policy to run.
-        env: Environment of `concatenate`.
-        scenarios: Its scenarios.
-        seed: Seed of the first episode of each scenario.
-
-    Returns:
-        Results of shape (scenarios · episodes,), the episodes of one scenario after those of another.
+    The results have the shape (scenarios · episodes,), the episodes of one scenario after those of another.
     """
     episodes = env.num_envs // len(scenarios)
     seeds = [seed + episode for _ in scenarios for episode in range(episodes)]
@@ -132,14 +113,12 @@ def fly(policy: Policy, env: VectorEnv[Any, Any, Any], scenarios: Sequence[Scena
 
 
 def score(
-    policy: Policy,
-    episodes: int = SCORE_EPISODES,
-    seed: int = SCORE_SEED,
-    scenarios: Sequence[str | Scenario] = ("training",),
+    policy: Policy, scenarios: Sequence[str | Scenario], episodes: int = SCORE_EPISODES
 ) -> dict[str, tuple[float, float]]:
     """Return survival (%) and mean penalised RMSE (mm) in each scenario."""
     found = find_scenarios(scenarios)
-    results = fly(policy, concatenate([*found.values()], episodes), [*found.values()], seed)
+    env = concatenate_scenarios([*found.values()], episodes * len(found))
+    results = fly(policy, env, [*found.values()], SCORE_SEED)
     parts = (np.split(array, len(found)) for array in (results.survived, results.penalised_rmse))
     return {
         name: (100.0 * float(survived.mean()), 1000.0 * float(rmse.mean()))
@@ -147,29 +126,15 @@ def score(
     }
 
 
-def check_names(names: Sequence[str]) -> None:
-    """Check that controllers have a search space."""
-    for name in names:
-        if name not in SEARCH_SPACES:
-            raise ValueError(
-                f"there is no controller {name!r} to tune{suggest(name, SEARCH_SPACES)}; there are"
-                f" {', '.join(SEARCH_SPACES)}"
-            )
-
-
 def tune(search: Search, study: optuna.Study, trials: int, folder: Path) -> dict[str, Any]:
     """Search for gains, score them, write gains and scores to ``{name}.json`` in `folder`, and return them.
 
-    Args:
-        search: The search.
-        study: Its study, which may have trials already.
-        trials: Number of trials of all processes together.
-        folder: Folder of the results.
+    The study may have trials already; `trials` counts those of all processes together.
     """
     run_trials(study, search.space, search.loss, trials)
     values = {path: float(f"{value:.3g}") for path, value in study.best_params.items()}
     scenarios = [*search.scenarios.values()]
-    before, after = (score(search.policy(gains), SCORE_EPISODES, scenarios=scenarios) for gains in ({}, values))
+    before, after = (score(search.policy(gains), scenarios, SCORE_EPISODES) for gains in ({}, values))
     found = {
         "scenarios": [*search.scenarios],
         "trials": len(study.trials),

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, output_layer
+from quadpend_train.policies.sb3_models import ACTIVATION_MODULES, MultiScaleInputs, algorithm_class, linear_layers
 from quadpend_train.training.apg import APG, check_apg
 from quadpend_train.training.arguments import as_python, linear_schedule
 from quadpend_train.training.settings import TrainSettings
@@ -28,8 +28,13 @@ def make_model(settings: TrainSettings, env: SB3VecEnv, folder: Path | None) -> 
         model = kind("MlpPolicy", env, tensorboard_log=log, seed=settings.seed, device="cpu", **arguments)
     except AssertionError as error:  # Stable-Baselines3 checks the action space and some arguments this way
         raise ValueError(f"algo {settings.algo!r} refuses its environment or its arguments: {error}") from error
-    if settings.hybrid.mode != "estimate_only":
-        _start_near_zero(model, settings)
+    if settings.hybrid.mode != "estimate_only":  # a hybrid starts close to its base controller
+        layer = linear_layers(model)[-1]
+        with torch.no_grad():
+            layer.weight *= 0.1
+            layer.bias.zero_()
+            if settings.hybrid.baseline_relative_reward and hasattr(model.policy, "value_net"):
+                model.policy.value_net.weight.zero_()  # the base controller's return is 0
     return model
 
 
@@ -51,18 +56,3 @@ def load_model(settings: TrainSettings, env: SB3VecEnv, path: Path) -> Any:
     model = make_model(settings, env, path.parent)
     model.restore(path)
     return model
-
-
-def _start_near_zero(model: Any, settings: TrainSettings) -> None:
-    """Scale down the initial actions of a hybrid, so that it starts close to its base controller.
-
-    With a baseline-relative reward, the return of the base controller is 0, so the output of an on-policy critic starts
-    at 0.
-    """
-    with torch.no_grad():
-        # a module that squashes or clips the output may follow the last layer
-        layer = [item for item in output_layer(model).modules() if isinstance(item, torch.nn.Linear)][-1]
-        layer.weight *= 0.1
-        layer.bias.zero_()
-        if settings.hybrid.baseline_relative_reward and hasattr(model.policy, "value_net"):
-            model.policy.value_net.weight.zero_()

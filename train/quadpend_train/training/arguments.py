@@ -79,17 +79,16 @@ def as_python(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return arguments as the class takes them: schedules as functions, and activation functions as classes."""
     from quadpend_train.policies.sb3_models import ACTIVATION_MODULES
 
-    made = {name: linear_schedule(**value) if _is_schedule(value) else value for name, value in arguments.items()}
+    made = {
+        name: linear_schedule(**value) if isinstance(value, Mapping) and value.keys() == {"initial", "final"} else value
+        for name, value in arguments.items()
+    }
     if "policy_kwargs" in arguments:
         networks = {name: _lists(value) for name, value in arguments["policy_kwargs"].items()}
         if "activation_fn" in networks:
             networks["activation_fn"] = ACTIVATION_MODULES[networks["activation_fn"]]
         made["policy_kwargs"] = networks
     return made
-
-
-def _is_schedule(value: Any) -> bool:
-    return isinstance(value, Mapping) and value.keys() == {"initial", "final"}
 
 
 def linear_schedule(initial: float, final: float) -> Any:

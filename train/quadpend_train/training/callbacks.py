@@ -3,23 +3,49 @@
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
-from quadpend_train.common.files import atomic, write_bytes
+from quadpend_baselines import Policy
+from quadpend_train.common.files import atomic, write_bytes, write_text
+from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.policies.export import export
-from quadpend_train.policies.sb3_models import start_new_episodes
+from quadpend_train.policies.sb3_models import is_on_policy
 from quadpend_train.training.environment import make_env
-from quadpend_train.training.run_folder import CHECKPOINT
 from quadpend_train.training.settings import TrainSettings
-from quadpend_train.training.validation import BEST, Score, validate, write_curve
 
+CHECKPOINT, CURVE, BEST = "checkpoint.zip", "curve.csv", "best.npz"
 DIVERGED = (
     "training diverged within {} steps: the weights of the networks are not finite; lower learning_rate or reward_scale"
 )
 _CHECK_INTERVAL = 256  # rollouts of SAC and TQC between two checks for divergence
+
+
+class Score(NamedTuple):
+    """One point of the learning curve."""
+
+    steps: int  # timesteps of training before the evaluation
+    seconds: float  # duration of training before the evaluation, s
+    survival: float  # share of episodes without a fall, that is an early termination
+    penalised_rmse: float  # mean over all episodes of the RMSE of the tracking error, m; a fall counts as 1 m
+
+
+def validate(policy: Policy, settings: TrainSettings, seed: int = VALIDATION_SEED) -> tuple[float, float]:
+    """Return survival and penalised RMSE (m) of a policy in the training scenarios of a run, see `Score`.
+
+    They are means over `n_eval_episodes` episodes of each scenario, with different seeds in different scenarios.
+    """
+    episodes = settings.n_eval_episodes
+    results = [
+        run_episodes([policy], scenario, episodes, seed + number * episodes)
+        for number, scenario in enumerate(settings.found().values())
+    ]
+    survived = np.concatenate([result.survived for result in results], axis=1)
+    rmse = np.concatenate([result.penalised_rmse for result in results], axis=1)
+    return float(survived.mean()), float(rmse.mean())
 
 
 def first_seed(settings: TrainSettings) -> int:
@@ -43,7 +69,14 @@ def save_checkpoint(model: Any, folder: Path) -> None:
             old.unlink()
 
 
-class CheckpointSegments(BaseCallback):
+class RolloutCallback(BaseCallback):
+    """A callback that does nothing at a step."""
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class CheckpointSegments(RolloutCallback):
     """Divide a run into segments that start from a checkpoint.
 
     A segment starts with new episodes and new random numbers, so it depends only on the settings and on the model in
@@ -59,8 +92,7 @@ class CheckpointSegments(BaseCallback):
     def _on_rollout_start(self) -> None:
         steps, start, settings = self.num_timesteps, self.segment_start, self.settings
         if start >= 0:
-            same_scenarios = settings.stage(steps) == settings.stage(start)
-            if steps - start < settings.save_freq and same_scenarios:
+            if steps - start < settings.save_freq and settings.stage(steps) == settings.stage(start):
                 return
             save_checkpoint(self.model, self.folder)
         self.segment_start = steps
@@ -70,25 +102,20 @@ class CheckpointSegments(BaseCallback):
             env.env = make_env(settings, steps).env
         model.set_random_seed((settings.seed * 1_000_003 + steps) % 2**32)
         env.seed(first_seed(settings) + steps)
-        start_new_episodes(model)
+        # Stable-Baselines3 resets the environment at the beginning of `learn` only, and has no method for it
+        model._last_obs = env.reset()
+        model._last_episode_starts[:] = True
+        if model.use_sde:
+            (model.policy if is_on_policy(model) else model.actor).reset_noise(env.num_envs)
 
-    def _on_step(self) -> bool:
-        return True
 
-
-class StopConditions(BaseCallback):
-    """Stop training for `max_seconds` or if it diverges, and freeze PPO's actor during the warm-up of the critic.
-
-    Args:
-        settings: The settings of the run.
-        end: Time at which training stops, as `time.perf_counter` returns it.
-    """
+class StopConditions(RolloutCallback):
+    """Stop training for `max_seconds` or if it diverges, and freeze PPO's actor during the warm-up of the critic."""
 
     def __init__(self, settings: TrainSettings, end: float) -> None:
         super().__init__()
-        self.settings, self.end = settings, end
-        self.time_is_up = False
-        self.rollouts = 0
+        self.settings, self.end = settings, end  # a time of `time.perf_counter`
+        self.time_is_up, self.rollouts = False, 0
 
     def _on_rollout_start(self) -> None:
         self.rollouts += 1
@@ -121,19 +148,17 @@ class EvaluationCallback(BaseCallback):
         super().__init__()
         self.settings, self.folder = settings, folder
         self.scores: list[Score] = []
-        self.evaluation_seconds = 0.0
-        self.stop = False
+        self.begin = time.perf_counter()  # later by the time of the evaluations, earlier by that before a resumed run
 
     def _on_training_start(self) -> None:
-        self.start_time = time.perf_counter()
         model: Any = self.model
         self.scores = [Score(*values) for values in getattr(model, "scores", [])]
         model.scores, model.best = self.scores, getattr(model, "best", b"")
+        self.begin = time.perf_counter()
         if self.scores:
             write_bytes(self.folder / BEST, model.best)
-            write_curve(self.folder, self.scores)
-        self.stop = self._out_of_patience()
-        self.seconds_before = self.scores[-1].seconds if self.scores else 0.0
+            self._write_curve()
+            self.begin -= self.scores[-1].seconds
 
     def _on_rollout_start(self) -> None:
         every = self.settings.eval_freq
@@ -149,47 +174,36 @@ class EvaluationCallback(BaseCallback):
         start = time.perf_counter()
         policy = export(self.model, **self.settings.policy_interface())
         survival, rmse = validate(policy, self.settings)
-        seconds = self.seconds_before + start - self.start_time - self.evaluation_seconds
-        score = Score(self.num_timesteps, round(seconds, 2), survival, rmse)
+        score = Score(self.num_timesteps, round(start - self.begin, 2), survival, rmse)
         if rmse < min((other.penalised_rmse for other in self.scores), default=float("inf")):
             policy.save(self.folder / BEST)
             self.model.best = (self.folder / BEST).read_bytes()  # type: ignore[attr-defined]
         self.scores.append(score)
-        write_curve(self.folder, self.scores)
-        for name, value in score._asdict().items():
-            if name != "steps":
-                self.logger.record(f"evaluation/{name}", value)
-        self.stop = self._out_of_patience()
-        self.evaluation_seconds += time.perf_counter() - start
+        self._write_curve()
+        for name in ("seconds", "survival", "penalised_rmse"):
+            self.logger.record(f"evaluation/{name}", getattr(score, name))
+        self.begin += time.perf_counter() - start
 
-    def _out_of_patience(self) -> bool:
+    def _write_curve(self) -> None:
+        lines = (",".join(map(str, line)) for line in (Score._fields, *self.scores))
+        write_text(self.folder / CURVE, "\n".join(lines) + "\n")
+
+    def _on_step(self) -> bool:
         patience, scores = self.settings.patience, [score.penalised_rmse for score in self.scores]
-        return bool(patience and scores) and len(scores) - 1 - scores.index(min(scores)) >= patience
-
-    def _on_step(self) -> bool:
-        return not self.stop
+        return not (patience and scores) or len(scores) - 1 - scores.index(min(scores)) < patience
 
 
-class RewardTerms(BaseCallback):
-    """Log the means of the reward terms and of the tracking error (m) of each rollout to TensorBoard."""
+class Report(RolloutCallback):
+    """Show the latest episodes and score on a progress bar, and log reward terms and tracking error (m)."""
 
-    def _on_step(self) -> bool:
-        return True
+    def __init__(self, bar: Any, scores: EvaluationCallback) -> None:
+        super().__init__()
+        self.bar, self.evaluation = bar, scores
 
     def _on_rollout_end(self) -> None:
         env: Any = self.model.get_env()
         for name, value in env.take_means().items():
             self.logger.record_mean(f"reward/{name}", value)
-
-
-class ProgressBar(BaseCallback):
-    """Show the mean length and return of the latest episodes and the latest score on a progress bar."""
-
-    def __init__(self, bar: Any, evaluation: EvaluationCallback) -> None:
-        super().__init__()
-        self.bar, self.evaluation = bar, evaluation
-
-    def _on_rollout_end(self) -> None:
         if self.num_timesteps - self.bar.n < 1000:
             return
         parts = []
@@ -200,6 +214,3 @@ class ProgressBar(BaseCallback):
             parts.append(f"penalised RMSE {1e3 * self.evaluation.scores[-1].penalised_rmse:.0f} mm")
         self.bar.set_postfix_str(", ".join(parts), refresh=False)
         self.bar.update(self.num_timesteps - self.bar.n)
-
-    def _on_step(self) -> bool:
-        return True

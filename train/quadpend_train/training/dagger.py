@@ -23,6 +23,7 @@ import torch
 
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
+from quadpend_train.policies.sb3_models import is_on_policy, linear_layers
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.settings import TrainSettings
 
@@ -35,20 +36,16 @@ _EPSILON = 1e-3  # ε of equation (1)
 
 
 class Imitation:
-    """The fit of a model's policy to the actions of its base controller.
+    """The fit of an untrained model's policy to the actions of its base controller, in an `EstimateOnly` hybrid.
 
-    Args:
-        model: An untrained model of PPO, SAC, TQC or APG.
-        env: Training environment of `settings`, whose hybrid is `EstimateOnly`.
-        settings: Settings of the run.
-        end: Time at which TimeoutError stops the imitation, as `time.perf_counter` returns it.
+    At the time `end` of `time.perf_counter` it stops with TimeoutError.
     """
 
     def __init__(self, model: Any, env: SB3VecEnv, settings: TrainSettings, end: float) -> None:
-        """Reserve memory for the labels of all rounds."""
         self.model, self.env, self.end = model, env, end
+        parameters = [item for layer in linear_layers(model) for item in layer.parameters()]
         self.random = np.random.default_rng(settings.seed)
-        self.optimizer = torch.optim.Adam(_actor_parameters(model), lr=_LEARNING_RATES[0])
+        self.optimizer = torch.optim.Adam(parameters, lr=_LEARNING_RATES[0])
         self.episode = settings.max_episode_steps or max(item.steps for item in settings.found(0).values())
         self.wrappers = hybrid_wrappers(env.env)
         steps = max(settings.hybrid.imitation_timesteps // (_ROUNDS * env.num_envs), 1)
@@ -59,11 +56,9 @@ class Imitation:
         self.observation: Any = None  # the next one
 
     def fit(self) -> float:
-        """Fly and fit in all rounds.
+        """Fly and fit in all rounds, and return the RMS difference between policy and base controller.
 
-        Returns:
-            The root mean square of the difference between the policy's and the base controller's actions, over all rows
-            and components, in a flight of the fitted policy without noise, on whose labels it was not fitted.
+        It is over all components of the actions, in a flight without noise, on whose labels the policy was not fitted.
         """
         passes = [_PASSES[0]] * (_ROUNDS - 1) + [_PASSES[1]]
         for number in range(_ROUNDS):
@@ -142,12 +137,6 @@ class Imitation:
 
 def _mean_action(model: Any, observation: Any) -> Any:
     """Return the deterministic action as a differentiable tensor."""
-    if hasattr(model.policy, "action_net"):
+    if is_on_policy(model):
         return model.policy.get_distribution(observation).distribution.mean
     return model.actor._predict(observation, deterministic=True)
-
-
-def _actor_parameters(model: Any) -> list[Any]:
-    if not hasattr(model.policy, "action_net"):
-        return list(model.actor.parameters())
-    return [*model.policy.mlp_extractor.policy_net.parameters(), *model.policy.action_net.parameters()]

@@ -31,13 +31,7 @@ def concatenate_scenarios(
     """Return one vector environment with an equal number of sub-environments of each scenario and same-step autoreset.
 
     Neighbouring scenarios share a hybrid if they have the same delays and lags, which base controllers know as in
-    evaluation.
-
-    Args:
-        scenarios: The scenarios, with the same observation and nominal simulation.
-        num_envs: Number of sub-environments in all, a multiple of the number of scenarios.
-        max_episode_steps: Control steps after which an episode is truncated; None: those of each scenario.
-        hybrid: Data of a hybrid around the environment of each scenario.
+    evaluation. The scenarios have the same observation and nominal simulation.
     """
     share = num_envs // len(scenarios)
     envs = [
@@ -54,16 +48,6 @@ def _concatenated(envs: Sequence[VectorEnv[Any, Any, Any]]) -> VectorEnv[Any, An
     return envs[0] if len(envs) == 1 else ConcatenatedVectorEnv(envs)
 
 
-def _check_rotors(settings: TrainSettings) -> None:
-    """Raise ValueError if a scenario of a hybrid has rotors as actuators, which base controllers cannot command."""
-    found = settings.all_scenarios().values() if settings.hybrid.base_controller else ()
-    if any(isinstance(model, Rotors) for scenario in found for model in scenario.actuators):
-        raise ValueError(
-            f"the base controller {settings.hybrid.base_controller} commands thrust and torques: it cannot be part"
-            " of a hybrid in a scenario with rotors as actuators"
-        )
-
-
 def hybrid_wrappers(env: Any) -> list[VectorHybridWrapper]:
     """Return the wrappers of the hybrids under a training environment, in the order of its rows, if there are any."""
     while not isinstance(env, VectorHybridWrapper | ConcatenatedVectorEnv):
@@ -72,11 +56,6 @@ def hybrid_wrappers(env: Any) -> list[VectorHybridWrapper]:
         env = env.env
     parts = env.envs if isinstance(env, ConcatenatedVectorEnv) else [env]
     return [part for part in parts if isinstance(part, VectorHybridWrapper)]
-
-
-def check_curriculum(settings: TrainSettings) -> None:
-    """Check that one policy and one base controller fit all stages of the curriculum."""
-    concatenate_scenarios(scenarios := [*settings.all_scenarios().values()], len(scenarios))
 
 
 def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
@@ -92,9 +71,14 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
 
 def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
     """Return the training environment for Stable-Baselines3 at a timestep of the training."""
-    _check_rotors(settings)
-    scenarios = [_with_reward(scenario, settings.reward) for scenario in settings.found(timesteps).values()]
     steps, hybrid = settings.max_episode_steps or None, settings.hybrid
+    found = settings.all_scenarios().values() if hybrid.base_controller else ()
+    if any(isinstance(model, Rotors) for scenario in found for model in scenario.actuators):
+        raise ValueError(
+            f"the base controller {hybrid.base_controller} commands thrust and torques: it cannot be part of a hybrid"
+            " in a scenario with rotors as actuators"
+        )
+    scenarios = [_with_reward(scenario, settings.reward) for scenario in settings.found(timesteps).values()]
     env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data())
     if settings.history > 1 or settings.history_actions:
         env = VectorHistoryWrapper(env, settings.history, settings.history_actions)

@@ -14,13 +14,12 @@ arguments of its class in Stable-Baselines3 or sb3-contrib, see `quadpend_train.
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, field, fields
+from dataclasses import asdict, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from quadpend_baselines import CONTROLLERS
 from quadpend_gym import RewardWeights
 from quadpend_gym.core.files import read_mapping
 from quadpend_gym.core.settings import Range, parse, settings, suggest
@@ -58,11 +57,6 @@ class HybridSettings:
     """Timesteps before training in which the policy imitates the base controller (DAgger)."""
 
     def __post_init__(self) -> None:
-        if self.base_controller and self.base_controller not in CONTROLLERS:
-            raise ValueError(
-                f"base_controller must be one of {', '.join(CONTROLLERS)}, not {self.base_controller!r}"
-                f"{suggest(self.base_controller, CONTROLLERS)}"
-            )
         alone = self.mode == "estimate_only"
         observed, applied = self.situation or self.imitation_timesteps, self.action_repeat > 1 or self.fallback_gain
         if not self.base_controller and (not alone or observed or applied or self.baseline_relative_reward):
@@ -192,19 +186,14 @@ class TrainSettings:
         for name in ("scenarios", "curriculum"):
             object.__setattr__(self, name, _without_files(getattr(self, name)))
         for count in (len(find_scenarios(stage)) for stage in (self.scenarios, *self.curriculum)):
-            if not count or self.num_envs % count:
+            if not count:
+                raise ValueError("scenarios must name at least one scenario")
+            if self.num_envs % count:
                 raise ValueError(
                     f"num_envs must be a multiple of the number of scenarios, {count}, not {self.num_envs}"
-                    if count
-                    else "scenarios must name at least one scenario"
                 )
         if bool(self.curriculum) != bool(self.curriculum_steps):
             raise ValueError("curriculum and curriculum_steps must be given together or not at all")
-        repeat = self.hybrid.action_repeat
-        found = self.all_scenarios() if repeat > 1 and not self.max_episode_steps else {}
-        for steps in (self.max_episode_steps, *(scenario.steps for scenario in found.values())):
-            if steps % repeat:
-                raise ValueError(f"action_repeat must divide the {steps} control steps of an episode, not be {repeat}")
         if self.start_from and self.hybrid.imitation_timesteps:
             raise ValueError("imitation_timesteps must be 0 with start_from, which replaces the imitation")
         if self.patience and not self.eval_freq:
@@ -241,8 +230,7 @@ class TrainSettings:
 def _without_files(items: tuple[str, ...]) -> tuple[str, ...]:
     """Return scenarios with the contents of files in place of the files."""
     refuse_held_out(items)
-    is_file = [any(suffix in item for suffix in (".toml", ".json")) for item in items]
-    parts = [as_texts(find_scenarios([item])) if own else (item,) for item, own in zip(items, is_file, strict=True)]
+    parts = (as_texts(find_scenarios([item])) if ".toml" in item or ".json" in item else (item,) for item in items)
     return tuple(item for part in parts for item in part)
 
 
@@ -256,12 +244,7 @@ def as_texts(scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
 
 
 def read_settings(name: str) -> TrainSettings:
-    """Read training settings; a setting that is missing in the file has its default value.
-
-    Args:
-        name: The name of a preset (``"ppo"``), the path of a TOML or JSON file, such as the ``settings.json`` of a
-            run, or the path of a policy file, whose card has the settings of its training.
-    """
+    """Read the training settings in a preset (``"ppo"``), in a TOML or JSON file, or on the card of a policy file."""
     path = PRESETS / f"{name}.toml"
     path = path if path.is_file() else Path(name)
     if path.suffix == ".npz":
@@ -283,23 +266,13 @@ def settings_of_card(card: Mapping[str, Any], name: str) -> TrainSettings:
 
 def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
     """Return training settings from a mapping, as `read_settings`; messages about errors name the source."""
-    algo = values.get("algo", "ppo")
-    own = {item.name for item in fields(TrainSettings)} - {"arguments"}
-    table = {} if algo in own else values.get(algo, {})
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{source} must have keyword arguments of {algo} in the table {algo}, not {table!r}")
-    for name in values:
-        if name not in own and name != algo:
-            known = [*sorted(own), algo]
-            raise ValueError(
-                f"{source} sets {name!r}, which is not a setting of algo {algo!r}{suggest(name, known)}; the settings"
-                f" are {', '.join(known)}"
-            )
-    given = {name: value for name, value in values.items() if name in own}
+    given = dict(values)
+    if (algo := given.get("algo", "ppo")) != "apg":
+        given["arguments"] = given.pop(algo, {})
     for name in {"scenarios", "curriculum"} & given.keys():  # one or several, as texts or mappings
         items = given[name] if isinstance(given[name], list | tuple) else [given[name]]
         given[name] = [json.dumps(item) if isinstance(item, dict) else item for item in items]
-    return parse(TrainSettings, {**given, "arguments": dict(table)}, source)
+    return parse(TrainSettings, given, source)
 
 
 def to_mapping(settings: TrainSettings) -> dict[str, Any]:

@@ -11,53 +11,50 @@ The files of a run folder:
 - ``model.zip``: the final model;
 - ``policy.npz``: the best policy, or the final one if the run is not evaluated.
 
-An interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run.
+``settings.json`` is written last when a run begins, and ``policy.npz`` last when it ends. Every file is replaced as a
+whole. So an interrupted run resumes from its latest checkpoint and gives the same policy as an uninterrupted run.
 """
 
+import json
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
+from filelock import FileLock, Timeout
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from tqdm.auto import tqdm
 
-from quadpend_train.common.files import atomic
+from quadpend_train.common.files import atomic, write_text
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
+from quadpend_train.policies.loading import policy_fingerprint
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.algorithms import load_model, make_model
 from quadpend_train.training.callbacks import (
+    BEST,
+    CHECKPOINT,
     DIVERGED,
     CheckpointSegments,
     EvaluationCallback,
-    ProgressBar,
-    RewardTerms,
+    Report,
+    Score,
     StopConditions,
     first_seed,
     save_checkpoint,
+    validate,
 )
 from quadpend_train.training.dagger import Imitation
-from quadpend_train.training.environment import check_curriculum, make_env
-from quadpend_train.training.run_folder import (
-    CHECKPOINT,
-    MODEL,
-    POLICY,
-    PROVENANCE,
-    SETTINGS,
-    delete_checkpoint,
-    locked,
-    read_provenance,
-    write_json,
-)
+from quadpend_train.training.environment import concatenate_scenarios, make_env
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
-from quadpend_train.training.start import START, load_actor, start_policy, start_provenance
-from quadpend_train.training.validation import BEST, Score, validate
+from quadpend_train.training.start import load_actor, start_policy
 
+SETTINGS, START, PROVENANCE, POLICY = "settings.json", "start.npz", "provenance.json", "policy.npz"
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
 LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run is resumed
 
@@ -65,17 +62,11 @@ LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run 
 def train(
     settings: TrainSettings, folder: Path, *, progress: bool = True, callbacks: Sequence[BaseCallback] = ()
 ) -> Path:
-    """Train a policy from scratch, and return its path.
+    """Train a policy from scratch in a new folder, and return its path; see `resume` for an interrupted run.
 
-    Args:
-        settings: The settings of the run.
-        folder: The folder of the run; it is created. See `resume` for a folder with an interrupted run.
-        progress: Whether to show a progress bar.
-        callbacks: Additional callbacks of Stable-Baselines3.
+    `callbacks` are additional callbacks of Stable-Baselines3.
 
     Raises:
-        BlockingIOError: If another process trains in the folder.
-        FileExistsError: If the folder contains a run already.
         FloatingPointError: If training diverged.
     """
     if (folder / SETTINGS).exists():
@@ -83,27 +74,28 @@ def train(
     model = initial_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        if settings.start_from:
+        made = provenance()
+        if name := settings.start_from:
             start_policy(settings).save(folder / START)
-        write_json(folder / PROVENANCE, {**provenance(), **start_provenance(settings)})
-        write_json(folder / SETTINGS, to_mapping(settings))
+            made["start_from"] = {"policy": name, "sha256": policy_fingerprint(name)}
+        for name, data in ((PROVENANCE, made), (SETTINGS, to_mapping(settings))):
+            write_text(folder / name, json.dumps(data, indent=1) + "\n")
         return _run(model, settings, folder, progress, callbacks)
 
 
 def resume(folder: Path, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
     """Continue an interrupted run from its latest checkpoint, or from scratch if it has none, as `train` does.
 
-    Loading a checkpoint executes code that is in it: resume only runs whose source you trust.
-
-    Args:
-        folder: The folder of the run.
-        settings: The settings of the run, in which only `LIMITS` may be changed; None: unchanged.
-        progress: Whether to show a progress bar.
-
-    Raises:
-        FileNotFoundError: If the folder contains no run, or a finished one.
+    Loading a checkpoint executes code that is in it: resume only runs whose source you trust. Only the settings in
+    `LIMITS` may be changed.
     """
-    settings = _settings(folder, settings)
+    if not (folder / SETTINGS).is_file():
+        raise FileNotFoundError(f"{folder} contains no run")
+    stored = read_settings(str(folder / SETTINGS))
+    settings = settings or stored
+    for name, value in vars(stored).items():
+        if name not in LIMITS and getattr(settings, name) != value:
+            raise ValueError(f"a continued run may change {' and '.join(LIMITS)} only: {name} must be {value!r}")
     with locked(folder):
         if (folder / POLICY).is_file():
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
@@ -122,29 +114,25 @@ def train_or_resume(settings: TrainSettings, folder: Path, *, progress: bool = T
     return resume(folder, settings, progress=progress) if begun else train(settings, folder, progress=progress)
 
 
-def _settings(folder: Path, given: TrainSettings | None) -> TrainSettings:
-    """Return the given settings, or those of the run, after checking that they differ in `LIMITS` only."""
-    if not (folder / SETTINGS).is_file():
-        raise FileNotFoundError(f"{folder} contains no run")
-    stored = read_settings(str(folder / SETTINGS))
-    for name, value in vars(stored).items() if given else ():
-        if name not in LIMITS and getattr(given, name) != value:
-            raise ValueError(f"a continued run may change {' and '.join(LIMITS)} only: {name} must be {value!r}")
-    return given or stored
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Let no other process train in a folder during the block. The operating system releases the lock of a process."""
+    try:
+        with FileLock(folder / ".lock", timeout=0):
+            yield
+    except Timeout:
+        raise BlockingIOError(f"another process trains in {folder}: wait, or choose another folder") from None
 
 
 def initial_model(settings: TrainSettings, folder: Path | None = None, start: Path | None = None) -> Any:
     """Return the model of a run before imitation and training, with the network of `start_from` if there is one.
 
-    Args:
-        settings: The settings of the run.
-        folder: The folder for TensorBoard's event files; None writes no event files.
-        start: A copy of the policy `start_from`, which is used if it exists.
+    TensorBoard's event files are in `folder`. `start` is a copy of the policy `start_from`, used if it exists.
     """
     torch.set_num_threads(settings.num_threads)
     env = make_env(settings)
-    if settings.curriculum:
-        check_curriculum(settings)
+    if settings.curriculum:  # one policy and one base controller must fit all its stages
+        concatenate_scenarios(scenarios := [*settings.all_scenarios().values()], len(scenarios))
     model = make_model(settings, env, folder)
     if settings.start_from:
         load_actor(model, settings, start)
@@ -184,16 +172,12 @@ def _run(
 def _learn(
     model: Any, settings: TrainSettings, folder: Path, end: float, progress: bool, callbacks: Sequence[BaseCallback]
 ) -> Path:
-    begin = time.perf_counter()
     stop, evaluation = StopConditions(settings, end), EvaluationCallback(settings, folder)
-    callbacks = [CheckpointSegments(settings, folder), stop, evaluation, RewardTerms(), *callbacks]
     total, before = settings.total_timesteps, model.num_timesteps
     with tqdm(total=total, initial=before, unit="step", unit_scale=True, disable=not progress) as bar:
+        all_of = [CheckpointSegments(settings, folder), stop, evaluation, *callbacks, Report(bar, evaluation)]
         try:
-            callbacks.append(ProgressBar(bar, evaluation))
-            model.learn(
-                max(total - before, 0), CallbackList(callbacks), reset_num_timesteps=False, tb_log_name="events"
-            )
+            model.learn(max(total - before, 0), CallbackList(all_of), reset_num_timesteps=False, tb_log_name="events")
             stop.check_finite()
         except ValueError as error:  # torch refuses a distribution whose parameters are not finite
             stop.check_finite()
@@ -202,14 +186,14 @@ def _learn(
             raise
     if stop.time_is_up:
         print(f"max_seconds ended the training early, after {model.num_timesteps} of {total} timesteps.")
-    with atomic(folder / MODEL) as unfinished:
+    with atomic(folder / "model.zip") as unfinished:
         model.save(unfinished)
-    seconds = time.perf_counter() - begin - evaluation.evaluation_seconds
-    policy = _final_policy(model, settings, folder, evaluation.scores, seconds)
+    policy = _final_policy(model, settings, folder, evaluation.scores, time.perf_counter() - evaluation.begin)
     if stop.time_is_up:
         policy.card["stopped_by"] = "max_seconds"
     policy.save(folder / POLICY)
-    delete_checkpoint(folder)
+    for leftover in (folder / CHECKPOINT, *folder.glob("buffer_*.pkl")):
+        leftover.unlink(missing_ok=True)
     return folder / POLICY
 
 
@@ -232,6 +216,6 @@ def _final_policy(
         "seconds": round(curve[-1].seconds if curve else seconds, 1),
         "score": {"survival": survival, "penalised_rmse": rmse},
         "curve": [list(score) for score in curve],
-        "provenance": read_provenance(folder),
+        "provenance": json.loads((folder / PROVENANCE).read_text(encoding="utf-8")),
     }
     return MlpPolicy(policy.layers, card)
