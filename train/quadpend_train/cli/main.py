@@ -45,6 +45,20 @@ COMMANDS = {
     ),
     "paper": ("paper.paper", "Repeat the experiment of the paper and draw its Figures 4 to 10."),
 }
+_LINES = "\n".join(f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items())
+_OVERVIEW = f"""usage: quadpend COMMAND [OPTIONS]
+
+A spherical inverted pendulum on a quadrotor in the wind: train policies and compare them.
+
+commands:
+{_LINES}
+
+options:
+  --help     `quadpend COMMAND --help` describes the options of a command.
+  --version  Print the version.
+  --traceback
+             Print the Python traceback of an error, with any command.
+"""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -86,29 +100,11 @@ def _interrupt(number: int, _: Any) -> None:
     raise KeyboardInterrupt
 
 
-def _overview() -> str:
-    """Return the text of `quadpend --help`."""
-    lines = "\n".join(f"  {name:<11}{summary}" for name, (_, summary) in COMMANDS.items())
-    return f"""usage: quadpend COMMAND [OPTIONS]
-
-A spherical inverted pendulum on a quadrotor in the wind: train policies and compare them.
-
-commands:
-{lines}
-
-options:
-  --help     `quadpend COMMAND --help` describes the options of a command.
-  --version  Print the version.
-  --traceback
-             Print the Python traceback of an error, with any command.
-"""
-
-
 def _run(arguments: list[str]) -> None:
     """Parse a command with its options, and execute it."""
     name, *options = arguments or ["--help"]
     if name in ("--help", "-h"):
-        print(_overview(), end="")
+        print(_OVERVIEW, end="")
         return
     if name == "--version":
         from quadpend_gym import __version__

@@ -187,9 +187,8 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     start.check_reproducible(original.card, policy)
     reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
     if largest := weight_difference(original, reproduced):
+        made = original.card["provenance"]
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")
-        print(
-            f"The card was made on: {original.card['provenance']['machine']}, {original.card['provenance']['packages']}"
-        )
+        print(f"The card was made on: {made['machine']}, {made['packages']}")
         sys.exit(1)
     print("The weights are the same.")
