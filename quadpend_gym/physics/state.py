@@ -28,6 +28,7 @@ variables: in these coordinates the mass matrix is singular at α = 0, which is 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,64 +41,31 @@ FORCE, BOB_FORCE, TORQUE = 0, 3, 6
 THRUST, COMMAND_TORQUE = 0, 1
 
 
-def _vector(first: int) -> slice:
-    return slice(first, first + 3)
+class _Vector:
+    """A vector in an array, as a view of shape (..., 3); writing into it writes into the array."""
 
+    def __init__(self, first: int) -> None:
+        self.part = slice(first, first + 3)
 
-STATE_FIELDS = {
-    "position": _vector(POSITION),
-    "velocity": _vector(VELOCITY),
-    "euler": _vector(EULER),
-    "euler_rate": _vector(EULER_RATE),
-    "direction": _vector(DIRECTION),
-    "direction_rate": _vector(DIRECTION_RATE),
-}
-DISTURBANCE_FIELDS = {
-    "force": _vector(FORCE),
-    "bob_force": _vector(BOB_FORCE),
-    "torque": _vector(TORQUE),
-}
+    def __get__(self, instance: Any, owner: type) -> Floats:
+        return np.asarray(instance.array[..., self.part])
 
 
 @dataclass(frozen=True)
 class State:
-    """Named views of a state array; writing into a view writes into the array.
+    """Named views of a state array, with the units and frames of the module's table.
 
     Attributes:
         array: shape (..., 18), float64.
     """
 
     array: Floats
-
-    @property
-    def position(self) -> Floats:
-        """Position ζ of the quadrotor's centre in the world frame, m, shape (..., 3)."""
-        return self.array[..., STATE_FIELDS["position"]]
-
-    @property
-    def velocity(self) -> Floats:
-        """Velocity ζ̇ of the quadrotor's centre in the world frame, m/s, shape (..., 3)."""
-        return self.array[..., STATE_FIELDS["velocity"]]
-
-    @property
-    def euler(self) -> Floats:
-        """Roll φ, pitch θ, yaw ψ, rad, shape (..., 3)."""
-        return self.array[..., STATE_FIELDS["euler"]]
-
-    @property
-    def euler_rate(self) -> Floats:
-        """Rates φ̇, θ̇, ψ̇ of the Euler angles, rad/s, shape (..., 3)."""
-        return self.array[..., STATE_FIELDS["euler_rate"]]
-
-    @property
-    def direction(self) -> Floats:
-        """Unit vector r from the pivot to the bob in the world frame, shape (..., 3)."""
-        return self.array[..., STATE_FIELDS["direction"]]
-
-    @property
-    def direction_rate(self) -> Floats:
-        """Time derivative ṙ of `direction` in the world frame, 1/s, shape (..., 3)."""
-        return self.array[..., STATE_FIELDS["direction_rate"]]
+    position = _Vector(POSITION)
+    velocity = _Vector(VELOCITY)
+    euler = _Vector(EULER)
+    euler_rate = _Vector(EULER_RATE)
+    direction = _Vector(DIRECTION)
+    direction_rate = _Vector(DIRECTION_RATE)
 
     @property
     def alpha(self) -> Floats:
@@ -123,25 +91,20 @@ class State:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Named views of a disturbance array; writing into a view writes into the array.
+    """Named views of a disturbance array, with the units and frames of the module's table.
 
     Attributes:
         array: shape (..., 9), float64.
     """
 
     array: Floats
+    force = _Vector(FORCE)
+    bob_force = _Vector(BOB_FORCE)
+    torque = _Vector(TORQUE)
 
-    @property
-    def force(self) -> Floats:
-        """Force d_Q on the quadrotor in the world frame, N, shape (..., 3)."""
-        return self.array[..., DISTURBANCE_FIELDS["force"]]
 
-    @property
-    def bob_force(self) -> Floats:
-        """Force d_B on the bob in the world frame, N, shape (..., 3)."""
-        return self.array[..., DISTURBANCE_FIELDS["bob_force"]]
+def _fields(kind: type) -> dict[str, slice]:
+    return {name: value.part for name, value in vars(kind).items() if isinstance(value, _Vector)}
 
-    @property
-    def torque(self) -> Floats:
-        """Torque d_τ about the φ, θ and ψ axes, N·m, shape (..., 3)."""
-        return self.array[..., DISTURBANCE_FIELDS["torque"]]
+
+STATE_FIELDS, DISTURBANCE_FIELDS = _fields(State), _fields(Disturbance)
