@@ -29,7 +29,14 @@ from quadpend_gym.physics.euler_kernel import LANE_STATE_SIZE, integrate, store_
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_kernel import RIGID, RIGID_LANE_SIZE, RIGID_SIZE, integrate_rigid
 from quadpend_gym.physics.rigid_settings import make_rigid_settings
-from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, DIRECTION_RATE, DISTURBANCE_SIZE, STATE_SIZE
+from quadpend_gym.physics.state import (
+    ACTION_SIZE,
+    COMMAND_SIZE,
+    DIRECTION,
+    DIRECTION_RATE,
+    DISTURBANCE_SIZE,
+    STATE_SIZE,
+)
 from quadpend_gym.physics.vectors import Four, Vec3, load
 from quadpend_gym.tasks.observation import (
     OBSERVATION_SIZE,
@@ -60,6 +67,14 @@ def initial_memory(simulation: Simulation, state: Floats) -> Floats:
     return np.hstack([plant_of(simulation).initial_memory(state), under_way])
 
 
+def _symbols(**sizes: int) -> dict[str, Any]:
+    return {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+
+
+def _function(name: str, arguments: dict[str, Any], **results: Any) -> Any:
+    return ca.Function(name, {**arguments, **results}, list(arguments), list(results))
+
+
 @lru_cache(maxsize=32)
 def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
     """Return the control step, (state, memory, action, wind, parameters) → (next_state, next_memory).
@@ -73,42 +88,35 @@ def step_function(simulation: Simulation, moves_air: bool = False) -> Any:
             rigid vehicles always have drag.
     """
     is_rigid = isinstance(plant_of(simulation), RigidPlant)
-    vehicle_size, substeps = RIGID_SIZE if is_rigid else 0, simulation.substeps
-    names = "state", "memory", "action", "wind", "parameters"
-    memory_size = vehicle_size + ACTION_SIZE * actions_under_way(simulation)
-    sizes = STATE_SIZE, memory_size, ACTION_SIZE, WIND_SIZE, PARAMETERS_SIZE
-    state, memory, action, wind, parameters = arguments = [
-        ca.SX.sym(*symbol) for symbol in zip(names, sizes, strict=True)
-    ]
-    queue = [*ca.vertsplit(memory[vehicle_size:], ACTION_SIZE), action]
-    switch = simulation.delayed_substeps % substeps  # the first action acts in the substeps before it, then the second
-    before, after = columns(queue[0]), columns(queue[min(switch, 1)])
-    disturbance, air = columns(wind[:DISTURBANCE_SIZE]), columns(wind[WIND_FIELDS["velocity"]])
-    physics = columns(parameters)
+    size, period, substeps = RIGID_SIZE if is_rigid else 0, simulation.period, simulation.substeps
+    memory_size = size + ACTION_SIZE * actions_under_way(simulation)
+    x = _symbols(state=STATE_SIZE, memory=memory_size, action=ACTION_SIZE, wind=WIND_SIZE, parameters=PARAMETERS_SIZE)
+    actions = [*ca.vertsplit(x["memory"][size:], ACTION_SIZE), x["action"]]
+    switch = simulation.delayed_substeps % substeps  # substeps in which the oldest action acts; then the next one acts
+    before, after = columns(actions[0]), columns(actions[1 if switch else 0])
+    disturbance, air = columns(x["wind"][:DISTURBANCE_SIZE]), columns(x["wind"][WIND_FIELDS["velocity"]])
+    physics, axis = columns(x["parameters"]), ca.SX(LANE_STATE_SIZE - STATE_SIZE, 1)
     if is_rigid:
-        lanes = columns(ca.vertcat(state, ca.SX(3, 1), memory[:RIGID_SIZE]), RIGID_LANE_SIZE)
-        settings, timing = make_rigid_settings(simulation), (simulation.period, substeps, switch)
-        lift(integrate_rigid)(lanes, before, after, disturbance, air, physics, settings, 1, *timing)
+        lanes = columns(ca.vertcat(x["state"], axis, x["memory"][:size]), RIGID_LANE_SIZE)
+        settings = make_rigid_settings(simulation)
+        lift(integrate_rigid)(lanes, before, after, disturbance, air, physics, settings, 1, period, substeps, switch)
     else:
-        lanes, command = columns(state, LANE_STATE_SIZE), columns(ca.SX(ACTION_SIZE, 1))
+        lanes, command = columns(x["state"], LANE_STATE_SIZE), columns([], COMMAND_SIZE)
         if moves_air:
             lift(add_drag)(lift(load)(air, 0, 0), lanes, physics, 0, disturbance)
-        for given, count in ((before, switch), (after, substeps - switch)):
+        for action, count in ((before, switch), (after, substeps - switch)):
             if count > 0:
-                lift(store_command)(given, Four(*simulation.command_scale.tolist()), 0, command)
-                period = simulation.period * count / substeps
-                lift(integrate)(lanes, command, disturbance, physics, 1, period, count)
-    next_memory = ca.vertcat(vector(lanes[RIGID : RIGID + vehicle_size]), *queue[1:])
-    results = [vector(lanes[:STATE_SIZE]), next_memory]
-    return ca.Function("step", arguments, results, list(names), ["next_state", "next_memory"])
+                lift(store_command)(action, Four(*simulation.command_scale.tolist()), 0, command)
+                lift(integrate)(lanes, command, disturbance, physics, 1, period * count / substeps, count)
+    next_memory = ca.vertcat(vector(lanes[RIGID : RIGID + size]), *actions[1:])
+    return _function("step", x, next_state=vector(lanes[:STATE_SIZE]), next_memory=next_memory)
 
 
 @lru_cache(maxsize=1)
 def reference_function() -> Any:
     """Return a reference at a time (s), (reference, time) → point; `reference` is a `Reference.as_array`."""
-    reference, time = ca.SX.sym("reference", REFERENCE_SIZE), ca.SX.sym("time")
-    point = vector(lift(point_at)(None, 0, columns(reference), 0, time))
-    return ca.Function("reference", [reference, time], [point], ["reference", "time"], ["point"])
+    x = _symbols(reference=REFERENCE_SIZE, time=1)
+    return _function("reference", x, point=vector(lift(point_at)(None, 0, columns(x["reference"]), 0, x["time"])))
 
 
 def _point(point: Any) -> ReferencePoint:
@@ -127,14 +135,12 @@ def observation_function() -> Any:
 
     The observation has 36 numbers, not rounded to float32.
     """
-    names = "state", "parameters", "point"
-    arguments = [ca.SX.sym(*symbol) for symbol in zip(names, (STATE_SIZE, PARAMETERS_SIZE, POINT_SIZE), strict=True)]
-    state, point, out = columns(arguments[0]), _point(arguments[2]), columns([], OBSERVATION_SIZE)
-    tracking = _errors(state, arguments[1], point)
+    x = _symbols(state=STATE_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
+    state, point, out = columns(x["state"]), _point(x["point"]), columns([], OBSERVATION_SIZE)
+    tracking = _errors(state, x["parameters"], point)
     lift(observe_state)(state, 0, tracking, out, 0)
     lift(observe_reference)(point, 0, out)
-    results = [vector(out), vector(tracking.error)]
-    return ca.Function("observation", arguments, results, list(names), ["observation", "tracking_error"])
+    return _function("observation", x, observation=vector(out), tracking_error=vector(tracking.error))
 
 
 @lru_cache(maxsize=8)
@@ -143,13 +149,9 @@ def reward_function(task: Task) -> Any:
 
     (state, action, parameters, point) → (reward, terms), see `quadpend_gym.tasks.rewards`.
     """
-    names = "state", "action", "parameters", "point"
-    sizes = STATE_SIZE, ACTION_SIZE, PARAMETERS_SIZE, POINT_SIZE
-    arguments = [ca.SX.sym(*symbol) for symbol in zip(names, sizes, strict=True)]
-    state, weights = columns(arguments[0]), make_weights(task)
-    tracking = _errors(state, arguments[2], _point(arguments[3]))
-    cosine = task.side * state[DIRECTION + 2, 0]
-    action = columns(arguments[1])
-    terms = lift(reward_terms)(tracking.error, cosine, tracking.yaw_error, action, 0, weights.tip)
+    x = _symbols(state=STATE_SIZE, action=ACTION_SIZE, parameters=PARAMETERS_SIZE, point=POINT_SIZE)
+    state, weights = columns(x["state"]), make_weights(task)
+    tracking, cosine = _errors(state, x["parameters"], _point(x["point"])), task.side * state[DIRECTION + 2, 0]
+    terms = lift(reward_terms)(tracking.error, cosine, tracking.yaw_error, columns(x["action"]), 0, weights.tip)
     total = lift(reward)(terms, cosine, lift(load)(state, DIRECTION_RATE, 0), weights)
-    return ca.Function("reward", arguments, [total, vector(terms)], list(names), ["reward", "terms"])
+    return _function("reward", x, reward=total, terms=vector(terms))
