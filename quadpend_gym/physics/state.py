@@ -48,7 +48,8 @@ class _Vector:
         self.part = slice(first, first + 3)
 
     def __get__(self, instance: Any, owner: type) -> Floats:
-        return np.asarray(instance.array[..., self.part])
+        view: Floats = instance.array[..., self.part]
+        return view
 
 
 @dataclass(frozen=True)
