@@ -75,7 +75,8 @@ def rotorpy(rows: int) -> Call:
 
     vehicle = Multirotor(quad_params, control_abstraction="cmd_ctbr")
     control = {"cmd_thrust": 5.0, "cmd_w": np.full(3, 0.01)}
-    return partial(vehicle.step, vehicle.initial_state, control, PERIOD), PERIOD
+    state = dict(vehicle.initial_state)
+    return lambda: state.update(vehicle.step(state, control, PERIOD)), PERIOD
 
 
 _attitude = partial(crazyflow, control="attitude", command=(0.01, 0.01, 0.0, 0.45))
