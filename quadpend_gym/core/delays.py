@@ -32,12 +32,6 @@ def delay(values: Floats, step: Integers, memory: Floats, steps: int, repeats_fi
 
 
 def hold(values: Floats, memory: Floats, held: Booleans) -> None:
-    """Replace the values of some rows by the last ones, and store the current ones in `memory`.
-
-    Args:
-        values: Current values, shape (n, k), changed in place.
-        memory: Last values, shape (n, k), changed in place.
-        held: Whether a row keeps its last values, shape (n,).
-    """
+    """Replace the values of the rows `held`, a mask, by the last ones in `memory`, and store the current ones there."""
     values[held] = memory[held]
     memory[:] = values

@@ -28,12 +28,7 @@ class Model(Protocol):
         """Number of floats that the model stores for each sub-environment."""
 
     def initial_memory(self, streams: Streams) -> Floats:
-        """Return the memory at the start of an episode, shape (n, memory_size).
-
-        Args:
-            streams: Random streams of the n sub-environments. This method may use their block 0, see
-                `Streams.uniform`.
-        """
+        """Return the memory at the start of an episode, shape (n, memory_size); it may use block 0 of the streams."""
 
 
 class ZeroInitialized:
@@ -54,21 +49,13 @@ class Stateless(ZeroInitialized):
 
 @dataclass(frozen=True)
 class Registry:
-    """The kinds and presets of wind, sensor or actuator models.
+    """The kinds and presets of wind, sensor or actuator models."""
 
-    Attributes:
-        name: Name of the registry in error messages, for example "wind".
-        protocol: Runtime-checkable protocol of the models.
-        from_factory: Model class that stands for a text ``"module:factory"``; None if such texts are not accepted.
-        kinds: Model classes by their ``kind``.
-        presets: Values that `parse` accepts, by name.
-    """
-
-    name: str
-    protocol: Any
-    from_factory: type[Any] | None = None
-    kinds: dict[str, type[Any]] = field(default_factory=dict)
-    presets: dict[str, Any] = field(default_factory=dict)
+    name: str  # in error messages, for example "wind"
+    protocol: Any  # runtime-checkable protocol of the models
+    from_factory: type[Any] | None = None  # class of a text ``"module:factory"``; None: such texts are not accepted
+    kinds: dict[str, type[Any]] = field(default_factory=dict)  # model classes by their ``kind``
+    presets: dict[str, Any] = field(default_factory=dict)  # values that `parse` accepts, by name
 
     def add(self, kind: Kind) -> Kind:
         """Register a settings class under the default of its field ``kind``; a decorator."""
@@ -145,6 +132,8 @@ def is_project_class(kind: type[Any]) -> bool:
 class ModelBatch:
     """Models with their memories and random streams for n sub-environments.
 
+    Call `start_episodes` for every sub-environment before `apply`.
+
     Args:
         models: Models in the order in which they are applied.
         rows: Number n of sub-environments.
@@ -152,7 +141,6 @@ class ModelBatch:
     """
 
     def __init__(self, models: tuple[Model, ...], rows: int, stream_numbers: Sequence[int] | None = None) -> None:
-        """Allocate the memories; call `start_episodes` for every sub-environment before `apply`."""
         self.models = models
         self._stream_numbers = range(len(models)) if stream_numbers is None else stream_numbers
         self._memories = [np.zeros((model.memory_size, rows)).T for model in models]

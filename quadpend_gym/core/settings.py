@@ -103,15 +103,10 @@ Interval = Annotated[tuple[float, float], AfterValidator(_in_order)]  # (lowest,
 
 @dataclass(frozen=True)
 class Parsed:
-    """Annotation of a field whose value a function makes, such as ``Annotated[Any, Parsed(as_wind, …)]``.
+    """Annotation of a field whose value a function makes, such as ``Annotated[Any, Parsed(as_wind, …)]``."""
 
-    Attributes:
-        function: Converts what a user gives; it raises ValueError for wrong data.
-        accepted: Returns the type of what it accepts, for the JSON schema.
-    """
-
-    function: Callable[[Any], Any]
-    accepted: Callable[[], Any]
+    function: Callable[[Any], Any]  # converts what a user gives; it raises ValueError for wrong data
+    accepted: Callable[[], Any]  # returns the type of what it accepts, for the JSON schema
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return no_info_plain_validator_function(self.function)
@@ -149,13 +144,7 @@ def settings(kind: type[Settings]) -> type[Settings]:
 
 
 def parse(kind: type[Settings], value: Any, name: str) -> Settings:
-    """Return an instance of a settings class.
-
-    Args:
-        kind: Settings class.
-        value: An instance, which is returned as it is, or a mapping of the fields.
-        name: What the value is, for the sentence about wrong data.
-    """
+    """Return an instance of a settings class from an instance or a mapping; `name` is for the sentence on bad data."""
     if isinstance(value, kind):
         return value
     if not isinstance(value, Mapping):

@@ -8,8 +8,7 @@ Equation (2) is exact at the samples for every period T (Van Loan, IEEE Trans. A
 Standard deviation, spectrum and correlation therefore do not depend on the period.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
@@ -19,19 +18,12 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.streams import Keys, Streams, normal_pair
 
 
-@dataclass(frozen=True)
-class Filter:
-    """A filter in continuous time, equation (1).
+class Filter(NamedTuple):
+    """A filter in continuous time, equation (1)."""
 
-    Attributes:
-        a: Matrix A, 1/s, shape (m, m).
-        b: Matrix B, shape (m, j).
-        c: Matrix C, shape (k, m).
-    """
-
-    a: Floats
-    b: Floats
-    c: Floats
+    a: Floats  # A, 1/s, shape (m, m)
+    b: Floats  # B, shape (m, j)
+    c: Floats  # C, shape (k, m)
 
     @property
     def stationary_covariance(self) -> Floats:
@@ -62,20 +54,14 @@ def from_transfer_function(numerator: list[float], denominator: list[float], gai
 
 def combine(filters: list[Filter]) -> Filter:
     """Return one filter that consists of independent filters."""
-    return Filter(*(np.asarray(block_diag(*parts)) for parts in zip(*((f.a, f.b, f.c) for f in filters), strict=True)))
+    return Filter(*(np.asarray(block_diag(*parts)) for parts in zip(*filters, strict=True)))
 
 
-@dataclass(frozen=True)
-class DiscreteFilter:
-    """The state equation of a filter in discrete time, equation (2).
+class DiscreteFilter(NamedTuple):
+    """The state equation of a filter in discrete time, equation (2)."""
 
-    Attributes:
-        transition: Matrix Φ, shape (m, m).
-        noise_gain: Matrix L, shape (m, m).
-    """
-
-    transition: Floats
-    noise_gain: Floats
+    transition: Floats  # Φ, shape (m, m)
+    noise_gain: Floats  # L, shape (m, m)
 
 
 def discretise(system: Filter, period: float) -> DiscreteFilter:
@@ -152,12 +138,7 @@ def _multiply(matrix: Floats, values: Floats, out: Floats) -> None:
 
 
 def draw_stationary(root: Floats, streams: Streams) -> Floats:
-    """Draw x_0 of equation (3), shape (n, m).
-
-    Args:
-        root: Matrix S, shape (m, m).
-        streams: Random streams of the n sub-environments; their block 0 is used.
-    """
+    """Draw x_0 of equation (3), shape (n, m), from block 0 of n random streams; `root` is S, shape (m, m)."""
     normal = streams.normal(0, root.shape[0])
     # The last bits of NumPy's matrix product depend on the number of rows, so it is not used here.
     out = np.zeros(normal.T.shape)

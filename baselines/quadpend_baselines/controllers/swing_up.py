@@ -93,7 +93,6 @@ class SwingUp(Controller):
     """
 
     def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
-        """Design the balancing controller."""
         self.given_gains, self.simulation = gains, simulation or Simulation()
         self.gains: SwingUpGains = gains(self.simulation) if callable(gains) else gains
         self.loop = loop or Loop()

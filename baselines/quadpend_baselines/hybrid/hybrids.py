@@ -32,8 +32,7 @@ controller's action, by ten, because the base controller keeps these values smal
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import asdict
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -63,7 +62,6 @@ ActionScale = Annotated[float, Range(1e-6, 3.0)]  # κ
 FallbackGain = Annotated[float, Range(0.0, 10.0)]  # γ of equation (4); 0 disables the fallback
 _MAGNIFICATION = np.float32(10.0)  # factor on small deviations in the policy's observation
 _TORQUE, _TILT, _DECAY = 0.5, 0.2, 0.99  # of equation (4): N·m, 1, per 10 ms
-HybridType = TypeVar("HybridType", bound="Hybrid")
 
 
 class HybridMemory(NamedTuple):
@@ -76,18 +74,12 @@ class HybridMemory(NamedTuple):
 
 
 class Hybrid:
-    """A base controller combined with a policy.
+    """A base controller combined with a policy."""
 
-    Attributes:
-        kind: The key of the class in `HYBRIDS`.
-        base_controller: The base controller as it was given: one of `quadpend_baselines.CONTROLLERS`, or an object.
-        controller: The base controller, which estimates the disturbance.
-    """
-
-    kind: ClassVar[str]
+    kind: ClassVar[str]  # the key of the class in `HYBRIDS`
     _base_acts_first: ClassVar[bool] = False  # whether the base controller acts even if it has a Kalman observer
-    base_controller: Any
-    controller: Any
+    base_controller: Any  # as it was given: one of `quadpend_baselines.CONTROLLERS`, or an object
+    controller: Any  # the base controller, which estimates the disturbance
 
     def __post_init__(self) -> None:
         given = self.base_controller
@@ -96,16 +88,11 @@ class Hybrid:
             raise ValueError(f"base_controller must be a controller that estimates the disturbance, not {given!r}")
         object.__setattr__(self, "controller", found)
 
-    def designed_for(self: HybridType, simulation: Simulation, loop: Loop | None = None) -> HybridType:
+    def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "Hybrid":
         """Return this hybrid with its base controller designed for another nominal simulation and loop."""
         other = copy(self)
         object.__setattr__(other, "controller", self.controller.designed_for(simulation, loop))
         return other
-
-    def as_data(self) -> dict[str, Any]:
-        """Return plain data from which `hybrid_from_data` makes the same hybrid, if its base controller has a name."""
-        values: Any = self
-        return {"kind": self.kind, **asdict(values)}
 
     def observation_size(self, size: int) -> int:
         """Return the size of the policy's observation if the environment's observation has `size` numbers."""
@@ -166,16 +153,11 @@ class EstimateOnly(Hybrid):
 
     The policy observes the base controller's estimate of the disturbance, and that of the state at the time when the
     next action acts: with known delays and lags it is predicted through them.
-
-    Args:
-        base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
-        situation: Whether the policy also observes the situation, see `quadpend_baselines.hybrid.situation`; the base
-            controller then has a Kalman observer.
     """
 
     kind: ClassVar[str] = "estimate_only"
-    base_controller: Any = "adrc-matched"
-    situation: bool = False
+    base_controller: Any = "adrc-matched"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
+    situation: bool = False  # whether the policy observes the situation, which needs a Kalman observer
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -242,16 +224,11 @@ class ResidualAction(_Correction):
     """Hybrid whose policy corrects the base controller's action, equation (2) (residual policy learning).
 
     The policy observes the base controller's estimates and its action. With a = 0 the base controller acts alone.
-
-    Args:
-        base_controller: A name from `quadpend_baselines.CONTROLLERS`, or a controller.
-        action_scale: κ.
-        fallback_gain: γ.
     """
 
     kind: ClassVar[str] = "residual_action"
     _base_acts_first: ClassVar[bool] = True
-    base_controller: Any = "flatness"
+    base_controller: Any = "flatness"  # a name from `quadpend_baselines.CONTROLLERS`, or a controller
     action_scale: ActionScale = 0.3
     fallback_gain: FallbackGain = 0.0
 
@@ -277,15 +254,10 @@ class BandwidthScheduling(_Correction):
     The four components of the policy's action belong to the bandwidths of position, pendulum, attitude, and of height
     and yaw together. A component a multiplies its bandwidth by (1 + κ)^a. With a = 0 the base controller keeps its
     nominal gains. It computes its action in `act`, with the scaled bandwidths; until then `base_action` is zero.
-
-    Args:
-        base_controller: ``"flatness"``, or a flatness-based controller with other gains.
-        action_scale: κ.
-        fallback_gain: γ.
     """
 
     kind: ClassVar[str] = "bandwidth_scheduling"
-    base_controller: Any = "flatness"
+    base_controller: Any = "flatness"  # or a flatness-based controller with other gains
     action_scale: ActionScale = 1.0
     fallback_gain: FallbackGain = 0.0
 

@@ -31,30 +31,19 @@ SITUATION_SIZE = (STATE_SIZE + 2 * DISTURBANCE_SIZE) // 3
 
 
 class Situation(NamedTuple):
-    """The running mean squares for n rows.
+    """The running mean squares for n rows."""
 
-    Attributes:
-        mean_square: m of equation (1), shape (n, 12).
-        disturbance: The last estimated disturbance, N and N·m, shape (n, 9).
-        steps: k, the number of steps of the episode so far, shape (n,).
-    """
-
-    mean_square: Floats
-    disturbance: Floats
-    steps: Floats
+    mean_square: Floats  # m of equation (1), shape (n, 12)
+    disturbance: Floats  # the last estimated disturbance, N and N·m, shape (n, 9)
+    steps: Floats  # k, the number of steps of the episode so far, shape (n,)
 
 
 def update_situation(
     last: Situation | None, started: Booleans, innovation: Floats, disturbance: Floats, period: float
 ) -> Situation:
-    """Return the situation after equation (1).
+    """Return the situation after equation (1), T = `period`, from the one a step ago (None at the first step).
 
-    Args:
-        last: Situation one step ago; None at the first step.
-        started: Mask of the rows whose episode begins, shape (n,).
-        innovation: Measured minus predicted state, laid out as in `quadpend_gym.physics.state`, shape (n, 18).
-        disturbance: Estimated disturbance, N and N·m, shape (n, 9).
-        period: Control period T, s.
+    Innovation and disturbance have the shapes (n, 18) and (n, 9); `started` is the mask of the rows that begin, (n,).
     """
     rows = len(innovation)
     if last is None:

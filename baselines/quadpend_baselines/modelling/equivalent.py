@@ -44,18 +44,12 @@ class EquivalentModel:
 
     Args:
         simulation: The vehicle.
-
-    Attributes:
-        parameters: M', m' and λ; the other parameters are those of the vehicle.
-        pivot_share: μ/(1 + μ), the share of t in σ.
-        pendulum_arm: a, m.
-        thrust_arm: b, m.
     """
 
-    parameters: Parameters
-    pivot_share = 0.0
-    pendulum_arm = 0.0
-    thrust_arm = 0.0
+    parameters: Parameters  # M', m' and λ; the others are those of the vehicle
+    pivot_share = 0.0  # μ/(1 + μ), the share of t in σ
+    pendulum_arm = 0.0  # a, m
+    thrust_arm = 0.0  # b, m
 
     def __init__(self, simulation: Simulation) -> None:
         self.vehicle = simulation

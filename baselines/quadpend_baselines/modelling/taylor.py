@@ -66,7 +66,10 @@ def arctangent(a: Floats) -> Floats:
     """Return the series of arctan a."""
     if len(a) == 1:
         return np.arctan(a)
-    return _integral(np.arctan(a[0]), quotient(derivative(a), _plus_one(product(a, a))))
+    squared = product(a, a)
+    squared[0] += 1.0
+    rate = quotient(derivative(a), squared)
+    return np.stack([np.arctan(a[0]), *(c / (i + 1) for i, c in enumerate(rate))])
 
 
 def sine_and_cosine(a: Floats) -> tuple[Floats, Floats]:
@@ -79,13 +82,3 @@ def sine_and_cosine(a: Floats) -> tuple[Floats, Floats]:
             sine[k] += i / k * a[i] * cosine[k - i]
             cosine[k] -= i / k * a[i] * sine[k - i]
     return sine, cosine
-
-
-def _plus_one(a: Floats) -> Floats:
-    out = a.copy()
-    out[0] += 1.0
-    return out
-
-
-def _integral(initial_value: Floats, rate: Floats) -> Floats:
-    return np.stack([initial_value, *(c / (i + 1) for i, c in enumerate(rate))])

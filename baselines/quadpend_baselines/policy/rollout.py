@@ -11,27 +11,16 @@ from quadpend_gym.core.arrays import Booleans, Floats, Floats32
 
 
 class RolloutStep(NamedTuple):
-    """One control step of n sub-environments; values of inactive sub-environments have no meaning.
+    """One control step of n sub-environments; values of inactive sub-environments have no meaning."""
 
-    Attributes:
-        active: Sub-environments whose first episode includes this step, shape (n,).
-        action: Shape (n, 4).
-        memory: Memory of the policy after it has chosen the action.
-        reward: Shape (n,).
-        tracking_error: Tracking error after the step, m, shape (n, 3).
-        tilt: Angle of the pendulum from its side after the step, rad, shape (n,).
-        terminated: Shape (n,).
-        truncated: Shape (n,).
-    """
-
-    active: Booleans
-    action: Floats32
-    memory: Any
-    reward: Floats
-    tracking_error: Floats
-    tilt: Floats
-    terminated: Booleans
-    truncated: Booleans
+    active: Booleans  # sub-environments whose first episode includes this step, shape (n,)
+    action: Floats32  # shape (n, 4)
+    memory: Any  # memory of the policy after it has chosen the action
+    reward: Floats  # shape (n,)
+    tracking_error: Floats  # after the step, m, shape (n, 3)
+    tilt: Floats  # angle of the pendulum from its side after the step, rad, shape (n,)
+    terminated: Booleans  # shape (n,)
+    truncated: Booleans  # shape (n,)
 
     @property
     def survived(self) -> Booleans:

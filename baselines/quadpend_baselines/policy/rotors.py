@@ -22,13 +22,9 @@ class RotorAllocation(PolicyWrapper):
         policy: A policy whose actions are thrust and torques.
         rotors: The rotors of the environment; None: the default rotors.
         simulation: The simulation of the environment; None: the default simulation.
-
-    Raises:
-        ValueError: If the rotors can produce a larger torque than the simulation's actuators.
     """
 
     def __init__(self, policy: Policy, rotors: Rotors | None = None, simulation: Simulation | None = None) -> None:
-        """Invert the mixing matrix."""
         super().__init__(policy)
         self._unmixing = np.linalg.inv(mixing(rotors or Rotors(), simulation or Simulation()))
 

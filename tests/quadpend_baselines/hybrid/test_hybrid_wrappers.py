@@ -85,7 +85,7 @@ def test_a_base_controller_with_a_name_is_designed_for_the_environment_and_an_ob
     slow = Simulation(period=0.02)
     env, wrap = make_vec(2, period=0.02), VectorHybridWrapper
     assert wrap(env, EstimateOnly("lqr")).hybrid.controller.simulation == slow
-    assert wrap(env, EstimateOnly("lqr").as_data()).hybrid.controller.simulation == slow
+    assert wrap(env, {"kind": "estimate_only", "base_controller": "lqr"}).hybrid.controller.simulation == slow
     assert wrap(env, EstimateOnly(controller("lqr"))).hybrid.controller.simulation == Simulation()
 
 
