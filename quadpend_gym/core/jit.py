@@ -13,10 +13,8 @@ write to none of them, there is a warning, and every process compiles the functi
 scalar and vectorised loops differently. With ``error_model="numpy"`` a division by zero gives inf, without a branch.
 """
 
-import functools
 import warnings
 from collections.abc import Callable
-from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -42,7 +40,8 @@ def compiled(function: Function) -> Function:
     try:
         dispatcher.enable_caching()
     except RuntimeError:  # there is no folder that numba can write
-        _warn_without_cache()
+        message = "numba cannot write its cache, so every process compiles again: set NUMBA_CACHE_DIR to another folder"
+        warnings.warn(message, RuntimeWarning, stacklevel=1)
         return cast(Function, dispatcher)
     # Numba checks only the file of `function`, not the files of the functions inlined into it, and has no public option
     # for more files. This therefore replaces the private stamp that numba compares with its cache.
@@ -54,14 +53,6 @@ def compiled(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Compile `function` so that it is inlined into every compiled function that calls it."""
     return cast(Function, njit(forceinline=True, error_model="numpy")(function))
-
-
-@functools.cache
-def _warn_without_cache() -> None:
-    """Warn once, and not in every process of a program."""
-    if parent_process() is None:
-        message = "numba cannot write its cache, so every process compiles again: set NUMBA_CACHE_DIR to another folder"
-        warnings.warn(message, RuntimeWarning, stacklevel=3)
 
 
 def _interpreted(function: Function) -> Function:

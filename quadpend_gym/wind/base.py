@@ -183,15 +183,9 @@ class Loads(Addable):
 
 
 def add_rotated(out: Floats, axis: int, vector: Any, factor: Floats, cosine: Floats, sine: Floats) -> None:
-    """Rotate factor · vector about the vertical, from x towards y, and add it to three columns of `out`, shape (n, 12).
+    """Rotate factor · vector about the vertical, from x towards y, and add it to the columns of `out` from `axis`.
 
-    Args:
-        out: Array to add to, changed in place.
-        axis: First of the three columns.
-        vector: Components x, y and z, each a number or an array of shape (n,).
-        factor: Shape (n,).
-        cosine: Cosine of the angle, shape (n,).
-        sine: Sine of the angle, shape (n,).
+    The components of the vector are numbers or arrays of shape (n,); factor, cosine and sine have the shape (n,).
     """
     x, y, z = vector
     out[:, axis] += factor * (cosine * x - sine * y)

@@ -11,7 +11,6 @@ same limits as in the sampled controller.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from tqdm.auto import tqdm
@@ -23,6 +22,7 @@ from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Reference, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
+from quadpend_gym.physics.state import STATE_SIZE
 
 
 @dataclass(frozen=True)
@@ -54,26 +54,10 @@ class Trajectory:
         return np.asarray(self.outputs - self.wanted)
 
 
-class _Inputs(NamedTuple):
-    """Inputs of the loop at one time: derivatives of the reference, shape (7, 4), and the disturbance, shape (9,)."""
-
-    reference: Floats
-    disturbance: Floats
-
-
-class _Loop(NamedTuple):
-    """States of the plant, shape (18,), and of the m observers, shape (m, 4), or their rates of change."""
-
-    state: Floats
-    estimate: Floats
-
-    def after(self, rate: "_Loop", time: float) -> "_Loop":
-        """Return the loop after a time (s) with a constant rate of change."""
-        return _Loop(self.state + time * rate.state, self.estimate + time * rate.estimate)
-
-
 class ContinuousLoop:
     """Plant, observers and control law as one differential equation.
+
+    The state of the loop is that of the plant, shape (18,), followed by those of the m observers, shape (4 m,).
 
     Args:
         policy: The controller whose gains and control law are used; its sampling period has no effect.
@@ -95,80 +79,71 @@ class ContinuousLoop:
         The true disturbance, N and N·m, is given at every half step, shape (2 m + 1, 9), for m steps.
         """
         steps = disturbance.shape[0] // 2
-        derivatives = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))
-        inputs = [_Inputs(*pair) for pair in zip(derivatives, disturbance, strict=True)]
-        measurement, outputs = self._measure(start, inputs[0])
-        loop = _Loop(start, self.policy.initial_estimate(measurement, outputs)[0])
-        records = []
+        references = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))
+        estimate = self.policy.initial_estimate(*self._measure(start, references[0]))
+        loop, records = np.concatenate([start, estimate.ravel()]), []
         for i in tqdm(range(steps + 1), unit="step", unit_scale=True, leave=False, desc="continuous time"):
+            now = slice(2 * i, 2 * i + 3)
             if i % every == 0:
-                records.append((loop.state, loop.estimate, self._control(loop, inputs[2 * i])[2][0]))
+                records.append((loop, self._control(loop, references[2 * i])[2][0]))
             if i < steps:
-                loop = self._advance(loop, inputs[2 * i : 2 * i + 3], step)
-        states, estimates, commands = (np.array(part) for part in zip(*records, strict=True))
-        memory = AdrcMemory(estimates, commands, None)
+                loop = self._advance(loop, references[now], disturbance[now], step)
+        loops, commands = (np.array(part) for part in zip(*records, strict=True))
+        estimates = loops[:, STATE_SIZE:].reshape(len(loops), *estimate.shape[1:])
         return Trajectory(
             step * every * np.arange(len(records), dtype=np.float64),
-            states,
-            derivatives[:: 2 * every],
+            loops[:, :STATE_SIZE],
+            references[:: 2 * every],
             commands,
             disturbance[:: 2 * every],
-            self.policy.estimated_disturbance(memory),
+            self.policy.estimated_disturbance(AdrcMemory(estimates, commands, None)),
         )
 
-    def _advance(self, loop: _Loop, inputs: list[_Inputs], h: float) -> _Loop:
+    def _advance(self, loop: Floats, references: Floats, disturbances: Floats, h: float) -> Floats:
         """Return the loop one Runge–Kutta step of h (s) later.
 
-        `inputs` are those at the start, the middle and the end of the step. After the step, r is normalised and ṙ is
+        The inputs are those at the start, the middle and the end of the step. After the step, r is normalised and ṙ is
         projected onto the plane perpendicular to r.
         """
-        k1 = self._rate(loop, inputs[0])
-        k2 = self._rate(loop.after(k1, 0.5 * h), inputs[1])
-        k3 = self._rate(loop.after(k2, 0.5 * h), inputs[1])
-        k4 = self._rate(loop.after(k3, h), inputs[2])
+        k1 = self._rate(loop, references[0], disturbances[0])
+        k2 = self._rate(loop + 0.5 * h * k1, references[1], disturbances[1])
+        k3 = self._rate(loop + 0.5 * h * k2, references[1], disturbances[1])
+        k4 = self._rate(loop + h * k3, references[2], disturbances[2])
         for rate, share in ((k1, 1 / 6), (k2, 1 / 3), (k3, 1 / 3), (k4, 1 / 6)):
-            loop = loop.after(rate, share * h)
-        s = State(loop.state)
+            loop = loop + share * h * rate
+        s = State(loop[:STATE_SIZE])
         s.direction[:] /= np.linalg.norm(s.direction)
         s.direction_rate[:] -= (s.direction @ s.direction_rate) * s.direction
         return loop
 
-    def _measure(self, state: Floats, inputs: _Inputs) -> tuple[AdrcMeasurement, Floats]:
+    def _measure(self, state: Floats, reference: Floats) -> tuple[AdrcMeasurement, Floats]:
         """Return the measurement and the measured outputs of the observers."""
-        derivatives, s = inputs.reference, State(state)
+        s = State(state)
         bob = s.position + self.policy.simulation.parameters.rod_length * s.direction
         measurement = make_measurement(
-            np.array([[bob[0], bob[1], s.position[2]]]) - derivatives[0, :3],
+            np.array([[bob[0], bob[1], s.position[2]]]) - reference[0, :3],
             s.direction[np.newaxis],
-            (s.euler - [0.0, 0.0, derivatives[0, 3]])[np.newaxis],
-            derivatives[np.newaxis, :3, 3],
-            derivatives[np.newaxis, 2:, :3],
+            (s.euler - [0.0, 0.0, reference[0, 3]])[np.newaxis],
+            reference[np.newaxis, :3, 3],
+            reference[np.newaxis, 2:, :3],
         )
         return measurement, self.policy.observer_outputs(measurement)
 
-    def _control(self, loop: _Loop, inputs: _Inputs) -> tuple[AdrcMeasurement, Floats, Floats]:
+    def _control(self, loop: Floats, reference: Floats) -> tuple[AdrcMeasurement, Floats, Floats]:
         """Return the measurement, the measured outputs of the observers and the saturated command, shape (1, 4)."""
-        measurement, outputs = self._measure(loop.state, inputs)
-        command = self.policy.command(measurement, loop.estimate[np.newaxis])
+        measurement, outputs = self._measure(loop[:STATE_SIZE], reference)
+        command = self.policy.command(measurement, loop[STATE_SIZE:].reshape(1, -1, 4))
         return measurement, outputs, to_action(command, self.policy.simulation)[1]
 
-    def _rate(self, loop: _Loop, inputs: _Inputs) -> _Loop:
+    def _rate(self, loop: Floats, reference: Floats, disturbance: Floats) -> Floats:
         """Return the rates of change of the loop."""
-        measurement, outputs, command = self._control(loop, inputs)
-        estimate = loop.estimate
+        measurement, outputs, command = self._control(loop, reference)
+        state, estimate = loop[:STATE_SIZE], loop[STATE_SIZE:].reshape(-1, 4)
         error = outputs[0] - estimate[:, 0]
         rate = self._gains * error[:, np.newaxis]
         rate[:, 3] = np.clip(rate[:, 3], -self._limits, self._limits)
         rate[:, :3] += estimate[:, 1:]
         rate[self._driven] += self.policy.observer_inputs(measurement, estimate[np.newaxis], command)[0]
-        s = State(loop.state)
-        acceleration = accelerations(loop.state, command[0], inputs.disturbance, self.policy.simulation.parameters)
-        parts = [
-            s.velocity,
-            acceleration.position,
-            s.euler_rate,
-            acceleration.euler,
-            s.direction_rate,
-            acceleration.direction,
-        ]
-        return _Loop(np.concatenate(parts), rate)
+        s, a = State(state), accelerations(state, command[0], disturbance, self.policy.simulation.parameters)
+        parts = [s.velocity, a.position, s.euler_rate, a.euler, s.direction_rate, a.direction, rate.ravel()]
+        return np.concatenate(parts)
