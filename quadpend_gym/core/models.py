@@ -107,11 +107,9 @@ class Registry:
 
 
 def to_plain_data(value: Any, otherwise: Callable[[Any], Any]) -> Any:
-    """Return models and settings as data that can be written as JSON and read again.
+    """Return models and settings, nested to any depth, as data that can be written as JSON and read again.
 
-    Args:
-        value: Dataclasses of this project, mappings, sequences, texts and numbers, nested to any depth.
-        otherwise: Converts each object that is none of these, such as a wind model of the user's own class.
+    `otherwise` converts each object of another kind, such as a wind model of the user's own class.
     """
     if isinstance(value, Mapping):
         return {key: to_plain_data(item, otherwise) for key, item in value.items()}

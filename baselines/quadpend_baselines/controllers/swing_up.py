@@ -84,13 +84,7 @@ class SwingUpMemory(NamedTuple):
 
 
 class SwingUp(Controller):
-    """Damping, a planned flight and a balancing controller as a policy with the `predict` protocol.
-
-    Args:
-        gains: Gains of damping and regulator, or a function that returns them for a nominal simulation.
-        simulation: Nominal plant and control period; None: the default simulation.
-        loop: The known delays and lags of the loop, for the balancing controller; None: there are none.
-    """
+    """Damping, a planned flight and a balancing controller as a policy; for its arguments see `OutputFeedback`."""
 
     def __init__(self, gains: Any, simulation: Simulation | None = None, loop: Loop | None = None) -> None:
         self.given_gains, self.simulation = gains, simulation or Simulation()

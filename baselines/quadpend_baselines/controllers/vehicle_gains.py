@@ -81,18 +81,16 @@ def scale_gains(gains: Any, tuned: Parameters, other: Parameters) -> Any:
 
 
 @lru_cache(maxsize=256)
-def gains_for(name: str, simulation: Simulation | None = None) -> Any:
-    """Return the gains of a controller for a nominal simulation.
+def gains_for(name: str, simulation: Simulation) -> Any:
+    """Return the gains of a controller, a key of `GAINS`, for a nominal simulation.
 
-    Args:
-        name: Key of `GAINS`.
-        simulation: Nominal simulation; None: the default one. Simulations without a rigid vehicle have the gains
-            `GAINS`, and those with a negative rod length, see `controllers.hanging`, have `HANGING_GAINS`. Others have
-            `RIGID_GAINS`, scaled from the vehicle for which these were tuned.
+    Simulations without a rigid vehicle have the gains `GAINS`, and those with a negative rod length, see
+    `controllers.hanging`, have `HANGING_GAINS`. Others have `RIGID_GAINS`, scaled from the vehicle for which these were
+    tuned.
     """
-    if simulation is not None and simulation.parameters.rod_length < 0.0:
+    if simulation.parameters.rod_length < 0.0:
         return HANGING_GAINS.get(name, GAINS[name])
-    if simulation is None or not isinstance(plant_of(simulation), RigidPlant):
+    if not isinstance(plant_of(simulation), RigidPlant):
         return GAINS[name]
     tuned = name.removesuffix(UNPREDICTED)
     gains, vehicle = RIGID_GAINS.get(tuned, (GAINS[tuned], None))

@@ -108,17 +108,9 @@ def tangent_from_attitude(euler: Floats) -> Floats:
 def state_and_command(
     trajectory: FlatTrajectory, yaw_reference: Floats, disturbance: Floats, p: Parameters
 ) -> tuple[Floats, Floats]:
-    """Return the state and the command at the start of a trajectory.
+    """Return state and command at the start of a trajectory, in the layouts of `equivalent.EquivalentModel.trajectory`.
 
-    Args:
-        trajectory: Trajectories of n rows.
-        yaw_reference: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3).
-        disturbance: As in `flat_trajectory`.
-        p: The physical parameters.
-
-    Returns:
-        The state, shape (n, 18), with position and velocity relative to the reference, and thrust (N) and torques
-        (N·m), shape (n, 4).
+    The yaw reference has ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3); the disturbance is as in `flat_trajectory`.
     """
     state = np.zeros((len(yaw_reference), STATE_SIZE))
     s = State(state)

@@ -74,14 +74,9 @@ def _body_torques(
 def body_torques(
     state: Floats, acceleration: Floats, thrust: Floats, disturbance: Floats, simulation: Simulation
 ) -> Floats:
-    """Return the torques about the body's axes that make the Euler-angle accelerations, N·m, shape (n, 3).
+    """Return the torques about the axes of a rigid vehicle's body that make Euler-angle accelerations, N·m, (n, 3).
 
-    Args:
-        state: States, shape (n, 18).
-        acceleration: φ̈, θ̈, ψ̈, rad/s², shape (n, 3).
-        thrust: Thrust, N, shape (n,).
-        disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9).
-        simulation: The rigid vehicle; its parameters are the nominal ones.
+    Rows have a state, shape (n, 18), φ̈, θ̈, ψ̈ (rad/s²), shape (n, 3), a thrust (N), and d_Q, d_B (N), d_τ (N·m), (n, 9).
     """
     out = np.empty_like(acceleration)
     parameters = simulation.parameters.as_array()[:, np.newaxis]

@@ -6,13 +6,9 @@ from quadpend_gym.core.arrays import Floats
 
 
 def rotate(rows: Floats, yaw: Floats, *columns: int) -> Floats:
-    """Return a copy of rows in which some horizontal vectors are rotated about the vertical.
+    """Return a copy of rows, shape (n, k), with some horizontal vectors rotated about the vertical by `yaw`, rad, (n,).
 
-    Args:
-        rows: Shape (n, k).
-        yaw: Angles of rotation, rad, shape (n,).
-        columns: Columns of the x components to rotate; the y component of each vector is in the next column. The other
-            columns stay the same.
+    `columns` are those of the x components; the y component of each vector is in the next column.
     """
     cosine, sine = np.cos(yaw), np.sin(yaw)
     out = rows.copy()

@@ -16,14 +16,11 @@ class Policy:
     """Base class of controllers and learned policies, with the `predict` protocol of Stable-Baselines3.
 
     A policy can be passed to SB3's `evaluate_policy`. A class needs `predict` only; everything else has a default.
-
-    Attributes:
-        observation_sizes: Sizes of the observations that the policy accepts; None: any.
-        fingerprint: A text that changes with the behaviour of the policy, for the cache of results; None: they are not
-            cached. A copy by `copy.copy` has none, since its owner may change it.
     """
 
-    observation_sizes: tuple[int, ...] | None = None
+    observation_sizes: tuple[int, ...] | None = None  # sizes of the observations that the policy accepts; None: any
+    # A text that changes with the behaviour of the policy, for the cache of results; None: they are not cached. A copy
+    # by `copy.copy` has none, since its owner may change it.
     fingerprint: str | None = None
 
     def __copy__(self) -> "Policy":
@@ -59,20 +56,12 @@ class Policy:
         return env
 
     def estimated_disturbance(self, memory: Any) -> Floats:
-        """Return the disturbance that the policy estimates, N and N·m, shape (n, 9); nan, (1, 9), if it estimates none.
-
-        Args:
-            memory: The memory that `predict` returned.
-        """
+        """Return the estimated disturbance for a memory of `predict`, N and N·m, (n, 9); without one nan, (1, 9)."""
         return np.full((1, DISTURBANCE_SIZE), np.nan)
 
 
 class PolicyWrapper(Policy):
-    """A policy that changes what another one observes or commands.
-
-    Args:
-        policy: The other policy.
-    """
+    """A policy that changes what another one observes or commands."""
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
@@ -96,10 +85,7 @@ class PolicyWrapper(Policy):
 def episode_start_mask(episode_start: Any, first: bool, rows: int) -> Booleans:
     """Return the mask of the rows whose episode has just begun, shape (rows,).
 
-    Args:
-        episode_start: The argument of `predict`.
-        first: Whether `predict` is called for the first time, without a memory.
-        rows: The number of observations in the batch.
+    `episode_start` is the argument of `predict`; `first` is whether it is called without a memory.
     """
     if first or episode_start is None:
         return np.full(rows, first)

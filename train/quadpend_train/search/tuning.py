@@ -24,6 +24,7 @@ from optuna.distributions import FloatDistribution
 from quadpend_baselines import Policy
 from quadpend_baselines.controllers.hanging import Hanging, mirror_simulation
 from quadpend_baselines.controllers.vehicle_gains import gains_for, replace_gains
+from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Simulation
@@ -93,7 +94,7 @@ class Search:
 
 def search_space(name: str, simulation: Simulation) -> dict[str, dict[str, float]]:
     """Return the ranges for a vehicle, which are in proportion to its gains."""
-    own, paper = gains_for(name, simulation), gains_for(name)
+    own, paper = gains_for(name, simulation), GAINS[name]
     ratios = {path: attrgetter(path)(own) / attrgetter(path)(paper) for path in SEARCH_SPACES[name]}
     return {
         path: {key: value * ratios[path] for key, value in given.items()} for path, given in SEARCH_SPACES[name].items()
