@@ -34,12 +34,10 @@ CONTROLLERS = tuple(CONTROLLER_FACTORIES)
 
 
 def controller(name: str, simulation: Simulation | None = None) -> Controller:
-    """Return the controller with a name.
+    """Return the controller with a name, one of `CONTROLLERS`.
 
-    Args:
-        name: One of `CONTROLLERS`.
-        simulation: Nominal vehicle, interface and control period; None: the default simulation, which has the paper's
-            vehicle. The gains are those of the vehicle, see `controllers.vehicle_gains`.
+    It is designed for the nominal vehicle, interface and control period of `simulation`; None: the default simulation,
+    which has the paper's vehicle. The gains are those of the vehicle, see `controllers.vehicle_gains`.
     """
     if name not in CONTROLLER_FACTORIES:
         raise ValueError(

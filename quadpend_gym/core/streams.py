@@ -101,8 +101,8 @@ class Streams:
     @classmethod
     def from_seeds(cls, seeds: list[int]) -> "Streams":
         """Return one stream for each of the seeds, which are non-negative integers."""
-        states = [np.random.SeedSequence(seed).generate_state(1, np.uint64) for seed in seeds]
-        return cls(np.concatenate(states) if states else np.empty(0, np.uint64))
+        states = [np.random.SeedSequence(seed).generate_state(1, np.uint64)[0] for seed in seeds]
+        return cls(np.array(states, np.uint64))
 
     def derive(self, numbers: int | NDArray[np.int64]) -> "Streams":
         """Return one substream of each stream: the one of this number, or of the numbers of shape (n,)."""
@@ -117,15 +117,9 @@ class Streams:
         return Streams(self.keys[rows])
 
     def uniform(self, index: int | NDArray[np.int64], columns: int) -> NDArray[np.float64]:
-        """Draw numbers uniform in (0, 1).
+        """Draw a block of numbers uniform in (0, 1) from each stream, shape (n, columns).
 
-        Args:
-            index: Number of the block of `columns` numbers in each stream: one integer for all streams, or an array of
-                shape (n,).
-            columns: Size of a block.
-
-        Returns:
-            Shape (n, columns).
+        The number of the block, `index`, is one integer for all streams, or an array of shape (n,).
         """
         out = np.empty((columns, self.keys.shape[0]))
         _fill_uniform(self.keys, self._as_array(index), out)

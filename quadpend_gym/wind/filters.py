@@ -163,7 +163,7 @@ def advance(
         axes: Columns of `out`, shape (k,).
         step: Number k of the step in each sub-environment, shape (n,).
         streams: Random streams of the n sub-environments; their block `step + 1` is used.
-        memory: State x, shape (n, m), columns contiguous, changed in place.
-        out: Array to add to, shape (n, ...), columns contiguous, changed in place.
+        memory: State x, shape (n, m), changed in place; like `out` with contiguous columns.
+        out: Array to add to, shape (n, ...), changed in place.
     """
     _advance(streams.keys, step + 1, system.transition, system.noise_gain, output, axes, memory.T, out.T)

@@ -111,7 +111,7 @@ def costs(
     period: float,
     substeps: int,
 ) -> Floats:
-    """Return J of equation (2) of `mppi` for every sample.
+    """Return J of equation (2) of `mppi` for every sample, shape (n, samples).
 
     Args:
         state: Initial states, position and velocity relative to the reference, shape (n, 18).
@@ -119,8 +119,7 @@ def costs(
         parameters: Physical parameters of the nominal plant, shape (9,).
         reference_state: x_d, shape (H + 1, n, 16).
         reference_command: u_d, N and N·m, shape (H + 1, n, 4).
-        frame_displacement: Motion of the reference frame in each period, subtracted from position (m) and velocity
-            (m/s), shape (H, 2, n, 3).
+        frame_displacement: See `modelling.reference_horizon.Horizon`, shape (H, 2, n, 3).
         samples: δᵏ at the knots, N and N·m, shape (n, knots, 4, samples).
         gain: K, shape (4, 16).
         state_weight: Q, shape (16, 16).
@@ -129,9 +128,6 @@ def costs(
         limits: Lowest and highest command, N and N·m, shape (2, 4).
         period: Period of the horizon, s.
         substeps: Integration steps of a period.
-
-    Returns:
-        Shape (n, samples).
     """
     rows, knots, _, lanes = samples.shape
     steps = frame_displacement.shape[0]

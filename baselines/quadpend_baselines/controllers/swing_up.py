@@ -45,7 +45,7 @@ from quadpend_baselines.modelling.planar import limit_norm, rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32, Integers
-from quadpend_gym.physics.euler_kernel import advance
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import (
     ACTION_SIZE,
     DIRECTION,
@@ -189,17 +189,11 @@ class SwingUp(Controller):
 
 
 class TrackedPlan(NamedTuple):
-    """A planned flight of N control steps and its feedback."""
+    """The planned flight of the package, of N control steps, and its feedback."""
 
     states: Floats  # x_k, relative to the reference, shape (N + 1, 18)
     actions: Floats  # a_k, shape (N, 4)
     gains: Floats  # K_k, shape (N, 4, 18)
-
-
-def read_plan() -> tuple[Floats, Floats]:
-    """Return the states, shape (N + 1, 18), and the actions, shape (N, 4), of the plan of the package."""
-    numbers = np.loadtxt(PLAN_FILE, delimiter=",", skiprows=1)
-    return numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
 
 
 @lru_cache(maxsize=8)
@@ -213,7 +207,8 @@ def tracked_plan(gains: SwingUpGains, simulation: Simulation) -> TrackedPlan:
             "swing-up has a plan for the paper's vehicle with its default parameters and the control period"
             f" {default.period:g} s only"
         )
-    states, actions = read_plan()
+    numbers = np.loadtxt(PLAN_FILE, delimiter=",", skiprows=1)
+    states, actions = numbers[:, :STATE_SIZE], numbers[:-1, STATE_SIZE:]
     A, B = _linearise(states, actions, simulation)
     Q, R = _expand(lqr.weights(gains.regulator, simulation)[0]), gains.regulator.effort**-2.0 * np.eye(ACTION_SIZE)
     P = _expand(lqr.riccati(gains.regulator, simulation)[1])
@@ -233,10 +228,8 @@ def _linearise(states: Floats, actions: Floats, simulation: Simulation) -> tuple
     steps = _STEP * np.concatenate([np.eye(size), -np.eye(size)])
     x = (states[:-1, np.newaxis] + steps[:, :STATE_SIZE]).reshape(-1, STATE_SIZE)
     a = (actions[:, np.newaxis] + steps[:, STATE_SIZE:]).reshape(-1, ACTION_SIZE)
-    scale = simulation.command_scale
-    command = scale * [1.0, 0.0, 0.0, 0.0] + scale * a
-    parameters = np.tile(simulation.parameters.as_array(), (len(x), 1))
-    advance(x, command, np.zeros((len(x), DISTURBANCE_SIZE)), parameters, simulation.period, simulation.substeps)
+    plant, parameters = plant_of(simulation), np.tile(simulation.parameters.as_array(), (len(x), 1))
+    plant.advance_under(plant.command(a), x, np.zeros((len(x), DISTURBANCE_SIZE)), parameters)
     plus, minus = np.split(x.reshape(len(actions), 2 * size, STATE_SIZE), 2, axis=1)
     jacobian = np.swapaxes(plus - minus, 1, 2) / (2.0 * _STEP)
     return jacobian[..., :STATE_SIZE], jacobian[..., STATE_SIZE:]

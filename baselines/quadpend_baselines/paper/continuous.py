@@ -44,14 +44,9 @@ class Trajectory:
         return np.column_stack([bob[:, :2], s.position[:, 2], s.euler[:, 2]])
 
     @property
-    def wanted(self) -> Floats:
-        """The references of F_x, F_y, z (m) and ψ (rad), shape (m, 4)."""
-        return self.reference[:, 0]
-
-    @property
     def error(self) -> Floats:
         """Tracking errors of F_x, F_y, z (m) and ψ (rad), shape (m, 4)."""
-        return np.asarray(self.outputs - self.wanted)
+        return np.asarray(self.outputs - self.reference[:, 0])
 
 
 class ContinuousLoop:

@@ -42,7 +42,7 @@ FIGURES = {
         "Tracking of the flat outputs",
         ("$F_x$ (m)", "$F_y$ (m)", "$z$ (m)", "ψ (rad)"),
         lambda t: t.outputs,
-        lambda t: t.wanted,
+        lambda t: t.reference[:, 0],
         "reference",
         "-.",
     ),
@@ -68,21 +68,17 @@ FIGURES = {
 }
 
 
-def draw(experiment: Experiment, folder: Path) -> list[Path]:
-    """Write all figures into `folder` and return their paths."""
+def draw(experiment: Experiment, folder: Path) -> None:
+    """Write all figures into `folder`."""
     import matplotlib
 
-    folder.mkdir(parents=True, exist_ok=True)
     # Without a date and with fixed ids, the SVG files are reproducible byte by byte.
     with matplotlib.rc_context({"svg.hashsalt": "quadpend", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figures = {name: _panels(experiment, figure) for name, figure in FIGURES.items()}
         figures["figure_10"] = _trajectory_figure(experiment["continuous"])
-        paths = []
         for name, figure in figures.items():
             for ending, options in ((".png", {"dpi": 200}), (".svg", {"metadata": {"Date": None}})):
                 figure.savefig(folder / (name + ending), **options)
-                paths.append(folder / (name + ending))
-    return paths
 
 
 def _panels(experiment: Experiment, drawn: _Figure) -> Any:

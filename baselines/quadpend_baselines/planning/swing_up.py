@@ -69,7 +69,7 @@ def _rest(side: float) -> Floats:
 
 
 def plan_as_csv(states: Floats, actions: Floats) -> str:
-    """Return a plan in the format of `controllers.swing_up.read_plan`, with seven digits."""
+    """Return a plan as the text of `PLAN_FILE`, with seven digits."""
     names = [f"{name}_{axis}" for name in STATE_FIELDS for axis in "xyz"]
     names += [f"action_{i}" for i in range(ACTION_SIZE)]
     rows = np.hstack([states, np.vstack([actions, np.zeros(ACTION_SIZE)])])

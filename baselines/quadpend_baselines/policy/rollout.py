@@ -36,16 +36,13 @@ class RolloutStep(NamedTuple):
 def rollout(
     policy: Policy, env: VectorEnv[Any, Any, Any], seed: int | list[int], options: dict[str, Any] | None = None
 ) -> Iterator[RolloutStep]:
-    """Run the first episode of every sub-environment and yield its steps.
+    """Run the first episode of every sub-environment and yield its steps, until all have ended.
 
     Args:
         policy: Any object with the `predict` method of `Policy`; it is called with ``deterministic=True``.
         env: Vector environment with same-step autoreset.
         seed: Seed of the first sub-environment, whose successors get consecutive seeds; or the seed of each one.
         options: Options of the reset.
-
-    Yields:
-        The steps, until the first episode of every sub-environment has ended.
     """
     observation, _ = env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # Gymnasium also accepts a list
     active, started, memory = np.ones(env.num_envs, np.bool_), np.ones(env.num_envs, np.bool_), None

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose
 
 from experiments.recovery import settling_times
 from quadpend_baselines import controller
-from quadpend_baselines.controllers.swing_up import read_plan
+from quadpend_baselines.controllers.swing_up import tracked_plan
+from quadpend_baselines.gains import GAINS
 from quadpend_baselines.policy.protocol import to_command
 from quadpend_gym import Simulation, State
 from quadpend_gym.physics.euler_kernel import advance
@@ -15,7 +16,7 @@ from quadpend_train.evaluation.episodes import run_episodes
 
 
 def test_the_plan_is_a_flight_of_the_simulation_from_hanging_to_upright() -> None:
-    states, actions = read_plan()
+    states, actions, _ = tracked_plan(GAINS["swing-up"], Simulation())
     simulation = Simulation()
     assert_allclose(State(states[0]).direction, (0.0, 0.0, -1.0), atol=1e-6)
     assert_allclose(State(states[-1]).direction, (0.0, 0.0, 1.0), atol=1e-6)
