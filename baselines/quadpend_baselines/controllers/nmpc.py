@@ -70,7 +70,7 @@ def sqp_step(gains: NmpcGains, simulation: Simulation) -> Any:
     from quadpend_baselines.controllers import nmpc_solver
 
     (Q, R), (_, P) = weights(gains.feedback, simulation), riccati(gains.feedback, simulation)
-    return nmpc_solver.sqp_step(simulation, nmpc_solver.Weights(Q, R, P), gains.periods)
+    return nmpc_solver.sqp_step(simulation, Q, R, P, gains.periods)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ constraints than bounds. DAQP, a dual active-set method that CasADi contains, so
 IEEE Transactions on Automatic Control 2022).
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 
@@ -32,14 +32,6 @@ from quadpend_baselines.modelling.linear_model import (
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_SIZE, DISTURBANCE_SIZE, STATE_FIELDS, STATE_SIZE
-
-
-class Weights(NamedTuple):
-    """Weights of the cost, see `lqr.weights` and `lqr.riccati`."""
-
-    state: Floats  # Q, shape (16, 16)
-    command: Floats  # R, shape (4, 4)
-    terminal: Floats  # P, shape (16, 16)
 
 
 def deviation(state: Any, reference: Any) -> Any:
@@ -71,7 +63,7 @@ def _gauss_newton(state: Any, reference: Any, weight: Floats) -> tuple[Any, Any]
     return jacobian.T @ both @ jacobian, jacobian.T @ both @ residuals
 
 
-def sqp_step(simulation: Simulation, weights: Weights, periods: int) -> Any:
+def sqp_step(simulation: Simulation, Q: Floats, R: Floats, P: Floats, periods: int) -> Any:
     """Return one SQP step (1)–(3) as a CasADi function.
 
     Its arguments are the plan X, shape (18, H + 1), and U, shape (4, H); the estimates x̂, shape (18, 1), and d̂, shape
@@ -81,7 +73,9 @@ def sqp_step(simulation: Simulation, weights: Weights, periods: int) -> Any:
 
     Args:
         simulation: The model, with the period of the horizon.
-        weights: Weights of the cost.
+        Q: Weights of the state, shape (16, 16), see `lqr.weights`.
+        R: Weights of the command, shape (4, 4).
+        P: Weights of the last state, shape (16, 16), see `lqr.riccati`.
         periods: H.
     """
     x, u = ca.SX.sym("x", STATE_SIZE), ca.SX.sym("u", COMMAND_SIZE)
@@ -89,16 +83,16 @@ def sqp_step(simulation: Simulation, weights: Weights, periods: int) -> Any:
     y = period_map(simulation)(x, u, d)
     options = {"cse": True}  # eliminates common subexpressions
     linearised = ca.Function("linearised", [x, u, d], [y, ca.jacobian(y, x), ca.jacobian(y, u)], options)
-    stage = ca.Function("stage", [x, x_d], _gauss_newton(x, x_d, weights.state), options)
-    terminal = ca.Function("terminal", [x, x_d], _gauss_newton(x, x_d, weights.terminal), options)
+    stage = ca.Function("stage", [x, x_d], _gauss_newton(x, x_d, Q), options)
+    terminal = ca.Function("terminal", [x, x_d], _gauss_newton(x, x_d, P), options)
 
     X, U = ca.MX.sym("X", STATE_SIZE, periods + 1), ca.MX.sym("U", COMMAND_SIZE, periods)
     X_d, U_d = ca.MX.sym("X_d", STATE_SIZE, periods + 1), ca.MX.sym("U_d", COMMAND_SIZE, periods)
     estimate, disturbance = ca.MX.sym("estimate", STATE_SIZE), ca.MX.sym("disturbance", DISTURBANCE_SIZE)
     motions, limits = ca.MX.sym("motions", 6, periods), ca.MX.sym("limits", COMMAND_SIZE, 2)
     size = COMMAND_SIZE * periods
-    R = ca.sparsify(ca.DM(weights.command))
-    hessian, gradient = ca.MX(ca.diagcat(*[R] * periods)), ca.vec(R @ (U - U_d))
+    effort = ca.sparsify(ca.DM(R))
+    hessian, gradient = ca.MX(ca.diagcat(*[effort] * periods)), ca.vec(effort @ (U - U_d))
     offsets, responses = [estimate - X[:, 0]], [ca.MX(STATE_SIZE, size)]  # δ_k and Γ_k of equation (2)
     for k in range(periods):
         y, A, B = linearised(X[:, k], U[:, k], disturbance)

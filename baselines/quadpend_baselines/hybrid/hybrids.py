@@ -117,8 +117,7 @@ class Hybrid:
         `BandwidthScheduling` returns zeros, because its base controller acts only after the policy. In other hybrids,
         base controllers with an integral or a plan expect this call in every step.
 
-        Args:
-            memory: Memory that the last call of `observe` returned.
+        `memory` is that which the last call of `observe` returned.
         """
         return memory.base_action, memory
 
