@@ -1,7 +1,6 @@
-"""Objects of the user's own code, named by a text ``"module:factory"``.
+"""Functions and classes of the user's own code, named by a text ``"module:factory"``.
 
-The module is importable from the working directory or from the environment, and the factory is a function or class of
-it. Finding a factory executes the code of its module.
+Finding a factory executes the code of its module, which is in the working directory or installed.
 """
 
 import importlib

@@ -63,11 +63,10 @@ class Registry:
         return kind
 
     def parse(self, value: Any) -> tuple[Any, ...]:
-        """Convert `value` to a tuple of models and keep their order.
+        """Return a tuple of models, in their order.
 
-        Args:
-            value: A model, a mapping with its ``kind``, the name of a preset or kind, a sequence or sum of these, or
-                None for no model.
+        The value is a model, a mapping with its ``kind``, the name of a preset or kind, a sequence or sum of these, or
+        None for no model.
         """
         if value is None:
             return ()

@@ -236,9 +236,6 @@ class Dryden(_Turbulence):
 @WINDS.add
 @settings
 class VonKarman(_Turbulence):
-    """Mean wind with von Kármán turbulence at low altitude, equations (1)–(3), (6) and (7).
-
-    The filters are the usual rational approximations (Ly & Chan, AIAA Paper 80-1615).
-    """
+    """Mean wind with von Kármán turbulence at low altitude, equations (1)–(3), (6) and (7)."""
 
     kind: Literal["von_karman"] = "von_karman"

@@ -71,7 +71,8 @@ class Mppi:
 
     def command(self, estimate: Estimate, measurement: Measurement, memory: MppiMemory) -> tuple[Floats, MppiMemory]:
         """Return the command and the memory of equations (1)–(3); see `output_feedback.ControlLaw`."""
-        horizon = self.reference_horizon(estimate, measurement)
+        period, steps = self.horizon_simulation.period, self.gains.horizon
+        horizon = reference_horizon(estimate, measurement, self.simulation, period, steps)
         samples = memory.perturbation[:, np.newaxis] + self.perturbations[memory.updates % _TABLES]
         samples = np.concatenate([np.zeros_like(samples[:, :1]), samples], axis=1)
         cost = self.costs(estimate, horizon, samples)
@@ -85,16 +86,11 @@ class Mppi:
         error = rotate_state((estimate.state - horizon.state[0])[:, STATE_COLUMNS], -yaw)
         command = horizon.command[0] - error @ gain.T + perturbation[:, 0]
         # The knots move forward by one control step.
-        knot_spacing = self.horizon_simulation.period * self.gains.horizon / (self.gains.knots - 1)
+        knot_spacing = period * steps / (self.gains.knots - 1)
         share = self.simulation.period / knot_spacing
         next_knot = np.concatenate([perturbation[:, 1:], np.zeros_like(perturbation[:, :1])], axis=1)
         command = equivalent_model(self.simulation).body_command(estimate.state, command, estimate.disturbance)
         return command, MppiMemory(perturbation + share * (next_knot - perturbation), memory.updates + 1)
-
-    def reference_horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
-        """Return the reference over the horizon, see `modelling.reference_horizon`."""
-        period = self.horizon_simulation.period
-        return reference_horizon(estimate, measurement, self.simulation, period, self.gains.horizon)
 
     def costs(self, estimate: Estimate, horizon: Horizon, samples: Floats) -> Floats:
         """Return J of equation (2), shape (n, samples), for δᵏ, N and N·m, shape (n, samples, knots, 4)."""

@@ -276,12 +276,7 @@ HYBRIDS: dict[str, type[Hybrid]] = {kind.kind: kind for kind in (EstimateOnly, R
 
 
 def hybrid_from_data(data: Any) -> Hybrid:
-    """Return the hybrid that plain data describe.
-
-    Args:
-        data: A mapping with the key ``kind``, one of `HYBRIDS`, and the arguments of that class, for example
-            ``{"kind": "residual_action", "base_controller": "flatness", "action_scale": 0.3}``.
-    """
+    """Return the hybrid that plain data describe, such as ``{"kind": "estimate_only", "base_controller": "lqr"}``."""
     kind = HYBRIDS.get(str(data.get("kind"))) if isinstance(data, Mapping) else None
     if kind is None or not isinstance(data.get("base_controller"), str):
         raise ValueError(

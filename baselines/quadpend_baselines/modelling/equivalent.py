@@ -106,10 +106,7 @@ class EquivalentModel:
     def body_command(self, state: Floats, command: Floats, disturbance: Floats) -> Floats:
         """Return a command with torques about the body's axes for one with torques for the Euler angles, shape (n, 4).
 
-        Args:
-            state: States, shape (n, 18).
-            command: Thrust (N) and torques that accelerate the Euler angles η, I η̈ = τ + d_τ, shape (n, 4).
-            disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9).
+        The latter has thrust (N) and torques that accelerate the Euler angles η in the disturbance, I η̈ = τ + d_τ.
         """
         return command
 
@@ -136,9 +133,7 @@ class EquivalentModel:
     def euler_accelerations(self, state: Floats, acceleration: Floats) -> Floats:
         """Return the accelerations of the Euler angles that make those of tilt and yaw, rad/s², shape (n, 3).
 
-        Args:
-            state: States, shape (n, 18).
-            acceleration: ẗ in the axes of the heading, as accelerations of φ and θ near hover, and ψ̈, shape (n, 3).
+        The latter are ẗ in the axes of the heading, as accelerations of φ and θ near hover, and ψ̈.
         """
         return acceleration
 

@@ -14,9 +14,8 @@ from quadpend_gym.scenarios import Scenario
 class RotorAllocation(PolicyWrapper):
     """Wrap a policy for an environment whose actions are the thrusts of four rotors.
 
-    The inverse of the rotors' mixing matrix converts thrust and torques into rotor thrusts. Each rotor thrust is
-    clipped to its range. If a rotor saturates, thrust and torques differ from those that the policy commands, and
-    the policy is not informed of the difference.
+    The inverse of the rotors' mixing matrix converts thrust and torques into rotor thrusts. Each is clipped to its
+    range; the policy is not informed that thrust and torques then differ from those that it commands.
 
     Args:
         policy: A policy whose actions are thrust and torques.
