@@ -44,6 +44,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import torch
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
@@ -52,21 +53,23 @@ from torch import Tensor
 
 from quadpend_baselines.controllers.output_feedback import OutputFeedback
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
+from quadpend_gym import engines
+from quadpend_gym.core.arrays import Booleans, Floats
+from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, STATE_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.tasks.observation import REFERENCE_START
 from quadpend_gym.wind import WIND_SIZE
-from quadpend_train.differentiable.dynamics import Motion, as_motion, as_physics, as_state, tensor
-from quadpend_train.differentiable.observation import (
-    limit_row,
-    margins,
-    observe_state,
-    reference_derivatives,
-    tracking_errors,
-)
-from quadpend_train.differentiable.plant import Plant, check_covered
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.training.environment import hybrid_wrappers
+from quadpend_train.training.flight import (
+    POINT_SIZE,
+    Flights,
+    Kind,
+    Step,
+    check_covered,
+    control_step,
+    reference_points,
+)
 from quadpend_train.training.settings import ApgSettings, TrainSettings
 
 # Settings that APG does not use
@@ -92,20 +95,17 @@ class APG(OnPolicyAlgorithm):
         unused |= {"use_sde": False, "sde_sample_freq": -1}
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
-        self._plant = Plant(scenarios, self.n_envs)
-        tasks = [scenario.task for scenario in scenarios]
-        limits = torch.tensor([limit_row(task.limits) for task in tasks])
-        self._limits = limits.repeat_interleave(self.n_envs // len(scenarios), dim=0)
-        self._memory = self._plant.initial_memory()
+        self._scenarios, self._flights = scenarios, Flights(scenarios, self.n_envs, apg)
+        self._flight = self._flights.initial(np.zeros((self.n_envs, STATE_SIZE)))
         loops = [
             item.hybrid.controller.predicted_loop if isinstance(item.hybrid.controller, OutputFeedback) else Loop()
             for item in hybrid_wrappers(env.env)
             for _ in worlds(item)
         ]
-        size, memory_size = self.observation_space.shape[0], self._plant.memory_size  # type: ignore[index]
+        size = self.observation_space.shape[0]  # type: ignore[index]
         self._sensitivity = torch.stack(
             [
-                _sensitivity(*pair, size, memory_size)
+                _sensitivity(*pair, size, self._flights.size)
                 for pair in zip(scenarios, loops or [Loop()] * len(scenarios), strict=True)
             ]
         )
@@ -116,20 +116,17 @@ class APG(OnPolicyAlgorithm):
         callback.on_rollout_start()
         self._restart_rows(env)
         everything = worlds(env.env)
-        started = torch.as_tensor(np.asarray(self._last_episode_starts))[:, None]
-        memory = torch.where(started, torch.zeros_like(self._memory), self._memory.detach())
-        state = _gather(everything, "state")
+        flight = torch.as_tensor(self._after_step(everything, self._flight, np.asarray(self._last_episode_starts)))
         last, self._falls = torch.zeros(env.num_envs, ACTION_SIZE), 0
-        squares, cost = torch.zeros(env.num_envs), torch.zeros(())
+        costs = torch.zeros(env.num_envs, 2, dtype=torch.float64)
         for _ in range(self.apg.window):
-            physics, wind = as_physics(_gather(everything, "parameters")), _gather(everything, "wind")
-            time = self._plant.simulation.period * (1.0 + _gather(everything, "clock"))
-            target = reference_derivatives(_gather(everything, "reference"), time)
-            action = self._mean_action(torch.cat([state, memory, last], dim=1))
+            action = self._mean_action(torch.cat([flight, last], dim=1))
             last = action.clamp(-1.0, 1.0)
-            after, memory = self._plant.step(as_motion(state), last, wind, physics, memory)
-            squared, further = self._step_cost(after, action, target, physics.rod_length)
-            squares, cost = squares + squared, cost + further
+            time = everything[0].simulation.period * (1.0 + _gather(everything, "clock"))
+            point = reference_points(self._scenarios, _gather(everything, "reference"), time)
+            wind, parameters = _gather(everything, "wind"), _gather(everything, "parameters")
+            others = action.detach().numpy().astype(np.float64), wind, parameters, point, self._flights.weights
+            after, step_costs = self._flights.step(flight.detach().numpy(), *others)
             self._last_obs, rewards, ended, infos = env.step(last.detach().numpy())
             self._last_episode_starts = ended
             self.num_timesteps += env.num_envs
@@ -139,17 +136,25 @@ class APG(OnPolicyAlgorithm):
             if ended.any():
                 self._update_info_buffer(infos, ended)
                 self._falls += sum(not infos[row]["TimeLimit.truncated"] for row in np.flatnonzero(ended))
-            flying = torch.as_tensor(~ended, dtype=state.dtype)[:, None]
-            predicted = as_state(after)
-            state = _gather(everything, "state") + flying * (predicted - predicted.detach())
-            memory, last = flying * memory, flying * last
-            if state.requires_grad:
-                state.register_hook(self._limit_gradient)  # type: ignore[no-untyped-call]
+                last = last * torch.as_tensor(~ended)[:, None]
+            after = self._after_step(everything, after, ended)
+            arguments = flight, action, self._flights, others, after, step_costs, ended
+            flight, added = Step.apply(*arguments)  # type: ignore[no-untyped-call]
+            costs = costs + added
+        squares, further = costs.unbind(dim=1)
         rmse = torch.sqrt(squares.view(len(self._sensitivity), -1).mean(dim=1) / self.apg.window + 1e-6)
-        self._cost = self.apg.rmse * rmse.mean() + cost / (self.apg.window * env.num_envs)
-        self._memory = memory.detach()
+        self._cost = self.apg.rmse * rmse.mean() + further.sum() / (self.apg.window * env.num_envs)
+        self._flight = flight.detach().numpy()
         callback.on_rollout_end()
         return True
+
+    def _after_step(self, everything: Sequence[Any], flight: Floats, begun: Booleans) -> Floats:
+        """Return flights with the states of the environment, and new ones in rows whose episode has begun."""
+        state, after = _gather(everything, "state"), flight.copy()
+        after[:, :STATE_SIZE] = state
+        if begun.any():
+            after[begun] = self._flights.initial(state)[begun]
+        return after
 
     def train(self) -> None:
         """Take a step of Adam along the gradient of the cost of the last window."""
@@ -177,32 +182,13 @@ class APG(OnPolicyAlgorithm):
             self._last_episode_starts = np.asarray(self._last_episode_starts) | rows
 
     def _mean_action(self, inputs: Tensor) -> Tensor:
-        """Return π(o), with the derivative of equation (1); `inputs` is z, shape (n, 18 + k + 4)."""
-        difference = (inputs - inputs.detach()).view(len(self._sensitivity), -1, inputs.shape[1])
+        """Return π(o), with the derivative of equation (1); `inputs` is z, shape (n, k + 4)."""
+        difference = (inputs - inputs.detach()).float().view(len(self._sensitivity), -1, inputs.shape[1])
         observed = torch.as_tensor(self._last_obs) + (difference @ self._sensitivity).flatten(0, 1)
-        distribution: Any = self.policy.get_distribution(observed).distribution
-        mean: Tensor = distribution.mean
+        policy: Any = self.policy
+        features = policy.extract_features(observed, policy.pi_features_extractor)
+        mean: Tensor = policy.action_net(policy.mlp_extractor.forward_actor(features))
         return mean
-
-    def _step_cost(self, motion: Motion, action: Tensor, target: Tensor, rod_length: Tensor) -> tuple[Tensor, Tensor]:
-        """Return |e|² of each row, shape (n,), and the sum over the rows of equation (5)."""
-        w, tracking = self.apg, tracking_errors(motion, rod_length, target)
-        squared = (tracking.error**2).sum(dim=1)
-        cost = w.error * torch.sqrt(squared + 1e-8)
-        cost = cost + w.yaw * tracking.yaw_error[:, 0] ** 2
-        cost = cost + w.effort * (action**2).sum(dim=1) + w.rate * (motion.euler_rate**2).sum(dim=1)
-        excess = torch.relu(action.abs() - 1.0)
-        near = margins(motion, tracking, self._limits)
-        lean = torch.relu(0.6 - torch.cat(near, dim=1))
-        total: Tensor = (cost + w.lean * (lean**2).sum(dim=1) + (excess**2).sum(dim=1)).sum()
-        return squared, total
-
-    def _limit_gradient(self, gradient: Tensor) -> Tensor:
-        """Limit the norm of the gradient of each row, which grows without bound while a row falls."""
-        norm = torch.linalg.vector_norm(gradient, dim=1, keepdim=True)
-        limit = self.apg.max_state_gradient / (self.apg.window * len(gradient))
-        limited: Tensor = gradient * (limit / (norm + 1e-12)).clamp(max=1.0)
-        return limited
 
     def save(self, path: Any, *_: Any, **__: Any) -> None:
         """Write everything that training changes to an npz archive, which executes no code when it is loaded."""
@@ -254,34 +240,37 @@ def check_apg(settings: TrainSettings) -> None:
             )
 
 
-def _sensitivity(scenario: Scenario, loop: Loop, size: int, memory_size: int) -> Tensor:
-    """Return ∂o/∂z of equation (1) at hover, transposed, shape (18 + k + 4, m).
+def _sensitivity(scenario: Scenario, loop: Loop, size: int, flight_size: int) -> Tensor:
+    """Return ∂o/∂z of equation (1) at hover, transposed, shape (k + 4, m).
 
     Args:
         scenario: The scenario.
         loop: The delays and lags through which the observer predicts.
         size: Size m of the observation.
-        memory_size: k, at least that of the scenario's actuators.
+        flight_size: k, at least that of the scenario's flights.
     """
-    s, plant, calm = scenario.simulation, Plant([scenario], 1), torch.zeros(1, WIND_SIZE)
-    physics = as_physics(tensor(s.parameters.as_array())[None])
-    substep, left = s.period / s.substeps, loop.delay * s.substeps + round(loop.lag * s.substeps / s.period)
-    parts = [min(s.substeps, left - begun) for begun in range(0, left, s.substeps)]  # substeps of each period
+    s, kind = scenario.simulation, Kind.of(scenario)
+    left = loop.delay * s.substeps + round(loop.lag * s.substeps / s.period)
+    hover = np.zeros((1, STATE_SIZE))
+    hover[0, DIRECTION + 2] = 1.0
+    begin, parameters = kind.initial(hover)[0], s.parameters.as_array()
+    flight, action = ca.SX.sym("flight", begin.size), ca.SX.sym("action", ACTION_SIZE)
+    after = flight
+    for begun in range(0, left, s.substeps):
+        substeps = min(s.substeps, left - begun)
+        part = s if s.latency else replace(s, period=substeps * s.period / s.substeps, substeps=substeps)
+        after = control_step(kind._replace(simulation=part))(after, action, np.zeros(WIND_SIZE), parameters)
+    observed, _ = engines.observation_function()(after[:STATE_SIZE], parameters, np.zeros(POINT_SIZE))
+    jacobian = ca.Function(
+        "s", [flight, action], [ca.jacobian(observed[:REFERENCE_START], x) for x in (flight, action)]
+    )
+    by_flight, by_action = jacobian(begin, np.zeros(ACTION_SIZE))
+    out = np.zeros((flight_size + ACTION_SIZE, size))
+    out[: begin.size, :REFERENCE_START] = np.array(by_flight).T
+    out[flight_size:, :REFERENCE_START] = np.array(by_action).T
+    return torch.as_tensor(out, dtype=torch.float32)
 
-    def observed(inputs: Tensor) -> Tensor:
-        state, memory, action = torch.split(inputs[None], [STATE_SIZE, memory_size, ACTION_SIZE], dim=1)
-        motion, memory = as_motion(state), memory[:, : plant.memory_size]
-        for part in parts:
-            plant.simulation = replace(s, period=part * substep, substeps=part)
-            motion, memory = plant.step(motion, action, calm, physics, memory)
-        return observe_state(motion, tracking_errors(motion, physics.rod_length, torch.zeros(1, 2, 4)))[0]
 
-    hover = as_state(as_motion(torch.zeros(1, STATE_SIZE))._replace(direction=torch.tensor([[0.0, 0.0, 1.0]])))
-    inputs = torch.nn.functional.pad(hover[0], (0, memory_size + ACTION_SIZE))
-    jacobian: Tensor = torch.func.jacrev(observed)(inputs)
-    return torch.nn.functional.pad(jacobian.T, (0, size - REFERENCE_START))
-
-
-def _gather(everything: Sequence[Any], name: str) -> Tensor:
+def _gather(everything: Sequence[Any], name: str) -> Floats:
     """Return an attribute of all worlds, one below the other."""
-    return tensor(np.concatenate([getattr(world, name) for world in everything]))
+    return np.concatenate([getattr(world, name) for world in everything])

@@ -1,1 +1,0 @@
-"""The simulation of the paper's vehicle in PyTorch, with gradients."""
