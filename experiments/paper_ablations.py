@@ -17,12 +17,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from quadpend_baselines.controllers.adrc import ADRC
-from quadpend_baselines.estimation.chains import AdrcMeasurement
+from quadpend_baselines.controllers.adrc import ADRC, AdrcMemory
 from quadpend_baselines.estimation.observers import LUENBERGER_INPUT, chain, current_gain, input_gain
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains, ObserverGains
 from quadpend_baselines.policy.rollout import rollout
-from quadpend_gym import Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Simulation, Sinusoid
+from quadpend_gym import Constant, OrnsteinUhlenbeck, QuadPendulumVectorEnv, Simulation, Sinusoid, read_observation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import COMMAND_TORQUE
 from quadpend_gym.sensors import Noise
@@ -47,10 +46,12 @@ COLUMNS = {
 class PrintedADRC(ADRC):
     """ADRC with the laws (51) and (52) as printed, valid at ψ = 0: the signs of v in τθ and of τφ are wrong."""
 
-    def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
+    def command(self, memory: AdrcMemory) -> Floats:
         """Return thrust and torques, shape (n, 4)."""
-        command, p = super().command(measurement, estimate), self.simulation.parameters
-        feedforward = p.inertia_pitch / p.gravity * self.fourth_derivative(measurement)[:, 0]
+        command, p = super().command(memory), self.simulation.parameters
+        pendulum = read_observation(memory.observed, "direction")[:, 0]
+        pitch = read_observation(memory.observed, "attitude")[:, 1]
+        feedforward = p.inertia_pitch * p.chain_stiffness * (pendulum - pitch)
         command[:, COMMAND_TORQUE + 1] = 2.0 * feedforward - command[:, COMMAND_TORQUE + 1]
         command[:, COMMAND_TORQUE] *= -1.0
         return command

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from quadpend_baselines.estimation.estimator import measurement_from_observation
-from quadpend_baselines.modelling import flat_outputs
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import STATE_COLUMNS, linearise, rotate_state
 from quadpend_baselines.modelling.planar import rotate
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
@@ -34,10 +34,8 @@ class MyController:
         started = episode_start_mask(episode_start, state is None, rows)[:, np.newaxis]
         integral = np.where(started, 0.0, np.zeros((rows, 3)) if state is None else state)  # m·s, world frame
         calm = np.zeros((rows, 9))  # the feed-forward knows the reference, but not the wind
-        path = flat_outputs.flat_trajectory(measured.reference, calm, self.simulation.parameters)
-        desired, command = flat_outputs.state_and_command(
-            path, measured.yaw_reference, calm, self.simulation.parameters
-        )
+        model = equivalent_model(self.simulation)
+        desired, command = model.trajectory(measured.reference, measured.yaw_reference, calm)
         error = rotate_state((measured.state - desired)[:, STATE_COLUMNS], -yaw)
         command = command - np.hstack([error, rotate(integral, -yaw, 0)]) @ self.gain.T
         tracking = measured.state[:, :3] + self.rod * measured.state[:, 12:15] * [1.0, 1.0, 0.0]

@@ -2,7 +2,7 @@
 
 LLVM copies `inlined` functions into their callers (``alwaysinline``); without this it cannot vectorise a loop over
 sub-environments. The machine code of `compiled` functions is cached on disk. The cache becomes invalid if the file of
-the function or a source file of this package changes. Files of the viewer are ignored, since they contain no compiled
+the function, of its package or of this package changes. Files of the viewer are ignored, since they contain no compiled
 code.
 
 Numba writes the cache beside the sources, or else to the user's cache folder, or to ``NUMBA_CACHE_DIR``. If it can
@@ -13,6 +13,7 @@ write to none of them, there is a warning, and every process compiles the functi
 scalar and vectorised loops differently. With ``error_model="numpy"`` a division by zero gives inf, without a branch.
 """
 
+import functools
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -26,9 +27,22 @@ def _stamp(file: Path) -> tuple[str, int, int]:
     return file.name, file.stat().st_mtime_ns, file.stat().st_size
 
 
-_SOURCE_STAMP = tuple(
-    _stamp(file) for file in sorted(Path(__file__).parents[1].rglob("*.py")) if file.parent.name != "viewer"
-)
+@functools.cache
+def _source_stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return the stamp of the sources in a folder, and of those of this package."""
+    folders = {Path(__file__).parents[1], folder}
+    files = sorted(file for top in folders for file in top.rglob("*.py") if file.parent.name != "viewer")
+    return tuple(_stamp(file) for file in files)
+
+
+def _package_of(file: Path) -> Path:
+    """Return the folder of the top package that a file belongs to, or the file's own folder."""
+    folder = file.parent
+    while (folder.parent / "__init__.py").exists():
+        folder = folder.parent
+    return folder
+
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
@@ -45,8 +59,8 @@ def compiled(function: Function) -> Function:
         return cast(Function, dispatcher)
     # Numba checks only the file of `function`, not the files of the functions inlined into it, and has no public option
     # for more files. This therefore replaces the private stamp that numba compares with its cache.
-    stamp = (*_SOURCE_STAMP, _stamp(Path(function.__code__.co_filename)))
-    dispatcher._cache._cache_file._source_stamp = stamp
+    file = Path(function.__code__.co_filename)
+    dispatcher._cache._cache_file._source_stamp = (*_source_stamp(_package_of(file)), _stamp(file))
     return cast(Function, dispatcher)
 
 

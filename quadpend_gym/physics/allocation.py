@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.core.jit import compiled
+from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.physics.rigid_kernel import BODY_RATE, ROTOR_THRUST, command_rotors
 from quadpend_gym.physics.rigid_settings import make_rigid_settings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.rotors import BODY_RATES, ROTOR_THRUSTS, allocate, clip4, thrusts_after
@@ -40,6 +40,12 @@ _LAGS = 1.0  # H in units of L
 
 
 @lru_cache(maxsize=64)
+def _design(simulation: Simulation) -> tuple[Floats, Floats, Floats]:
+    """Return packed settings, thrust and torques at hover, and the factors of `_response`."""
+    hover = hover_wrench(simulation.parameters, simulation.vehicle.pivot)
+    return pack_rigid(simulation), hover, np.array(_response(simulation))
+
+
 def _response(simulation: Simulation) -> tuple[float, float, float]:
     """Return the factor of w_d − w in equation (1), and 1/a (1/s) and b of equation (2)."""
     rotors = simulation.vehicle.rotors
@@ -60,9 +66,14 @@ def _response(simulation: Simulation) -> tuple[float, float, float]:
     return 1.0 / share, 1.0 / effects[0], effects[1]
 
 
+@inlined
+def _limited(action: float) -> float:
+    return min(max(action, -1.0), 1.0)
+
+
 @compiled
 def _rigid_actions(
-    command: Floats, rigid: Floats, packed: Floats, hover: Floats, response: Floats, out: Floats, reached: Floats
+    command: Floats, rigid: Floats, packed: Floats, hover: Floats, response: Floats, out: Floats32, reached: Floats
 ) -> None:
     settings = unpack_rigid(packed)
     rotors, scales, inertia = settings.rotors, settings.command_scale, settings.loop.inertia
@@ -83,35 +94,34 @@ def _rigid_actions(
         )
         store_four(reached.T, 0, row, demanded)
         for i in range(4):
-            out[row, i] = (wrench[i] - hover[i]) / scales[i]
+            out[row, i] = _limited((wrench[i] - hover[i]) / scales[i])
         if settings.interface == BODY_RATES:
             rate = load(rigid.T, BODY_RATE, row)
             passive = add(settings.trim, cross(rate, apply(inertia, rate)))
             wanted = apply(per_inertia, axpy(-1.0, passive, Vec3(demanded.b, demanded.c, demanded.d)))
             present = apply(per_inertia, axpy(-1.0, passive, Vec3(now.b, now.c, now.d)))
             rates = axpy(response[1], axpy(-response[2], present, wanted), rate)
-            out[row, 1], out[row, 2], out[row, 3] = rates.x / scales.b, rates.y / scales.c, rates.z / scales.d
+            for i in range(3):
+                out[row, 1 + i] = _limited(rates[i] / scales[1 + i])
         elif settings.interface == ROTOR_THRUSTS:
             wanted_thrusts = allocate(wrench, rotors)
             for i in range(4):
                 low, middle, high = rotors.lowest[i], rotors.hover[i], rotors.highest[i]
                 change = wanted_thrusts[i] - middle
-                out[row, i] = change / (high - middle if change > 0.0 else middle - low)
+                out[row, i] = _limited(change / (high - middle if change > 0.0 else middle - low))
 
 
-def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tuple[Floats, Floats]:
-    """Return the actions, not limited, for demanded thrusts (N) and torques (N·m), and what the rotors can reach.
+def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
+    """Return the actions for demanded thrusts (N) and torques (N·m), and what the rotors can reach.
 
     Args:
         command: Thrust and torques about the body's axes, including those of hover, shape (n, 4).
         rigid: Quaternion, body rate and rotor thrusts, shape (n, 11), see `quadpend_gym.physics.rigid_kernel`.
         simulation: A rigid vehicle with its interface.
     """
-    out, reached = np.empty_like(command), np.empty_like(command)
-    response = np.array(_response(simulation))
+    out, reached = np.empty(command.shape, np.float32), np.empty(command.shape)
     wanted, start = np.ascontiguousarray(command), np.ascontiguousarray(rigid)
-    hover = hover_wrench(simulation.parameters, simulation.vehicle.pivot)
-    _rigid_actions(wanted, start, pack_rigid(simulation), hover, response, out, reached)
+    _rigid_actions(wanted, start, *_design(simulation), out, reached)
     return out, reached
 
 

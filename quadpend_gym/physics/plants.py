@@ -11,6 +11,7 @@ import numpy as np
 from typing_extensions import override
 
 from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.allocation import mean_wrench, rigid_actions
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, advance_rigid, rigid_from_state
@@ -19,6 +20,15 @@ from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, THRUST
 from quadpend_gym.vehicles import Simulation
 
 _HOVER = np.eye(COMMAND_SIZE)[THRUST]
+
+
+@compiled
+def _actions(command: Floats, scale: Floats, action: Floats32, attained: Floats) -> None:
+    for row in range(command.shape[0]):
+        for i in range(COMMAND_SIZE):
+            hover = scale[i] * _HOVER[i]
+            action[row, i] = min(max((command[row, i] - hover) / scale[i], -1.0), 1.0)
+            attained[row, i] = hover + scale[i] * action[row, i]
 
 
 class EulerPlant:
@@ -35,7 +45,7 @@ class EulerPlant:
     torque_in_world = False
 
     def __init__(self, simulation: Simulation) -> None:
-        self.simulation = simulation
+        self.simulation, self._scale = simulation, simulation.command_scale
 
     def initial_memory(self, state: Floats) -> Floats:
         """Return the memory of vehicles at hover thrust with states of shape (n, 18), shape (n, k)."""
@@ -60,9 +70,9 @@ class EulerPlant:
             Actions clipped to [−1, 1], shape (n, 4), and their thrust and torques, shape (n, 4); for rigid vehicles
             those within the limits of the rotors, without their lag.
         """
-        scale = self.simulation.command_scale
-        action = np.clip((command - scale * _HOVER) / scale, -1.0, 1.0).astype(np.float32)
-        return action, self.command(action)
+        action, attained = np.empty(command.shape, np.float32), np.empty(command.shape)
+        _actions(command, self._scale, action, attained)
+        return action, attained
 
     def advance(
         self,
@@ -109,8 +119,7 @@ class RigidPlant(EulerPlant):
     @override
     def actions_for(self, command: Floats, memory: Floats | None = None) -> tuple[Floats32, Floats]:
         start = self._hovering(len(command)) if memory is None else memory
-        unlimited, reached = rigid_actions(command, start, self.simulation)
-        return np.clip(unlimited, -1.0, 1.0).astype(np.float32), reached
+        return rigid_actions(command, start, self.simulation)
 
     @override
     def advance(

@@ -14,7 +14,7 @@ from quadpend_baselines.controllers.output_feedback import ControlLaw
 from quadpend_baselines.estimation.estimator import Estimate, Measurement
 from quadpend_baselines.gains import GAINS
 from quadpend_baselines.hybrid import Hybrid
-from quadpend_baselines.modelling import flat_outputs
+from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.policy.protocol import episode_start_mask, to_action
 from quadpend_baselines.registry import CONTROLLER_FACTORIES
 from quadpend_gym import Parameters, QuadPendulumVectorEnv, Reference, Simulation
@@ -73,8 +73,7 @@ def flat_state_and_command(
 ) -> tuple[Floats, Floats]:
     """Return the state in the world frame, shape (1, 18), and the command, shape (1, 4), that follow a reference."""
     d, disturbance = reference.derivatives(np.array([time])), np.atleast_2d(disturbance)
-    trajectory = flat_outputs.flat_trajectory(d[:, 2:, :3], disturbance, p)
-    state, command = flat_outputs.state_and_command(trajectory, d[:, :3, 3], disturbance, p)
+    state, command = equivalent_model(simulation_of(p)).trajectory(d[:, 2:, :3], d[:, :3, 3], disturbance)
     State(state).position[:] += d[:, 0, :3]
     State(state).velocity[:] += d[:, 1, :3]
     return state, command
@@ -91,10 +90,8 @@ def measurement_of(state: Floats, reference: Reference = HOVER, time: float = 0.
 
 def true_estimate(measurement: Measurement, disturbance: Floats = CALM) -> Estimate:
     """Return the estimate without error."""
-    rows = len(measurement.state)
-    disturbances = np.array(np.broadcast_to(disturbance, (rows, CALM.size)), order="C")
-    age, none = np.zeros(rows, np.int64), np.empty((rows, 0))
-    return Estimate(measurement.state, disturbances, measurement.reference, age, none, none, np.ones(rows))
+    disturbances = np.broadcast_to(disturbance, (len(measurement.state), CALM.size))
+    return Estimate.of(measurement.state, disturbances, measurement.reference)
 
 
 def run_law(law: Any, state: Floats, memory: Any = None, wind: Floats = CALM, reference: Reference = HOVER) -> Any:

@@ -38,72 +38,476 @@ the chains of the state do (`estimation.chains`). Equations (3) to (5) then give
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_baselines.controllers.controller import Controller
-from quadpend_baselines.estimation import estimator
 from quadpend_baselines.estimation.chains import (
-    CHAINS,
     DISTURBANCE,
     FORCE,
     HEIGHT,
     HORIZONTAL,
     LUENBERGER,
+    NEXT,
+    OBSERVERS_SIZE,
     RATE,
     VALUE,
     YAW,
     AdrcMeasurement,
     chains_of_state,
-    equivalent_measurement,
-    make_measurement,
+    euler_accelerations,
     measurement_of_state,
+    read_measurement,
     state_from_chains,
+    tilt_rate_of,
 )
+from quadpend_baselines.estimation.estimator import measurement_from_observation
 from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, ObserverBank
-from quadpend_baselines.estimation.prediction import Estimate, Measurement, Prediction
+from quadpend_baselines.estimation.observers import ESO_INPUT, LUENBERGER_INPUT, design_observers, update_observers
+from quadpend_baselines.estimation.prediction import (
+    AGE,
+    BUFFER_SIZE,
+    LOOP,
+    MASS_RATIO,
+    REFERENCE,
+    RIGID_PART,
+    Part,
+    Prediction,
+    advance,
+    carry_forward,
+    load_action,
+    store_attitude,
+    unpack_plant,
+)
+from quadpend_baselines.estimation.prediction import DISTURBANCE as PLANT_DISTURBANCE
 from quadpend_baselines.gains import ADRC_GAINS, AdrcGains
-from quadpend_baselines.modelling.equivalent import equivalent_model
-from quadpend_baselines.modelling.planar import rotate
-from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action, to_command
-from quadpend_gym import Parameters, Simulation, read_observation
+from quadpend_baselines.modelling.equivalent import (
+    Pendulum,
+    body_command,
+    chain_stiffness,
+    equivalent_model,
+    sigma_of,
+    unpack_pendulum,
+)
+from quadpend_baselines.modelling.quantities import (
+    Forces,
+    Vec2,
+    VehicleState,
+    calm,
+    load_derivatives,
+    load_state,
+    store_forces,
+    store_reference,
+    store_state,
+    turn,
+)
+from quadpend_baselines.policy.protocol import episode_start_mask, to_action, to_command
+from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Booleans, Floats, Floats32
-from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, Disturbance, State
+from quadpend_gym.core.elementary import sincos
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, ROTOR_THRUST
+from quadpend_gym.physics.rigid_settings import unpack_rigid
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE
+from quadpend_gym.physics.vectors import Four, Vec3, dot, load, load_four, store_four
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_SIZE,
+    OUTPUT_FEEDBACK_COLUMNS,
+    OUTPUT_FEEDBACK_SIZE,
+)
 
 GainsOrFunction = AdrcGains | Callable[[Simulation], AdrcGains]
 _MAX_ESTIMATE = 1e15  # an observer whose states exceed it starts again
 _MAX_RATE = 100.0  # rad/s, limit of estimated rates
 _MAX_STATE = 1e3  # a predicted state beyond it is not used
 _MIN_THRUST_GAIN = 0.1  # lower bound of g_z, as a share of 1/(M + m_c)
+# First fields of the memory: states of the observers, command, action and observation without rates; then the parts for
+# rigid vehicles and loops with known delays or lags, see `AdrcMemory`.
+_COMMAND, _ACTION, _OBSERVED = OBSERVERS_SIZE, OBSERVERS_SIZE + 4, OBSERVERS_SIZE + 8
+_PLANT = _OBSERVED + OUTPUT_FEEDBACK_SIZE
 
 
 class AdrcMemory(NamedTuple):
-    """Memory of ADRC for n rows."""
+    """Memory of ADRC for n rows: a flat vector for each row.
 
-    estimate: Floats  # states of the observers, shape (n, 6, 4), with those of the force (n, 8, 4)
-    # Thrust (N) and torques (N·m) that act after the latest measured state, after saturation, shape (n, 4). Those of a
-    # plant with `plant` are the mean ones that the nominal model predicts.
-    command: Floats
-    measurement: AdrcMeasurement | None  # the latest measurement; None in the memory of the continuous-time simulation
-    action: Floats32 | tuple[()] = ()  # the action, shape (n, 4); empty in the memory of the continuous-time simulation
-    # The latest measured state, for a rigid vehicle or a loop with known delays or lags; otherwise empty
-    plant: Estimate | tuple[()] = ()
-    following: Estimate | tuple[()] = ()  # the plant one control period later, predicted; empty without `plant`
+    For rigid vehicles, and in a loop with known delays or lags, two estimates follow (`estimation.prediction`): the
+    latest measured state, and this one a control period later, predicted.
+    """
+
+    array: Floats  # shape (n, k)
+
+    @property
+    def command(self) -> Floats:
+        """Thrust (N) and torques (N·m) that act after the latest measurement, after saturation, shape (n, 4).
+
+        With the estimates of `AdrcMemory`, they are the mean ones that the nominal model predicts.
+        """
+        return self.array[:, _COMMAND:_ACTION]
+
+    @property
+    def observed(self) -> Floats:
+        """The latest observation without rates, shape (n, 27)."""
+        return self.array[:, _OBSERVED:_PLANT]
 
 
-def _measure(observation: Floats32) -> AdrcMeasurement:
-    """Return the measurement of observations, shape (n, 36) or (n, 27)."""
-    return make_measurement(
-        read_observation(observation, "tracking_error"),
-        read_observation(observation, "direction"),
-        read_observation(observation, "attitude"),
-        read_observation(observation, "yaw_reference"),
-        np.stack([read_observation(observation, f"reference_{order}") for order in range(2, 7)], axis=1),
+class AdrcNumbers(NamedTuple):
+    """The feedback inside compiled functions."""
+
+    k0: float  # k₀ … k₅ of equation (3)
+    k1: float
+    k2: float
+    k3: float
+    k4: float
+    k5: float
+    vertical_k0: float  # k₀ and k₁ of equations (4) and (5)
+    vertical_k1: float
+    mismatch: float  # see `AdrcGains`
+    period: float  # s
+    rate_share: float  # share of the error of an angle by which a rate is corrected, 1/s
+
+
+unpack_numbers = unpacker(AdrcNumbers)
+
+
+@inlined
+def fourth_derivative(m: AdrcMeasurement, model: Pendulum) -> Vec2:
+    """Return F₅ of equation (1), m/s⁴."""
+    factor = (1.0 - model.pivot_share) * model.physics.gravity * chain_stiffness(model.physics)
+    return Vec2(factor * (m.pendulum.x - m.tilt.x), factor * (m.pendulum.y - m.tilt.y))
+
+
+@inlined
+def thrust_gain(m: AdrcMeasurement, model: Pendulum) -> float:
+    """Return g_z of equation (4), 1/kg."""
+    p, axis, r = model.physics, m.thrust_axis, m.direction
+    return (axis.z - p.bob_mass / (p.quadrotor_mass + p.bob_mass) * (dot(r, axis) * r.z)) / p.quadrotor_mass
+
+
+@inlined
+def _limited_thrust_gain(m: AdrcMeasurement, model: Pendulum) -> float:
+    return max(thrust_gain(m, model), _MIN_THRUST_GAIN / (model.physics.quadrotor_mass + model.physics.bob_mass))
+
+
+@inlined
+def _acceleration(m: AdrcMeasurement, model: Pendulum) -> Vec2:
+    """Return g r_xy − F̈_d of equation (6), m/s²."""
+    sigma, g, d2 = sigma_of(m.pendulum, m.tilt, model), model.physics.gravity, m.reference.d2
+    return Vec2(g * sigma.x - d2.x, g * sigma.y - d2.y)
+
+
+@inlined
+def observer_outputs(m: AdrcMeasurement, model: Pendulum) -> tuple[float, ...]:
+    """Return the measured output of every observer."""
+    fourth, acceleration = fourth_derivative(m, model), _acceleration(m, model)
+    stiffness = chain_stiffness(model.physics)
+    return (
+        m.error.x,
+        m.error.y,
+        fourth.x - m.reference.d4.x,
+        fourth.y - m.reference.d4.y,
+        m.error.z,
+        m.yaw_error,
+        stiffness * acceleration.x,
+        stiffness * acceleration.y,
     )
+
+
+@inlined
+def begin(m: AdrcMeasurement, model: Pendulum, estimate: Any, lane: int) -> None:
+    """Write the states of the observers at the start of an episode.
+
+    Rates and disturbances are zero, except F̈ = g r_xy and ϑ_z = −g.
+    """
+    outputs, acceleration = observer_outputs(m, model), _acceleration(m, model)
+    for i in range(OBSERVERS_SIZE):
+        estimate[i, lane] = 0.0
+    for i in range(len(outputs)):
+        estimate[4 * i, lane] = outputs[i]
+    estimate[LUENBERGER + 2, lane], estimate[LUENBERGER + NEXT + 2, lane] = acceleration.x, acceleration.y
+    estimate[HEIGHT + DISTURBANCE, lane] = -model.physics.gravity
+
+
+@inlined
+def _compensated(estimate: Any, lane: int, order: int, numbers: AdrcNumbers, model: Pendulum) -> Vec2:
+    """Return the part of δ̂ (m/s⁴, order 0) or of its rate (order 1) that is fed back."""
+    share, field = numbers.mismatch / chain_stiffness(model.physics), FORCE + DISTURBANCE + order
+    return Vec2(share * estimate[field, lane], share * estimate[field + NEXT, lane])
+
+
+@inlined
+def adrc(m: AdrcMeasurement, estimate: Any, lane: int, numbers: AdrcNumbers, model: Pendulum) -> Four:
+    """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation.
+
+    Args:
+        m: The measurement.
+        estimate: States of the observers, shape (32, n) or more fields.
+        lane: Column.
+        numbers: The feedback.
+        model: The equivalent pendulum.
+    """
+    p, k, fourth = model.physics, chain_stiffness(model.physics), fourth_derivative(m, model)
+    value = _compensated(estimate, lane, VALUE, numbers, model)
+    rate = _compensated(estimate, lane, RATE, numbers, model)
+    x = _feedback(estimate, lane, LUENBERGER, HORIZONTAL, value.x, rate.x, numbers)
+    y = _feedback(estimate, lane, LUENBERGER + NEXT, HORIZONTAL + NEXT, value.y, rate.y, numbers)
+    stiffness = p.gravity * k
+    torque = Vec2(
+        (k * fourth.x - (m.reference.d6.x - x)) / stiffness, (k * fourth.y - (m.reference.d6.y - y)) / stiffness
+    )
+    sine, cosine = sincos(m.yaw)
+    heading = turn(torque, -sine, cosine)
+    lift = m.reference.d2.z - _vertical_feedback(estimate, lane, HEIGHT, numbers)
+    yaw = m.reference.yaw.z - _vertical_feedback(estimate, lane, YAW, numbers)
+    thrust = lift / _limited_thrust_gain(m, model)
+    return Four(thrust, p.inertia_roll * -heading.y, p.inertia_pitch * heading.x, p.inertia_yaw * yaw)
+
+
+@inlined
+def _feedback(estimate: Any, lane: int, stage: int, eso: int, value: float, rate: float, numbers: AdrcNumbers) -> float:
+    """Return Σ k_i (F̂⁽ⁱ⁾ − F_d⁽ⁱ⁾) + ϑ̂ of one axis."""
+    return float(
+        numbers.k0 * estimate[stage, lane]
+        + numbers.k1 * estimate[stage + 1, lane]
+        + numbers.k2 * estimate[stage + 2, lane]
+        + numbers.k3 * estimate[stage + 3, lane]
+        + numbers.k4 * (estimate[eso + VALUE, lane] + value)
+        + numbers.k5 * (estimate[eso + RATE, lane] + rate)
+        + estimate[eso + DISTURBANCE, lane]
+    )
+
+
+@inlined
+def _vertical_feedback(estimate: Any, lane: int, eso: int, numbers: AdrcNumbers) -> float:
+    """Return k₁ ė̂ + k₀ ê + ϑ̂ of height (4) or yaw (5)."""
+    position, rate = estimate[eso + VALUE, lane], estimate[eso + RATE, lane]
+    return float(numbers.vertical_k0 * position + numbers.vertical_k1 * rate + estimate[eso + DISTURBANCE, lane])
+
+
+@inlined
+def observer_inputs(
+    m: AdrcMeasurement, estimate: Any, lane: int, command: Four, numbers: AdrcNumbers, model: Pendulum
+) -> tuple[float, ...]:
+    """Return the known input of every observer while a command is applied."""
+    p, k, fourth, d = model.physics, chain_stiffness(model.physics), fourth_derivative(m, model), m.reference
+    compensated = _compensated(estimate, lane, VALUE, numbers, model)
+    sine, cosine = sincos(m.yaw)
+    turning = turn(Vec2(command.c / p.inertia_pitch, -command.b / p.inertia_roll), sine, cosine)
+    return (
+        fourth.x + compensated.x - d.d4.x,
+        fourth.y + compensated.y - d.d4.y,
+        k * fourth.x - p.gravity * k * turning.x - d.d6.x,
+        k * fourth.y - p.gravity * k * turning.y - d.d6.y,
+        thrust_gain(m, model) * command.a - d.d2.z,
+        command.d / p.inertia_yaw - d.yaw.z,
+        k * (fourth.x - d.d4.x),
+        k * (fourth.y - d.d4.y),
+    )
+
+
+@inlined
+def estimated_forces(estimate: Any, lane: int, numbers: AdrcNumbers, model: Pendulum) -> Forces:
+    """Return the force on the quadrotor (N) and the yaw torque (N·m) of the estimates δ̂ (or ϑ̂/K) and ϑ̂ near hover."""
+    p, field = model.physics, (FORCE if numbers.mismatch > 0.0 else HORIZONTAL) + DISTURBANCE
+    arm = p.quadrotor_mass * p.rod_length / (1.0 - model.pivot_share) / (p.gravity * chain_stiffness(p))
+    lift = (estimate[HEIGHT + DISTURBANCE, lane] + p.gravity) * (p.quadrotor_mass + p.bob_mass)
+    none = calm()
+    force = Vec3(-arm * estimate[field, lane], -arm * estimate[field + NEXT, lane], lift)
+    return Forces(force, none.bob_force, Vec3(0.0, 0.0, estimate[YAW + DISTURBANCE, lane] * p.inertia_yaw))
+
+
+@compiled
+def _observe(
+    before: Floats,
+    started: Booleans,
+    observation: Floats,
+    bank: Floats,
+    packed: Floats,
+    packed_model: Floats,
+    packed_rigid: Floats | None,
+    sensor_delay: int,
+    out: Floats,
+) -> None:
+    """Write the observers' states after an observation without rates, shape (n, 27), and the observation itself."""
+    numbers, model, memory = unpack_numbers(packed), unpack_pendulum(packed_model), out.T
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    for row in range(out.shape[0]):
+        for i in range(OUTPUT_FEEDBACK_SIZE):
+            out[row, _OBSERVED + i] = observation[row, i]
+        m = read_measurement(memory, _OBSERVED, row, model, rigid)
+        begin(m, model, memory, row)
+        if started[row]:
+            continue
+        for i in range(4 * bank.shape[0]):
+            out[row, i] = before[row, i]
+        command, last = load_four(before.T, _COMMAND, row), read_measurement(before.T, _OBSERVED, row, model, rigid)
+        first = observer_inputs(last, before.T, row, command, numbers, model)
+        second = observer_inputs(m, before.T, row, command, numbers, model)
+        # The trapezoidal rule gives the mean of the known inputs over the period.
+        known = (
+            0.5 * (first[0] + second[0]),
+            0.5 * (first[1] + second[1]),
+            0.5 * (first[2] + second[2]),
+            0.5 * (first[3] + second[3]),
+            0.5 * (first[4] + second[4]),
+            0.5 * (first[5] + second[5]),
+            0.5 * (first[6] + second[6]),
+            0.5 * (first[7] + second[7]),
+        )
+        update_observers(memory, 0, row, known, observer_outputs(m, model), bank, numbers.period)
+        is_valid = True  # false for nan as well
+        for i in range(4 * bank.shape[0]):
+            is_valid = is_valid and abs(out[row, i]) < _MAX_ESTIMATE
+        if sensor_delay > 0:  # a delayed sensor repeats its first sample
+            following = _PLANT + (out.shape[1] - _PLANT) // 2
+            is_valid = is_valid and before[row, following + AGE] > sensor_delay
+        if not is_valid:
+            begin(m, model, memory, row)
+
+
+@compiled
+def _commands(memory: Floats, packed: Floats, packed_model: Floats, packed_rigid: Floats | None, out: Floats) -> None:
+    numbers, model = unpack_numbers(packed), unpack_pendulum(packed_model)
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    for row in range(out.shape[0]):
+        m = read_measurement(memory.T, _OBSERVED, row, model, rigid)
+        store_four(out.T, 0, row, adrc(m, memory.T, row, numbers, model))
+
+
+@compiled
+def _disturbances(memory: Floats, packed: Floats, packed_model: Floats, out: Floats) -> None:
+    numbers, model = unpack_numbers(packed), unpack_pendulum(packed_model)
+    for row in range(out.shape[0]):
+        store_forces(out.T, 0, row, estimated_forces(memory.T, row, numbers, model))
+
+
+@inlined
+def _corrected_rate(measured: VehicleState, predicted: VehicleState, numbers: AdrcNumbers) -> Vec3:
+    """Return the predicted rates of the Euler angles, corrected by the error of the predicted angles, rad/s."""
+    angle, rate, angles = predicted.euler, predicted.euler_rate, measured.euler
+    return Vec3(
+        _corrected(angles.x - angle.x, rate.x, numbers.rate_share),
+        _corrected(angles.y - angle.y, rate.y, numbers.rate_share),
+        _corrected(angles.z - angle.z, rate.z, numbers.rate_share),
+    )
+
+
+@inlined
+def _corrected(error: float, rate: float, share: float) -> float:
+    turns = np.floor((error + np.pi) / (2.0 * np.pi))
+    return float(min(max(rate + share * (error - 2.0 * np.pi * turns), -_MAX_RATE), _MAX_RATE))
+
+
+@compiled
+def _predict(
+    before: Floats,
+    started: Booleans,
+    measured: Floats,
+    references: Floats,
+    yaws: Floats,
+    packed: Floats,
+    parts: Floats,
+    actuators: Floats,
+    packed_plant: Floats,
+    packed_rigid: Floats | None,
+    out: Floats,
+    later: Floats,
+    command: Floats,
+) -> None:
+    """Write the measured plant into the memory, the plant at the time when the action acts, and the command then."""
+    numbers, plant = unpack_numbers(packed), unpack_plant(packed_plant)
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    model, size, buffer = plant.pendulum, later.shape[1], np.empty((BUFFER_SIZE, 1))
+    chains = np.empty((OBSERVERS_SIZE, 1))
+    for row in range(out.shape[0]):
+        now, kept = out[:, _PLANT : _PLANT + size].T, before[:, _PLANT + size : _PLANT + 2 * size].T
+        given, reference = load_state(measured.T, 0, row), load_derivatives(references[row], load(yaws.T, 0, row))
+        has_rates = not np.isnan(given.euler_rate.x)
+        m = read_measurement(out.T, _OBSERVED, row, model, rigid)
+        s = state_from_chains(given, has_rates, reference, m, out.T, row, model, rigid)
+        if not (started[row] or has_rates):
+            rate = _corrected_rate(s, load_state(kept, 0, row), numbers)
+            s = VehicleState(s.position, s.velocity, s.euler, rate, s.direction, s.direction_rate)
+        last = Four(0.0, 0.0, 0.0, 0.0)
+        for i in range(size):
+            now[i, row] = 0.0 if started[row] or (i < LOOP and i != AGE) else kept[i, row]
+        if not started[row]:
+            last = load_four(before.T, _ACTION, row)
+        store_state(now, 0, row, s)
+        store_reference(now, REFERENCE, row, reference)
+        now[MASS_RATIO, row] = 1.0
+        if rigid is not None:
+            store_attitude(now, RIGID_PART, row, s)
+            thrusts = rigid.rotors.hover
+            if not started[row]:
+                thrusts = load_four(kept, RIGID_PART + ROTOR_THRUST, row)
+            store_four(now, RIGID_PART + ROTOR_THRUST, row, thrusts)
+
+        for i in range(size):
+            later[row, i] = now[i, row]
+        for i in range(OBSERVERS_SIZE):
+            chains[i, 0] = out[row, i]
+        then, yaw = later.T, reference.yaw
+        store_forces(then, PLANT_DISTURBANCE, row, estimated_forces(out.T, row, numbers, model))
+        if parts.shape[0] > 1:
+            yaw = carry_forward(then, row, last, yaw, parts, actuators, plant, rigid, buffer)
+            is_bounded = True
+            for i in range(STATE_SIZE):
+                is_bounded = is_bounded and abs(later[row, i]) < _MAX_STATE
+            if is_bounded:
+                ahead = load_derivatives(later[row, REFERENCE:MASS_RATIO].reshape((5, 3)), yaw)
+                state = load_state(then, 0, row)
+                present = measurement_of_state(s, reference, model, rigid)
+                chains_of_state(s, reference, present, model, rigid, -1.0, chains, 0)
+                m = measurement_of_state(state, ahead, model, rigid)
+                chains_of_state(state, ahead, m, model, rigid, 1.0, chains, 0)
+            else:
+                for i in range(size):
+                    later[row, i] = now[i, row]
+        state, p, demanded = load_state(then, 0, row), model.physics, adrc(m, chains, 0, numbers, model)
+        turning = Vec3(demanded.b / p.inertia_roll, demanded.c / p.inertia_pitch, demanded.d / p.inertia_yaw)
+        turning = euler_accelerations(state, turning, rigid)
+        demanded = Four(demanded.a, p.inertia_roll * turning.x, p.inertia_pitch * turning.y, p.inertia_yaw * turning.z)
+        store_four(command.T, 0, row, body_command(state, demanded, calm(), model, rigid))
+
+
+@compiled
+def _apply(
+    memory: Floats,
+    action: Floats32,
+    packed: Floats,
+    parts: Floats,
+    actuators: Floats,
+    packed_plant: Floats,
+    packed_rigid: Floats | None,
+    out: Floats,
+) -> None:
+    """Write action, predicted plant and mean command for the case that these actions are applied."""
+    numbers, plant, buffer = unpack_numbers(packed), unpack_plant(packed_plant), np.empty((BUFFER_SIZE, 1))
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    model, size, p = plant.pendulum, (out.shape[1] - _PLANT) // 2, plant.pendulum.physics
+    period = Part(parts[0, 0], parts[0, 1], parts[0, 2])
+    out[:] = memory
+    for row in range(out.shape[0]):
+        now, following = out[:, _PLANT : _PLANT + size].T, out[:, _PLANT + size :].T
+        chosen = load_action(action, row)
+        store_four(out.T, _ACTION, row, chosen)
+        for i in range(size):
+            following[i, row] = 0.0 if REFERENCE <= i < MASS_RATIO else now[i, row]
+        advance(following, row, chosen, period, actuators[0], plant, rigid, buffer)
+        before, after = load_state(now, 0, row), load_state(following, 0, row)
+        m = read_measurement(out.T, _OBSERVED, row, model, rigid)
+        thrust = ((after.velocity.z - before.velocity.z) / numbers.period + p.gravity) / _limited_thrust_gain(m, model)
+        # Mean accelerations of tilt and yaw, as φ, θ and ψ near hover
+        first, second = tilt_rate_of(before, before.euler.z, rigid), tilt_rate_of(after, before.euler.z, rigid)
+        sine, cosine = sincos(before.euler.z)
+        tilt = turn(Vec2(second.x - first.x, second.y - first.y), -sine, cosine)
+        yaw = (after.euler_rate.z - before.euler_rate.z) / numbers.period
+        roll, pitch = -tilt.y / numbers.period, tilt.x / numbers.period
+        command = Four(thrust, p.inertia_roll * roll, p.inertia_pitch * pitch, p.inertia_yaw * yaw)
+        store_four(out.T, _COMMAND, row, command)
 
 
 class ADRC(Controller):
@@ -144,12 +548,28 @@ class ADRC(Controller):
         ]
         if gains.mismatch:
             self.observers += [(ESO_INPUT, gains.horizontal), (ESO_INPUT, gains.horizontal)]
-        self._bank = ObserverBank.design(self.observers, self.simulation.period)
         # k₀ … k₅ and k₀, k₁: the coefficients of (s² + 2ζωs + ω²)³ and of s² + 2ζωs + ω², lowest power first
         horizontal = [1.0, 2.0 * gains.damping * gains.horizontal_bandwidth, gains.horizontal_bandwidth**2]
         vertical = [1.0, 2.0 * gains.damping * gains.vertical_bandwidth, gains.vertical_bandwidth**2]
         self.horizontal_gains = np.polymul(np.polymul(horizontal, horizontal), horizontal)[:0:-1]
-        self.vertical_gains = np.array(vertical)[:0:-1]
+        period = self.simulation.period
+        rate_share = -np.expm1(-gains.horizontal.bandwidth * period) / period
+        feedback = (*self.horizontal_gains, *vertical[:0:-1], gains.mismatch, period, rate_share)
+        self.numbers = AdrcNumbers._make(map(float, feedback))
+        self._packed = pack(self.numbers)
+
+    @cached_property
+    def _bank(self) -> Floats:
+        return design_observers(self.observers, self.simulation.period)
+
+    @cached_property
+    def _estimate_size(self) -> int:
+        """Length of an estimate of the plant in the memory; 0 if the actions do not depend on it.
+
+        They depend on the vehicle's attitude and rotors, or on the commands under way.
+        """
+        needed = self.model.packed_rigid is not None or self._prediction.loop_size > 0
+        return LOOP + self._prediction.loop_size if needed else 0
 
     def designed_for(self, simulation: Simulation, loop: Loop | None = None) -> "ADRC":
         """Return the same controller, designed for another nominal simulation and loop."""
@@ -161,94 +581,48 @@ class ADRC(Controller):
         """Return action and memory; see `Policy.predict`."""
         single = np.ndim(observation) == 1
         observation = np.atleast_2d(np.asarray(observation, np.float32))
-        measurement = equivalent_measurement(_measure(observation), self.model)
-        outputs = self.observer_outputs(measurement)
-        estimate = self.initial_estimate(measurement, outputs)
-        started = episode_start_mask(episode_start, state is None, measurement.yaw.size)
-        if not started.all():
-            # The trapezoidal rule gives the mean of the known inputs over the period.
-            before = self.observer_inputs(state.measurement, state.estimate, state.command)
-            after = self.observer_inputs(measurement, state.estimate, state.command)
-            updated = self._bank.update(state.estimate, 0.5 * (before + after), outputs)
-            restarted = started | ~(np.abs(updated).max(axis=(1, 2)) < _MAX_ESTIMATE)  # of nan as well
-            if isinstance(state.following, Estimate):
-                # A delayed sensor repeats its first sample.
-                restarted |= state.following.age <= self._prediction.loop.sensor_delay
-            estimate = np.where(restarted[:, np.newaxis, np.newaxis], estimate, updated)
-        if self._needs_plant:
-            action, memory = self._predicted_action(observation, measurement, estimate, state, started)
+        outputs = observation[:, OUTPUT_FEEDBACK_COLUMNS] if observation.shape[1] == OBSERVATION_SIZE else observation
+        rows, size = len(observation), self._estimate_size
+        memory = AdrcMemory(np.empty((rows, _PLANT + 2 * size)))
+        before, started = memory if state is None else state, episode_start_mask(episode_start, state is None, rows)
+        model, sensor_delay = self.model, self._prediction.loop.sensor_delay
+        numbers = (self._bank, self._packed, model.packed, model.packed_rigid, sensor_delay)
+        _observe(before.array, started, outputs, *numbers, memory.array)
+        if not size:
+            action, memory.command[:] = to_action(self.command(memory), self.simulation)
+            memory.array[:, _ACTION:_OBSERVED] = action
         else:
-            action, command = to_action(self.command(measurement, estimate), self.simulation)
-            memory = AdrcMemory(estimate, command, measurement, action)
+            action, memory = self._predicted_action(observation, before, started, memory)
         return (action[0] if single else action), memory
 
-    @property
-    def _needs_plant(self) -> bool:
-        """Whether the actions depend on the vehicle's attitude and rotors, or on the commands under way."""
-        return plant_of(self.simulation).memory_size > 0 or self._prediction.memory_size > 0
+    def command(self, memory: AdrcMemory) -> Floats:
+        """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""
+        out = np.empty((len(memory.array), ACTION_SIZE))
+        _commands(memory.array, self._packed, self.model.packed, self.model.packed_rigid, out)
+        return out
 
     def _predicted_action(
-        self, observation: Floats32, measurement: AdrcMeasurement, estimate: Floats, before: Any, started: Booleans
+        self, observation: Floats32, before: AdrcMemory, started: Booleans, memory: AdrcMemory
     ) -> tuple[Floats32, AdrcMemory]:
         """Return the actions by the predicted state at the time when they act, and the memory."""
-        rows, prediction, p = len(started), self._prediction, self._parameters
-        measured = estimator.measurement_from_observation(observation, self.simulation.parameters.rod_length)
-        state = state_from_chains(measured, measurement, estimate, self.model)
-        no_force = np.zeros((rows, DISTURBANCE_SIZE))
-        memory, age = np.zeros((rows, prediction.memory_size)), np.zeros(rows, np.int64)
-        plant = Estimate(state, no_force, measured.reference, age, memory, prediction.rigid(state), np.ones(rows))
-        last = np.zeros((rows, ACTION_SIZE), np.float32)
-        if not started.all():
-            kept = before.following
-            if np.isnan(State(measured.state).euler_rate[:1]).any():
-                rate = self._euler_rate(measured, kept)
-                State(state).euler_rate[:] = np.where(started[:, np.newaxis], State(state).euler_rate, rate)
-            rigid = prediction.rigid(state, kept.rigid[:, ROTOR_THRUST:])
-            plant = select_rows(started, plant, plant._replace(age=kept.age, loop=kept.loop, rigid=rigid))
-            last = select_rows(started, last, before.action)
-
-        acting = plant._replace(disturbance=self._disturbance(estimate))
-        later, then = prediction.carry_forward(acting, last, measured._replace(state=state))
-        forecast, outlook = measurement, estimate
-        if later is not acting and (bounded := np.abs(later.state).max(axis=1) < _MAX_STATE).any():
-            later = select_rows(bounded, later, acting)
-            now = measurement_of_state(measured._replace(state=state), self.model)
-            forecast = measurement_of_state(then._replace(state=later.state), self.model)
-            outlook = estimate.copy()
-            outlook[:, :CHAINS] += chains_of_state(then._replace(state=later.state), forecast, self.model)
-            outlook[:, :CHAINS] -= chains_of_state(measured._replace(state=state), now, self.model)
-        command = self.command(forecast, outlook)
-        inertia = [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]
-        command[:, 1:] = inertia * self.model.euler_accelerations(later.state, command[:, 1:] / inertia)
-        command = self.model.body_command(later.state, command, no_force)
-        wanted, _ = to_action(command, self.simulation, later.rigid)
-        action = np.nan_to_num(prediction.loop.compensate(wanted, later.loop, self.simulation.period))
-        return action, self.with_applied_action(
-            AdrcMemory(estimate, command, measurement, action, plant, plant), action
-        )
-
-    def _euler_rate(self, measured: Measurement, predicted: Estimate) -> Floats:
-        """Return estimated rates of the Euler angles, rad/s, shape (n, 3).
-
-        The predicted rates are corrected by the error of the predicted angles with the bandwidth of the DESO.
-        """
-        period, angles = self.simulation.period, State(predicted.state)
-        error = np.remainder(State(measured.state).euler - angles.euler + np.pi, 2.0 * np.pi) - np.pi
-        share = -np.expm1(-self.gains.horizontal.bandwidth * period)
-        return np.asarray(np.clip(angles.euler_rate + share / period * error, -_MAX_RATE, _MAX_RATE))
+        measured = measurement_from_observation(observation, self.simulation.parameters.rod_length)
+        later, command = np.empty((len(started), self._estimate_size)), np.empty((len(started), ACTION_SIZE))
+        state, reference, yaw = measured
+        parts, actuators, plant, rigid = self._prediction.numbers
+        given = before.array, started, state, reference, yaw, self._packed, parts, actuators, plant, rigid
+        _predict(*given, memory.array, later, command)
+        wanted, _ = to_action(command, self.simulation, later[:, RIGID_PART : RIGID_PART + RIGID_SIZE])
+        action = np.nan_to_num(self._prediction.compensate(wanted, later))
+        return action, self.with_applied_action(memory, action)
 
     def with_applied_action(self, memory: AdrcMemory, action: Floats32) -> AdrcMemory:
         """Return the memory for the case that `action`, shape (n, 4), is applied instead of the controller's action."""
-        if not isinstance(memory.plant, Estimate) or memory.measurement is None:
-            return memory._replace(command=to_command(action, self.simulation), action=action)
-        p, plant = self._parameters, memory.plant
-        following = self._prediction.advance(plant._replace(reference=np.zeros_like(plant.reference)), action)
-        before, after, period = State(plant.state), State(following.state), self.simulation.period
-        vertical = (after.velocity[:, 2] - before.velocity[:, 2]) / period
-        angular = self.model.angular_accelerations(plant.state, following.state, period)
-        thrust = (vertical + p.gravity) / self._limited_thrust_gain(memory.measurement)
-        command = np.column_stack([thrust, angular * [p.inertia_roll, p.inertia_pitch, p.inertia_yaw]])
-        return memory._replace(command=command, action=action, following=following)
+        out = AdrcMemory(memory.array.copy())
+        if self._estimate_size:
+            _apply(memory.array, action, self._packed, *self._prediction.numbers, out.array)
+        else:
+            out.command[:], out.array[:, _ACTION:_OBSERVED] = to_command(action, self.simulation), action
+        return out
 
     def estimated_disturbance(self, memory: AdrcMemory) -> Floats:
         """Return the estimated disturbance in the layout of ``info["disturbance"]``, N and N·m, shape (n, 9).
@@ -257,111 +631,6 @@ class ADRC(Controller):
         frame) and a yaw torque. The other components are zero, because the observers cannot distinguish a force on the
         bob, and with the paper's law a roll or pitch torque, from a force on the quadrotor.
         """
-        return self._disturbance(memory.estimate)
-
-    def _disturbance(self, estimate: Floats) -> Floats:
-        p = self._parameters
-        arm = p.quadrotor_mass * p.rod_length / (1.0 - self.model.pivot_share)
-        out = Disturbance(np.zeros((estimate.shape[0], DISTURBANCE_SIZE)))
-        observers = FORCE if self.gains.mismatch else HORIZONTAL
-        out.force[:, :2] = -estimate[:, observers, DISTURBANCE] * arm / self._stiffness
-        out.force[:, 2] = (estimate[:, HEIGHT, DISTURBANCE] + p.gravity) * p.total_mass
-        out.torque[:, 2] = estimate[:, YAW, DISTURBANCE] * p.inertia_yaw
-        return out.array
-
-    @property
-    def _stiffness(self) -> float:
-        """The product g K, m/s⁴."""
-        return self._parameters.gravity * self._parameters.chain_stiffness
-
-    @property
-    def _parameters(self) -> Parameters:
-        """The parameters of the equivalent pendulum."""
-        return self.model.parameters
-
-    def fourth_derivative(self, measurement: AdrcMeasurement) -> Floats:
-        """Return F₅ of equation (1), m/s⁴, shape (n, 2)."""
-        return (1.0 - self.model.pivot_share) * self._stiffness * (measurement.pendulum - measurement.tilt)
-
-    def _thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
-        """Return g_z of equation (4), 1/kg, shape (n,)."""
-        p, axis, r = self._parameters, measurement.thrust_axis, measurement.direction
-        projection = np.sum(r * axis, axis=-1) * r[:, 2]
-        return np.asarray((axis[:, 2] - p.bob_mass / p.total_mass * projection) / p.quadrotor_mass)
-
-    def _limited_thrust_gain(self, measurement: AdrcMeasurement) -> Floats:
-        least = _MIN_THRUST_GAIN / self._parameters.total_mass
-        return np.asarray(np.maximum(self._thrust_gain(measurement), least))
-
-    def observer_outputs(self, measurement: AdrcMeasurement) -> Floats:
-        """Return the measured output of every observer, shape (n, 6), with those of the force (n, 8)."""
-        fourth = self.fourth_derivative(measurement) - measurement.reference_derivative(4)[:, :2]
-        error = measurement.error
-        outputs = [error[:, :2], fourth, error[:, 2], measurement.yaw_error]
-        if self.gains.mismatch:
-            outputs.append(self._parameters.chain_stiffness * self._acceleration(measurement))
-        return np.column_stack(outputs)
-
-    def _acceleration(self, measurement: AdrcMeasurement) -> Floats:
-        """Return g r_xy − F̈_d of equation (6), m/s², shape (n, 2)."""
-        pendulum = self.model.sigma(measurement.pendulum, measurement.tilt)
-        return np.asarray(self._parameters.gravity * pendulum - measurement.reference_derivative(2)[:, :2])
-
-    def initial_estimate(self, measurement: AdrcMeasurement, outputs: Floats) -> Floats:
-        """Return the states of the observers at the start of an episode, shape (n, 6, 4) or (n, 8, 4).
-
-        Rates and disturbances are zero, except F̈ = g r_xy and ϑ_z = −g.
-        """
-        estimate = np.zeros((*outputs.shape, 4))
-        estimate[:, :, VALUE] = outputs
-        estimate[:, LUENBERGER, 2] = self._acceleration(measurement)
-        estimate[:, HEIGHT, DISTURBANCE] = -self._parameters.gravity
-        return estimate
-
-    def command(self, measurement: AdrcMeasurement, estimate: Floats) -> Floats:
-        """Return thrust (N) and torques (N·m) by equations (3)–(5), before saturation, shape (n, 4)."""
-        p, horizontal = self._parameters, estimate[:, HORIZONTAL]
-        errors = [estimate[:, LUENBERGER, order] for order in range(4)]
-        errors += [horizontal[..., order] + self._compensated(estimate, order) for order in (VALUE, RATE)]
-        feedback = sum(k * error for k, error in zip(self.horizontal_gains, errors, strict=True))
-        v = measurement.reference_derivative(6)[:, :2] - feedback - horizontal[..., DISTURBANCE]
-        torque = (p.chain_stiffness * self.fourth_derivative(measurement) - v) / self._stiffness
-        pitch, roll = (rotate(torque, -measurement.yaw, 0) * [1.0, -1.0]).T
-        lift = self._vertical_feedback(measurement.reference_derivative(2)[:, 2], estimate[:, HEIGHT])
-        yaw = self._vertical_feedback(measurement.yaw_acceleration, estimate[:, YAW])
-        return np.column_stack(
-            [
-                lift / self._limited_thrust_gain(measurement),
-                p.inertia_roll * roll,
-                p.inertia_pitch * pitch,
-                p.inertia_yaw * yaw,
-            ]
-        )
-
-    def _compensated(self, estimate: Floats, order: int) -> Floats | float:
-        """Return the part of δ̂ (m/s⁴, order 0) or of its rate (order 1) that is fed back, shape (n, 2)."""
-        share = self.gains.mismatch / self._parameters.chain_stiffness
-        return np.asarray(share * estimate[:, FORCE, DISTURBANCE + order]) if share else 0.0
-
-    def _vertical_feedback(self, acceleration: Floats, estimate: Floats) -> Floats:
-        """Return the demanded acceleration of height (4) or yaw (5), the expression in parentheses, shape (n,)."""
-        k0, k1 = self.vertical_gains
-        return np.asarray(acceleration - k0 * estimate[:, VALUE] - k1 * estimate[:, RATE] - estimate[:, DISTURBANCE])
-
-    def observer_inputs(self, measurement: AdrcMeasurement, estimate: Floats, command: Floats) -> Floats:
-        """Return the known input of every observer while `command` is applied, shape (n, 6) or (n, 8)."""
-        p = self._parameters
-        thrust, roll, pitch, yaw = command.T
-        fourth = self.fourth_derivative(measurement)
-        angular_acceleration = np.stack([pitch / p.inertia_pitch, -roll / p.inertia_roll], axis=-1)
-        horizontal = p.chain_stiffness * fourth - self._stiffness * rotate(angular_acceleration, measurement.yaw, 0)
-        reference = measurement.reference_derivative(4)[:, :2]
-        inputs = [
-            fourth + self._compensated(estimate, VALUE) - reference,
-            horizontal - measurement.reference_derivative(6)[:, :2],
-            self._thrust_gain(measurement) * thrust - measurement.reference_derivative(2)[:, 2],
-            yaw / p.inertia_yaw - measurement.yaw_acceleration,
-        ]
-        if self.gains.mismatch:
-            inputs.append(p.chain_stiffness * (fourth - reference))
-        return np.column_stack(inputs)
+        out = np.empty((len(memory.array), DISTURBANCE_SIZE))
+        _disturbances(memory.array, self._packed, self.model.packed, out)
+        return out

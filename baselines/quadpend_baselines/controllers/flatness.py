@@ -28,17 +28,46 @@ called s here), and the torques that make the demanded accelerations follow from
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.estimation.prediction import Estimate, Measurement
+from quadpend_baselines.estimation.prediction import Estimate, Measurement, law_inputs
 from quadpend_baselines.gains import FlatnessGains
-from quadpend_baselines.modelling import flat_outputs, taylor
-from quadpend_baselines.modelling.equivalent import equivalent_model
-from quadpend_baselines.modelling.planar import limit_norm
+from quadpend_baselines.modelling import taylor
+from quadpend_baselines.modelling.equivalent import (
+    Pendulum,
+    body_command,
+    equivalent_forces,
+    equivalent_model,
+    equivalent_reference,
+    pendulum_of,
+    sigma_of,
+    unpack_pendulum,
+)
+from quadpend_baselines.modelling.flat_outputs import (
+    Pair,
+    attitude_from_tangent,
+    flat_trajectory,
+    tangent_from_attitude,
+)
+from quadpend_baselines.modelling.quantities import (
+    Derivatives,
+    Forces,
+    Vec2,
+    VehicleState,
+    limit_length,
+)
+from quadpend_baselines.modelling.taylor import Series
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import Disturbance, State
+from quadpend_gym.core.elementary import sincos
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.dynamics import Physics
+from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
+from quadpend_gym.physics.vectors import Four, Vec3, axpy, dot, load_four, scale, store_four
 
 _MIN_THRUST = 0.2  # share of the weight: without thrust, the torques have no effect on the pendulum
 _MIN_AXIS_HEIGHT = 0.1  # lower bound of b_z: 84° of tilt; the default limit of an episode is 80°
@@ -46,12 +75,195 @@ _MIN_THRUST_EFFECT = 0.1  # lower bound of the factor of u in the equation of th
 _NOMINAL_SCALE: Floats = np.ones((1, 4))
 
 
+class FlatnessNumbers(NamedTuple):
+    """The gains inside compiled functions, see `FlatnessGains`."""
+
+    position_bandwidth: float
+    pendulum_bandwidth: float
+    attitude_bandwidth: float
+    damping: float
+    vertical_bandwidth: float
+    acceleration: float
+    velocity: float
+    lean: float
+    far_pendulum_bandwidth: float
+    far_attitude_bandwidth: float
+    near: float
+
+
+unpack_gains = unpacker(FlatnessNumbers)
+
+
+def pack_gains(gains: FlatnessGains) -> Floats:
+    """Return the gains as a flat array that `unpack_gains` reads."""
+    return pack(FlatnessNumbers(*(getattr(gains, name) for name in FlatnessNumbers._fields)))
+
+
+@inlined
+def flatness(
+    s: VehicleState,
+    disturbance: Forces,
+    reference: Derivatives,
+    bandwidth_scale: Four,
+    gains: FlatnessNumbers,
+    model: Pendulum,
+    rigid: RigidSettings | None,
+) -> Four:
+    """Return thrust (N) and torques (N·m) of equations (1)–(7).
+
+    Args:
+        s: State, with position and velocity relative to the reference.
+        disturbance: Disturbance, N and N·m.
+        reference: The reference.
+        bandwidth_scale: Factors on the bandwidths of position, pendulum, attitude, and of height and yaw together.
+        gains: The gains.
+        model: The equivalent pendulum.
+        rigid: Settings of a rigid vehicle; None: the paper's vehicle.
+    """
+    p, d, r, r_dot = model.physics, equivalent_forces(disturbance, model), s.direction, s.direction_rate
+    path = flat_trajectory(equivalent_reference(reference, model), d, p)
+    tangent = tangent_from_attitude(s.euler, s.euler_rate)
+    t0, t1 = Vec2(tangent.x.a, tangent.y.a), Vec2(tangent.x.b, tangent.y.b)
+    axis_height = max(sincos(s.euler.x)[1] * sincos(s.euler.y)[1], _MIN_AXIS_HEIGHT)
+    vertical_bandwidth = gains.vertical_bandwidth * bandwidth_scale.d
+    demanded = reference.d2.z - _feedback(s.velocity.z, s.position.z, gains.damping, vertical_bandwidth)
+    thrust = _thrust(s, d, demanded, Vec3(t0.x * axis_height, t0.y * axis_height, axis_height), p)
+    pole = Vec2(r.x / r.z, r.y / r.z)
+    pole_rate = Vec2((r_dot.x - pole.x * r_dot.z) / r.z, (r_dot.y - pole.y * r_dot.z) / r.z)
+    s0, s1 = sigma_of(pole, t0, model), sigma_of(pole_rate, t1, model)
+    gravity = p.gravity + reference.d2.z - d.bob_force.z / p.bob_mass  # G
+    per_rod = 1.0 / (r.z * p.quadrotor_mass * p.rod_length)
+    stiffness = per_rod * (thrust * axis_height)  # κ
+    relative = axpy(p.quadrotor_mass / p.bob_mass, d.bob_force, scale(-1.0, d.force))
+    total_stiffness = stiffness - per_rod * relative.z  # κ'
+    closing = 2.0 * r_dot.z / r.z
+    drift = Vec2(
+        per_rod * (relative.x - s0.x * relative.z) - closing * s1.x,
+        per_rod * (relative.y - s0.y * relative.z) - closing * s1.y,
+    )
+    s2 = Vec2(stiffness * (s0.x - t0.x) + drift.x, stiffness * (s0.y - t0.y) + drift.y)
+    sx, sy, tx, ty = path.pendulum.x, path.pendulum.y, path.tangent.x, path.tangent.y
+    pole_d = pendulum_of(Vec2(sx.a, sy.a), Vec2(tx.a, ty.a), model)
+    pole_rate_d = pendulum_of(Vec2(sx.b, sy.b), Vec2(tx.b, ty.b), model)
+    length, a, b = model.vehicle.rod_length, model.pendulum_arm, model.thrust_arm
+
+    # (1): errors of the flat output and of its derivatives
+    e0 = Vec2(
+        s.position.x + length * r.x + a * (pole.x - pole_d.x) + b * (t0.x - tx.a),
+        s.position.y + length * r.y + a * (pole.y - pole_d.y) + b * (t0.y - ty.a),
+    )
+    e1 = Vec2(
+        s.velocity.x + length * r_dot.x + a * (pole_rate.x - pole_rate_d.x) + b * (t1.x - tx.b),
+        s.velocity.y + length * r_dot.y + a * (pole_rate.y - pole_rate_d.y) + b * (t1.y - ty.b),
+    )
+    e2, e3 = (
+        Vec2(gravity * (s0.x - sx.a), gravity * (s0.y - sy.a)),
+        Vec2(gravity * (s1.x - sx.b), gravity * (s1.y - sy.b)),
+    )
+    s2_d, t2_d = Vec2(2.0 * sx.c, 2.0 * sy.c), Vec2(2.0 * tx.c, 2.0 * ty.c)
+    # (7): bandwidths by the unstable mode of the pendulum
+    per_root = 1.0 / np.sqrt(abs(stiffness))
+    mode_x, mode_y = (e2.x + e3.x * per_root) / gravity, (e2.y + e3.y * per_root) / gravity
+    share = 1.0 / (1.0 + (mode_x * mode_x + mode_y * mode_y) / (gains.near * gains.near))
+    far, near = gains.far_pendulum_bandwidth, gains.pendulum_bandwidth
+    pendulum_bandwidth = bandwidth_scale.b * (far + (near - far) * share)
+    far, near = gains.far_attitude_bandwidth, gains.attitude_bandwidth
+    attitude_bandwidth = bandwidth_scale.c * (far + (near - far) * share)
+    k = _coefficients(
+        gains.position_bandwidth * bandwidth_scale.a, pendulum_bandwidth, attitude_bandwidth, gains.damping
+    )
+    # (2) and (3): the acceleration and the tilt of the thrust that the errors demand, limited
+    velocity = limit_length(Vec2(k[0] / k[1] * e0.x, k[0] / k[1] * e0.y), gains.velocity)
+    wanted = Vec2(k[1] / k[2] * (e1.x + velocity.x), k[1] / k[2] * (e1.y + velocity.y))
+    wanted = limit_length(wanted, gains.acceleration)
+    e4_x, e4_y = -(k[3] * e3.x + k[2] * (e2.x + wanted.x)) / k[4], -(k[3] * e3.y + k[2] * (e2.y + wanted.y)) / k[4]
+    tilt = Vec2(
+        s0.x - (s2_d.x + e4_x / gravity - drift.x) / stiffness, s0.y - (s2_d.y + e4_y / gravity - drift.y) / stiffness
+    )
+    sine, cosine = sincos(gains.lean)
+    tilt = limit_length(tilt, sine / cosine)
+    # (4) and (5): e₄ − e₄* is that of the limited tilt, in which all but the tangents cancel
+    t2_x = t2_d.x + total_stiffness / stiffness * (s2.x - s2_d.x)
+    t2_y = t2_d.y + total_stiffness / stiffness * (s2.y - s2_d.y)
+    t2_x += k[5] * (total_stiffness / stiffness * (s1.x - sx.b) - (t1.x - tx.b)) + k[4] * (tilt.x - t0.x)
+    t2_y += k[5] * (total_stiffness / stiffness * (s1.y - sy.b) - (t1.y - ty.b)) + k[4] * (tilt.y - t0.y)
+
+    yaw = reference.yaw
+    yaw_error, yaw_rate = s.euler.z - yaw.x, s.euler_rate.z - yaw.y
+    yaw_acceleration = yaw.z - _feedback(yaw_rate, yaw_error, gains.damping, vertical_bandwidth)
+    turn = Pair(Series(t0.x, t1.x, 0.5 * t2_x, 0.0, 0.0), Series(t0.y, t1.y, 0.5 * t2_y, 0.0, 0.0))
+    heading = taylor.from_derivatives(s.euler.z, s.euler_rate.z, yaw_acceleration, 0.0, 0.0)
+    roll, pitch = attitude_from_tangent(turn, heading)
+    command = Four(
+        thrust,
+        p.inertia_roll * 2.0 * roll.c - d.torque.x,
+        p.inertia_pitch * 2.0 * pitch.c - d.torque.y,
+        p.inertia_yaw * yaw_acceleration - d.torque.z,
+    )
+    return body_command(s, command, disturbance, model, rigid)
+
+
+@inlined
+def _feedback(rate: float, error: float, damping: float, bandwidth: float) -> float:
+    """Return 2ζω ė + ω² e."""
+    return 2.0 * damping * bandwidth * rate + bandwidth * bandwidth * error
+
+
+@inlined
+def _thrust(s: VehicleState, d: Forces, acceleration: float, axis: Vec3, p: Physics) -> float:
+    """Return the thrust of equation (6), N, from z̈ and the thrust axis b."""
+    # r̈_z is the sum of a part without thrust and a part proportional to the thrust.
+    relative = axpy(1.0 / p.bob_mass, d.bob_force, scale(-1.0 / p.quadrotor_mass, d.force))
+    r, r_dot = s.direction, s.direction_rate
+    along = dot(r, relative) / p.rod_length + dot(r_dot, r_dot)
+    without_thrust = relative.z / p.rod_length - along * r.z
+    total = p.quadrotor_mass + p.bob_mass
+    force = total * (p.gravity + acceleration) - d.force.z - d.bob_force.z + p.bob_mass * p.rod_length * without_thrust
+    effect = axis.z + p.bob_mass / p.quadrotor_mass * (axis.z - dot(r, axis) * r.z)
+    weight = total * p.gravity
+    return min(max(force / max(effect, _MIN_THRUST_EFFECT), _MIN_THRUST * weight), 2.0 * weight)
+
+
+@inlined
+def _coefficients(a: float, b: float, c: float, damping: float) -> tuple[float, float, float, float, float, float]:
+    """Return k₀ … k₅ of Π (s² + 2ζω s + ω²) for three bandwidths ω."""
+    twice = 2.0 * damping
+    p0, p1 = a * a * b * b, twice * a * b * (a + b)  # of the first two pairs: s⁴ + p₃ s³ + p₂ s² + p₁ s + p₀
+    p2, p3 = a * a + b * b + twice * twice * a * b, twice * (a + b)
+    q0, q1 = c * c, twice * c
+    return p0 * q0, p1 * q0 + p0 * q1, p2 * q0 + p1 * q1 + p0, p3 * q0 + p2 * q1 + p1, q0 + p3 * q1 + p2, q1 + p3
+
+
+@compiled
+def _commands(
+    estimate: Floats,
+    reference: Floats,
+    yaw: Floats,
+    scales: Floats,
+    gains: Floats,
+    model: Floats,
+    packed_rigid: Floats | None,
+    out: Floats,
+) -> None:
+    numbers, pendulum = unpack_gains(gains), unpack_pendulum(model)
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    for row in range(out.shape[0]):
+        state, forces, wanted = law_inputs(estimate, reference, yaw, row)
+        bandwidth_scale = load_four(scales.T, 0, min(row, scales.shape[0] - 1))
+        store_four(out.T, 0, row, flatness(state, forces, wanted, bandwidth_scale, numbers, pendulum, rigid))
+
+
 @dataclass(frozen=True)
 class Flatness:
-    """The control law (1)–(7)."""
+    """The control law (1)–(7) for n rows."""
 
     gains: FlatnessGains
     simulation: Simulation
+
+    @cached_property
+    def _numbers(self) -> tuple[Floats, Floats, Floats | None]:
+        model = equivalent_model(self.simulation)
+        return pack_gains(self.gains), model.packed, model.packed_rigid
 
     def initial_memory(self, rows: int) -> tuple[()]:
         """Return an empty tuple: this law has no memory."""
@@ -66,98 +278,9 @@ class Flatness:
     ) -> tuple[Floats, tuple[()]]:
         """Return the command of equations (1)–(7); see `output_feedback.ControlLaw`.
 
-        `bandwidth_scale` are factors on the bandwidths of position, pendulum, attitude, and of height and yaw together,
-        shape (n, 4) or (1, 4).
+        `bandwidth_scale` are the factors of `flatness`, shape (n, 4) or (1, 4).
         """
-        model, gains, s = equivalent_model(self.simulation), self.gains, State(estimate.state)
-        p, acting = model.parameters, model.disturbance(estimate.disturbance)
-        disturbance = Disturbance(acting)
-        vertical_bandwidth = gains.vertical_bandwidth * bandwidth_scale[:, 3]
-        desired = flat_outputs.flat_trajectory(model.reference(measurement.reference), acting, p)
-        tangent = flat_outputs.tangent_from_attitude(taylor.from_derivatives(s.euler, s.euler_rate))
-        axis_height = np.maximum(np.cos(s.euler[:, 0]) * np.cos(s.euler[:, 1]), _MIN_AXIS_HEIGHT)
-        thrust = self._thrust(s, disturbance, measurement, tangent[0], axis_height, vertical_bandwidth)
-        r_z = s.direction[:, 2:]
-        pole = s.direction[:, :2] / r_z
-        pole_rate = (s.direction_rate[:, :2] - pole * s.direction_rate[:, 2:]) / r_z
-        pendulum = model.sigma(pole, tangent[0])
-        pendulum_rate = model.sigma(pole_rate, tangent[1])
-        bob_gravity = (p.gravity + measurement.reference[:, 0, 2] - disturbance.bob_force[:, 2] / p.bob_mass)[
-            :, np.newaxis
-        ]
-        per_rod = 1.0 / (r_z * p.quadrotor_mass * p.rod_length)
-        stiffness = per_rod * (thrust * axis_height)[:, np.newaxis]
-        relative = p.quadrotor_mass / p.bob_mass * disturbance.bob_force - disturbance.force
-        drift = per_rod * (relative[:, :2] - pendulum * relative[:, 2:])
-        drift -= 2.0 * pendulum_rate * s.direction_rate[:, 2:] / r_z
-        s_d, t_d = taylor.to_derivatives(desired.pendulum_tangent), taylor.to_derivatives(desired.thrust_tangent)
-
-        length = self.simulation.parameters.rod_length
-        e0 = s.position[:, :2] + length * s.direction[:, :2]
-        e1 = s.velocity[:, :2] + length * s.direction_rate[:, :2]
-        poles_d = model.pendulum(s_d[:2], t_d[:2])
-        e0 += model.pendulum_arm * (pole - poles_d[0]) + model.thrust_arm * (tangent[0] - t_d[0])
-        e1 += model.pendulum_arm * (pole_rate - poles_d[1]) + model.thrust_arm * (tangent[1] - t_d[1])
-        e2, e3 = bob_gravity * (pendulum - s_d[0]), bob_gravity * (pendulum_rate - s_d[1])
-        s2 = stiffness * (pendulum - tangent[0]) + drift
-        e4 = bob_gravity * (s2 - s_d[2])
-        total_stiffness = stiffness - per_rod * relative[:, 2:]  # κ' = ∂s̈/∂s
-        e5 = bob_gravity * (total_stiffness * (pendulum_rate - s_d[1]) - stiffness * (tangent[1] - t_d[1]))
-
-        far = (gains.position_bandwidth, gains.far_pendulum_bandwidth, gains.far_attitude_bandwidth)
-        near = (gains.position_bandwidth, gains.pendulum_bandwidth, gains.attitude_bandwidth)
-        mode = np.linalg.norm(e2 + e3 / np.sqrt(np.abs(stiffness)), axis=1) / bob_gravity[:, 0]
-        share = 1.0 / (1.0 + (mode / gains.near) ** 2)
-        bandwidths = [f * (a + (b - a) * share) for a, b, f in zip(far, near, bandwidth_scale.T, strict=False)]
-        k = _coefficients(bandwidths, gains.damping)
-        velocity = limit_norm(k[0] / k[1] * e0, gains.velocity)
-        e2_demanded = -limit_norm(k[1] / k[2] * (e1 + velocity), gains.acceleration)
-        e4_demanded = -(k[3] * e3 + k[2] * (e2 - e2_demanded)) / k[4]
-        tangent_demanded = pendulum - (s_d[2] + e4_demanded / bob_gravity - drift) / stiffness
-        tangent_demanded = limit_norm(tangent_demanded, np.tan(gains.lean))
-        e4_demanded = bob_gravity * (stiffness * (pendulum - tangent_demanded) + drift - s_d[2])
-        e6 = -k[5] * e5 - k[4] * (e4 - e4_demanded)
-        t2 = t_d[2] + total_stiffness / stiffness * (s2 - s_d[2]) - e6 / (bob_gravity * stiffness)
-
-        yaw_acceleration = self._yaw_acceleration(s, measurement, vertical_bandwidth)
-        yaw = taylor.from_derivatives(s.euler[:, 2], s.euler_rate[:, 2], yaw_acceleration)
-        attitude = flat_outputs.attitude_from_tangent(np.stack([*tangent, 0.5 * t2]), yaw)
-        inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
-        torque = inertia * taylor.to_derivatives(attitude)[2] - disturbance.torque
-        command = np.column_stack([thrust, torque])
-        return model.body_command(estimate.state, command, estimate.disturbance), memory
-
-    def _yaw_acceleration(self, s: State, measurement: Measurement, w: Floats) -> Floats:
-        """Return the demanded ψ̈ for the bandwidth w, rad/s², shape (n,)."""
-        reference, reference_rate, reference_acceleration = measurement.yaw_reference.T
-        error, rate = s.euler[:, 2] - reference, s.euler_rate[:, 2] - reference_rate
-        return np.asarray(reference_acceleration - 2.0 * self.gains.damping * w * rate - w * w * error)
-
-    def _thrust(
-        self, s: State, d: Disturbance, measurement: Measurement, tangent: Floats, axis_height: Floats, w: Floats
-    ) -> Floats:
-        """Return the thrust of equation (6), N, shape (n,), from t, b_z and the bandwidth w."""
-        p = equivalent_model(self.simulation).parameters
-        feedback = 2.0 * self.gains.damping * w * s.velocity[:, 2], w * w * s.position[:, 2]
-        acceleration = measurement.reference[:, 0, 2] - feedback[0] - feedback[1]
-        axis = np.column_stack([tangent, np.ones_like(axis_height)]) * axis_height[:, np.newaxis]
-        # r̈_z is the sum of a part without thrust and a part proportional to the thrust.
-        relative = (d.bob_force / p.bob_mass - d.force / p.quadrotor_mass) / p.rod_length
-        r, r_z = s.direction, s.direction[:, 2]
-        without_thrust = relative[:, 2] - (np.sum(r * relative, axis=1) + np.sum(s.direction_rate**2, axis=1)) * r_z
-        force = p.total_mass * (p.gravity + acceleration) - d.force[:, 2] - d.bob_force[:, 2]
-        effect = axis_height + p.bob_mass / p.quadrotor_mass * (axis_height - np.sum(r * axis, axis=1) * r_z)
-        thrust = (force + p.bob_mass * p.rod_length * without_thrust) / np.maximum(effect, _MIN_THRUST_EFFECT)
-        return np.asarray(np.clip(thrust, _MIN_THRUST * p.hover_thrust, 2.0 * p.hover_thrust))
-
-
-def _coefficients(bandwidths: list[Floats], damping: float) -> list[Floats]:
-    """Return k₀ … k₅ of Π (s² + 2ζω s + ω²), each of shape (n, 1), from the bandwidths ω, each of shape (n,)."""
-    polynomial = [np.ones_like(bandwidths[0])]
-    for w in bandwidths:
-        product = [*polynomial, np.zeros_like(w), np.zeros_like(w)]
-        for i, c in enumerate(polynomial):
-            product[i + 1] = product[i + 1] + 2.0 * damping * w * c
-            product[i + 2] = product[i + 2] + w * w * c
-        polynomial = product
-    return [c[:, np.newaxis] for c in polynomial[:0:-1]]
+        out = np.empty((len(estimate.array), 4))
+        reference, yaw = measurement.reference, measurement.yaw_reference
+        _commands(estimate.array, reference, yaw, bandwidth_scale, *self._numbers, out)
+        return out, memory

@@ -16,32 +16,51 @@ actuators (anti-windup), and each component of σ is bounded. The norm of the ho
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, solve_discrete_are
 
-from quadpend_baselines.estimation.prediction import Estimate, Measurement
+from quadpend_baselines.estimation.prediction import Estimate, Measurement, law_inputs
 from quadpend_baselines.gains import LqrGains
-from quadpend_baselines.modelling.equivalent import equivalent_model
+from quadpend_baselines.modelling.equivalent import (
+    Pendulum,
+    body_command,
+    equivalent_model,
+    follow,
+    unpack_pendulum,
+)
 from quadpend_baselines.modelling.linear_model import (
     EULER,
     EULER_RATE,
-    HORIZONTAL_POSITION,
     MODEL_STATE_SIZE,
     PENDULUM,
     PENDULUM_RATE,
     POSITION,
-    STATE_COLUMNS,
     VELOCITY,
     linearise,
-    rotate_state,
+    model_state,
 )
-from quadpend_baselines.modelling.planar import limit_norm, rotate
-from quadpend_baselines.policy.protocol import to_action
+from quadpend_baselines.modelling.quantities import (
+    Derivatives,
+    Forces,
+    Vec2,
+    VehicleState,
+    bob_offset,
+    calm,
+    combine,
+    limit_length,
+    turn3,
+)
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import State
+from quadpend_gym.core.elementary import select, sincos
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
+from quadpend_gym.physics.rotors import allocate, clip4
+from quadpend_gym.physics.vectors import Four, Vec3, load, multiply, store, store_four
 
 _OUTPUTS = 3
 
@@ -102,29 +121,156 @@ def varying_gains(A: Floats, B: Floats, Q: Floats, R: Floats, P: Floats) -> Floa
     return gains
 
 
-def deviation(
-    estimate: Estimate, measurement: Measurement, disturbance: Floats, simulation: Simulation
-) -> tuple[Floats, Floats]:
-    """Return x − x_d in the axes of the heading, shape (n, 16), SI units, and u_d, shape (n, 4), N and N·m.
+class LqrNumbers(NamedTuple):
+    """What the law needs besides the gain K, inside compiled functions."""
 
-    x_d and u_d follow the reference under the given disturbance, N and N·m, shape (n, 9).
-    """
-    yaw = State(estimate.state).euler[:, 2]
+    reach: float  # limit of the horizontal position error in the feedback, m
+    integral_limit: float  # of each component of σ, m·s
+    period: float  # T, s
+    command_scale: Four  # see `Simulation.command_scale`
+
+
+unpack_numbers = unpacker(LqrNumbers)
+
+
+@inlined
+def deviation(
+    s: VehicleState, disturbance: Forces, reference: Derivatives, model: Pendulum, rigid: RigidSettings | None
+) -> tuple[VehicleState, Four]:
+    """Return x − x_d in the axes of the heading, and u_d (N, N·m), which follow the reference under a disturbance."""
+    sine, cosine = sincos(s.euler.z)
     # The desired roll and pitch are computed for the actual heading, not for the desired one.
-    heading = np.column_stack([yaw, measurement.yaw_reference[:, 1:]])
-    equivalent = equivalent_model(simulation)
-    state, command = equivalent.trajectory(measurement.reference, heading, disturbance)
-    command = equivalent.body_command(state, command, disturbance)
-    State(state).euler[:, 2] = measurement.yaw_reference[:, 0]
-    return rotate_state((estimate.state - state)[:, STATE_COLUMNS], -yaw), command
+    yaw, d = reference.yaw, reference
+    heading = Derivatives(d.d2, d.d3, d.d4, d.d5, d.d6, Vec3(s.euler.z, yaw.y, yaw.z))
+    wanted, command = follow(heading, disturbance, model)
+    command = body_command(wanted, command, disturbance, model, rigid)
+    x = combine(-1.0, wanted, s)
+    return (
+        VehicleState(
+            turn3(x.position, -sine, cosine),
+            turn3(x.velocity, -sine, cosine),
+            Vec3(x.euler.x, x.euler.y, s.euler.z - yaw.x),
+            x.euler_rate,
+            turn3(x.direction, -sine, cosine),
+            turn3(x.direction_rate, -sine, cosine),
+        ),
+        command,
+    )
+
+
+@inlined
+def feedback(x: Any, gain: Any, first: int) -> Four:
+    """Return the product of x and the columns of a matrix with four rows from `first`."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(x)):
+        a += gain[0, first + i] * x[i]
+        b += gain[1, first + i] * x[i]
+        c += gain[2, first + i] * x[i]
+        d += gain[3, first + i] * x[i]
+    return Four(a, b, c, d)
+
+
+@inlined
+def _minus(a: Four, b: Four) -> Four:
+    return Four(a.a - b.a, a.b - b.b, a.c - b.c, a.d - b.d)
+
+
+@inlined
+def _attained(command: Four, scale: Four, rigid: RigidSettings | None) -> Four:
+    """Return thrust (N) and torques (N·m) within the limits of the vehicle."""
+    if rigid is None:
+        low = Four(0.0, -scale.b, -scale.c, -scale.d)
+        return clip4(command, low, Four(2.0 * scale.a, scale.b, scale.c, scale.d))
+    if rigid.rotors.has_rotors == 0.0:
+        return clip4(command, rigid.rotors.lowest, rigid.rotors.highest)
+    return multiply(rigid.rotors.mixing, allocate(command, rigid.rotors))
+
+
+@inlined
+def _excess(attained: float, command: float) -> float:
+    """Return a number above zero if a command is not attained."""
+    return abs(attained - command) - 1e-3 - 1e-5 * abs(command)
+
+
+@inlined
+def lqr(
+    s: VehicleState,
+    reference: Derivatives,
+    integral: Vec3,
+    gain: Any,
+    numbers: LqrNumbers,
+    model: Pendulum,
+    rigid: RigidSettings | None,
+) -> tuple[Four, Vec3]:
+    """Return thrust (N) and torques (N·m) of equation (1), and the integrals σ after this step, m·s.
+
+    Args:
+        s: State, with position and velocity relative to the reference.
+        reference: The reference.
+        integral: σ, world frame.
+        gain: K, shape (4, 16), or (4, 19) with integrators.
+        numbers: Limits and period.
+        model: The equivalent pendulum.
+        rigid: Settings of a rigid vehicle; None: the paper's vehicle.
+    """
+    x, command = deviation(s, calm(), reference, model, rigid)
+    near = limit_length(Vec2(x.position.x, x.position.y), numbers.reach)
+    position = Vec3(near.x, near.y, x.position.z)
+    x = VehicleState(position, x.velocity, x.euler, x.euler_rate, x.direction, x.direction_rate)
+    command = _minus(command, feedback(model_state(x, 0.0, 1.0), gain, 0))
+    if gain.shape[1] == MODEL_STATE_SIZE:
+        return command, integral
+    sine, cosine = sincos(s.euler.z)
+    command = _minus(command, feedback(turn3(integral, -sine, cosine), gain, MODEL_STATE_SIZE))
+    error, applied = turn3(bob_offset(x, model.vehicle.rod_length)[0], sine, cosine), numbers.command_scale
+    applied = _attained(command, applied, rigid)
+    excess = max(
+        max(_excess(applied.a, command.a), _excess(applied.b, command.b)),
+        max(_excess(applied.c, command.c), _excess(applied.d, command.d)),
+    )
+    step, limit = select(excess > 0.0, 0.0, numbers.period), numbers.integral_limit
+    return command, Vec3(
+        min(max(integral.x + step * error.x, -limit), limit),
+        min(max(integral.y + step * error.y, -limit), limit),
+        min(max(integral.z + step * error.z, -limit), limit),
+    )
+
+
+@compiled
+def _commands(
+    estimate: Floats,
+    reference: Floats,
+    yaw: Floats,
+    memory: Floats,
+    gain: Floats,
+    numbers: Floats,
+    model: Floats,
+    packed_rigid: Floats | None,
+    out: Floats,
+    memory_out: Floats,
+) -> None:
+    limits, pendulum = unpack_numbers(numbers), unpack_pendulum(model)
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    for row in range(out.shape[0]):
+        state, _, wanted = law_inputs(estimate, reference, yaw, row)
+        command, integral = lqr(state, wanted, load(memory.T, 0, row), gain, limits, pendulum, rigid)
+        store_four(out.T, 0, row, command)
+        store(memory_out.T, 0, row, integral)
 
 
 @dataclass(frozen=True)
 class Lqr:
-    """The control law (1), with integrators if `gains.integral` is positive."""
+    """The control law (1) for n rows, with integrators if `gains.integral` is positive."""
 
     gains: LqrGains
     simulation: Simulation
+
+    @cached_property
+    def _numbers(self) -> tuple[Floats, Floats, Floats, Floats | None]:
+        gains, simulation, model = self.gains, self.simulation, equivalent_model(self.simulation)
+        scale = Four(*simulation.command_scale.tolist())
+        numbers = pack(LqrNumbers(gains.reach, gains.integral_limit, simulation.period, scale))
+        return np.ascontiguousarray(riccati(gains, simulation)[0]), numbers, model.packed, model.packed_rigid
 
     def initial_memory(self, rows: int) -> Floats:
         """Return σ = 0, shape (rows, 3), m·s."""
@@ -132,16 +278,7 @@ class Lqr:
 
     def command(self, estimate: Estimate, measurement: Measurement, memory: Floats) -> tuple[Floats, Floats]:
         """Return the command of equation (1) and the integrals σ; see `output_feedback.ControlLaw`."""
-        p, yaw = self.simulation.parameters, State(estimate.state).euler[:, 2]
-        x, command = deviation(estimate, measurement, np.zeros_like(estimate.disturbance), self.simulation)
-        x[:, HORIZONTAL_POSITION] = limit_norm(x[:, HORIZONTAL_POSITION], self.gains.reach)
-        gain, _ = riccati(self.gains, self.simulation)
-        command = command - x @ gain[:, :MODEL_STATE_SIZE].T
-        if self.gains.integral <= 0.0:
-            return command, memory
-        command = command - rotate(memory, -yaw, 0) @ gain[:, MODEL_STATE_SIZE:].T
-        error = rotate(x @ output_matrix(p.rod_length).T, yaw, 0)
-        applied = to_action(command, self.simulation)[1]
-        unsaturated = np.isclose(applied, command, atol=1e-3).all(axis=1, keepdims=True)
-        limit = self.gains.integral_limit
-        return command, np.clip(memory + self.simulation.period * error * unsaturated, -limit, limit)
+        out, after = np.empty((len(memory), 4)), np.empty_like(memory)
+        reference, yaw = measurement.reference, measurement.yaw_reference
+        _commands(estimate.array, reference, yaw, memory, *self._numbers, out, after)
+        return out, after

@@ -21,7 +21,7 @@ from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.policy.protocol import episode_start_mask, select_rows, to_action
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, THRUST, TORQUE
+from quadpend_gym.physics.state import ACTION_SIZE, FORCE, THRUST, TORQUE
 
 
 class ControlLaw(Protocol):
@@ -101,29 +101,31 @@ class OutputFeedback(Controller):
         """Update the estimates with new observations, shape (n, 36), or (n, 27) without velocities."""
         measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
         rows = len(measurement.state)
-        started = episode_start_mask(episode_start, state is None, rows)
-        memory: Any = None
-        if state is not None and not started.all():
-            memory = state._replace(estimate=self._estimator.update(state.estimate, state.action, measurement))
-        if started.any():
-            none = np.zeros((rows, ACTION_SIZE), np.float32)
-            initial = self._estimator.initial_estimate(measurement), self._law.initial_memory(rows), none
-            fresh = OutputFeedbackMemory(*initial)
-            memory = fresh if memory is None else select_rows(started, fresh, memory)
-        return memory._replace(measurement=measurement)  # type: ignore[no-any-return]
+        if state is None:
+            estimate, none = self._estimator.observe(measurement), np.zeros((rows, ACTION_SIZE), np.float32)
+            return OutputFeedbackMemory(estimate, self._law.initial_memory(rows), none, measurement)
+        started = None if episode_start is None else episode_start_mask(episode_start, False, rows)
+        estimate = self._estimator.observe(measurement, state.estimate, state.action, started)
+        law_memory, action = state.law_memory, state.action
+        if started is not None and started.any():
+            initial = self._law.initial_memory(rows), np.zeros_like(action)
+            law_memory, action = select_rows(started, initial, (law_memory, action))
+        return OutputFeedbackMemory(estimate, law_memory, action, measurement)
 
     def control(self, estimation: OutputFeedbackMemory, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
         """Return the actions of n rows, shape (n, 4), and the memory; `options` are passed on to the control law."""
         prediction = self._estimator.prediction
         estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
-        # A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
-        force_ratio = np.ones((len(estimate.state), DISTURBANCE_SIZE))
-        force_ratio[:, :TORQUE] = estimate.mass_ratio[:, np.newaxis]
-        nominal = estimate._replace(disturbance=estimate.disturbance / force_ratio)
+        nominal = estimate
+        if self.gains.estimator.mass_time:
+            # A vehicle with μ times the mass moves under μ times the forces as the nominal one does.
+            nominal = Estimate(estimate.array.copy())
+            nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio[:, np.newaxis]
         command, law_memory = self._law.command(nominal, measurement, estimation.law_memory, **options)
-        command[:, THRUST] *= estimate.mass_ratio
+        if nominal is not estimate:
+            command[:, THRUST] *= estimate.mass_ratio
         wanted, _ = to_action(command, self.simulation, estimate.rigid)
-        action = prediction.loop.compensate(wanted, estimate.loop, self.simulation.period)
+        action = prediction.compensate(wanted, estimate.array)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 
     def estimated_disturbance(self, memory: OutputFeedbackMemory) -> Floats:

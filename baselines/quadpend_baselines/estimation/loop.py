@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from quadpend_gym import Simulation
 from quadpend_gym.actuators import ActionDelay, MotorLag, RateLimit, Rotors
-from quadpend_gym.core.arrays import Floats, Floats32
-from quadpend_gym.core.streams import Streams
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay
 
+LAG, LIMIT = 0.0, 1.0  # kinds of actuators in `Loop.numbers`
 FASTEST_LAG = 0.02  # s, T': faster ones amplify noise, slower ones track less well; measured with `flatness`
 
 
@@ -78,46 +78,66 @@ class Loop:
         lags = [min(model.time_constant, FASTEST_LAG) for model in self.actuators if isinstance(model, MotorLag)]
         return float(sum(lags))
 
-    @property
-    def memory_size(self) -> int:
-        """Number of floats that `act` stores for each row."""
-        return self.steps * ACTION_SIZE + sum(int(model.memory_size) for model in self.actuators)
-
-    def act(self, action: Floats32, memory: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
-        """Return the action that acts in a control step, shape (n, 4), and the memory after this step.
+    def numbers(self, period: float) -> Floats:
+        """Return the actuators as rows of kind, decay, share or limit, and factor of equation (2), shape (k, 4).
 
         Args:
-            action: The action that the controller has chosen in this step, shape (n, 4).
-            memory: The memory before the step, shape (n, k): the actions under way, the oldest first, and the memory of
-                each actuator. It is zero at the start of an episode.
-            simulation: Defines the control period.
+            period: Length of the period in which they act, s.
         """
-        if not self.memory_size:
-            return action, memory
-        first = self.steps * ACTION_SIZE
-        under_way = np.concatenate([memory[:, :first], action], axis=1)
-        out, after = np.asfortranarray(under_way[:, :ACTION_SIZE]), [under_way[:, ACTION_SIZE:]]
-        # These models use neither the step number nor random numbers.
-        step, streams = np.zeros(len(action), np.int64), Streams(np.zeros(len(action), np.uint64))
+        rows = []
         for model in self.actuators:
-            part = np.array(memory[:, first : first + model.memory_size], order="F")
-            model.act(out, part, step, simulation, streams)
-            after.append(part)
-            first += model.memory_size
-        return out.astype(np.float32, order="C"), np.concatenate(after, axis=1)
+            if isinstance(model, RateLimit):
+                rows.append((LIMIT, 0.0, model.rate * period, 0.0))
+                continue
+            ratio, factor = period / model.time_constant, 0.0
+            if model.time_constant > FASTEST_LAG:
+                factor = np.expm1(-period / FASTEST_LAG) / np.expm1(-ratio)
+            rows.append((LAG, np.exp(-ratio), -np.expm1(-ratio) / ratio, factor))
+        return np.array(rows).reshape(-1, 4)
 
-    def compensate(self, wanted: Floats32, memory: Floats, period: float) -> Floats32:
-        """Return the action of equation (2), clipped to its range, shape (n, 4).
 
-        Args:
-            wanted: w, shape (n, 4).
-            memory: The memory at the time when the action acts, shape (n, k).
-            period: h, s.
-        """
-        last = self.memory_size
-        for model in reversed(self.actuators):
-            lagged, last = memory[:, last - model.memory_size : last], last - model.memory_size
-            if isinstance(model, MotorLag) and model.time_constant > FASTEST_LAG:
-                factor = np.expm1(-period / FASTEST_LAG) / np.expm1(-period / model.time_constant)
-                wanted = np.clip(lagged + factor * (wanted - lagged), -1.0, 1.0).astype(np.float32)
-        return wanted
+@inlined
+def act(action: Any, delay: int, actuators: Any, memory: Any, first: int, lane: int) -> None:
+    """Replace the action that the controller has chosen in a control step by the one that acts, in place.
+
+    Args:
+        action: The action, shape (4, 1).
+        delay: Control steps until an action acts.
+        actuators: `Loop.numbers`, shape (k, 4).
+        memory: In the 4 (delay + k) fields from `first` of column `lane`: the actions under way, the oldest first, and
+            the memory of each actuator; changed in place. It is zero at the start of an episode.
+        first: First field of the memory.
+        lane: Column of the memory.
+    """
+    waiting = ACTION_SIZE * delay
+    for i in range(ACTION_SIZE):
+        if delay > 0:
+            chosen, action[i, 0] = action[i, 0], memory[first + i, lane]
+            for k in range(first + i, first + waiting - ACTION_SIZE, ACTION_SIZE):
+                memory[k, lane] = memory[k + ACTION_SIZE, lane]
+            memory[first + waiting - ACTION_SIZE + i, lane] = chosen
+        for k in range(actuators.shape[0]):
+            place = first + waiting + ACTION_SIZE * k + i
+            wanted, last, share = action[i, 0], memory[place, lane], actuators[k, 2]
+            if actuators[k, 0] == LAG:
+                memory[place, lane] = wanted + actuators[k, 1] * (last - wanted)
+                action[i, 0] = wanted + share * (last - wanted)
+            else:
+                memory[place, lane] = last + min(max(wanted - last, -share), share)
+                action[i, 0] = memory[place, lane]
+        action[i, 0] = float(np.float32(action[i, 0]))
+
+
+@inlined
+def compensate(action: Any, delay: int, actuators: Any, memory: Any, first: int, lane: int) -> None:
+    """Replace wanted actions by those of equation (2), clipped to their range, in place; the arguments are as in `act`.
+
+    `action` has shape (4, n). The memory is that at the time when the action acts.
+    """
+    for i in range(ACTION_SIZE):
+        for back in range(actuators.shape[0]):
+            k = actuators.shape[0] - 1 - back
+            if actuators[k, 3] > 0.0:
+                lagged = memory[first + ACTION_SIZE * (delay + k) + i, lane]
+                sent = lagged + actuators[k, 3] * (action[i, lane] - lagged)
+                action[i, lane] = float(np.float32(min(max(sent, -1.0), 1.0)))

@@ -16,14 +16,15 @@ With δ = ρT / L₄ (the default), equation (3) is linear inside the boundary l
 saturates outside. δ = 0 gives the paper's sign term, and ρ = ∞ gives the linear ESO.
 """
 
-from dataclasses import dataclass
 from math import factorial
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
 from quadpend_baselines.gains import ObserverGains
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import inlined
 
 ORDER = 4
 LUENBERGER_INPUT, ESO_INPUT = 3, 1  # index of the state that the known input drives
@@ -56,41 +57,46 @@ def input_gain(driven_state: int, period: float) -> Floats:
     return np.array([period ** (lag + 1) / factorial(lag + 1) if lag >= 0 else 0.0 for lag in lags])
 
 
-@dataclass(frozen=True)
-class ObserverBank:
-    """m observers of integrator chains, computed together."""
+def design_observers(observers: list[tuple[int, ObserverGains]], period: float) -> Floats:
+    """Return what `update_observers` needs of m observers, shape (m, 10): Γ, L, and ρT/δ and ρT of equation (3).
 
-    transition: Floats  # Φ, shape (4, 4)
-    input_gains: Floats  # Γ of each observer, shape (m, 4)
-    gains: Floats  # L of each observer, shape (m, 4)
-    slopes: Floats  # ρT/δ of equation (3) of each observer, shape (m,)
-    limits: Floats  # ρT of equation (3) of each observer, shape (m,)
+    Args:
+        observers: The driven state and the gains of each observer.
+        period: Sampling period, s.
+    """
+    rows = []
+    for driven_state, item in observers:
+        gain, limit = current_gain(item, period), np.inf if item.switching is None else item.switching * period
+        slope = gain[-1] if item.layer is None else limit / max(item.layer, 1e-300)
+        rows.append([*input_gain(driven_state, period), *gain, slope, limit])
+    return np.array(rows)
 
-    @classmethod
-    def design(cls, observers: list[tuple[int, ObserverGains]], period: float) -> "ObserverBank":
-        """Design observers from the driven state and the gains of each one, and the sampling period, s."""
-        gains = np.array([current_gain(item, period) for _, item in observers])
-        limits = np.array([np.inf if item.switching is None else item.switching * period for _, item in observers])
-        slopes = [
-            gain[-1] if item.layer is None else limit / max(item.layer, 1e-300)
-            for gain, limit, (_, item) in zip(gains, limits, observers, strict=True)
-        ]
-        inputs = np.array([input_gain(driven_state, period) for driven_state, _ in observers])
-        return cls(chain(period), inputs, gains, np.array(slopes), limits)
 
-    def update(self, estimate: Floats, known_input: Floats, measured: Floats) -> Floats:
-        """Return the estimates one period later, by equations (1)–(3).
+@inlined
+def update_observers(
+    estimate: Any, first: int, lane: int, known_input: Any, measured: Any, bank: Any, period: float
+) -> None:
+    """Replace the estimates by those one period later, in place, by equations (1)–(3).
 
-        Args:
-            estimate: x̂ one period ago, shape (n, m, 4).
-            known_input: u over the period, shape (n, m).
-            measured: y at the end of the period, shape (n, m).
-
-        Returns:
-            x̂ at the end of the period, shape (n, m, 4).
-        """
-        predicted = estimate @ self.transition.T + known_input[..., np.newaxis] * self.input_gains
-        error = measured - predicted[..., 0]
-        correction = error[..., np.newaxis] * self.gains
-        correction[..., -1] = np.clip(error * self.slopes, -self.limits, self.limits)
-        return np.asarray(predicted + correction)
+    Args:
+        estimate: x̂ of observer i in the four fields from first + 4 i, shape (k, n).
+        first: First field.
+        lane: Column.
+        known_input: u of each observer over the period.
+        measured: y of each observer at the end of the period.
+        bank: The observers, see `design_observers`.
+        period: Period, s.
+    """
+    t = period
+    for i in range(bank.shape[0]):
+        place, u = first + ORDER * i, known_input[i]
+        d = estimate[place + 3, lane] + bank[i, 3] * u
+        c = estimate[place + 2, lane] + t * estimate[place + 3, lane] + bank[i, 2] * u
+        b = estimate[place + 1, lane] + t * (estimate[place + 2, lane] + t / 2.0 * estimate[place + 3, lane])
+        a = estimate[place + 2, lane] + t / 3.0 * estimate[place + 3, lane]
+        a = estimate[place, lane] + t * (estimate[place + 1, lane] + t / 2.0 * a) + bank[i, 0] * u
+        error, limit = measured[i] - a, bank[i, 9]
+        estimate[place, lane] = a + bank[i, 4] * error
+        estimate[place + 1, lane] = b + bank[i, 1] * u + bank[i, 5] * error
+        estimate[place + 2, lane] = c + bank[i, 6] * error
+        estimate[place + 3, lane] = d + min(max(bank[i, 8] * error, -limit), limit)

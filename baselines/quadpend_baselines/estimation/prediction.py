@@ -1,31 +1,73 @@
 """Prediction of the state: the nonlinear simulation, driven by the action that passes through the known loop.
 
-    (1)  x_{k+1} = f(x_k, ā_k, d̂, μ̂),   ā_k = h(a_k, a_{k−1}, …)          f: one control period, h: `loop.Loop`
+    (1)  x_{k+1} = f(x_k, ā_k, d̂, μ̂),   ā_k = h(a_k, a_{k−1}, …)          f: one control period, h: `loop.act`
 
 Positions and velocities are relative to the reference, which accelerates. The prediction therefore subtracts the motion
 of the reference over a period, a polynomial of order 6. The state of a rigid vehicle includes the thrusts of its
 rotors, which are predicted without correction; f delays the action by the latency of the simulation.
+
+An estimate is a flat vector with this layout (`Estimate` names its parts):
+
+| fields | name          | content                                                                                    |
+|--------|---------------|--------------------------------------------------------------------------------------------|
+| 0–17   | `state`       | x̂ as in `quadpend_gym.physics.state`; position and velocity are relative to the reference  |
+| 18–26  | `disturbance` | d̂, laid out as `Disturbance`, N and N·m                                                    |
+| 27–41  | `reference`   | F_d⁽ⁱ⁾ for i = 2 … 6 of the latest measurement                                             |
+| 42     | `mass_ratio`  | μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob      |
+| 43     | `age`         | number of corrections since the episode began                                              |
+| 44–61  | `innovation`  | measured minus predicted state before the latest correction; 0 for rates not measured      |
+| 62–72  | `rigid`       | quaternion, body rate and rotor thrusts of a rigid vehicle, see `physics.rigid_kernel`     |
+| 73–    |               | memory of the known loop, see `loop.act`; with a latency that is not a whole number of     |
+|        |               | periods then the action before                                                             |
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import factorial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.estimation.loop import Loop
-from quadpend_baselines.modelling.planar import limit_norm
+from quadpend_baselines.estimation.loop import Loop, act, compensate
+from quadpend_baselines.modelling.equivalent import Pendulum, equivalent_model
+from quadpend_baselines.modelling.quantities import (
+    Derivatives,
+    Forces,
+    VehicleState,
+    load_derivatives,
+    load_forces,
+    load_state,
+    store_state,
+)
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.physics.plants import plant_of
-from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
-from quadpend_gym.physics.state import State
-from quadpend_gym.vehicles.parameters import BOB_MASS, QUADROTOR_MASS
+from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
+from quadpend_gym.physics.euler_kernel import integrate, store_command
+from quadpend_gym.physics.rigid_kernel import (
+    BODY_RATE,
+    QUATERNION,
+    RIGID,
+    RIGID_LANE_SIZE,
+    RIGID_SIZE,
+    integrate_rigid,
+)
+from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, POSITION, STATE_SIZE, VELOCITY
+from quadpend_gym.physics.vectors import Four, Vec3, load, store, store_four
+from quadpend_gym.vehicles.parameters import BOB_MASS, PARAMETERS_SIZE, QUADROTOR_MASS
 
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| of an estimate: 72° from upright; the default limit of an episode is 60°
-
-MASSES = [QUADROTOR_MASS, BOB_MASS]
+ORDERS = 5  # derivatives of the reference, of order 2 … 6
+STATE, DISTURBANCE, REFERENCE, MASS_RATIO, AGE, INNOVATION, RIGID_PART, LOOP = 0, 18, 27, 42, 43, 44, 62, 73
+# Fields of the buffer in which an estimate is advanced: the lanes of the kernels, parameters, action and the one
+# before, disturbance and velocity of the air.
+_PARAMETERS = RIGID_LANE_SIZE
+_ACTION = _PARAMETERS + PARAMETERS_SIZE
+_BEFORE = _ACTION + ACTION_SIZE
+_FORCES = _BEFORE + ACTION_SIZE
+_AIR = _FORCES + DISTURBANCE_SIZE
+BUFFER_SIZE = _AIR + 3
 
 
 class Measurement(NamedTuple):
@@ -39,26 +81,240 @@ class Measurement(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """Memory of the estimator for n rows."""
+    """Named views of n estimates, see the table above; writing into a view writes into the array.
 
-    state: Floats  # x̂, as `Measurement.state` but complete, shape (n, 18)
-    disturbance: Floats  # d̂, in the layout of `Disturbance`, N and N·m, shape (n, 9)
-    reference: Floats  # reference derivatives of the latest measurement, shape (n, 5, 3)
-    age: Integers  # number of corrections since the episode began, shape (n,)
-    loop: Floats  # memory of the known loop, shape (n, k), see `Loop.act`
-    # Quaternion, body rate and rotor thrusts (N) of a rigid vehicle, shape (n, 11), see
-    # `quadpend_gym.physics.rigid_kernel`; shape (n, 0) for the paper's attitude model
-    rigid: Floats
-    # μ̂, effective ratio of weight to thrust, which scales the masses of quadrotor and bob, shape (n,)
-    mass_ratio: Floats
-    # Measured minus predicted state before the latest correction, shape (n, 18); zero where a rate is not measured and
-    # at the start of an episode. Empty for observers without it.
-    innovation: Any = ()
+    Attributes:
+        array: Shape (n, k).
+    """
+
+    array: Floats
+
+    @classmethod
+    def of(cls, state: Floats, disturbance: Floats, reference: Floats) -> "Estimate":
+        """Return estimates with given states, (n, 18), disturbances, (n, 9), and references, (n, 5, 3)."""
+        out = cls(np.zeros((len(state), LOOP)))
+        out.state[:], out.disturbance[:], out.mass_ratio[:] = state, disturbance, 1.0
+        out.array[:, REFERENCE:MASS_RATIO] = reference.reshape(len(state), -1)
+        return out
+
+    @property
+    def state(self) -> Floats:
+        """Return x̂, shape (n, 18)."""
+        return self.array[:, STATE:DISTURBANCE]
+
+    @property
+    def disturbance(self) -> Floats:
+        """Return d̂, N and N·m, shape (n, 9)."""
+        return self.array[:, DISTURBANCE:REFERENCE]
+
+    @property
+    def reference(self) -> Floats:
+        """Return the reference, shape (n, 5, 3)."""
+        return self.array[:, REFERENCE:MASS_RATIO].reshape(-1, ORDERS, 3)
+
+    @property
+    def mass_ratio(self) -> Floats:
+        """Return μ̂, shape (n,)."""
+        return self.array[:, MASS_RATIO]
+
+    @property
+    def innovation(self) -> Floats:
+        """Return the innovation, shape (n, 18)."""
+        return self.array[:, INNOVATION:RIGID_PART]
+
+    @property
+    def rigid(self) -> Floats:
+        """Return quaternion, body rate and rotor thrusts of a rigid vehicle, shape (n, 11)."""
+        return self.array[:, RIGID_PART:LOOP]
+
+
+class PlantNumbers(NamedTuple):
+    """The vehicle and its known loop inside compiled functions."""
+
+    pendulum: Pendulum
+    quadrotor_drag_area: float  # m²
+    bob_drag_area: float  # m²
+    command_scale: Four  # see `Simulation.command_scale`
+    delay: int  # periods from the choice of an action until it acts
+    sensor_delay: int  # those among them that delay the measurement
+
+
+class Part(NamedTuple):
+    """A period, or a part of one, by which an estimate advances."""
+
+    period: float  # s
+    substeps: float
+    switch: float  # substeps at its beginning in which the action before acts
+
+
+unpack_plant = unpacker(PlantNumbers)
+
+
+@inlined
+def project_direction(s: VehicleState) -> VehicleState:
+    """Return the state with |r_xy| limited, and with r_z and ṙ_z such that |r| = 1, r_z > 0 and r·ṙ = 0."""
+    r, r_dot = s.direction, s.direction_rate
+    share = _MAX_HORIZONTAL / max(np.sqrt(r.x * r.x + r.y * r.y), _MAX_HORIZONTAL)
+    x, y = share * r.x, share * r.y
+    z = np.sqrt(1.0 - (x * x + y * y))
+    rate = Vec3(r_dot.x, r_dot.y, -(x * r_dot.x + y * r_dot.y) / z)
+    return VehicleState(s.position, s.velocity, s.euler, s.euler_rate, Vec3(x, y, z), rate)
+
+
+@inlined
+def store_attitude(memory: Any, first: int, lane: int, state: VehicleState) -> None:
+    """Write quaternion and body rate of a state into the part of a rigid vehicle, which begins with field `first`."""
+    store_four(memory, first + QUATERNION, lane, quaternion_from_euler(state.euler))
+    store(memory, first + BODY_RATE, lane, body_rate(state.euler, state.euler_rate))
+
+
+@inlined
+def _move_reference(memory: Any, lane: int, t: float) -> None:
+    """Subtract the motion of the reference over a time t (s) from position and velocity, and advance the reference."""
+    for axis in range(3):
+        first = REFERENCE + axis
+        a, b, c = memory[first, lane], memory[first + 3, lane], memory[first + 6, lane]
+        d, e = memory[first + 9, lane], memory[first + 12, lane]
+        shift = t * t / 2.0 * (a + t / 3.0 * (b + t / 4.0 * (c + t / 5.0 * (d + t / 6.0 * e))))
+        memory[POSITION + axis, lane] -= shift
+        memory[VELOCITY + axis, lane] -= t * (a + t / 2.0 * (b + t / 3.0 * (c + t / 4.0 * (d + t / 5.0 * e))))
+        memory[first, lane] = a + t * (b + t / 2.0 * (c + t / 3.0 * (d + t / 4.0 * e)))
+        memory[first + 3, lane] = b + t * (c + t / 2.0 * (d + t / 3.0 * e))
+        memory[first + 6, lane] = c + t * (d + t / 2.0 * e)
+        memory[first + 9, lane] = d + t * e
+
+
+@inlined
+def advance(
+    memory: Any,
+    lane: int,
+    action: Four,
+    part: Part,
+    actuators: Any,
+    plant: PlantNumbers,
+    rigid: RigidSettings | None,
+    buffer: Any,
+) -> None:
+    """Advance an estimate in place by equation (1), without a correction; its reference moves along.
+
+    Args:
+        memory: Estimates, shape (k, n).
+        lane: Column.
+        action: The action that the controller has chosen.
+        part: Period.
+        actuators: `Loop.numbers` for this period.
+        plant: The vehicle and its loop.
+        rigid: Settings of a rigid vehicle; None: the paper's vehicle.
+        buffer: Buffer, shape (BUFFER_SIZE, 1).
+    """
+    acting, before = buffer[_ACTION:_BEFORE], buffer[_BEFORE:_FORCES]
+    store_four(acting, 0, 0, action)
+    act(acting, plant.delay, actuators, memory, LOOP, lane)
+    last = LOOP + ACTION_SIZE * (plant.delay + actuators.shape[0])
+    if part.switch > 0.0:
+        for i in range(ACTION_SIZE):
+            before[i, 0], memory[last + i, lane] = memory[last + i, lane], acting[i, 0]
+    for i in range(STATE_SIZE):
+        buffer[i, 0] = memory[i, lane]
+    for i in range(DISTURBANCE_SIZE):
+        buffer[_FORCES + i, 0] = memory[DISTURBANCE + i, lane]
+    p = plant.pendulum.vehicle
+    for i in range(PARAMETERS_SIZE - 2):
+        buffer[_PARAMETERS + i, 0] = p[i]
+    buffer[_PARAMETERS + QUADROTOR_MASS, 0] = memory[MASS_RATIO, lane] * p.quadrotor_mass
+    buffer[_PARAMETERS + BOB_MASS, 0] = memory[MASS_RATIO, lane] * p.bob_mass
+    buffer[_PARAMETERS + PARAMETERS_SIZE - 2, 0] = plant.quadrotor_drag_area
+    buffer[_PARAMETERS + PARAMETERS_SIZE - 1, 0] = plant.bob_drag_area
+    lanes, parameters, forces = buffer[:_PARAMETERS], buffer[_PARAMETERS:_ACTION], buffer[_FORCES:_AIR]
+    if rigid is None:
+        store_command(acting, plant.command_scale, 0, acting)
+        integrate(lanes, acting, forces, parameters, 1, part.period, int(part.substeps))
+    else:
+        for i in range(RIGID_SIZE):
+            buffer[RIGID + i, 0] = memory[RIGID_PART + i, lane]
+        air = buffer[_AIR:BUFFER_SIZE]
+        store(air, 0, 0, Vec3(0.0, 0.0, 0.0))
+        substeps, switch = int(part.substeps), int(part.switch)
+        integrate_rigid(lanes, before, acting, forces, air, parameters, rigid, 1, part.period, substeps, switch)
+        for i in range(RIGID_SIZE):
+            memory[RIGID_PART + i, lane] = buffer[RIGID + i, 0]
+    for i in range(STATE_SIZE):
+        memory[i, lane] = buffer[i, 0]
+    _move_reference(memory, lane, part.period)
+    memory[AGE, lane] += 1.0
+
+
+@inlined
+def carry_forward(
+    memory: Any,
+    lane: int,
+    action: Four,
+    yaw: Vec3,
+    parts: Any,
+    actuators: Any,
+    plant: PlantNumbers,
+    rigid: RigidSettings | None,
+    buffer: Any,
+) -> Vec3:
+    """Advance an estimate in place to the time when the next action acts, and return the yaw reference then.
+
+    The latest action that the controller has chosen is taken to continue while a lag of the actuators is predicted
+    through. `parts` has a row for each period or part of one after the first, see `Prediction.parts`.
+    """
+    time = 0.0
+    for i in range(1, parts.shape[0]):
+        part = Part(parts[i, 0], parts[i, 1], parts[i, 2])
+        advance(memory, lane, action, part, actuators[i], plant, rigid, buffer)
+        time += part.period
+    store_state(memory, STATE, lane, project_direction(load_state(memory, STATE, lane)))
+    return Vec3(yaw.x + time * (yaw.y + time / 2.0 * yaw.z), yaw.y + time * yaw.z, yaw.z)
+
+
+@inlined
+def law_inputs(estimate: Any, reference: Any, yaw: Any, row: int) -> tuple[VehicleState, Forces, Derivatives]:
+    """Return estimated state and disturbance, and the reference, of one row of the arrays of n rows."""
+    references, heading = reference[row], Vec3(yaw[row, 0], yaw[row, 1], yaw[row, 2])
+    state, forces = load_state(estimate.T, STATE, row), load_forces(estimate.T, DISTURBANCE, row)
+    return state, forces, load_derivatives(references, heading)
+
+
+@inlined
+def load_action(action: Any, row: int) -> Four:
+    """Return an action of n rows, shape (n, 4), in double precision."""
+    a = action[row]
+    return Four(float(a[0]), float(a[1]), float(a[2]), float(a[3]))
+
+
+@compiled
+def _carry(
+    memory: Floats,
+    action: Floats32,
+    yaw: Floats,
+    parts: Floats,
+    actuators: Floats,
+    packed_plant: Floats,
+    packed_rigid: Floats | None,
+    out: Floats,
+    out_yaw: Floats,
+) -> None:
+    plant, buffer = unpack_plant(packed_plant), np.empty((BUFFER_SIZE, 1))
+    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    out[:] = memory
+    for row in range(out.shape[0]):
+        heading, chosen = load(yaw.T, 0, row), load_action(action, row)
+        then = carry_forward(out.T, row, chosen, heading, parts, actuators, plant, rigid, buffer)
+        store(out_yaw.T, 0, row, then)
+
+
+@compiled
+def _compensate(action: Floats, delay: int, actuators: Floats, memory: Floats) -> None:
+    for row in range(action.shape[0]):
+        compensate(action.T, delay, actuators, memory.T, LOOP, row)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Equation (1)."""
+    """Equation (1) for n rows."""
 
     simulation: Simulation  # nominal plant and control period
     known_loop: Loop  # the known part of the loop, without the latency of the simulation
@@ -76,40 +332,45 @@ class Prediction:
         return delayed // self.simulation.substeps, delayed % self.simulation.substeps
 
     @cached_property
-    def memory_size(self) -> int:
-        """Length of a row of `Estimate.loop`.
+    def loop_size(self) -> int:
+        """Length of the memory of the known loop, with the last action if it is needed."""
+        return ACTION_SIZE * (self.loop.steps + len(self.loop.actuators) + (self._latency[1] > 0))
 
-        If the latency is not a whole number of periods, the last action follows the memory of the loop.
+    @cached_property
+    def parts(self) -> Floats:
+        """The control period, and the periods and parts of one until the next action acts: `Part`s, shape (k, 3)."""
+        substeps, switch = self.simulation.substeps, self._latency[1]
+        substep = self.simulation.period / substeps
+        numbers = [substeps] * (1 + self.loop.steps)
+        rest = switch + round(self.loop.lag / substep)
+        while rest > 0:
+            numbers.append(min(rest, substeps))
+            rest -= numbers[-1]
+        return np.array([[n * substep if n < substeps else self.simulation.period, n, switch] for n in numbers])
+
+    @cached_property
+    def actuators(self) -> Floats:
+        """The actuators in each of the parts, shape (k, m, 4)."""
+        return np.array([self.loop.numbers(period) for period in self.parts[:, 0]])
+
+    @cached_property
+    def numbers(self) -> tuple[Floats, Floats, Floats, Floats | None]:
+        """What compiled functions need: parts, actuators, packed `PlantNumbers`, packed settings of a rigid vehicle."""
+        model, p, scale = equivalent_model(self.simulation), self.simulation.parameters, self.simulation.command_scale
+        areas, loop = (p.quadrotor_drag_area, p.bob_drag_area), self.loop
+        plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay)
+        return self.parts, self.actuators, pack(plant), model.packed_rigid
+
+    def compensate(self, wanted: Floats32, estimate: Floats) -> Floats32:
+        """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.
+
+        The estimate, shape (n, k), is that of the time when the action acts.
         """
-        return self.loop.memory_size + (4 if self._latency[1] else 0)
-
-    def rigid(self, state: Floats, thrusts: Floats | None = None) -> Floats:
-        """Return `Estimate.rigid` of states, shape (n, 18), with rotor thrusts, N, shape (n, 4), or those at hover."""
-        rigid = plant_of(self.simulation).initial_memory(state)
-        if thrusts is not None:
-            rigid[:, ROTOR_THRUST:] = thrusts
-        return rigid
-
-    def advance(self, estimate: Estimate, action: Floats32) -> Estimate:
-        """Return the estimate one control period later, without a correction; its reference moves along."""
-        return self._advance(estimate, action, self.simulation)
-
-    def _advance(self, estimate: Estimate, action: Floats32, simulation: Simulation) -> Estimate:
-        """Advance by the period of `simulation`, which may differ from the control period."""
-        action, memory = self.loop.act(action, estimate.loop[:, : self.loop.memory_size], simulation)
-        state, rigid, switch = estimate.state.copy(), estimate.rigid.copy(), self._latency[1]
-        parameters = np.tile(self.simulation.parameters.as_array(), (len(state), 1))
-        parameters[:, MASSES] *= estimate.mass_ratio[:, np.newaxis]
-        before = np.ascontiguousarray(estimate.loop[:, -4:]) if switch else None
-        plant_of(simulation).advance(state, rigid, action, estimate.disturbance, parameters, before, switch)
-        if switch:
-            memory = np.concatenate([memory, action], axis=1)
-        s = State(state)
-        for order, derivative in enumerate(np.moveaxis(estimate.reference, 1, 0), 2):
-            s.position[:] -= simulation.period**order / factorial(order) * derivative
-            s.velocity[:] -= simulation.period ** (order - 1) / factorial(order - 1) * derivative
-        reference = shift_polynomial(estimate.reference, simulation.period)
-        return estimate._replace(state=state, reference=reference, age=estimate.age + 1, loop=memory, rigid=rigid)
+        if not self.actuators[0, :, 3].any():
+            return wanted
+        out = wanted.astype(np.float64)
+        _compensate(out, self.loop.steps, self.actuators[0], estimate)
+        return out.astype(np.float32)
 
     def carry_forward(
         self, estimate: Estimate, action: Floats32, measurement: Measurement
@@ -118,41 +379,11 @@ class Prediction:
 
         Args:
             estimate: The latest estimate.
-            action: The latest action that the controller has chosen, shape (n, 4); it is taken to continue while a lag
-                of the actuators is predicted through.
+            action: The latest action that the controller has chosen, shape (n, 4).
             measurement: The latest measurement. Only its reference is carried forward.
         """
-        substep = self.simulation.period / self.simulation.substeps
-        substeps = [self.simulation.substeps] * self.loop.steps
-        rest = self._latency[1] + round(self.loop.lag / substep)
-        while rest > 0:
-            substeps.append(min(rest, self.simulation.substeps))
-            rest -= substeps[-1]
-        if not substeps:
+        if len(self.parts) == 1:
             return estimate, measurement
-        for number in substeps:
-            part = self.simulation
-            if number < part.substeps:
-                part = replace(part, period=number * substep, substeps=number, latency=0.0)
-            estimate = self._advance(estimate, action, part)
-        project_direction(estimate.state)
-        yaw_reference = shift_polynomial(measurement.yaw_reference, sum(substeps) * substep)
-        return estimate, measurement._replace(reference=estimate.reference, yaw_reference=yaw_reference)
-
-
-def project_direction(state: Floats) -> None:
-    """Limit |r_xy|, and set r_z and ṙ_z in place such that |r| = 1, r_z > 0 and r·ṙ = 0."""
-    s = State(state)
-    s.direction[:, :2] = limit_norm(s.direction[:, :2], _MAX_HORIZONTAL)
-    s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
-    along = np.sum(s.direction[:, :2] * s.direction_rate[:, :2], axis=1)
-    s.direction_rate[:, 2] = -along / s.direction[:, 2]
-
-
-def shift_polynomial(derivatives: Floats, time: float) -> Floats:
-    """Return the successive derivatives of a polynomial, shape (n, k, …), a time (s) later."""
-    orders = derivatives.shape[1]
-    out = derivatives.copy()
-    for power in range(1, orders):
-        out[:, : orders - power] += time**power / factorial(power) * derivatives[:, power:]
-    return out
+        then, yaw = Estimate(np.empty_like(estimate.array)), np.empty_like(measurement.yaw_reference)
+        _carry(estimate.array, action, measurement.yaw_reference, *self.numbers, then.array, yaw)
+        return then, Measurement(measurement.state, then.reference, yaw)

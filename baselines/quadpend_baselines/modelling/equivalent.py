@@ -18,142 +18,215 @@ that of ζ + l r. By (1), s and t follow from derivatives of F, so by (2) the de
 
 up to the highest derivative in the observation, order 6. For the paper's vehicle λ = l, m' = m and μ = a = b = 0.
 
-`equivalent_model` returns the model of a vehicle: `EquivalentModel` for the paper's, `RigidEquivalentModel` for others.
+The functions of `Pendulum` take the numbers of this model. For rigid vehicles `rigid` is their `RigidSettings`; it is
+None for the paper's vehicle.
 """
 
 from dataclasses import replace
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.modelling import flat_outputs, taylor
+from quadpend_baselines.modelling import taylor
+from quadpend_baselines.modelling.flat_outputs import (
+    FlatTrajectory,
+    Pair,
+    flat_trajectory,
+    state_and_command,
+    vertical_component,
+)
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
-from quadpend_baselines.modelling.planar import rotate
+from quadpend_baselines.modelling.quantities import (
+    Derivatives,
+    Forces,
+    Vec2,
+    VehicleState,
+    load_derivatives,
+    load_forces,
+    load_state,
+    store_forces,
+    store_state,
+)
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import compiled, inlined
+from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.physics.dynamics import Physics
 from quadpend_gym.physics.plants import RigidPlant, plant_of
-from quadpend_gym.physics.state import Disturbance, State
+from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
+from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_gym.physics.vectors import Four, Vec3, axpy, load, load_four, scale, store_four
 from quadpend_gym.vehicles import Drag, Pole, Vehicle
 
-_LEAST_VERTICAL = 0.1  # lower bound of r_z and b_z in tangents
-_MAX_ANGLE = 1.4  # rad, limit of roll and pitch in tangents
+
+class Pendulum(NamedTuple):
+    """The equivalent pendulum of a vehicle."""
+
+    physics: Physics  # of the equivalent pendulum: M', m' and λ
+    vehicle: Physics  # of the vehicle
+    pivot_share: float  # μ/(1 + μ), the share of t in σ
+    pendulum_arm: float  # a, m
+    thrust_arm: float  # b, m
+    second: float  # c₂ of equation (3), s²
+    fourth: float  # c₂² + c₄ of equation (3), s⁴
+
+
+unpack_pendulum = unpacker(Pendulum)
+
+
+@inlined
+def chain_stiffness(p: Physics) -> float:
+    """Return K = (M + m) g/(M l), 1/s²."""
+    return (p.quadrotor_mass + p.bob_mass) * p.gravity / (p.quadrotor_mass * p.rod_length)
+
+
+@inlined
+def sigma_of(pendulum: Vec2, tilt: Vec2, model: Pendulum) -> Vec2:
+    """Return σ, or its rate, for s and t or their rates."""
+    share = model.pivot_share
+    return Vec2(pendulum.x + share * (tilt.x - pendulum.x), pendulum.y + share * (tilt.y - pendulum.y))
+
+
+@inlined
+def pendulum_of(sigma: Vec2, tilt: Vec2, model: Pendulum) -> Vec2:
+    """Return s for σ and t, or their rates: the inverse of `sigma_of`."""
+    share = model.pivot_share
+    return Vec2((sigma.x - share * tilt.x) / (1.0 - share), (sigma.y - share * tilt.y) / (1.0 - share))
+
+
+@inlined
+def equivalent_forces(forces: Forces, model: Pendulum) -> Forces:
+    """Return the disturbance of the equivalent pendulum that acts like that of the vehicle."""
+    p, share = model.physics, model.vehicle.rod_length / model.physics.rod_length
+    force, bob_force = axpy(1.0 - share, forces.bob_force, forces.force), scale(share, forces.bob_force)
+    # Horizontally, the disturbance of s̈ acts on σ̈ with the factor 1/(1 + μ), and moves the equilibrium of σ.
+    relative = axpy(1.0 / p.bob_mass, bob_force, scale(-1.0 / p.quadrotor_mass, force))
+    moved = -p.bob_mass * p.gravity / chain_stiffness(p) * model.pivot_share / p.rod_length
+    x, y = bob_force.x + moved * relative.x, bob_force.y + moved * relative.y
+    kept, ratio = (1.0 - model.pivot_share) * p.quadrotor_mass, p.quadrotor_mass / p.bob_mass
+    return Forces(
+        Vec3(ratio * x - kept * relative.x, ratio * y - kept * relative.y, force.z),
+        Vec3(x, y, bob_force.z),
+        forces.torque,
+    )
+
+
+@inlined
+def equivalent_reference(reference: Derivatives, model: Pendulum) -> Derivatives:
+    """Return the derivatives of F for those of F_d by equation (3)."""
+    d2, d3, d4, d5, d6 = reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
+    second, fourth = model.second, model.fourth
+    return Derivatives(
+        Vec3(d2.x + second * d4.x + fourth * d6.x, d2.y + second * d4.y + fourth * d6.y, d2.z),
+        Vec3(d3.x + second * d5.x, d3.y + second * d5.y, d3.z),
+        Vec3(d4.x + second * d6.x, d4.y + second * d6.y, d4.z),
+        d5,
+        d6,
+        reference.yaw,
+    )
+
+
+@inlined
+def follow(reference: Derivatives, forces: Forces, model: Pendulum) -> tuple[VehicleState, Four]:
+    """Return the state and the command that follow a reference under a constant disturbance of the vehicle.
+
+    The state has position and velocity relative to the reference. The command is thrust (N) and the torques that
+    accelerate the Euler angles (N·m); `body_command` converts it.
+    """
+    acting = equivalent_forces(forces, model)
+    path, share = flat_trajectory(equivalent_reference(reference, model), acting, model.physics), model.pivot_share
+    pole = Pair(  # s in place of σ
+        taylor.scale(1.0 / (1.0 - share), taylor.add(path.pendulum.x, taylor.scale(-share, path.tangent.x))),
+        taylor.scale(1.0 / (1.0 - share), taylor.add(path.pendulum.y, taylor.scale(-share, path.tangent.y))),
+    )
+    of_pole = FlatTrajectory(pole, vertical_component(pole), path.thrust, path.tangent)
+    return state_and_command(of_pole, reference.yaw, acting.torque, model.physics, model.vehicle.rod_length)
+
+
+@inlined
+def body_command(
+    state: VehicleState, command: Four, forces: Forces, model: Pendulum, rigid: RigidSettings | None
+) -> Four:
+    """Return a command with torques about the body's axes for one with torques τ that accelerate the Euler angles η.
+
+    I η̈ = τ + d_τ. The disturbance is that of the vehicle, N and N·m.
+    """
+    if rigid is None:
+        return command
+    p, torque = model.physics, forces.torque
+    acceleration = Vec3(
+        (command.b + torque.x) / p.inertia_roll,
+        (command.c + torque.y) / p.inertia_pitch,
+        (command.d + torque.z) / p.inertia_yaw,
+    )
+    torques = body_torques(state, acceleration, command.a, forces, model.vehicle, rigid)
+    return Four(command.a, torques.x, torques.y, torques.z)
+
+
+@compiled
+def _follow(
+    reference: Floats, yaw: Floats, disturbance: Floats, packed: Floats, state: Floats, command: Floats
+) -> None:
+    model = unpack_pendulum(packed)
+    for row in range(state.shape[0]):
+        wanted = load_derivatives(reference[row], load(yaw.T, 0, row))
+        desired, feedforward = follow(wanted, load_forces(disturbance.T, 0, row), model)
+        store_state(state.T, 0, row, desired)
+        store_four(command.T, 0, row, feedforward)
+
+
+@compiled
+def _body_commands(
+    state: Floats, command: Floats, disturbance: Floats, packed: Floats, packed_rigid: Floats, out: Floats
+) -> None:
+    model, rigid = unpack_pendulum(packed), unpack_rigid(packed_rigid)
+    for row in range(state.shape[0]):
+        given, forces = load_four(command.T, 0, row), load_forces(disturbance.T, 0, row)
+        store_four(out.T, 0, row, body_command(load_state(state.T, 0, row), given, forces, model, rigid))
+
+
+@compiled
+def _equivalent_disturbances(disturbance: Floats, packed: Floats, out: Floats) -> None:
+    model = unpack_pendulum(packed)
+    for row in range(out.shape[0]):
+        store_forces(out.T, 0, row, equivalent_forces(load_forces(disturbance.T, 0, row), model))
 
 
 class EquivalentModel:
-    """The equivalent pendulum of the paper's vehicle: the vehicle itself, with r_xy and the tilt n for s and t.
+    """The equivalent pendulum of a vehicle, and its functions for n rows.
 
     Args:
         simulation: The vehicle.
+
+    Attributes:
+        parameters: M', m' and λ; the other parameters are those of the vehicle.
+        numbers: The model inside compiled functions.
+        packed, packed_rigid: Flat arrays of `numbers` and of the settings of a rigid vehicle (or None).
     """
 
-    parameters: Parameters  # M', m' and λ; the others are those of the vehicle
-    pivot_share = 0.0  # μ/(1 + μ), the share of t in σ
-    pendulum_arm = 0.0  # a, m
-    thrust_arm = 0.0  # b, m
-
     def __init__(self, simulation: Simulation) -> None:
-        self.vehicle = simulation
-        self.parameters = simulation.parameters
-
-    @cached_property
-    def simulation(self) -> Simulation:
-        """The equivalent pendulum with the paper's attitude model."""
-        return self.vehicle
-
-    def sigma(self, pendulum: Floats, tilt: Floats) -> Floats:
-        """Return σ, or its rate, for s and t or their rates, shape (n, 2)."""
-        return pendulum + self.pivot_share * (tilt - pendulum)
-
-    def pendulum(self, sigma: Floats, tilt: Floats) -> Floats:
-        """Return s for σ and t: the inverse of `sigma`."""
-        return (sigma - self.pivot_share * tilt) / (1.0 - self.pivot_share)
-
-    def disturbance(self, disturbance: Floats) -> Floats:
-        """Return d_Q, d_B and d_τ (N, N·m) that act on the equivalent pendulum like those on the vehicle, (n, 9)."""
-        return disturbance
-
-    def reference(self, reference: Floats) -> Floats:
-        """Return the derivatives of F for those of F_d by equation (3); both of orders 2 … 6, shape (n, 5, 3)."""
-        return reference
-
-    def reference_offset(self, reference: Floats) -> Floats | float:
-        """Return F − F_d of equation (3), the offset of the wanted F from the reference, m, shape (n, 2)."""
-        return 0.0
-
-    def trajectory(self, reference: Floats, yaw_reference: Floats, disturbance: Floats) -> tuple[Floats, Floats]:
-        """Return the state and the command of the equivalent pendulum that follow a reference under a disturbance.
-
-        Args:
-            reference: F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3).
-            yaw_reference: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3).
-            disturbance: d_Q (N), d_B (N), d_τ (N·m), taken as constant, shape (n, 9).
-
-        Returns:
-            The state, shape (n, 18), with position and velocity relative to the reference, and thrust (N) and torques
-            for the Euler angles (N·m), shape (n, 4); `body_command` converts them.
-        """
-        p, disturbance = self.parameters, self.disturbance(disturbance)
-        trajectory = self._of_pole(flat_outputs.flat_trajectory(self.reference(reference), disturbance, p))
-        state, command = flat_outputs.state_and_command(trajectory, yaw_reference, disturbance, p)
-        s, length = State(state), self.vehicle.parameters.rod_length
-        s.position[:, :2], s.velocity[:, :2] = -length * s.direction[:, :2], -length * s.direction_rate[:, :2]
-        return state, command
-
-    def _of_pole(self, trajectory: flat_outputs.FlatTrajectory) -> flat_outputs.FlatTrajectory:
-        """Return the trajectory with s in place of σ."""
-        return trajectory
-
-    def body_command(self, state: Floats, command: Floats, disturbance: Floats) -> Floats:
-        """Return a command with torques about the body's axes for one with torques for the Euler angles, shape (n, 4).
-
-        The latter has thrust (N) and torques that accelerate the Euler angles η in the disturbance, I η̈ = τ + d_τ.
-        """
-        return command
-
-    def tangents(self, direction: Floats, tilt: Floats, thrust_axis: Floats) -> tuple[Floats, Floats]:
-        """Return s and t, shape (n, 2), for r and b, shape (n, 3), and the tilt n, rad, shape (n, 2)."""
-        return direction[:, :2], tilt
-
-    def pendulum_rate(self, direction: Floats, direction_rate: Floats, pendulum: Floats) -> Floats:
-        """Return ṡ for r, ṙ and s, rad/s, shape (n, 2)."""
-        return direction_rate[:, :2]
-
-    def direction_rate(self, direction: Floats, pendulum_rate: Floats) -> Floats:
-        """Return the horizontal ṙ for r and ṡ, 1/s, shape (n, 2)."""
-        return pendulum_rate
-
-    def tilt_rate(self, state: Floats, yaw: Floats) -> Floats:
-        """Return ṫ for states, shape (n, 18), and ψ, shape (n,), in rad/s, shape (n, 2)."""
-        return rotate(State(state).euler_rate[:, [1, 0]] * [1.0, -1.0], yaw, 0)
-
-    def angular_accelerations(self, before: Floats, after: Floats, period: float) -> Floats:
-        """Return the mean accelerations of tilt and yaw between two states, as φ, θ and ψ near hover, (n, 3)."""
-        return (State(after).euler_rate - State(before).euler_rate) / period
-
-    def euler_accelerations(self, state: Floats, acceleration: Floats) -> Floats:
-        """Return the accelerations of the Euler angles that make those of tilt and yaw, rad/s², shape (n, 3).
-
-        The latter are ẗ in the axes of the heading, as accelerations of φ and θ near hover, and ψ̈.
-        """
-        return acceleration
-
-
-class RigidEquivalentModel(EquivalentModel):
-    """The equivalent pendulum of a rigid body with a pole; s and t are tangents."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        super().__init__(simulation)
-        p, vehicle = simulation.parameters, simulation.vehicle
-        length = p.rod_length + vehicle.pole.inertia / (p.bob_mass * p.rod_length)
-        mass = p.bob_mass * p.rod_length / length
-        height, share = vehicle.pivot[2], p.bob_mass / p.total_mass
-        free = (1.0 - share) * height
-        ratio = free / (length - share * p.rod_length)
-        arm = free / (1.0 + ratio)
-        self.parameters = p._replace(quadrotor_mass=p.total_mass - mass, bob_mass=mass, rod_length=length)
-        self.pivot_share = ratio / (1.0 + ratio)
-        self.pendulum_arm = length - p.rod_length - arm
-        self.thrust_arm = share * height + arm
+        """Compute the parameters of the equivalent pendulum."""
+        self.vehicle, p, second, fourth = simulation, simulation.parameters, 0.0, 0.0
+        self.parameters, self.packed_rigid = p, None
+        share_of_pivot, pendulum_arm, thrust_arm = 0.0, 0.0, 0.0
+        if isinstance(plant_of(simulation), RigidPlant):
+            self.packed_rigid = pack_rigid(simulation)
+            length = p.rod_length + simulation.vehicle.pole.inertia / (p.bob_mass * p.rod_length)
+            mass = p.bob_mass * p.rod_length / length
+            height, share = simulation.vehicle.pivot[2], p.bob_mass / p.total_mass
+            free = (1.0 - share) * height
+            ratio = free / (length - share * p.rod_length)
+            arm = free / (1.0 + ratio)
+            self.parameters = p._replace(quadrotor_mass=p.total_mass - mass, bob_mass=mass, rod_length=length)
+            share_of_pivot, pendulum_arm = ratio / (1.0 + ratio), length - p.rod_length - arm
+            thrust_arm = share * height + arm
+            second = (pendulum_arm + thrust_arm) / p.gravity
+            stiffness = p.gravity * self.parameters.chain_stiffness
+            fourth = second**2 + (ratio * pendulum_arm - thrust_arm) / stiffness
+        physics = (_physics(self.parameters), _physics(p))
+        self.numbers = Pendulum(*physics, share_of_pivot, pendulum_arm, thrust_arm, second, fourth)
+        self.packed = pack(self.numbers)
 
     @cached_property
     def simulation(self) -> Simulation:
@@ -162,6 +235,8 @@ class RigidEquivalentModel(EquivalentModel):
         Its torque limits, relative to K and the inertia, are those of the paper's vehicle, but at most those of the
         vehicle. They are the unit of effort of a controller; most rotors can make much larger torques.
         """
+        if self.packed_rigid is None:
+            return self.vehicle
         p, (roll_pitch_limit, yaw_limit), paper = self.parameters, self.vehicle.torque_limits, Simulation()
         paper_roll_pitch, paper_yaw = paper.torque_limits
         per_inertia = p.chain_stiffness / (paper.parameters.chain_stiffness * paper.parameters.inertia_roll)
@@ -180,96 +255,46 @@ class RigidEquivalentModel(EquivalentModel):
 
     def disturbance(self, disturbance: Floats) -> Floats:
         """Return d_Q, d_B and d_τ (N, N·m) that act on the equivalent pendulum like those on the vehicle, (n, 9)."""
-        p, out = self.parameters, Disturbance(disturbance.copy())
-        share = self.vehicle.parameters.rod_length / p.rod_length
-        out.force[:] += (1.0 - share) * out.bob_force
-        out.bob_force[:] *= share
-        # Horizontally, the disturbance of s̈ acts on σ̈ with the factor 1/(1 + μ), and moves the equilibrium of σ.
-        drift = (out.bob_force[:, :2] / p.bob_mass - out.force[:, :2] / p.quadrotor_mass) / p.rod_length
-        out.bob_force[:, :2] -= p.bob_mass * p.gravity / p.chain_stiffness * self.pivot_share * drift
-        wanted = (1.0 - self.pivot_share) * p.rod_length * drift
-        out.force[:, :2] = p.quadrotor_mass * (out.bob_force[:, :2] / p.bob_mass - wanted)
-        return out.array
-
-    def reference(self, reference: Floats) -> Floats:
-        """Return the derivatives of F for those of F_d by equation (3); both of orders 2 … 6, shape (n, 5, 3)."""
-        second, fourth = self._series
-        out = reference.copy()
-        out[:, :-2, :2] += second * reference[:, 2:, :2]
-        out[:, :-4, :2] += fourth * reference[:, 4:, :2]
+        out = np.empty(disturbance.shape)
+        _equivalent_disturbances(np.ascontiguousarray(disturbance), self.packed, out)
         return out
 
-    def reference_offset(self, reference: Floats) -> Floats | float:
-        """Return F − F_d of equation (3), the offset of the wanted F from the reference, m, shape (n, 2)."""
-        second, fourth = self._series
-        return np.asarray(second * reference[:, 0, :2] + fourth * reference[:, 2, :2])
+    def trajectory(self, reference: Floats, yaw_reference: Floats, disturbance: Floats) -> tuple[Floats, Floats]:
+        """Return the state and the command of the equivalent pendulum that follow a reference under a disturbance.
 
-    @cached_property
-    def _series(self) -> tuple[float, float]:
-        """c₂ (s²) and c₂² + c₄ (s⁴) of equation (3)."""
-        p, ratio = self.parameters, self.pivot_share / (1.0 - self.pivot_share)
-        second = (self.pendulum_arm + self.thrust_arm) / p.gravity
-        return second, second**2 + (ratio * self.pendulum_arm - self.thrust_arm) / (p.gravity * p.chain_stiffness)
+        Args:
+            reference: F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3).
+            yaw_reference: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3).
+            disturbance: d_Q (N), d_B (N), d_τ (N·m), taken as constant, shape (n, 9).
 
-    def _of_pole(self, trajectory: flat_outputs.FlatTrajectory) -> flat_outputs.FlatTrajectory:
-        """Return the trajectory with s in place of σ."""
-        pendulum = self.pendulum(trajectory.pendulum_tangent[:3], trajectory.thrust_tangent)
-        vertical = flat_outputs.vertical_component(pendulum)
-        return trajectory._replace(pendulum_tangent=pendulum, pendulum_vertical=vertical)
+        Returns:
+            The state, shape (n, 18), with position and velocity relative to the reference, and thrust (N) and torques
+            for the Euler angles (N·m), shape (n, 4); `body_command` converts them.
+        """
+        rows = len(reference)
+        state, command = np.empty((rows, STATE_SIZE)), np.empty((rows, 4))
+        given = np.ascontiguousarray(reference), np.ascontiguousarray(yaw_reference)
+        _follow(*given, np.ascontiguousarray(disturbance), self.packed, state, command)
+        return state, command
 
     def body_command(self, state: Floats, command: Floats, disturbance: Floats) -> Floats:
-        """Return a command with torques about the body's axes for one with torques for the Euler angles, (n, 4)."""
-        p = self.vehicle.parameters
-        inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
-        acceleration = (command[:, 1:] + Disturbance(disturbance).torque) / inertia
-        torques = body_torques(state, acceleration, command[:, 0], disturbance, self.vehicle)
-        return np.column_stack([command[:, 0], torques])
+        """Return a command with torques about the body's axes for one with torques for the Euler angles, shape (n, 4).
 
-    def tangents(self, direction: Floats, tilt: Floats, thrust_axis: Floats) -> tuple[Floats, Floats]:
-        """Return s and t, shape (n, 2), for r and b, shape (n, 3), and the tilt n, rad, shape (n, 2)."""
-        pendulum = direction[:, :2] / np.maximum(direction[:, 2:], _LEAST_VERTICAL)
-        return pendulum, thrust_axis[:, :2] / np.maximum(thrust_axis[:, 2:], _LEAST_VERTICAL)
-
-    def pendulum_rate(self, direction: Floats, direction_rate: Floats, pendulum: Floats) -> Floats:
-        """Return ṡ for r, ṙ and s, rad/s, shape (n, 2)."""
-        change = direction_rate[:, :2] - pendulum * direction_rate[:, 2:]
-        return np.asarray(change / np.maximum(direction[:, 2:], _LEAST_VERTICAL))
-
-    def direction_rate(self, direction: Floats, pendulum_rate: Floats) -> Floats:
-        """Return the horizontal ṙ for r and ṡ, 1/s, shape (n, 2)."""
-        horizontal, r_z = direction[:, :2], direction[:, 2:]
-        along = np.sum(horizontal * pendulum_rate, axis=1, keepdims=True)
-        return np.asarray(r_z * (pendulum_rate - along * horizontal))
-
-    def tilt_rate(self, state: Floats, yaw: Floats) -> Floats:
-        """Return ṫ for states, shape (n, 18), in rad/s, shape (n, 2)."""
-        return np.asarray(_tilt_series(state)[1])
-
-    def angular_accelerations(self, before: Floats, after: Floats, period: float) -> Floats:
-        """Return the mean accelerations of tilt and yaw between two states, as φ, θ and ψ near hover, (n, 3)."""
-        angular = super().angular_accelerations(before, after, period)
-        tilt = (_tilt_series(after)[1] - _tilt_series(before)[1]) / period
-        angular[:, [1, 0]] = rotate(tilt, -State(before).euler[:, 2], 0) * [1.0, -1.0]
-        return angular
-
-    def euler_accelerations(self, state: Floats, acceleration: Floats) -> Floats:
-        """Return the accelerations of the Euler angles that make those of tilt and yaw, rad/s², shape (n, 3)."""
-        s, series = State(state), _tilt_series(state)
-        second = rotate(acceleration[:, [1, 0]] * [1.0, -1.0], s.euler[:, 2], 0)
-        yaw = taylor.from_derivatives(s.euler[:, 2], s.euler_rate[:, 2], acceleration[:, 2])
-        attitude = flat_outputs.attitude_from_tangent(np.stack([*series, 0.5 * second]), yaw)
-        return np.asarray(taylor.to_derivatives(attitude)[2])
+        The latter has thrust (N) and torques that accelerate the Euler angles η in the disturbance, I η̈ = τ + d_τ.
+        """
+        if self.packed_rigid is None:
+            return command
+        out = np.empty(command.shape)
+        states, acting = np.ascontiguousarray(state), np.ascontiguousarray(disturbance)
+        _body_commands(states, np.ascontiguousarray(command), acting, self.packed, self.packed_rigid, out)
+        return out
 
 
-def _tilt_series(state: Floats) -> Floats:
-    """Return the Taylor series of the tangent t of states, order 1, shape (2, n, 2)."""
-    s = State(state)
-    euler = np.column_stack([np.clip(s.euler[:, :2], -_MAX_ANGLE, _MAX_ANGLE), s.euler[:, 2]])
-    return flat_outputs.tangent_from_attitude(taylor.from_derivatives(euler, s.euler_rate))
+def _physics(p: Parameters) -> Physics:
+    return Physics(*(getattr(p, name) for name in Physics._fields))
 
 
 @lru_cache(maxsize=64)
 def equivalent_model(simulation: Simulation) -> EquivalentModel:
     """Return the equivalent pendulum of a vehicle."""
-    rigid = isinstance(plant_of(simulation), RigidPlant)
-    return RigidEquivalentModel(simulation) if rigid else EquivalentModel(simulation)
+    return EquivalentModel(simulation)

@@ -17,111 +17,151 @@ The equations are exact except for the term l r̈_z in (1), which is left out: t
 relative to the quadrotor. It appears because the height z is that of the quadrotor. It is of second order in the tilt
 and zero on circles; including it would require derivatives of F of order above six.
 
-| symbol         | code name           | unit | frame | shape     |
-|----------------|---------------------|------|-------|-----------|
-| s              | `pendulum_tangent`  | 1    | world | (k, n, 2) |
-| r_z            | `pendulum_vertical` | 1    | world | (k, n)    |
-| u_z            | `vertical_thrust`   | N    | world | (k, n)    |
-| t              | `thrust_tangent`    | 1    | world | (k, n, 2) |
-| G              | `bob_gravity`       | m/s² | world | (k, n)    |
-| κ              | `stiffness`         | 1/s² |       | (k, n, 1) |
-| δ              | `drift`             | 1/s² | world | (k, n, 2) |
+| symbol | code name          | unit | frame | known to order |
+|--------|--------------------|------|-------|----------------|
+| s      | `pendulum`         | 1    | world | 4              |
+| r_z    | `vertical`         | 1    | world | 4              |
+| u_z    | `thrust`           | N    | world | 2              |
+| t      | `tangent`          | 1    | world | 2              |
+| G      | `gravity`          | m/s² | world | 4              |
+| κ      | `stiffness`        | 1/s² |       | 2              |
+| δ      | `drift`            | 1/s² | world | 2              |
 """
 
 from typing import NamedTuple
 
-import numpy as np
-
 from quadpend_baselines.modelling import taylor
-from quadpend_gym import Parameters
-from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.state import STATE_SIZE, Disturbance, State
+from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
+from quadpend_baselines.modelling.taylor import (
+    Series,
+    arctangent,
+    derivative,
+    from_derivatives,
+    inverse_root,
+    product,
+    quotient,
+    scale,
+    shift,
+)
+from quadpend_gym.core.elementary import sincos
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.dynamics import Physics
+from quadpend_gym.physics.vectors import Four, Vec3
+
+
+class Pair(NamedTuple):
+    """The components of a horizontal vector as Taylor series."""
+
+    x: Series
+    y: Series
 
 
 class FlatTrajectory(NamedTuple):
-    """Trajectories of n rows as Taylor series in time; horizontal vectors are in the world frame."""
+    """A trajectory as Taylor series in time; horizontal vectors are in the world frame."""
 
-    pendulum_tangent: Floats  # s, shape (5, n, 2)
-    pendulum_vertical: Floats  # r_z, shape (5, n)
-    vertical_thrust: Floats  # u_z, N, shape (3, n)
-    thrust_tangent: Floats  # t, shape (3, n, 2)
-
-
-def flat_trajectory(reference: Floats, disturbance: Floats, p: Parameters) -> FlatTrajectory:
-    """Return the trajectory that follows a reference, by equations (1)–(4).
-
-    The reference has F_d⁽ⁱ⁾ of (F_x, F_y, z) for i = 2 … 6, shape (n, 5, 3); d_Q (N), d_B (N) and d_τ (N·m), shape
-    (n, 9), are taken as constant.
-    """
-    acceleration = taylor.from_derivatives(*np.moveaxis(reference, 1, 0))
-    horizontal, vertical = acceleration[..., :2], acceleration[..., 2]
-    force, bob_force = Disturbance(disturbance).force, Disturbance(disturbance).bob_force
-    bob_acceleration = horizontal - taylor.constant(bob_force[:, :2] / p.bob_mass, 4)
-    bob_gravity = vertical + taylor.constant(p.gravity - bob_force[:, 2] / p.bob_mass, 4)
-    pendulum = taylor.quotient(bob_acceleration, bob_gravity[..., np.newaxis])
-    r_z = vertical_component(pendulum)
-    r_z_acceleration = taylor.derivative(r_z, 2)
-    mass, per_rod = p.quadrotor_mass, 1.0 / (p.quadrotor_mass * p.rod_length)
-    thrust = p.total_mass * vertical[:3] + p.bob_mass * p.rod_length * r_z_acceleration
-    thrust[0] += p.hover_thrust - force[:, 2] - bob_force[:, 2]
-    stiffness = taylor.quotient(thrust, r_z)[..., np.newaxis] * per_rod
-    drift = taylor.constant(mass / p.bob_mass * bob_force[:, :2] - force[:, :2], 2)
-    drift -= pendulum[:3] * (mass / p.bob_mass * bob_force[:, 2:] - force[:, 2:])
-    drift = per_rod * taylor.quotient(drift, r_z[..., np.newaxis])
-    relative_rate = taylor.quotient(taylor.derivative(r_z), r_z)[..., np.newaxis]
-    drift -= 2.0 * taylor.product(taylor.derivative(pendulum), relative_rate)[:3]
-    tangent = pendulum[:3] - taylor.quotient(taylor.derivative(pendulum, 2) - drift, stiffness)
-    return FlatTrajectory(pendulum, r_z, thrust, tangent)
+    pendulum: Pair  # s
+    vertical: Series  # r_z
+    thrust: Series  # u_z, N
+    tangent: Pair  # t
 
 
-def vertical_component(tangent: Floats) -> Floats:
-    """Return the series of r_z, shape (k, n), from that of s, shape (k, n, 2), by equation (4)."""
-    squared = np.sum(taylor.product(tangent, tangent), axis=-1)
-    squared[0] += 1.0
-    return taylor.power(squared, -0.5)
+@inlined
+def flat_trajectory(reference: Derivatives, forces: Forces, p: Physics) -> FlatTrajectory:
+    """Return the trajectory that follows a reference under a constant disturbance, by equations (1)–(4)."""
+    d2, d3, d4, d5, d6 = reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
+    d_q, d_b, mass, bob_mass, length = forces.force, forces.bob_force, p.quadrotor_mass, p.bob_mass, p.rod_length
+    vertical_acceleration = from_derivatives(d2.z, d3.z, d4.z, d5.z, d6.z)
+    gravity = shift(p.gravity - d_b.z / bob_mass, vertical_acceleration)
+    s = Pair(
+        quotient(from_derivatives(d2.x - d_b.x / bob_mass, d3.x, d4.x, d5.x, d6.x), gravity),
+        quotient(from_derivatives(d2.y - d_b.y / bob_mass, d3.y, d4.y, d5.y, d6.y), gravity),
+    )
+    r_z = vertical_component(s)
+    lift = scale(mass + bob_mass, shift(p.gravity, vertical_acceleration))
+    inner = scale(bob_mass * length, derivative(derivative(r_z)))
+    thrust = shift(-d_q.z - d_b.z, taylor.add(lift, inner))
+    per_rod = quotient(Series(1.0 / (mass * length), 0.0, 0.0, 0.0, 0.0), r_z)  # 1/(r_z M l)
+    stiffness = product(per_rod, thrust)
+    ratio = mass / bob_mass
+    relative = Vec3(ratio * d_b.x - d_q.x, ratio * d_b.y - d_q.y, ratio * d_b.z - d_q.z)
+    closing = scale(-2.0, quotient(derivative(r_z), r_z))
+    tangent = Pair(
+        _tangent(s.x, relative.x, relative.z, per_rod, closing, stiffness),
+        _tangent(s.y, relative.y, relative.z, per_rod, closing, stiffness),
+    )
+    return FlatTrajectory(s, r_z, thrust, tangent)
 
 
-def rotate_series(vector: Floats, yaw: Floats) -> Floats:
-    """Rotate horizontal vectors about the vertical; Taylor series of shapes (k, n, 2) and (k, n)."""
-    sine, cosine = taylor.sine_and_cosine(yaw)
-    x, y = vector[..., 0], vector[..., 1]
-    rotated_x = taylor.product(cosine, x) - taylor.product(sine, y)
-    return np.stack([rotated_x, taylor.product(sine, x) + taylor.product(cosine, y)], axis=-1)
+@inlined
+def _tangent(
+    s: Series, relative: float, vertical: float, per_rod: Series, closing: Series, stiffness: Series
+) -> Series:
+    """Return t of one axis by equations (2) and (3); `relative` is M/m_c d_B − d_Q, `closing` is −2 ṙ_z/r_z."""
+    drift = taylor.add(product(shift(relative, scale(-vertical, s)), per_rod), product(derivative(s), closing))
+    excess = taylor.add(derivative(derivative(s)), scale(-1.0, drift))
+    return taylor.add(s, scale(-1.0, quotient(excess, stiffness)))
 
 
-def attitude_from_tangent(tangent: Floats, yaw: Floats) -> Floats:
-    """Return the series of φ, θ, ψ, shape (k, n, 3), from t and ψ, shapes (k, n, 2) and (k, n), by equation (5)."""
-    forward, lateral = np.moveaxis(rotate_series(tangent, -yaw), -1, 0)
-    squared = taylor.product(forward, forward)
-    squared[0] += 1.0
-    roll = -taylor.arctangent(taylor.product(lateral, taylor.power(squared, -0.5)))
-    return np.stack([roll, taylor.arctangent(forward), yaw], axis=-1)
+@inlined
+def vertical_component(s: Pair) -> Series:
+    """Return the series of r_z from that of s, by equation (4)."""
+    return inverse_root(shift(1.0, taylor.add(product(s.x, s.x), product(s.y, s.y))))
 
 
-def tangent_from_attitude(euler: Floats) -> Floats:
-    """Return the series of t, shape (k, n, 2), from that of φ, θ, ψ, shape (k, n, 3), by equation (5)."""
-    (sin_roll, cos_roll), (sin_pitch, cos_pitch) = (taylor.sine_and_cosine(euler[..., i]) for i in (0, 1))
-    lateral = -taylor.quotient(taylor.quotient(sin_roll, cos_roll), cos_pitch)
-    return rotate_series(np.stack([taylor.quotient(sin_pitch, cos_pitch), lateral], axis=-1), euler[..., 2])
+@inlined
+def _rotated(vector: Pair, sine: Series, cosine: Series) -> Pair:
+    x, y = vector.x, vector.y
+    return Pair(
+        taylor.add(product(cosine, x), scale(-1.0, product(sine, y))),
+        taylor.add(product(sine, x), product(cosine, y)),
+    )
 
 
+@inlined
+def attitude_from_tangent(tangent: Pair, yaw: Series) -> tuple[Series, Series]:
+    """Return the series of φ and θ from those of t and ψ, by equation (5)."""
+    sine, cosine = taylor.sincos(yaw)
+    forward = _rotated(tangent, scale(-1.0, sine), cosine)
+    per_length = inverse_root(shift(1.0, product(forward.x, forward.x)))
+    return scale(-1.0, arctangent(product(forward.y, per_length))), arctangent(forward.x)
+
+
+@inlined
+def tangent_from_attitude(euler: Vec3, rate: Vec3) -> Pair:
+    """Return the series of t, known to order 1, from φ, θ, ψ and their rates, by equation (5)."""
+    sin_roll, cos_roll = taylor.sincos(Series(euler.x, rate.x, 0.0, 0.0, 0.0))
+    sin_pitch, cos_pitch = taylor.sincos(Series(euler.y, rate.y, 0.0, 0.0, 0.0))
+    sine, cosine = taylor.sincos(Series(euler.z, rate.z, 0.0, 0.0, 0.0))
+    lateral = scale(-1.0, quotient(quotient(sin_roll, cos_roll), cos_pitch))
+    return _rotated(Pair(quotient(sin_pitch, cos_pitch), lateral), sine, cosine)
+
+
+@inlined
 def state_and_command(
-    trajectory: FlatTrajectory, yaw_reference: Floats, disturbance: Floats, p: Parameters
-) -> tuple[Floats, Floats]:
-    """Return state and command at the start of a trajectory, in the layouts of `equivalent.EquivalentModel.trajectory`.
+    trajectory: FlatTrajectory, yaw: Vec3, torque: Vec3, p: Physics, length: float
+) -> tuple[VehicleState, Four]:
+    """Return the state and the command at the start of a trajectory.
 
-    The yaw reference has ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s², shape (n, 3); the disturbance is as in `flat_trajectory`.
+    Args:
+        trajectory: The trajectory.
+        yaw: ψ_d, ψ̇_d, ψ̈_d in rad, rad/s, rad/s².
+        torque: d_τ, N·m.
+        p: Parameters of the equations.
+        length: Distance of the bob from the quadrotor, m, from which the position of the quadrotor follows.
+
+    Returns:
+        The state, with position and velocity relative to the reference, and thrust (N) and torques (N·m).
     """
-    state = np.zeros((len(yaw_reference), STATE_SIZE))
-    s = State(state)
-    r_z = trajectory.pendulum_vertical[..., np.newaxis]
-    direction = np.concatenate([taylor.product(trajectory.pendulum_tangent, r_z), r_z], axis=-1)
-    s.direction[:], s.direction_rate[:] = direction[:2]
-    s.position[:, :2], s.velocity[:, :2] = -p.rod_length * direction[:2, :, :2]
-    attitude = attitude_from_tangent(trajectory.thrust_tangent, taylor.from_derivatives(*yaw_reference.T))
-    euler = taylor.to_derivatives(attitude)
-    s.euler[:], s.euler_rate[:] = euler[:2]
-    roll, pitch, _ = euler[0].T
-    thrust = trajectory.vertical_thrust[0] / (np.cos(roll) * np.cos(pitch))
-    inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
-    return state, np.column_stack([thrust, inertia * euler[2] - Disturbance(disturbance).torque])
+    x, y = product(trajectory.pendulum.x, trajectory.vertical), product(trajectory.pendulum.y, trajectory.vertical)
+    roll, pitch = attitude_from_tangent(trajectory.tangent, Series(yaw.x, yaw.y, yaw.z / 2.0, 0.0, 0.0))
+    state = VehicleState(
+        Vec3(-length * x.a, -length * y.a, 0.0),
+        Vec3(-length * x.b, -length * y.b, 0.0),
+        Vec3(roll.a, pitch.a, yaw.x),
+        Vec3(roll.b, pitch.b, yaw.y),
+        Vec3(x.a, y.a, trajectory.vertical.a),
+        Vec3(x.b, y.b, trajectory.vertical.b),
+    )
+    thrust = trajectory.thrust.a / (sincos(roll.a)[1] * sincos(pitch.a)[1])
+    roll_torque, pitch_torque = p.inertia_roll * 2.0 * roll.c - torque.x, p.inertia_pitch * 2.0 * pitch.c - torque.y
+    return state, Four(thrust, roll_torque, pitch_torque, p.inertia_yaw * yaw.z - torque.z)

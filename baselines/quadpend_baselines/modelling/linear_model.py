@@ -14,13 +14,15 @@ The model leaves out the vertical force on the bob because measurements cannot d
 the quadrotor.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_baselines.modelling.planar import rotate
+from quadpend_baselines.modelling.quantities import VehicleState, turn, turn3
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import (
     BOB_FORCE,
@@ -34,6 +36,7 @@ from quadpend_gym.physics.state import (
     TORQUE,
     State,
 )
+from quadpend_gym.physics.vectors import Vec3, load
 
 # x: r_z and ṙ_z are left out of the state.
 STATE_COLUMNS = np.r_[0 : DIRECTION + 2, DIRECTION_RATE : DIRECTION_RATE + 2]
@@ -86,10 +89,41 @@ def rotate_state(x: Floats, yaw: Floats) -> Floats:
     return rotate(x, yaw, POSITION.start, VELOCITY.start, PENDULUM.start, PENDULUM_RATE.start)
 
 
-def rotate_disturbance(d: Floats, yaw: Floats, rotates_torque: bool = False) -> Floats:
-    """Rotate the horizontal forces of d, shape (n, 8), about the vertical by `yaw`, rad, shape (n,).
+@inlined
+def model_state(s: VehicleState, sine: float, cosine: float) -> tuple[float, ...]:
+    """Return x of a deviation of states, rotated about the vertical by an angle with this sine and cosine."""
+    position, velocity = turn3(s.position, sine, cosine), turn3(s.velocity, sine, cosine)
+    r, r_dot = turn(s.direction, sine, cosine), turn(s.direction_rate, sine, cosine)
+    angle, rate = s.euler, s.euler_rate
+    return (
+        position.x,
+        position.y,
+        position.z,
+        velocity.x,
+        velocity.y,
+        velocity.z,
+        angle.x,
+        angle.y,
+        angle.z,
+        rate.x,
+        rate.y,
+        rate.z,
+        r.x,
+        r.y,
+        r_dot.x,
+        r_dot.y,
+    )
 
-    The torque rotates as well if it is a vector of the world frame, as for rigid vehicles.
-    """
-    torque = (MODEL_TORQUE.start,) if rotates_torque else ()
-    return rotate(d, yaw, MODEL_FORCE.start, MODEL_BOB_FORCE.start, *torque)
+
+@inlined
+def state_of_model(x: Any, sine: float, cosine: float) -> VehicleState:
+    """Return the deviation of states for x in an array, shape (16, 1): the inverse of `model_state`."""
+    r, r_dot = Vec3(x[12, 0], x[13, 0], 0.0), Vec3(x[14, 0], x[15, 0], 0.0)
+    return VehicleState(
+        turn3(load(x, 0, 0), sine, cosine),
+        turn3(load(x, 3, 0), sine, cosine),
+        load(x, 6, 0),
+        load(x, 9, 0),
+        turn3(r, sine, cosine),
+        turn3(r_dot, sine, cosine),
+    )

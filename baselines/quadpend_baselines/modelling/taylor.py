@@ -1,84 +1,108 @@
-"""Arithmetic of truncated Taylor series, which propagates derivatives of any order.
+"""Arithmetic of Taylor series of order 4, which propagates derivatives, inside compiled functions.
 
-A series is an array of shape (k + 1, …) with the Taylor coefficients c_i = f⁽ⁱ⁾(t)/i! of f(t + τ) = Σ c_i τⁱ for
-i = 0 … k, where k is the order of the series. No function changes its arguments.
+A series has the Taylor coefficients c_i = f⁽ⁱ⁾(t)/i! of f(t + τ) = Σ c_i τⁱ. A coefficient of a result depends only on
+coefficients of the same and of lower orders, so a series that is known to a lower order gives results that are right to
+this order. The compiler leaves out the coefficients that nothing uses.
 """
 
-from math import factorial
+from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_gym.core.arrays import Floats
+from quadpend_gym.core.elementary import arctan2
+from quadpend_gym.core.elementary import sincos as sincos_of_number
+from quadpend_gym.core.jit import inlined
 
 
-def from_derivatives(*derivatives: Floats) -> Floats:
-    """Return the series of a function from its derivatives of order 0, 1, …, each of shape (…)."""
-    return np.stack([d / factorial(i) for i, d in enumerate(derivatives)])
+class Series(NamedTuple):
+    """The coefficients c₀ … c₄."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
 
 
-def to_derivatives(a: Floats) -> Floats:
-    """Return the derivatives of order 0 … k of a series, shape (k + 1, …)."""
-    return np.stack([c * factorial(i) for i, c in enumerate(a)])
+@inlined
+def from_derivatives(value: float, first: float, second: float, third: float, fourth: float) -> Series:
+    """Return the series of a function from its derivatives of order 0 … 4."""
+    return Series(value, first, second / 2.0, third / 6.0, fourth / 24.0)
 
 
-def derivative(a: Floats, order: int = 1) -> Floats:
-    """Return the series of a derivative; its order is lower by `order`."""
-    return np.stack([c * (factorial(i) // factorial(i - order)) for i, c in enumerate(a) if i >= order])
+@inlined
+def add(x: Series, y: Series) -> Series:
+    """Return the series of x + y."""
+    return Series(x.a + y.a, x.b + y.b, x.c + y.c, x.d + y.d, x.e + y.e)
 
 
-def constant(value: Floats, order: int) -> Floats:
-    """Return the series of a constant, truncated after `order`."""
-    out = np.zeros((order + 1, *value.shape))
-    out[0] = value
-    return out
+@inlined
+def scale(factor: float, x: Series) -> Series:
+    """Return the series of a multiple of x."""
+    return Series(factor * x.a, factor * x.b, factor * x.c, factor * x.d, factor * x.e)
 
 
-def product(a: Floats, b: Floats) -> Floats:
-    """Return the series of a b, truncated after the lower order of the two."""
-    out = a[0] * b[: len(a)]
-    for i in range(1, len(out)):
-        out[i:] += a[i] * b[: len(out) - i]
-    return np.asarray(out)
+@inlined
+def shift(number: float, x: Series) -> Series:
+    """Return the series of x plus a constant."""
+    return Series(number + x.a, x.b, x.c, x.d, x.e)
 
 
-def quotient(a: Floats, b: Floats) -> Floats:
-    """Return the series of a / b, truncated after the lower order of the two."""
-    out = a[: len(b)] / b[0]
-    ratio = b[: len(out)] / b[0]
-    for i in range(len(out) - 1):
-        out[i + 1 :] -= out[i] * ratio[1 : len(out) - i]
-    return np.asarray(out)
+@inlined
+def derivative(x: Series) -> Series:
+    """Return the series of ẋ, which is known to one order less: its coefficient c₄ is 0."""
+    return Series(x.b, 2.0 * x.c, 3.0 * x.d, 4.0 * x.e, 0.0)
 
 
-def power(a: Floats, exponent: float) -> Floats:
-    """Return the series of a to a constant power; a must be positive."""
-    out = np.empty_like(a)
-    out[0] = a[0] ** exponent
-    for k in range(1, len(a)):
-        out[k] = 0.0
-        for i in range(1, k + 1):
-            out[k] += (exponent * i - (k - i)) * a[i] * out[k - i]
-        out[k] /= k * a[0]
-    return out
+@inlined
+def product(x: Series, y: Series) -> Series:
+    """Return the series of x y."""
+    return Series(
+        x.a * y.a,
+        x.a * y.b + x.b * y.a,
+        x.a * y.c + x.b * y.b + x.c * y.a,
+        x.a * y.d + x.b * y.c + x.c * y.b + x.d * y.a,
+        x.a * y.e + x.b * y.d + x.c * y.c + x.d * y.b + x.e * y.a,
+    )
 
 
-def arctangent(a: Floats) -> Floats:
-    """Return the series of arctan a."""
-    if len(a) == 1:
-        return np.arctan(a)
-    squared = product(a, a)
-    squared[0] += 1.0
-    rate = quotient(derivative(a), squared)
-    return np.stack([np.arctan(a[0]), *(c / (i + 1) for i, c in enumerate(rate))])
+@inlined
+def quotient(x: Series, y: Series) -> Series:
+    """Return the series of x / y."""
+    a = x.a / y.a
+    b = (x.b - a * y.b) / y.a
+    c = (x.c - a * y.c - b * y.b) / y.a
+    d = (x.d - a * y.d - b * y.c - c * y.b) / y.a
+    e = (x.e - a * y.e - b * y.d - c * y.c - d * y.b) / y.a
+    return Series(a, b, c, d, e)
 
 
-def sine_and_cosine(a: Floats) -> tuple[Floats, Floats]:
-    """Return the series of sin a and of cos a."""
-    sine, cosine = np.empty_like(a), np.empty_like(a)
-    sine[0], cosine[0] = np.sin(a[0]), np.cos(a[0])
-    for k in range(1, len(a)):
-        sine[k] = cosine[k] = 0.0
-        for i in range(1, k + 1):
-            sine[k] += i / k * a[i] * cosine[k - i]
-            cosine[k] -= i / k * a[i] * sine[k - i]
-    return sine, cosine
+@inlined
+def inverse_root(x: Series) -> Series:
+    """Return the series of 1/√x; x must be positive."""
+    a = 1.0 / np.sqrt(x.a)
+    b = -0.5 * x.b * a / x.a
+    c = -(1.5 * x.b * b + x.c * a) / (2.0 * x.a)
+    d = -(2.5 * x.b * c + 2.0 * x.c * b + 1.5 * x.d * a) / (3.0 * x.a)
+    e = -(3.5 * x.b * d + 3.0 * x.c * c + 2.5 * x.d * b + 2.0 * x.e * a) / (4.0 * x.a)
+    return Series(a, b, c, d, e)
+
+
+@inlined
+def arctangent(x: Series) -> Series:
+    """Return the series of arctan x."""
+    rate = quotient(derivative(x), shift(1.0, product(x, x)))
+    return Series(arctan2(x.a, 1.0), rate.a, rate.b / 2.0, rate.c / 3.0, rate.d / 4.0)
+
+
+@inlined
+def sincos(x: Series) -> tuple[Series, Series]:
+    """Return the series of sin x and of cos x."""
+    sa, ca = sincos_of_number(x.a)
+    sb, cb = x.b * ca, -x.b * sa
+    sc, cc = (x.b * cb + 2.0 * x.c * ca) / 2.0, -(x.b * sb + 2.0 * x.c * sa) / 2.0
+    sd = (x.b * cc + 2.0 * x.c * cb + 3.0 * x.d * ca) / 3.0
+    cd = -(x.b * sc + 2.0 * x.c * sb + 3.0 * x.d * sa) / 3.0
+    se = (x.b * cd + 2.0 * x.c * cc + 3.0 * x.d * cb + 4.0 * x.e * ca) / 4.0
+    ce = -(x.b * sd + 2.0 * x.c * sc + 3.0 * x.d * sb + 4.0 * x.e * sa) / 4.0
+    return Series(sa, sb, sc, sd, se), Series(ca, cb, cc, cd, ce)

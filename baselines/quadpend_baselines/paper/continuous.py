@@ -15,14 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm.auto import tqdm
 
-from quadpend_baselines.controllers.adrc import ADRC, AdrcMemory
-from quadpend_baselines.estimation.chains import AdrcMeasurement, make_measurement
+from quadpend_baselines.controllers import adrc
+from quadpend_baselines.controllers.adrc import ADRC
+from quadpend_baselines.estimation.chains import OBSERVERS_SIZE, AdrcMeasurement, make_measurement
 from quadpend_baselines.estimation.observers import characteristic_polynomial
+from quadpend_baselines.modelling.quantities import Derivatives
 from quadpend_baselines.policy.protocol import to_action
 from quadpend_gym import PAPER, Reference, State
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.state import STATE_SIZE
+from quadpend_gym.physics.vectors import Four, Vec3
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,8 @@ class ContinuousLoop:
 
     def __init__(self, policy: ADRC) -> None:
         self.policy = policy
-        driven, observers = zip(*policy.observers, strict=True)
+        # A law without the DESOs of the force does not use their estimates.
+        driven, observers = zip(*policy.observers, *policy.observers[2 : 10 - len(policy.observers)], strict=True)
         self._driven = np.arange(len(driven)), np.array(driven)
         self._gains = np.array([characteristic_polynomial(item)[1:] for item in observers])
         self._limits = np.array([np.inf if item.switching is None else item.switching for item in observers])
@@ -75,23 +79,23 @@ class ContinuousLoop:
         """
         steps = disturbance.shape[0] // 2
         references = reference.derivatives(0.5 * step * np.arange(2 * steps + 1))
-        estimate = self.policy.initial_estimate(*self._measure(start, references[0]))
-        loop, records = np.concatenate([start, estimate.ravel()]), []
+        estimate = np.zeros((OBSERVERS_SIZE, 1))
+        adrc.begin(self._measure(start, references[0]), self.policy.model.numbers, estimate, 0)
+        loop, records = np.concatenate([start, estimate[:, 0]]), []
         for i in tqdm(range(steps + 1), unit="step", unit_scale=True, leave=False, desc="continuous time"):
             now = slice(2 * i, 2 * i + 3)
             if i % every == 0:
-                records.append((loop, self._control(loop, references[2 * i])[2][0]))
+                records.append((loop, self._control(loop, references[2 * i])[1][0]))
             if i < steps:
                 loop = self._advance(loop, references[now], disturbance[now], step)
         loops, commands = (np.array(part) for part in zip(*records, strict=True))
-        estimates = loops[:, STATE_SIZE:].reshape(len(loops), *estimate.shape[1:])
         return Trajectory(
             step * every * np.arange(len(records), dtype=np.float64),
             loops[:, :STATE_SIZE],
             references[:: 2 * every],
             commands,
             disturbance[:: 2 * every],
-            self.policy.estimated_disturbance(AdrcMemory(estimates, commands, None)),
+            self.policy.estimated_disturbance(adrc.AdrcMemory(np.ascontiguousarray(loops[:, STATE_SIZE:]))),
         )
 
     def _advance(self, loop: Floats, references: Floats, disturbances: Floats, h: float) -> Floats:
@@ -111,34 +115,31 @@ class ContinuousLoop:
         s.direction_rate[:] -= (s.direction @ s.direction_rate) * s.direction
         return loop
 
-    def _measure(self, state: Floats, reference: Floats) -> tuple[AdrcMeasurement, Floats]:
-        """Return the measurement and the measured outputs of the observers."""
+    def _measure(self, state: Floats, reference: Floats) -> AdrcMeasurement:
         s = State(state)
         bob = s.position + self.policy.simulation.parameters.rod_length * s.direction
-        measurement = make_measurement(
-            np.array([[bob[0], bob[1], s.position[2]]]) - reference[0, :3],
-            s.direction[np.newaxis],
-            (s.euler - [0.0, 0.0, reference[0, 3]])[np.newaxis],
-            reference[np.newaxis, :3, 3],
-            reference[np.newaxis, 2:, :3],
-        )
-        return measurement, self.policy.observer_outputs(measurement)
+        error = np.array([bob[0], bob[1], s.position[2]]) - reference[0, :3]
+        euler = s.euler - [0.0, 0.0, reference[0, 3]]
+        wanted = Derivatives._make([*(Vec3(*row) for row in reference[2:, :3]), Vec3(*reference[:3, 3])])
+        return make_measurement(Vec3(*error), Vec3(*s.direction), Vec3(*euler), wanted, self.policy.model.numbers, None)
 
-    def _control(self, loop: Floats, reference: Floats) -> tuple[AdrcMeasurement, Floats, Floats]:
-        """Return the measurement, the measured outputs of the observers and the saturated command, shape (1, 4)."""
-        measurement, outputs = self._measure(loop[:STATE_SIZE], reference)
-        command = self.policy.command(measurement, loop[STATE_SIZE:].reshape(1, -1, 4))
-        return measurement, outputs, to_action(command, self.policy.simulation)[1]
+    def _control(self, loop: Floats, reference: Floats) -> tuple[AdrcMeasurement, Floats]:
+        """Return the measurement and the saturated command, shape (1, 4)."""
+        policy, measurement = self.policy, self._measure(loop[:STATE_SIZE], reference)
+        lanes = loop[STATE_SIZE:].reshape(-1, 1)
+        command = adrc.adrc(measurement, lanes, 0, policy.numbers, policy.model.numbers)
+        return measurement, to_action(np.array([command]), policy.simulation)[1]
 
     def _rate(self, loop: Floats, reference: Floats, disturbance: Floats) -> Floats:
         """Return the rates of change of the loop."""
-        measurement, outputs, command = self._control(loop, reference)
-        state, estimate = loop[:STATE_SIZE], loop[STATE_SIZE:].reshape(-1, 4)
-        error = outputs[0] - estimate[:, 0]
+        policy, (measurement, command) = self.policy, self._control(loop, reference)
+        state, estimate, model = loop[:STATE_SIZE], loop[STATE_SIZE:].reshape(-1, 4), policy.model.numbers
+        error = np.array(adrc.observer_outputs(measurement, model)) - estimate[:, 0]
         rate = self._gains * error[:, np.newaxis]
         rate[:, 3] = np.clip(rate[:, 3], -self._limits, self._limits)
         rate[:, :3] += estimate[:, 1:]
-        rate[self._driven] += self.policy.observer_inputs(measurement, estimate[np.newaxis], command)[0]
-        s, a = State(state), accelerations(state, command[0], disturbance, self.policy.simulation.parameters)
+        lanes = loop[STATE_SIZE:].reshape(-1, 1)
+        rate[self._driven] += adrc.observer_inputs(measurement, lanes, 0, Four(*command[0]), policy.numbers, model)
+        s, a = State(state), accelerations(state, command[0], disturbance, policy.simulation.parameters)
         parts = [s.velocity, a.position, s.euler_rate, a.euler, s.direction_rate, a.direction, rate.ravel()]
         return np.concatenate(parts)

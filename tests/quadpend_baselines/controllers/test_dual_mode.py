@@ -9,7 +9,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import deviation, riccati
+from quadpend_baselines.estimation.prediction import Measurement, law_inputs
 from quadpend_baselines.gains import GAINS, DualModeGains
+from quadpend_baselines.modelling.equivalent import equivalent_model
+from quadpend_baselines.modelling.linear_model import model_state
 from quadpend_gym import Reference, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.physics.state import State
@@ -35,6 +38,17 @@ def command_of(gains: DualModeGains, state: Floats, disturbance: Floats = CALM) 
     return run_law(DualMode(gains, SIMULATION), state, wind=disturbance, reference=HOVER_AT_2_M)[0]
 
 
+def deviations(measurement: Measurement, disturbance: Floats) -> tuple[Floats, Floats]:
+    """Return x − x_d of the linear model, shape (n, 16), and u_d, shape (n, 4), of true states."""
+    array, found = true_estimate(measurement, disturbance).array, []
+    for row in range(len(array)):
+        inputs = law_inputs(array, measurement.reference, measurement.yaw_reference, row)
+        x, command = deviation(*inputs, equivalent_model(SIMULATION).numbers, None)
+        found.append((model_state(x, 0.0, 1.0), command))
+    x, command = zip(*found, strict=True)
+    return np.array(x), np.array(command)
+
+
 def displaced(*offsets: float) -> Floats:
     states = hover_states(len(offsets))
     State(states).position[:, 0] += offsets
@@ -44,7 +58,7 @@ def displaced(*offsets: float) -> Floats:
 def test_near_the_reference_it_is_the_optimal_linear_feedback_in_wind() -> None:
     state = displaced(0.01)
     measurement = measurement_of(state, HOVER_AT_2_M)
-    x, feedforward = deviation(true_estimate(measurement), measurement, np.atleast_2d(WIND), SIMULATION)
+    x, feedforward = deviations(measurement, WIND)
     gain, _ = riccati(TUNED.near, SIMULATION)
     assert_allclose(command_of(TUNED, state, WIND), feedforward - x @ gain.T, rtol=0.0, atol=1e-12)
 
@@ -58,7 +72,7 @@ def test_far_from_the_reference_it_is_the_flatness_based_law(state: Floats) -> N
 def test_the_share_falls_linearly_with_the_remaining_error() -> None:
     state = displaced(0.14, 0.17, 0.2)
     measurement = measurement_of(state, HOVER_AT_2_M)
-    x, _ = deviation(true_estimate(measurement), measurement, np.zeros((3, CALM.size)), SIMULATION)
+    x, _ = deviations(measurement, CALM)
     _, cost = riccati(TUNED.near, SIMULATION)
     error = TUNED.near.position * np.sqrt(SIMULATION.period * np.sum(x @ cost * x, axis=1))
     expected = (TUNED.far_error - error) / (TUNED.far_error - TUNED.near_error)

@@ -6,11 +6,12 @@ import pytest
 from quadpend_baselines.estimation.observers import (
     ESO_INPUT,
     LUENBERGER_INPUT,
-    ObserverBank,
     chain,
     characteristic_polynomial,
     current_gain,
+    design_observers,
     input_gain,
+    update_observers,
 )
 from quadpend_baselines.gains import ObserverGains
 
@@ -33,18 +34,19 @@ def test_poles_of_the_sampled_error_are_the_exponentials_of_the_continuous_ones(
 def test_prediction_is_exact_for_a_constant_input(driven: int) -> None:
     """A chain with a constant input is a polynomial in time; an observer without initial error keeps no error."""
     period, known_input = 0.01, 3.0
-    bank = ObserverBank.design([(driven, ObserverGains())], period)
+    bank = design_observers([(driven, ObserverGains())], period)
     start = np.array([1.0, -2.0, 0.5, 4.0])
-    estimate = start.reshape(1, 1, 4)
+    estimate = start.reshape(4, 1).copy()
     for step in range(1, 50):
         true = chain(step * period) @ start + known_input * input_gain(driven, step * period)
-        estimate = bank.update(estimate, np.full((1, 1), known_input), true[:1].reshape(1, 1))
-        np.testing.assert_allclose(estimate[0, 0], true, rtol=1e-7, atol=1e-7)
+        update_observers(estimate, 0, 0, (known_input,), (true[0],), bank, period)
+        np.testing.assert_allclose(estimate[:, 0], true, rtol=1e-7, atol=1e-7)
 
 
 def _last_correction(gains: ObserverGains, error: float) -> float:
-    bank = ObserverBank.design([(ESO_INPUT, gains)], 0.01)
-    return float(bank.update(np.zeros((1, 1, 4)), np.zeros((1, 1)), np.full((1, 1), error))[0, 0, 3])
+    estimate = np.zeros((4, 1))
+    update_observers(estimate, 0, 0, (0.0,), (error,), design_observers([(ESO_INPUT, gains)], 0.01), 0.01)
+    return float(estimate[3, 0])
 
 
 def test_switching_term_is_linear_inside_its_layer_and_saturates_outside() -> None:

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quadpend_baselines.modelling.equivalent import equivalent_model
+from quadpend_baselines.modelling.equivalent import equivalent_model, equivalent_reference
 from quadpend_baselines.modelling.inverse_dynamics import body_torques
+from quadpend_baselines.modelling.quantities import load_derivatives, load_forces, load_state
 from quadpend_gym import Simulation
 from quadpend_gym.physics.euler_kernel import advance
+from quadpend_gym.physics.rigid_settings import make_rigid_settings
 from quadpend_gym.physics.state import DISTURBANCE_SIZE, State
+from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.vehicles import Drag, Pole, Vehicle, hover_wrench
 from tests.helpers import rigid
 
@@ -41,7 +44,11 @@ def test_the_torques_make_the_demanded_accelerations() -> None:
     wanted, disturbance = rng.normal(size=(5, 3)), rng.normal(size=(5, DISTURBANCE_SIZE))
     disturbance[:, :3] *= 0.1
     hover, scale = hover_wrench(simulation.parameters, simulation.vehicle.pivot), simulation.command_scale
-    torques = body_torques(flight.state, wanted, np.full(5, hover[0]), disturbance, simulation)
+    model, rigid_settings, torques = equivalent_model(simulation), make_rigid_settings(simulation), np.empty((5, 3))
+    for row in range(5):
+        state, forces = load_state(flight.state.T, 0, row), load_forces(disturbance.T, 0, row)
+        physics, acceleration = model.numbers.vehicle, Vec3(*wanted[row])
+        torques[row] = body_torques(state, acceleration, hover[0], forces, physics, rigid_settings)
     action = np.column_stack([np.zeros(5), (torques - hover[1:]) / scale[1:]])
     assert np.abs(action).max() < 1.0
     after = flight.after(action, disturbance)
@@ -52,8 +59,8 @@ def test_the_wanted_flat_output_of_a_raised_pivot_is_that_of_the_equations() -> 
     """For slow motion, F and its derivatives solve (1) and (2) with F_d = ζ + l r."""
     simulation = Simulation(vehicle=replace(BODY, pivot=(0.0, 0.0, 0.06)))
     model = equivalent_model(simulation)
-    p, a, b = model.parameters, model.pendulum_arm, model.thrust_arm
-    mu = model.pivot_share / (1.0 - model.pivot_share)
+    p, a, b = model.parameters, model.numbers.pendulum_arm, model.numbers.thrust_arm
+    mu = model.numbers.pivot_share / (1.0 - model.numbers.pivot_share)
     w = 0.3  # rad/s
     powers = np.array([(1j * w) ** i for i in range(2, 7)])
     sigma = powers[0] / p.gravity
@@ -62,6 +69,7 @@ def test_the_wanted_flat_output_of_a_raised_pivot_is_that_of_the_equations() -> 
     tracked = 1.0 - a * s - b * t  # F_d for F = exp(i w t)
     reference = np.zeros((1, 5, 3))
     reference[0, :, 0] = np.real(powers * tracked)
-    found = model.reference(reference)[0, 0, 0]
+    given = load_derivatives(reference[0], Vec3(0.0, 0.0, 0.0))
+    found = equivalent_reference(given, model.numbers).d2.x
     assert found == pytest.approx(np.real(powers[0]), rel=1e-4)
     assert np.abs(reference[0, 0, 0] - np.real(powers[0])) > 1e-3 * w**2

@@ -27,10 +27,10 @@ def test_to_action_inverts_to_command_exactly() -> None:
 def test_replace_rows_works_through_tuples_of_arrays() -> None:
     policy: Any = controller("flatness")
     memories = [policy.predict(make_vec(rows).reset(seed=rows)[0])[1] for rows in (5, 2)]
-    copies = [tuple(memory.estimate) for memory in memories]
+    copies = [memory.estimate.array.copy() for memory in memories]
     whole = replace_rows(np.array([3, 1]), memories[1], memories[0])
     assert type(whole) is type(memories[0])
     assert_array_equal(whole.action[[3, 1]], memories[1].action)
     assert_array_equal(whole.action[[0, 2, 4]], memories[0].action[[0, 2, 4]])
     assert_array_equal(whole.estimate.state[[3, 1]], memories[1].estimate.state)
-    assert_same([tuple(memory.estimate) for memory in memories], copies)
+    assert_same([memory.estimate.array for memory in memories], copies)

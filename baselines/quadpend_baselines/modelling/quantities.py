@@ -1,0 +1,178 @@
+"""State, disturbance and reference of one vehicle inside compiled functions, as named tuples of vectors.
+
+The layouts in arrays are those of `quadpend_gym.physics.state`; `lanes` are (field, row) arrays. Positions and
+velocities of controllers are relative to the reference.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.state import (
+    BOB_FORCE,
+    DIRECTION,
+    DIRECTION_RATE,
+    EULER,
+    EULER_RATE,
+    FORCE,
+    POSITION,
+    TORQUE,
+    VELOCITY,
+)
+from quadpend_gym.physics.vectors import Vec3, add, axpy, load, store
+
+
+class Vec2(NamedTuple):
+    """A horizontal vector."""
+
+    x: float
+    y: float
+
+
+class VehicleState(NamedTuple):
+    """The six vectors of a state, see `quadpend_gym.physics.state`."""
+
+    position: Vec3
+    velocity: Vec3
+    euler: Vec3
+    euler_rate: Vec3
+    direction: Vec3
+    direction_rate: Vec3
+
+
+class Forces(NamedTuple):
+    """A disturbance: force on the quadrotor and on the bob, N, and torque, N·m."""
+
+    force: Vec3
+    bob_force: Vec3
+    torque: Vec3
+
+
+class Derivatives(NamedTuple):
+    """The derivatives of order 2 to 6 of the reference (F_x, F_y, z), and (ψ, ψ̇, ψ̈) of the yaw."""
+
+    d2: Vec3
+    d3: Vec3
+    d4: Vec3
+    d5: Vec3
+    d6: Vec3
+    yaw: Vec3
+
+
+@inlined
+def load_state(lanes: Any, first: int, lane: int) -> VehicleState:
+    """Return the state in the 18 fields from `first`."""
+    return VehicleState(
+        load(lanes, first + POSITION, lane),
+        load(lanes, first + VELOCITY, lane),
+        load(lanes, first + EULER, lane),
+        load(lanes, first + EULER_RATE, lane),
+        load(lanes, first + DIRECTION, lane),
+        load(lanes, first + DIRECTION_RATE, lane),
+    )
+
+
+@inlined
+def store_state(lanes: Any, first: int, lane: int, state: VehicleState) -> None:
+    """Write a state into the 18 fields from `first`."""
+    store(lanes, first + POSITION, lane, state.position)
+    store(lanes, first + VELOCITY, lane, state.velocity)
+    store(lanes, first + EULER, lane, state.euler)
+    store(lanes, first + EULER_RATE, lane, state.euler_rate)
+    store(lanes, first + DIRECTION, lane, state.direction)
+    store(lanes, first + DIRECTION_RATE, lane, state.direction_rate)
+
+
+@inlined
+def load_forces(lanes: Any, first: int, lane: int) -> Forces:
+    """Return the disturbance in the nine fields from `first`."""
+    return Forces(
+        load(lanes, first + FORCE, lane), load(lanes, first + BOB_FORCE, lane), load(lanes, first + TORQUE, lane)
+    )
+
+
+@inlined
+def store_forces(lanes: Any, first: int, lane: int, forces: Forces) -> None:
+    """Write a disturbance into the nine fields from `first`."""
+    store(lanes, first + FORCE, lane, forces.force)
+    store(lanes, first + BOB_FORCE, lane, forces.bob_force)
+    store(lanes, first + TORQUE, lane, forces.torque)
+
+
+@inlined
+def load_derivatives(reference: Any, yaw: Vec3) -> Derivatives:
+    """Return the reference in an array of shape (5, 3) or more rows, with the yaw."""
+    return Derivatives(
+        Vec3(reference[0, 0], reference[0, 1], reference[0, 2]),
+        Vec3(reference[1, 0], reference[1, 1], reference[1, 2]),
+        Vec3(reference[2, 0], reference[2, 1], reference[2, 2]),
+        Vec3(reference[3, 0], reference[3, 1], reference[3, 2]),
+        Vec3(reference[4, 0], reference[4, 1], reference[4, 2]),
+        yaw,
+    )
+
+
+@inlined
+def store_reference(lanes: Any, first: int, lane: int, reference: Derivatives) -> None:
+    """Write the 15 derivatives of a reference into the fields from `first`, by order."""
+    store(lanes, first, lane, reference.d2)
+    store(lanes, first + 3, lane, reference.d3)
+    store(lanes, first + 6, lane, reference.d4)
+    store(lanes, first + 9, lane, reference.d5)
+    store(lanes, first + 12, lane, reference.d6)
+
+
+@inlined
+def calm() -> Forces:
+    """Return no disturbance."""
+    none = Vec3(0.0, 0.0, 0.0)
+    return Forces(none, none, none)
+
+
+@inlined
+def combine(factor: float, a: VehicleState, b: VehicleState) -> VehicleState:
+    """Return factor · a + b."""
+    return VehicleState(
+        axpy(factor, a.position, b.position),
+        axpy(factor, a.velocity, b.velocity),
+        axpy(factor, a.euler, b.euler),
+        axpy(factor, a.euler_rate, b.euler_rate),
+        axpy(factor, a.direction, b.direction),
+        axpy(factor, a.direction_rate, b.direction_rate),
+    )
+
+
+@inlined
+def turn(v: Any, sine: float, cosine: float) -> Vec2:
+    """Return the horizontal part of v, rotated about the vertical."""
+    return Vec2(cosine * v.x - sine * v.y, sine * v.x + cosine * v.y)
+
+
+@inlined
+def turn3(v: Vec3, sine: float, cosine: float) -> Vec3:
+    """Return v, rotated about the vertical."""
+    return Vec3(cosine * v.x - sine * v.y, sine * v.x + cosine * v.y, v.z)
+
+
+@inlined
+def limit_length(v: Vec2, limit: float) -> Vec2:
+    """Return v, scaled down if it is longer than `limit`."""
+    share = limit / max(np.sqrt(v.x * v.x + v.y * v.y), limit)
+    return Vec2(share * v.x, share * v.y)
+
+
+@inlined
+def bob_offset(state: VehicleState, length: float) -> tuple[Vec3, Vec3]:
+    """Return the tracking error ζ + l r_xy of a state relative to the reference (m), and its rate (m/s)."""
+    r, r_dot = state.direction, state.direction_rate
+    arm, arm_rate = Vec3(length * r.x, length * r.y, 0.0), Vec3(length * r_dot.x, length * r_dot.y, 0.0)
+    return add(state.position, arm), add(state.velocity, arm_rate)
+
+
+@inlined
+def with_rates(state: VehicleState, rates: VehicleState) -> VehicleState:
+    """Return positions and angles of one state with the rates of another one."""
+    return VehicleState(
+        state.position, rates.velocity, state.euler, rates.euler_rate, state.direction, rates.direction_rate
+    )
