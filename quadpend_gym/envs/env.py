@@ -147,9 +147,9 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         Raises:
             ResetNeeded: If `reset` has not been called yet, or a wrapper has changed the simulation since then.
         """
-        action = check_action(action, (ACTION_SIZE,)).reshape(1, ACTION_SIZE)
+        action = check_action(action, (ACTION_SIZE,))[None]
         observation, outcome = self.world.step(action)
-        column = outcome[:, 0]
+        column = outcome.ravel()
         scalars = column[SCALARS].tolist()
         terminated, truncated = scalars[TERMINATED] != 0.0, self.world.clock.item(0) >= self._steps
         if self.recorder is not None:

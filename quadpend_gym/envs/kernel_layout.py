@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.packing import pack, unpacker
+from quadpend_gym.core.packing import pack, packed_size, unpacker
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
 from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
@@ -20,7 +20,8 @@ from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 MEMORY_STATE = slice(0, STATE_SIZE)
 MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
-MEMORY_SIZE = MEMORY_REFERENCE.stop
+MEMORY_TRAJECTORY = MEMORY_REFERENCE.stop  # `PackedTrajectories.first`
+MEMORY_SIZE = MEMORY_TRAJECTORY + 1
 # The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`), and the last action.
 MEMORY_RIGID = slice(MEMORY_SIZE, MEMORY_SIZE + RIGID_SIZE)
 MEMORY_ACTION = slice(MEMORY_RIGID.stop, MEMORY_RIGID.stop + ACTION_SIZE)
@@ -74,6 +75,7 @@ class RigidStepSettings(NamedTuple):
 
 
 unpack_settings, unpack_rigid_settings = unpacker(KernelSettings), unpacker(RigidStepSettings)
+SETTINGS_SIZE, RIGID_SETTINGS_SIZE = packed_size(KernelSettings), packed_size(RigidStepSettings)
 
 
 def make_weights(task: Task) -> KernelWeights:

@@ -18,7 +18,7 @@ class EulerRows:
     """The paper's vehicle, which has no further state: an action acts at once.
 
     Attributes:
-        memory: Memory of the step kernel, shape (n, 47); of rigid vehicles (n, 62).
+        memory: Memory of the step kernel, shape (n, 48); of rigid vehicles (n, 63).
         step: The step kernel.
     """
 

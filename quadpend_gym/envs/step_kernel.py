@@ -54,6 +54,7 @@ from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.rewards import reward, reward_terms
 from quadpend_gym.tasks.trajectories import point_at
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
+from quadpend_gym.wind import WIND_SIZE
 
 # Parts of one buffer of shape (rows, lanes): the outcome, the sensed values followed by the thrust axis and the further
 # state of rigid vehicles, the action, the reference and the time.
@@ -112,12 +113,24 @@ def _measure(
 
 
 @inlined
-def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: Any, begin: int, end: int) -> int:
+def _step(
+    memory: Any,
+    clock: Any,
+    columns: Any,
+    action: Any,
+    task: layout.KernelSettings,
+    observation: Any,
+    outcome: Any,
+    trajectories: Any,
+    rigid: Any,
+    begin: int,
+    end: int,
+) -> int:
     """Advance the sub-environments begin ≤ i < end, as `step_euler` describes.
 
     `trajectories` is (numbers, first) or None; `rigid` is a `RigidStepSettings`, or None for the paper's vehicle.
     """
-    memory, clock, wind, action, observation, outcome, sensed = arrays
+    wind, sensed = columns[:WIND_SIZE], columns[WIND_SIZE:]
     error = find_error(action, wind, begin, end)
     if error != NO_ERROR:
         return error
@@ -193,7 +206,7 @@ def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: An
             scatter(state_lanes[RIGID:], first, lanes, rigid_memory)
             scatter(action_lanes, first, lanes, last_action)
         _copy(buffer, lanes, outcome[:, first:])
-        if sensed.shape[1] > 0:
+        if sensed.shape[0] > 0:
             _copy(sensed_lanes, lanes, sensed[:, first:])
             scatter(observation_lanes[REFERENCE_START:], first, lanes, observation[:, REFERENCE_START:])
         else:
@@ -210,14 +223,11 @@ def _step(arrays: Any, task: layout.KernelSettings, trajectories: Any, rigid: An
 def step_euler(
     memory: Floats,
     clock: Integers,
-    wind: Floats,
+    columns: Floats,
     action: Floats32,
     settings: Floats,
     observation: Floats32,
     outcome: Floats,
-    sensed: Floats,
-    numbers: Floats,
-    first: Integers,
     begin: int,
     end: int,
 ) -> int:
@@ -228,61 +238,58 @@ def step_euler(
     If the state of a sub-environment diverges, it is reset to its value before the step, and the episode terminates.
 
     Args:
-        memory: State, parameters and reference of each sub-environment, shape (n, 47), see `kernel_layout`. The state
+        memory: State, parameters and reference of each sub-environment, shape (n, 48), see `kernel_layout`. The state
             is changed in place.
         clock: Control steps since each episode began, shape (n,), changed in place.
-        wind: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n).
+        columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n). With sensors 26
+            further rows, an output: the step then writes only the reference's part of the observation, and
+            `observe_sensed` the other part once the sensors have changed the state in these rows.
         action: Shape (n, 4), each component in [−1, 1].
-        settings: A packed `KernelSettings`.
+        settings: A packed `KernelSettings`; then packed trajectories, if a sub-environment follows one.
         observation: Output, shape (n, 36).
         outcome: Output, shape (k, at least n): the first k rows of `outcome`.
-        sensed: Shape (26, 0) without sensors. With sensors an output of shape (26, n): the step then writes only the
-            reference's part of the observation, and `observe_sensed` the other part once the sensors have changed the
-            state in `sensed`.
-        numbers: Packed trajectories, see `TrajectoryTable`; empty if no sub-environment follows one.
-        first: See `TrajectoryTable`, shape (n,).
         begin: A multiple of 64.
         end: A multiple of 64, or n.
 
     Returns:
         The error code of `inputs`; with an error, no array is changed.
     """
-    arrays, task = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_settings(settings)
-    if numbers.size == 0:
-        return _step(arrays, task, None, None, begin, end)
-    return _step(arrays, task, (numbers, first), None, begin, end)
+    task = layout.unpack_settings(settings)
+    if settings.size == layout.SETTINGS_SIZE:
+        return _step(memory, clock, columns, action, task, observation, outcome, None, None, begin, end)
+    trajectories = settings[layout.SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
+    return _step(memory, clock, columns, action, task, observation, outcome, trajectories, None, begin, end)
 
 
 @compiled
 def step_rigid(
     memory: Floats,
     clock: Integers,
-    wind: Floats,
+    columns: Floats,
     action: Floats32,
     settings: Floats,
     observation: Floats32,
     outcome: Floats,
-    sensed: Floats,
-    numbers: Floats,
-    first: Integers,
     begin: int,
     end: int,
 ) -> int:
-    """As `step_euler`, for rigid vehicles: `memory` has shape (n, 62), `settings` are a packed `RigidStepSettings`."""
-    arrays, rigid = (memory, clock, wind, action, observation, outcome, sensed), layout.unpack_rigid_settings(settings)
-    if numbers.size == 0:
-        return _step(arrays, rigid.kernel, None, rigid, begin, end)
-    return _step(arrays, rigid.kernel, (numbers, first), rigid, begin, end)
+    """As `step_euler`, for rigid vehicles: `memory` has shape (n, 63), `settings` are a packed `RigidStepSettings`."""
+    rigid = layout.unpack_rigid_settings(settings)
+    if settings.size == layout.RIGID_SETTINGS_SIZE:
+        return _step(memory, clock, columns, action, rigid.kernel, observation, outcome, None, rigid, begin, end)
+    trajectories = settings[layout.RIGID_SETTINGS_SIZE :], memory[:, layout.MEMORY_TRAJECTORY]
+    return _step(memory, clock, columns, action, rigid.kernel, observation, outcome, trajectories, rigid, begin, end)
 
 
 @compiled
-def observe_sensed(sensed: Floats, observation: Floats32) -> None:
+def observe_sensed(columns: Floats, observation: Floats32) -> None:
     """Write the part of the observation that depends on the state, from the sensed state instead of the true one.
 
     Args:
-        sensed: The array that a step has written and the sensors have changed, shape (26, n).
+        columns: The array that a step has written and the sensors have changed, shape (38, n).
         observation: Output, shape (n, 36); the reference's part is left unchanged.
     """
+    sensed = columns[WIND_SIZE:]
     state, lanes = sensed[layout.SENSED_STATE], np.empty((REFERENCE_START, BLOCK), np.float32)
     for first in range(0, sensed.shape[1], BLOCK):
         size = min(BLOCK, sensed.shape[1] - first)

@@ -24,7 +24,14 @@ from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.envs.inputs import NO_ERROR, check_inputs, clip_rounding, raise_step_error
-from quadpend_gym.envs.kernel_layout import MEMORY_PARAMETERS, MEMORY_REFERENCE, MEMORY_STATE, SENSED_SIZE, SENSED_STATE
+from quadpend_gym.envs.kernel_layout import (
+    MEMORY_PARAMETERS,
+    MEMORY_REFERENCE,
+    MEMORY_STATE,
+    MEMORY_TRAJECTORY,
+    SENSED_SIZE,
+    SENSED_STATE,
+)
 from quadpend_gym.envs.outcome import StepInfo
 from quadpend_gym.envs.plant_rows import plant_rows
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
@@ -39,6 +46,8 @@ from quadpend_gym.tasks.references import REFERENCE_SIZE, draw_references
 from quadpend_gym.tasks.starts import draw_starts, start_pole
 from quadpend_gym.tasks.trajectories import Reference, Trajectory, TrajectoryTable
 from quadpend_gym.wind import WIND_FIELDS, WIND_SIZE
+
+_SENSED_STATE = slice(WIND_SIZE + SENSED_STATE.start, WIND_SIZE + SENSED_STATE.stop)  # rows of `World._columns`
 
 
 class World:
@@ -68,14 +77,12 @@ class World:
         self._memory = self._plant.memory
         self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
-        self._sensed = np.zeros((SENSED_SIZE, 0))
         self.clock = np.zeros(num_envs, np.int64)
         self.episode = np.full(num_envs, -1, np.int64)
         self._seeds = np.zeros(num_envs, np.uint64)
         self._reference_ranges = pack(astuple(task.references))
         self._start_settings = pack(astuple(task.start)), start_pole(simulation, task.side)
         self._trajectories = TrajectoryTable(num_envs)
-        self._observe_settings = self._plant.settings(task, moves_air=False, substeps=0)
         self._parameter_ranges: ParameterRanges | None = None
         self._wind_models, self._sensors, self._actuators = (ModelBatch((), num_envs) for _ in range(3))
         self.add_wind(scenario.wind_models)
@@ -110,30 +117,35 @@ class World:
     @property
     def wind(self) -> Floats:
         """View of the wind over the next control period, shape (n, 12), see `quadpend_gym.wind`."""
-        return self._wind_columns.T
+        return self._columns[:WIND_SIZE].T
 
     @property
     def measured(self) -> Floats:
         """View of the states that the sensors reported last, shape (n, 18); without sensors the true states."""
-        return self._sensed[SENSED_STATE].T if self._sensors.models else self.state
+        return self._columns[_SENSED_STATE].T if self._sensors.models else self.state
 
     def add_wind(self, models: tuple[Any, ...]) -> None:
         """Add wind models after the existing ones. Every sub-environment must then start a new episode."""
         self._wind_models = ModelBatch((*self._wind_models.models, *models), self.num_envs)
         all_models: tuple[Any, ...] = self._wind_models.models
         self._moves_air = any(model.moves_air for model in all_models)
-        self._settings = self._plant.settings(self.task, self._moves_air, self.simulation.substeps)
-        self._wind_columns = np.zeros((WIND_SIZE, self.num_envs))
+        self._pack_settings()
         self._require_reset()
+
+    def _pack_settings(self) -> None:
+        """Pack the settings of the kernel for a step, and for an observation, which advances nothing."""
+        self._settings, self._observe_settings = (
+            np.concatenate([self._plant.settings(self.task, *arguments), self._trajectories.numbers])
+            for arguments in ((self._moves_air, self.simulation.substeps), (False, 0))
+        )
 
     def add_sensors(self, models: tuple[Any, ...]) -> None:
         """Add sensors after the existing ones. Every sub-environment must then start a new episode."""
         check_periods(models, self.simulation.period)
         self._sensors = ModelBatch((*self._sensors.models, *models), self.num_envs)
-        if models:
-            self._sensed = np.zeros((SENSED_SIZE, self.num_envs))
-            self.measured[:] = self.state
         self._require_reset()
+        if models:
+            self.measured[:] = self.state
 
     def add_actuators(self, models: tuple[Any, ...]) -> None:
         """Add actuators before the existing ones. Every sub-environment must then start a new episode."""
@@ -155,6 +167,8 @@ class World:
         """Mark every sub-environment for reset, and recompute the fields of the info and the size of an outcome."""
         self._needs_reset = np.ones(self.num_envs, np.bool_)
         self._can_step = False
+        self._columns_size = WIND_SIZE + (SENSED_SIZE if self._sensors.models else 0)
+        self._columns = np.zeros((self._columns_size, self.num_envs))  # wind and sensed values of the kernel
         self._checks_first = bool(self._actuators.models or self.simulation.latency or self._num_threads > 1)
         self.step_info = StepInfo(self._moves_air, bool(self._actuators.models), self._parameter_ranges is not None)
         # Memory access is slow if the rows of a large array start a power of two apart: add 8 columns to large arrays.
@@ -221,7 +235,10 @@ class World:
             self.reference[rows] = arrays
         else:
             draw_references(rows, self._seeds, self.episode, self._reference_ranges, self.reference)
-        self._trajectories.assign(rows, [None if isinstance(item, Reference) else item for item in fixed or (None,)])
+        followed = [None if isinstance(item, Reference) else item for item in fixed or (None,)]
+        if self._trajectories.assign(rows, followed):
+            self._memory[:, MEMORY_TRAJECTORY] = self._trajectories.first
+            self._pack_settings()
 
     def _start_wind(self, rows: Integers, streams: Streams) -> None:
         period, step, wind = self.simulation.period, self.clock[rows], np.zeros((WIND_SIZE, rows.size)).T
@@ -272,13 +289,11 @@ class World:
         observation = np.empty((rows.size, OBSERVATION_SIZE), np.float32)
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
-        memory, clock, calm = self._memory[rows], self.clock[rows], np.zeros((WIND_SIZE, rows.size))
-        sensed, table = np.empty((SENSED_SIZE, rows.size if self._sensors.models else 0)), self._trajectories
-        arguments = memory, clock, calm, action, self._observe_settings, observation, outcome, sensed
-        self._plant.step(*arguments, table.numbers, table.first[rows], 0, rows.size)
+        memory, clock, columns = self._memory[rows], self.clock[rows], np.zeros((self._columns_size, rows.size))
+        self._plant.step(memory, clock, columns, action, self._observe_settings, observation, outcome, 0, rows.size)
         if self._sensors.models:
-            sensed[SENSED_STATE] = self._sensed[SENSED_STATE, rows]
-            observe_sensed(sensed, observation)
+            columns[_SENSED_STATE] = self._columns[_SENSED_STATE, rows]
+            observe_sensed(columns, observation)
         return observation, outcome
 
     def step(self, action: Floats32) -> tuple[Floats32, Floats]:
@@ -300,23 +315,19 @@ class World:
             raise ResetNeeded(f"{where}call reset before step")
         observation, outcome = np.empty(*self._observation_like), np.empty(self._outcome_shape)
         if self._checks_first:
-            error = check_inputs(action, self._wind_columns)
+            error = check_inputs(action, self._columns[:WIND_SIZE])
             if error != NO_ERROR:
                 return self._step_clipped(error, action)
             action = self._actuate(action)
-        memory, clock, wind, settings = self._memory, self.clock, self._wind_columns, self._settings
-        sensed, table = self._sensed, self._trajectories
-        numbers, first = table.numbers, table.first
-        error = self._advance(
-            memory, clock, wind, action, settings, observation, outcome, sensed, numbers, first, 0, self.num_envs
-        )
+        memory, clock, columns, settings = self._memory, self.clock, self._columns, self._settings
+        error = self._advance(memory, clock, columns, action, settings, observation, outcome, 0, self.num_envs)
         if error != NO_ERROR:
             if self._actuators.models:
                 raise_step_error(error, action, self.wind, "action after the actuators")
             return self._step_clipped(error, action)
         if self._sensors.models:
             self._sense()
-            observe_sensed(sensed, observation)
+            observe_sensed(columns, observation)
         if self._wind_models.models:
             self._sample_wind()
         return observation, outcome[:, : self.num_envs] if self._padded else outcome

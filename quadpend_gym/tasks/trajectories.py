@@ -367,8 +367,8 @@ class TrajectoryTable:
         self.numbers, self.first = np.zeros(0), np.full(rows, -1, np.int64)
         self._followed: list[Waypoints | Sinusoids | None] = [None] * rows
 
-    def assign(self, rows: Integers, trajectories: Sequence[Waypoints | Sinusoids | None]) -> None:
-        """Set the trajectories of some sub-environments.
+    def assign(self, rows: Integers, trajectories: Sequence[Waypoints | Sinusoids | None]) -> bool:
+        """Set the trajectories of some sub-environments, and return whether this changed any.
 
         Args:
             rows: Indices of the sub-environments, shape (m,).
@@ -376,7 +376,7 @@ class TrajectoryTable:
         """
         new = dict(zip(rows.tolist(), list(trajectories) * (len(rows) // len(trajectories)), strict=True))
         if all(self._followed[row] is item for row, item in new.items()):
-            return
+            return False
         for row, item in new.items():
             self._followed[row] = item
         distinct = {id(item): item.packed for item in self._followed if item is not None}
@@ -384,6 +384,7 @@ class TrajectoryTable:
         position = dict(zip(distinct, ends.tolist(), strict=False))
         self.first[:] = [position.get(id(item), -1) for item in self._followed]
         self.numbers = np.concatenate([np.zeros(0), *distinct.values()])
+        return True
 
     def find(self, row: int) -> Waypoints | Sinusoids | None:
         """Return the trajectory of a sub-environment, or None if it follows none."""
