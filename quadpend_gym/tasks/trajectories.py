@@ -96,7 +96,7 @@ def _trajectory_channel(numbers: Any, first: int, channel: int, time: float) -> 
 def _channel(trajectories: Any, row: int, lanes: Any, lane: int, channel: int, time: float) -> Derivatives:
     if trajectories is None:
         return channel_derivatives(lanes, channel, lane, time)
-    numbers, first = trajectories[0], trajectories[1][row]
+    numbers, first = trajectories[0], int(trajectories[1][row])
     if first < 0:
         return channel_derivatives(lanes, channel, lane, time)
     return _trajectory_channel(numbers, first, channel, time)
