@@ -73,6 +73,7 @@ from quadpend_baselines.estimation.prediction import (
     MASS_RATIO,
     REFERENCE,
     RIGID_PART,
+    Measurement,
     Part,
     Prediction,
     advance,
@@ -402,28 +403,18 @@ def _corrected(error: float, rate: float, share: float) -> float:
 
 @compiled
 def _predict(
-    before: Floats,
-    started: Booleans,
-    measured: Floats,
-    references: Floats,
-    yaws: Floats,
-    packed: Floats,
-    parts: Floats,
-    actuators: Floats,
-    packed_plant: Floats,
-    packed_rigid: Floats | None,
-    out: Floats,
-    later: Floats,
-    command: Floats,
+    last: Any, measurement: Measurement, packed: Floats, loop: Any, packed_rigid: Floats | None, outs: Any
 ) -> None:
     """Write the measured plant into the memory, the plant at the time when the action acts, and the command then."""
+    (before, started), (parts, actuators, packed_plant), (out, later, command) = last, loop, outs
     numbers, plant = unpack_numbers(packed), unpack_plant(packed_plant)
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     model, size, buffer = plant.pendulum, later.shape[1], np.empty((BUFFER_SIZE, 1))
     chains = np.empty((OBSERVERS_SIZE, 1))
     for row in range(out.shape[0]):
         now, kept = out[:, _PLANT : _PLANT + size].T, before[:, _PLANT + size : _PLANT + 2 * size].T
-        given, reference = load_state(measured.T, 0, row), load_derivatives(references[row], load(yaws.T, 0, row))
+        given = load_state(measurement.state.T, 0, row)
+        reference = load_derivatives(measurement.reference[row], load(measurement.yaw_reference.T, 0, row))
         has_rates = not np.isnan(given.euler_rate.x)
         m = read_measurement(out.T, _OBSERVED, row, model, rigid)
         s = state_from_chains(given, has_rates, reference, m, out.T, row, model, rigid)
@@ -475,18 +466,11 @@ def _predict(
 
 @compiled
 def _apply(
-    memory: Floats,
-    action: Floats32,
-    packed: Floats,
-    parts: Floats,
-    actuators: Floats,
-    packed_plant: Floats,
-    packed_rigid: Floats | None,
-    out: Floats,
+    memory: Floats, action: Floats32, packed: Floats, loop: Any, packed_rigid: Floats | None, out: Floats
 ) -> None:
     """Write action, predicted plant and mean command for the case that these actions are applied."""
-    numbers, plant, buffer = unpack_numbers(packed), unpack_plant(packed_plant), np.empty((BUFFER_SIZE, 1))
-    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    numbers, buffer, (parts, actuators, packed_plant) = unpack_numbers(packed), np.empty((BUFFER_SIZE, 1)), loop
+    plant, rigid = unpack_plant(packed_plant), None if packed_rigid is None else unpack_rigid(packed_rigid)
     model, size, p = plant.pendulum, (out.shape[1] - _PLANT) // 2, plant.pendulum.physics
     period = Part(parts[0, 0], parts[0, 1], parts[0, 2])
     out[:] = memory
@@ -607,10 +591,8 @@ class ADRC(Controller):
         """Return the actions by the predicted state at the time when they act, and the memory."""
         measured = measurement_from_observation(observation, self.simulation.parameters.rod_length)
         later, command = np.empty((len(started), self._estimate_size)), np.empty((len(started), ACTION_SIZE))
-        state, reference, yaw = measured
-        parts, actuators, plant, rigid = self._prediction.numbers
-        given = before.array, started, state, reference, yaw, self._packed, parts, actuators, plant, rigid
-        _predict(*given, memory.array, later, command)
+        outs = memory.array, later, command
+        _predict((before.array, started), measured, self._packed, *self._prediction.numbers, outs)
         wanted, _ = to_action(command, self.simulation, later[:, RIGID_PART : RIGID_PART + RIGID_SIZE])
         action = np.nan_to_num(self._prediction.compensate(wanted, later))
         return action, self.with_applied_action(memory, action)

@@ -104,21 +104,13 @@ def dual_mode(
 
 @compiled
 def _commands(
-    estimate: Floats,
-    reference: Floats,
-    yaw: Floats,
-    gains: Floats,
-    gain: Floats,
-    cost: Floats,
-    numbers: Floats,
-    model: Floats,
-    packed_rigid: Floats | None,
-    out: Floats,
+    estimate: Floats, measurement: Measurement, packed: Any, packed_rigid: Floats | None, out: Floats
 ) -> None:
-    far, limits, pendulum = unpack_gains(gains), unpack_numbers(numbers), unpack_pendulum(model)
+    far, gain, cost = unpack_gains(packed[0]), packed[1], packed[2]
+    limits, pendulum = unpack_numbers(packed[3]), unpack_pendulum(packed[4])
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
-        state, forces, wanted = law_inputs(estimate, reference, yaw, row)
+        state, forces, wanted = law_inputs(estimate, measurement, row)
         store_four(out.T, 0, row, dual_mode(state, forces, wanted, far, gain, cost, limits, pendulum, rigid))
 
 
@@ -130,12 +122,12 @@ class DualMode:
     simulation: Simulation
 
     @cached_property
-    def _numbers(self) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats | None]:
+    def _numbers(self) -> tuple[Any, Floats | None]:
         g, model = self.gains, equivalent_model(self.simulation)
         scale = g.near.position**2 * self.simulation.period
         limits = pack(DualModeNumbers(g.near_error, g.far_error, g.near_tilt, g.far_tilt, scale))
         gain, cost = (np.ascontiguousarray(matrix) for matrix in riccati(g.near, self.simulation))
-        return pack_gains(g.far), gain, cost, limits, model.packed, model.packed_rigid
+        return (pack_gains(g.far), gain, cost, limits, model.packed), model.packed_rigid
 
     def initial_memory(self, rows: int) -> tuple[()]:
         """Return an empty tuple: this law has no memory."""
@@ -144,5 +136,5 @@ class DualMode:
     def command(self, estimate: Estimate, measurement: Measurement, memory: tuple[()]) -> tuple[Floats, tuple[()]]:
         """Return the command of equation (1); see `output_feedback.ControlLaw`."""
         out = np.empty((len(estimate.array), 4))
-        _commands(estimate.array, measurement.reference, measurement.yaw_reference, *self._numbers, out)
+        _commands(estimate.array, measurement, *self._numbers, out)
         return out, memory

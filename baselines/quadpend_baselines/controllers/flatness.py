@@ -29,13 +29,12 @@ called s here), and the torques that make the demanded accelerations follow from
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadpend_baselines.estimation.prediction import Estimate, Measurement, law_inputs
 from quadpend_baselines.gains import FlatnessGains
-from quadpend_baselines.modelling import taylor
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     body_command,
@@ -59,7 +58,7 @@ from quadpend_baselines.modelling.quantities import (
     VehicleState,
     limit_length,
 )
-from quadpend_baselines.modelling.taylor import Series
+from quadpend_baselines.modelling.taylor import Series, from_derivatives
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
@@ -192,7 +191,7 @@ def flatness(
     yaw_error, yaw_rate = s.euler.z - yaw.x, s.euler_rate.z - yaw.y
     yaw_acceleration = yaw.z - _feedback(yaw_rate, yaw_error, gains.damping, vertical_bandwidth)
     turn = Pair(Series(t0.x, t1.x, 0.5 * t2_x, 0.0, 0.0), Series(t0.y, t1.y, 0.5 * t2_y, 0.0, 0.0))
-    heading = taylor.from_derivatives(s.euler.z, s.euler_rate.z, yaw_acceleration, 0.0, 0.0)
+    heading = from_derivatives(s.euler.z, s.euler_rate.z, yaw_acceleration, 0.0, 0.0)
     roll, pitch = attitude_from_tangent(turn, heading)
     command = Four(
         thrust,
@@ -236,19 +235,12 @@ def _coefficients(a: float, b: float, c: float, damping: float) -> tuple[float, 
 
 @compiled
 def _commands(
-    estimate: Floats,
-    reference: Floats,
-    yaw: Floats,
-    scales: Floats,
-    gains: Floats,
-    model: Floats,
-    packed_rigid: Floats | None,
-    out: Floats,
+    estimate: Floats, measurement: Measurement, scales: Floats, packed: Any, packed_rigid: Floats | None, out: Floats
 ) -> None:
-    numbers, pendulum = unpack_gains(gains), unpack_pendulum(model)
+    numbers, pendulum = unpack_gains(packed[0]), unpack_pendulum(packed[1])
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
     for row in range(out.shape[0]):
-        state, forces, wanted = law_inputs(estimate, reference, yaw, row)
+        state, forces, wanted = law_inputs(estimate, measurement, row)
         bandwidth_scale = load_four(scales.T, 0, min(row, scales.shape[0] - 1))
         store_four(out.T, 0, row, flatness(state, forces, wanted, bandwidth_scale, numbers, pendulum, rigid))
 
@@ -261,9 +253,9 @@ class Flatness:
     simulation: Simulation
 
     @cached_property
-    def _numbers(self) -> tuple[Floats, Floats, Floats | None]:
+    def _numbers(self) -> tuple[Any, Floats | None]:
         model = equivalent_model(self.simulation)
-        return pack_gains(self.gains), model.packed, model.packed_rigid
+        return (pack_gains(self.gains), model.packed), model.packed_rigid
 
     def initial_memory(self, rows: int) -> tuple[()]:
         """Return an empty tuple: this law has no memory."""
@@ -281,6 +273,5 @@ class Flatness:
         `bandwidth_scale` are the factors of `flatness`, shape (n, 4) or (1, 4).
         """
         out = np.empty((len(estimate.array), 4))
-        reference, yaw = measurement.reference, measurement.yaw_reference
-        _commands(estimate.array, reference, yaw, bandwidth_scale, *self._numbers, out)
+        _commands(estimate.array, measurement, bandwidth_scale, *self._numbers, out)
         return out, memory

@@ -238,21 +238,13 @@ def lqr(
 
 @compiled
 def _commands(
-    estimate: Floats,
-    reference: Floats,
-    yaw: Floats,
-    memory: Floats,
-    gain: Floats,
-    numbers: Floats,
-    model: Floats,
-    packed_rigid: Floats | None,
-    out: Floats,
-    memory_out: Floats,
+    estimate: Floats, measurement: Measurement, memory: Floats, packed: Any, packed_rigid: Floats | None, outs: Any
 ) -> None:
-    limits, pendulum = unpack_numbers(numbers), unpack_pendulum(model)
+    gain, limits, pendulum = packed[0], unpack_numbers(packed[1]), unpack_pendulum(packed[2])
     rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    out, memory_out = outs
     for row in range(out.shape[0]):
-        state, _, wanted = law_inputs(estimate, reference, yaw, row)
+        state, _, wanted = law_inputs(estimate, measurement, row)
         command, integral = lqr(state, wanted, load(memory.T, 0, row), gain, limits, pendulum, rigid)
         store_four(out.T, 0, row, command)
         store(memory_out.T, 0, row, integral)
@@ -266,11 +258,11 @@ class Lqr:
     simulation: Simulation
 
     @cached_property
-    def _numbers(self) -> tuple[Floats, Floats, Floats, Floats | None]:
+    def _numbers(self) -> tuple[Any, Floats | None]:
         gains, simulation, model = self.gains, self.simulation, equivalent_model(self.simulation)
         scale = Four(*simulation.command_scale.tolist())
         numbers = pack(LqrNumbers(gains.reach, gains.integral_limit, simulation.period, scale))
-        return np.ascontiguousarray(riccati(gains, simulation)[0]), numbers, model.packed, model.packed_rigid
+        return (np.ascontiguousarray(riccati(gains, simulation)[0]), numbers, model.packed), model.packed_rigid
 
     def initial_memory(self, rows: int) -> Floats:
         """Return σ = 0, shape (rows, 3), m·s."""
@@ -279,6 +271,5 @@ class Lqr:
     def command(self, estimate: Estimate, measurement: Measurement, memory: Floats) -> tuple[Floats, Floats]:
         """Return the command of equation (1) and the integrals σ; see `output_feedback.ControlLaw`."""
         out, after = np.empty((len(memory), 4)), np.empty_like(memory)
-        reference, yaw = measurement.reference, measurement.yaw_reference
-        _commands(estimate.array, reference, yaw, memory, *self._numbers, out, after)
+        _commands(estimate.array, measurement, memory, *self._numbers, (out, after))
         return out, after

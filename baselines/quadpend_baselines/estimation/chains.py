@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 from quadpend_baselines.estimation.estimator import scaled_vector
 from quadpend_baselines.estimation.prediction import project_direction
-from quadpend_baselines.modelling import taylor
 from quadpend_baselines.modelling.equivalent import (
     Pendulum,
     chain_stiffness,
@@ -23,6 +22,7 @@ from quadpend_baselines.modelling.equivalent import (
 )
 from quadpend_baselines.modelling.flat_outputs import Pair, attitude_from_tangent, tangent_from_attitude
 from quadpend_baselines.modelling.quantities import Derivatives, Vec2, VehicleState, bob_offset, turn
+from quadpend_baselines.modelling.taylor import Series, from_derivatives
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.rigid_settings import RigidSettings
@@ -261,8 +261,8 @@ def euler_accelerations(s: VehicleState, acceleration: Vec3, rigid: RigidSetting
         return acceleration
     sine, cosine = sincos(s.euler.z)
     second, t = turn(Vec2(acceleration.y, -acceleration.x), sine, cosine), tilt_of_state(s)
-    x = taylor.Series(t.x.a, t.x.b, 0.5 * second.x, 0.0, 0.0)
-    y = taylor.Series(t.y.a, t.y.b, 0.5 * second.y, 0.0, 0.0)
-    heading = taylor.from_derivatives(s.euler.z, s.euler_rate.z, acceleration.z, 0.0, 0.0)
+    x = Series(t.x.a, t.x.b, 0.5 * second.x, 0.0, 0.0)
+    y = Series(t.y.a, t.y.b, 0.5 * second.y, 0.0, 0.0)
+    heading = from_derivatives(s.euler.z, s.euler_rate.z, acceleration.z, 0.0, 0.0)
     roll, pitch = attitude_from_tangent(Pair(x, y), heading)
     return Vec3(2.0 * roll.c, 2.0 * pitch.c, acceleration.z)

@@ -313,25 +313,15 @@ def _is_bounded(memory: Any, lane: int) -> bool:
 
 @compiled
 def _observe(
-    before: Floats,
-    action: Floats32,
-    started: Booleans,
-    state: Floats,
-    reference: Floats,
-    yaw: Floats,
-    table: Floats,
-    mass_share: float,
-    parts: Floats,
-    actuators: Floats,
-    packed_plant: Floats,
-    packed_rigid: Floats | None,
-    out: Floats,
+    last: Any, measurement: Measurement, table: Floats, mass_share: float, loop: Any, packed_rigid: Any, out: Floats
 ) -> None:
-    plant, buffer, memory = unpack_plant(packed_plant), np.empty((BUFFER_SIZE, 1)), out.T
-    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    (before, action, started), (parts, actuators, packed_plant) = last, loop
+    plant, rigid = unpack_plant(packed_plant), None if packed_rigid is None else unpack_rigid(packed_rigid)
+    buffer, memory = np.empty((BUFFER_SIZE, 1)), out.T
     period = Part(parts[0, 0], parts[0, 1], parts[0, 2])
     for row in range(out.shape[0]):
-        measured, wanted = load_state(state.T, 0, row), load_derivatives(reference[row], load(yaw.T, 0, row))
+        measured = load_state(measurement.state.T, 0, row)
+        wanted = load_derivatives(measurement.reference[row], load(measurement.yaw_reference.T, 0, row))
         has_rates = not np.isnan(measured.velocity.x)
         if started[row]:
             out[row] = 0.0
@@ -362,7 +352,7 @@ class Estimator:
         return Prediction(self.simulation, self.loop if self.gains.predicts else Loop(), self.gains.predicts)
 
     @cached_property
-    def _numbers(self) -> tuple[float, Floats, Floats, Floats, Floats | None]:
+    def _numbers(self) -> tuple[float, Any, Floats | None]:
         """ε, and the numbers of the prediction."""
         time = self.gains.mass_time
         return float(-np.expm1(-self.simulation.period / time)) if time else 0.0, *self.prediction.numbers
@@ -394,9 +384,7 @@ class Estimator:
         elif started is None:
             started = np.zeros(rows, np.bool_)
         table = self._tables[not np.isnan(measurement.state[0, VELOCITY])]
-        mass_share, parts, actuators, plant, rigid = self._numbers
-        given = before.array, action, started, *measurement, table
-        _observe(*given, mass_share, parts, actuators, plant, rigid, out)
+        _observe((before.array, action, started), measurement, table, *self._numbers, out)
         return Estimate(out)
 
 

@@ -271,11 +271,10 @@ def carry_forward(
 
 
 @inlined
-def law_inputs(estimate: Any, reference: Any, yaw: Any, row: int) -> tuple[VehicleState, Forces, Derivatives]:
+def law_inputs(estimate: Any, measurement: Any, row: int) -> tuple[VehicleState, Forces, Derivatives]:
     """Return estimated state and disturbance, and the reference, of one row of the arrays of n rows."""
-    references, heading = reference[row], Vec3(yaw[row, 0], yaw[row, 1], yaw[row, 2])
     state, forces = load_state(estimate.T, STATE, row), load_forces(estimate.T, DISTURBANCE, row)
-    return state, forces, load_derivatives(references, heading)
+    return state, forces, load_derivatives(measurement.reference[row], load(measurement.yaw_reference.T, 0, row))
 
 
 @inlined
@@ -287,18 +286,10 @@ def load_action(action: Any, row: int) -> Four:
 
 @compiled
 def _carry(
-    memory: Floats,
-    action: Floats32,
-    yaw: Floats,
-    parts: Floats,
-    actuators: Floats,
-    packed_plant: Floats,
-    packed_rigid: Floats | None,
-    out: Floats,
-    out_yaw: Floats,
+    memory: Floats, action: Floats32, yaw: Floats, loop: Any, packed_rigid: Floats | None, out: Floats, out_yaw: Floats
 ) -> None:
-    plant, buffer = unpack_plant(packed_plant), np.empty((BUFFER_SIZE, 1))
-    rigid = None if packed_rigid is None else unpack_rigid(packed_rigid)
+    (parts, actuators, packed_plant), buffer = loop, np.empty((BUFFER_SIZE, 1))
+    plant, rigid = unpack_plant(packed_plant), None if packed_rigid is None else unpack_rigid(packed_rigid)
     out[:] = memory
     for row in range(out.shape[0]):
         heading, chosen = load(yaw.T, 0, row), load_action(action, row)
@@ -354,12 +345,12 @@ class Prediction:
         return np.array([self.loop.numbers(period) for period in self.parts[:, 0]])
 
     @cached_property
-    def numbers(self) -> tuple[Floats, Floats, Floats, Floats | None]:
+    def numbers(self) -> tuple[Any, Floats | None]:
         """What compiled functions need: parts, actuators, packed `PlantNumbers`, packed settings of a rigid vehicle."""
         model, p, scale = equivalent_model(self.simulation), self.simulation.parameters, self.simulation.command_scale
         areas, loop = (p.quadrotor_drag_area, p.bob_drag_area), self.loop
         plant = PlantNumbers(model.numbers, *areas, Four(*scale.tolist()), loop.steps, loop.sensor_delay)
-        return self.parts, self.actuators, pack(plant), model.packed_rigid
+        return (self.parts, self.actuators, pack(plant)), model.packed_rigid
 
     def compensate(self, wanted: Floats32, estimate: Floats) -> Floats32:
         """Return the actions that compensate the lags of the loop, shape (n, 4), see `loop.compensate`.

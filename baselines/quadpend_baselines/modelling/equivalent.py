@@ -28,7 +28,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_baselines.modelling import taylor
 from quadpend_baselines.modelling.flat_outputs import (
     FlatTrajectory,
     Pair,
@@ -48,6 +47,7 @@ from quadpend_baselines.modelling.quantities import (
     store_forces,
     store_state,
 )
+from quadpend_baselines.modelling.taylor import plus, times
 from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled, inlined
@@ -137,8 +137,8 @@ def follow(reference: Derivatives, forces: Forces, model: Pendulum) -> tuple[Veh
     acting = equivalent_forces(forces, model)
     path, share = flat_trajectory(equivalent_reference(reference, model), acting, model.physics), model.pivot_share
     pole = Pair(  # s in place of σ
-        taylor.scale(1.0 / (1.0 - share), taylor.add(path.pendulum.x, taylor.scale(-share, path.tangent.x))),
-        taylor.scale(1.0 / (1.0 - share), taylor.add(path.pendulum.y, taylor.scale(-share, path.tangent.y))),
+        times(1.0 / (1.0 - share), plus(path.pendulum.x, times(-share, path.tangent.x))),
+        times(1.0 / (1.0 - share), plus(path.pendulum.y, times(-share, path.tangent.y))),
     )
     of_pole = FlatTrajectory(pole, vertical_component(pole), path.thrust, path.tangent)
     return state_and_command(of_pole, reference.yaw, acting.torque, model.physics, model.vehicle.rod_length)

@@ -30,7 +30,6 @@ and zero on circles; including it would require derivatives of F of order above 
 
 from typing import NamedTuple
 
-from quadpend_baselines.modelling import taylor
 from quadpend_baselines.modelling.quantities import Derivatives, Forces, VehicleState
 from quadpend_baselines.modelling.taylor import (
     Series,
@@ -38,10 +37,12 @@ from quadpend_baselines.modelling.taylor import (
     derivative,
     from_derivatives,
     inverse_root,
+    plus,
     product,
     quotient,
-    scale,
     shift,
+    sincos_series,
+    times,
 )
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
@@ -77,14 +78,14 @@ def flat_trajectory(reference: Derivatives, forces: Forces, p: Physics) -> FlatT
         quotient(from_derivatives(d2.y - d_b.y / bob_mass, d3.y, d4.y, d5.y, d6.y), gravity),
     )
     r_z = vertical_component(s)
-    lift = scale(mass + bob_mass, shift(p.gravity, vertical_acceleration))
-    inner = scale(bob_mass * length, derivative(derivative(r_z)))
-    thrust = shift(-d_q.z - d_b.z, taylor.add(lift, inner))
+    lift = times(mass + bob_mass, shift(p.gravity, vertical_acceleration))
+    inner = times(bob_mass * length, derivative(derivative(r_z)))
+    thrust = shift(-d_q.z - d_b.z, plus(lift, inner))
     per_rod = quotient(Series(1.0 / (mass * length), 0.0, 0.0, 0.0, 0.0), r_z)  # 1/(r_z M l)
     stiffness = product(per_rod, thrust)
     ratio = mass / bob_mass
     relative = Vec3(ratio * d_b.x - d_q.x, ratio * d_b.y - d_q.y, ratio * d_b.z - d_q.z)
-    closing = scale(-2.0, quotient(derivative(r_z), r_z))
+    closing = times(-2.0, quotient(derivative(r_z), r_z))
     tangent = Pair(
         _tangent(s.x, relative.x, relative.z, per_rod, closing, stiffness),
         _tangent(s.y, relative.y, relative.z, per_rod, closing, stiffness),
@@ -97,42 +98,42 @@ def _tangent(
     s: Series, relative: float, vertical: float, per_rod: Series, closing: Series, stiffness: Series
 ) -> Series:
     """Return t of one axis by equations (2) and (3); `relative` is M/m_c d_B − d_Q, `closing` is −2 ṙ_z/r_z."""
-    drift = taylor.add(product(shift(relative, scale(-vertical, s)), per_rod), product(derivative(s), closing))
-    excess = taylor.add(derivative(derivative(s)), scale(-1.0, drift))
-    return taylor.add(s, scale(-1.0, quotient(excess, stiffness)))
+    drift = plus(product(shift(relative, times(-vertical, s)), per_rod), product(derivative(s), closing))
+    excess = plus(derivative(derivative(s)), times(-1.0, drift))
+    return plus(s, times(-1.0, quotient(excess, stiffness)))
 
 
 @inlined
 def vertical_component(s: Pair) -> Series:
     """Return the series of r_z from that of s, by equation (4)."""
-    return inverse_root(shift(1.0, taylor.add(product(s.x, s.x), product(s.y, s.y))))
+    return inverse_root(shift(1.0, plus(product(s.x, s.x), product(s.y, s.y))))
 
 
 @inlined
 def _rotated(vector: Pair, sine: Series, cosine: Series) -> Pair:
     x, y = vector.x, vector.y
     return Pair(
-        taylor.add(product(cosine, x), scale(-1.0, product(sine, y))),
-        taylor.add(product(sine, x), product(cosine, y)),
+        plus(product(cosine, x), times(-1.0, product(sine, y))),
+        plus(product(sine, x), product(cosine, y)),
     )
 
 
 @inlined
 def attitude_from_tangent(tangent: Pair, yaw: Series) -> tuple[Series, Series]:
     """Return the series of φ and θ from those of t and ψ, by equation (5)."""
-    sine, cosine = taylor.sincos(yaw)
-    forward = _rotated(tangent, scale(-1.0, sine), cosine)
+    sine, cosine = sincos_series(yaw)
+    forward = _rotated(tangent, times(-1.0, sine), cosine)
     per_length = inverse_root(shift(1.0, product(forward.x, forward.x)))
-    return scale(-1.0, arctangent(product(forward.y, per_length))), arctangent(forward.x)
+    return times(-1.0, arctangent(product(forward.y, per_length))), arctangent(forward.x)
 
 
 @inlined
 def tangent_from_attitude(euler: Vec3, rate: Vec3) -> Pair:
     """Return the series of t, known to order 1, from φ, θ, ψ and their rates, by equation (5)."""
-    sin_roll, cos_roll = taylor.sincos(Series(euler.x, rate.x, 0.0, 0.0, 0.0))
-    sin_pitch, cos_pitch = taylor.sincos(Series(euler.y, rate.y, 0.0, 0.0, 0.0))
-    sine, cosine = taylor.sincos(Series(euler.z, rate.z, 0.0, 0.0, 0.0))
-    lateral = scale(-1.0, quotient(quotient(sin_roll, cos_roll), cos_pitch))
+    sin_roll, cos_roll = sincos_series(Series(euler.x, rate.x, 0.0, 0.0, 0.0))
+    sin_pitch, cos_pitch = sincos_series(Series(euler.y, rate.y, 0.0, 0.0, 0.0))
+    sine, cosine = sincos_series(Series(euler.z, rate.z, 0.0, 0.0, 0.0))
+    lateral = times(-1.0, quotient(quotient(sin_roll, cos_roll), cos_pitch))
     return _rotated(Pair(quotient(sin_pitch, cos_pitch), lateral), sine, cosine)
 
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadpend_gym.core.elementary import arctan2
-from quadpend_gym.core.elementary import sincos as sincos_of_number
+from quadpend_gym.core.elementary import arctan2, sincos
 from quadpend_gym.core.jit import inlined
 
 
@@ -31,13 +30,13 @@ def from_derivatives(value: float, first: float, second: float, third: float, fo
 
 
 @inlined
-def add(x: Series, y: Series) -> Series:
+def plus(x: Series, y: Series) -> Series:
     """Return the series of x + y."""
     return Series(x.a + y.a, x.b + y.b, x.c + y.c, x.d + y.d, x.e + y.e)
 
 
 @inlined
-def scale(factor: float, x: Series) -> Series:
+def times(factor: float, x: Series) -> Series:
     """Return the series of a multiple of x."""
     return Series(factor * x.a, factor * x.b, factor * x.c, factor * x.d, factor * x.e)
 
@@ -96,9 +95,9 @@ def arctangent(x: Series) -> Series:
 
 
 @inlined
-def sincos(x: Series) -> tuple[Series, Series]:
+def sincos_series(x: Series) -> tuple[Series, Series]:
     """Return the series of sin x and of cos x."""
-    sa, ca = sincos_of_number(x.a)
+    sa, ca = sincos(x.a)
     sb, cb = x.b * ca, -x.b * sa
     sc, cc = (x.b * cb + 2.0 * x.c * ca) / 2.0, -(x.b * sb + 2.0 * x.c * sa) / 2.0
     sd = (x.b * cc + 2.0 * x.c * cb + 3.0 * x.d * ca) / 3.0

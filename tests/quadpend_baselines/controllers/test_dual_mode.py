@@ -42,7 +42,7 @@ def deviations(measurement: Measurement, disturbance: Floats) -> tuple[Floats, F
     """Return x − x_d of the linear model, shape (n, 16), and u_d, shape (n, 4), of true states."""
     array, found = true_estimate(measurement, disturbance).array, []
     for row in range(len(array)):
-        inputs = law_inputs(array, measurement.reference, measurement.yaw_reference, row)
+        inputs = law_inputs(array, measurement, row)
         x, command = deviation(*inputs, equivalent_model(SIMULATION).numbers, None)
         found.append((model_state(x, 0.0, 1.0), command))
     x, command = zip(*found, strict=True)

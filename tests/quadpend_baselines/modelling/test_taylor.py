@@ -27,8 +27,8 @@ FUNCTIONS: dict[str, tuple[Callable[[Series, Series], Series], Callable[[Any, An
     "quotient": (taylor.quotient, lambda f, g: f / g),
     "inverse square root": (lambda f, g: taylor.inverse_root(f), lambda f, g: f ** sp.Rational(-1, 2)),
     "arctangent": (lambda f, g: taylor.arctangent(f), lambda f, g: sp.atan(f)),
-    "sine": (lambda f, g: taylor.sincos(f)[0], lambda f, g: sp.sin(f)),
-    "cosine": (lambda f, g: taylor.sincos(f)[1], lambda f, g: sp.cos(f)),
+    "sine": (lambda f, g: taylor.sincos_series(f)[0], lambda f, g: sp.sin(f)),
+    "cosine": (lambda f, g: taylor.sincos_series(f)[1], lambda f, g: sp.cos(f)),
 }
 
 
