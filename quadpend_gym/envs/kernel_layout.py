@@ -21,11 +21,11 @@ MEMORY_STATE = slice(0, STATE_SIZE)
 MEMORY_PARAMETERS = slice(MEMORY_STATE.stop, MEMORY_STATE.stop + PARAMETERS_SIZE)
 MEMORY_REFERENCE = slice(MEMORY_PARAMETERS.stop, MEMORY_PARAMETERS.stop + REFERENCE_SIZE)
 MEMORY_TRAJECTORY = MEMORY_REFERENCE.stop  # `PackedTrajectories.first`
-MEMORY_SIZE = MEMORY_TRAJECTORY + 1
-# The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`), and the last action.
+MEMORY_ACTION = slice(MEMORY_TRAJECTORY + 1, MEMORY_TRAJECTORY + 1 + ACTION_SIZE)  # the last action
+MEMORY_SIZE = MEMORY_ACTION.stop
+# The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`).
 MEMORY_RIGID = slice(MEMORY_SIZE, MEMORY_SIZE + RIGID_SIZE)
-MEMORY_ACTION = slice(MEMORY_RIGID.stop, MEMORY_RIGID.stop + ACTION_SIZE)
-RIGID_MEMORY_SIZE = MEMORY_ACTION.stop
+RIGID_MEMORY_SIZE = MEMORY_RIGID.stop
 
 # Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: the target and the rod length (m),
 # from which the tracking error is computed, and the state as the sensors report it.
@@ -64,13 +64,13 @@ class KernelSettings(NamedTuple):
     weights: KernelWeights
     moves_air: bool  # whether a wind model gives an air velocity, so that there is drag
     substeps: int  # Runge–Kutta steps in a control period; 0 leaves state and clock unchanged
+    switch: int  # number of substeps at the beginning in which the last action acts
 
 
 class RigidStepSettings(NamedTuple):
     """Settings of a control step of rigid vehicles."""
 
     kernel: KernelSettings
-    switch: int  # number of substeps at the beginning in which the last action acts
     vehicle: RigidSettings
 
 
@@ -99,6 +99,7 @@ def _make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps
         make_weights(task),
         moves_air,
         substeps,
+        simulation.delayed_substeps % simulation.substeps,
     )
 
 
@@ -110,4 +111,4 @@ def pack_settings(task: Task, simulation: Simulation, moves_air: bool, substeps:
 def pack_rigid_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> Floats:
     """Return the settings of rigid vehicles as a flat array that `unpack_rigid_settings` reads."""
     settings, vehicle = _make_settings(task, simulation, moves_air, substeps), make_rigid_settings(simulation)
-    return pack(RigidStepSettings(settings, simulation.delayed_substeps % simulation.substeps, vehicle))
+    return pack(RigidStepSettings(settings, vehicle))

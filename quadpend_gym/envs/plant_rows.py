@@ -15,10 +15,13 @@ from quadpend_gym.vehicles import Simulation
 
 
 class EulerRows:
-    """The paper's vehicle, which has no further state: an action acts at once.
+    """The paper's vehicle, which has no further state, and the latency of every vehicle.
+
+    With a latency of k control periods and s substeps, the action of k + 1 steps ago acts during the first s substeps
+    of a step, and the action of k steps ago afterwards. Actions from before the episode are zero: hover.
 
     Attributes:
-        memory: Memory of the step kernel, shape (n, 48); of rigid vehicles (n, 63).
+        memory: Memory of the step kernel, shape (n, 52); of rigid vehicles (n, 63).
         step: The step kernel.
     """
 
@@ -29,6 +32,8 @@ class EulerRows:
     def __init__(self, num_envs: int, simulation: Simulation) -> None:
         self.memory = np.zeros((num_envs, self._memory_size))
         self._simulation = simulation
+        self._periods = simulation.delayed_substeps // simulation.substeps
+        self._under_way = np.zeros((self._periods * ACTION_SIZE, num_envs)).T
 
     def settings(self, task: Task, moves_air: bool, substeps: int) -> Floats:
         """Return the settings of the step kernel as a flat array."""
@@ -36,10 +41,16 @@ class EulerRows:
 
     def start_episodes(self, rows: Integers) -> None:
         """Start new episodes in the sub-environments `rows`, shape (m,), whose states are in the memory."""
+        self.memory[rows, layout.MEMORY_ACTION] = 0.0
+        self._under_way[rows] = 0.0
 
     def delay(self, action: Floats32, clock: Integers) -> Floats32:
         """Return the actions that begin to act in this control step, and keep those that act later, shape (n, 4)."""
-        return action
+        if not self._periods:
+            return action
+        late = np.asfortranarray(action, np.float64)
+        delay(late, clock, self._under_way, self._periods)
+        return late.astype(np.float32, order="C")
 
     def thrust(self, row: int) -> float | None:
         """Return the thrust of all rotors of a vehicle, N; None: it is the commanded one."""
@@ -47,35 +58,17 @@ class EulerRows:
 
 
 class RigidRows(EulerRows):
-    """Rigid vehicles with their further state, rotors and latency.
-
-    With a latency of k control periods and s substeps, the action of k + 1 steps ago acts during the first s substeps
-    of a step, and the action of k steps ago afterwards. Actions from before the episode are zero: hover.
-    """
+    """Rigid vehicles with their further state and rotors."""
 
     step = staticmethod(step_rigid)
     _pack_settings = staticmethod(layout.pack_rigid_settings)
     _memory_size = layout.RIGID_MEMORY_SIZE
 
-    def __init__(self, num_envs: int, simulation: Simulation) -> None:
-        super().__init__(num_envs, simulation)
-        self._periods = simulation.delayed_substeps // simulation.substeps
-        self._under_way = np.zeros((self._periods * ACTION_SIZE, num_envs)).T
-
     @override
     def start_episodes(self, rows: Integers) -> None:
+        super().start_episodes(rows)
         state = self.memory[rows, layout.MEMORY_STATE]
         self.memory[rows, layout.MEMORY_RIGID] = rigid_from_state(state, self._simulation)
-        self.memory[rows, layout.MEMORY_ACTION] = 0.0
-        self._under_way[rows] = 0.0
-
-    @override
-    def delay(self, action: Floats32, clock: Integers) -> Floats32:
-        if not self._periods:
-            return action
-        late = np.asfortranarray(action, np.float64)
-        delay(late, clock, self._under_way, self._periods)
-        return late.astype(np.float32, order="C")
 
     @override
     def thrust(self, row: int) -> float | None:

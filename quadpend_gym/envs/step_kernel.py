@@ -143,9 +143,9 @@ def _step(
     action_lanes, reference_lanes, time = buffer[_ACTION:_REFERENCE], buffer[_REFERENCE:_TIME], buffer[_TIME]
     observation_lanes = np.empty((OBSERVATION_SIZE, BLOCK), np.float32)
     diverged = np.empty(BLOCK, np.bool_)
+    last_action, last_lanes, switch = memory[:, layout.MEMORY_ACTION], np.empty((ACTION_SIZE, BLOCK)), task.switch
     if rigid is not None:
-        rigid_memory, last_action = memory[:, layout.MEMORY_RIGID], memory[:, layout.MEMORY_ACTION]
-        last_lanes = np.empty((ACTION_SIZE, BLOCK))
+        rigid_memory = memory[:, layout.MEMORY_RIGID]
     for first in range(begin, end, BLOCK):
         lanes = min(BLOCK, end - first)
         gather(state, first, lanes, state_lanes)
@@ -153,16 +153,21 @@ def _step(
         gather(parameters, first, lanes, physics_lanes)
         gather(reference, first, lanes, reference_lanes)
         _copy(wind[:, first:], lanes, buffer[_WIND])
+        if switch > 0:
+            gather(last_action, first, lanes, last_lanes)
+            scatter(action_lanes, first, lanes, last_action)
         if rigid is None:
-            for lane in range(lanes):
-                store_command(action_lanes, task.command_scale, lane, command_lanes)
             if task.moves_air:
                 for lane in range(lanes):
                     add_drag(load(velocity_lanes, 0, lane), state_lanes, physics_lanes, lane, disturbance_lanes)
-            integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, period, substeps)
+            for part in range(0 if min(switch, substeps) > 0 else 1, 2):  # the last action, then this one
+                acting, count = (last_lanes, switch) if part == 0 else (action_lanes, max(substeps - switch, 0))
+                for lane in range(lanes):
+                    store_command(acting, task.command_scale, lane, command_lanes)
+                time_of_part = period if count == substeps else period * count / substeps
+                integrate(state_lanes, command_lanes, disturbance_lanes, physics_lanes, lanes, time_of_part, count)
         else:
             gather(rigid_memory, first, lanes, state_lanes[RIGID:])
-            gather(last_action, first, lanes, last_lanes)
             integrate_rigid(
                 state_lanes,
                 last_lanes,
@@ -174,7 +179,7 @@ def _step(
                 lanes,
                 period,
                 substeps,
-                rigid.switch,
+                switch,
             )
             for lane in range(lanes):
                 store_wrench(state_lanes, rigid.vehicle, lane, command_lanes)
@@ -204,7 +209,6 @@ def _step(
         scatter(state_lanes, first, lanes, state)
         if rigid is not None:
             scatter(state_lanes[RIGID:], first, lanes, rigid_memory)
-            scatter(action_lanes, first, lanes, last_action)
         _copy(buffer, lanes, outcome[:, first:])
         if sensed.shape[0] > 0:
             _copy(sensed_lanes, lanes, sensed[:, first:])
@@ -238,7 +242,7 @@ def step_euler(
     If the state of a sub-environment diverges, it is reset to its value before the step, and the episode terminates.
 
     Args:
-        memory: State, parameters and reference of each sub-environment, shape (n, 48), see `kernel_layout`. The state
+        memory: State, parameters and reference of each sub-environment, shape (n, 52), see `kernel_layout`. The state
             is changed in place.
         clock: Control steps since each episode began, shape (n,), changed in place.
         columns: Wind over the control period, laid out as in `quadpend_gym.wind`, shape (12, n). With sensors 26

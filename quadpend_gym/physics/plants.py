@@ -92,10 +92,14 @@ class EulerPlant:
             action: Actions, shape (n, 4).
             disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9); rigid vehicles add their drag to them.
             parameters: Physical parameters in the order of `Parameters.as_array`, shape (n, 9).
-            action_before: Actions of rigid vehicles during the first `switch` substeps, shape (n, 4); None: `action`.
+            action_before: Actions during the first `switch` substeps, shape (n, 4); None: `action`.
             switch: Number of substeps at the beginning in which `action_before` acts.
         """
-        self.advance_under(self.command(action), state, disturbance, parameters)
+        simulation, before = self.simulation, action if action_before is None else action_before
+        for acting, count in ((before, switch), (action, simulation.substeps - switch)):
+            if count > 0:
+                share = 1.0 if count == simulation.substeps else count / simulation.substeps
+                advance(state, self.command(acting), disturbance, parameters, share * simulation.period, count)
 
     def advance_under(self, command: Floats, state: Floats, disturbance: Floats, parameters: Floats) -> None:
         """Advance states in place under thrust (N) and torques (N·m) that act at once, shape (n, 4)."""

@@ -42,10 +42,10 @@ class Simulation:
     pendulum: Literal["upright", "hanging"] = "upright"
 
     def __post_init__(self) -> None:
-        if self.vehicle.attitude == "euler" and (self.interface != "wrench" or self.latency > 0.0):
+        if self.vehicle.attitude == "euler" and self.interface != "wrench":
             raise ValueError(
-                f"interface must be 'wrench' and latency 0 with the paper's attitude model, not {self.interface!r} and"
-                f" {self.latency:g} s; choose a rigid vehicle, for example vehicle='hummingbird'"
+                f"interface must be 'wrench' with the paper's attitude model, not {self.interface!r}; choose a rigid"
+                " vehicle, for example vehicle='hummingbird'"
             )
         if self.interface == "rotors" and self.vehicle.rotors is None:
             raise ValueError(f"interface must not be 'rotors': the vehicle {self.vehicle.name!r} has no rotors")

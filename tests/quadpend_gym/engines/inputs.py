@@ -13,6 +13,7 @@ from tests.helpers.physics import random_states
 
 SIMULATIONS = {
     "paper": Simulation(),
+    "paper, latency": Simulation(latency=0.015),
     **{interface: Simulation("hummingbird", interface) for interface in ("wrench", "rotors", "body_rates")},
     "latency": Simulation("hummingbird", "body_rates", latency=0.015),
     "longer latency": Simulation("hummingbird", "wrench", latency=0.02, substeps=1),

@@ -10,7 +10,7 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as places
 from quadpend_gym.envs.plant_rows import plant_rows
-from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.task import TASKS
 from tests.quadpend_gym.engines.inputs import SIMULATIONS, Inputs
@@ -31,24 +31,23 @@ def call(function: Any, *arguments: Floats) -> list[Floats]:
 
 def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     """Return next state, next memory, observation and outcome of the compiled step."""
-    rows, size = len(x.state), x.memory.shape[1]
+    rows, size = len(x.state), plant_of(simulation).memory_size
     plant = plant_rows(rows, simulation)
     memory, outcome = plant.memory, np.zeros((places.OUTCOME_SIZE, rows))
     memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS] = x.state, x.parameters
     memory[:, layout.MEMORY_REFERENCE] = x.reference
-    queue = np.hstack([x.memory[:, RIGID_SIZE:], x.action]) if size else x.action
-    acting = x.action
+    queue = np.hstack([x.memory[:, size:], x.action])
+    switch = simulation.delayed_substeps % simulation.substeps
+    memory[:, layout.MEMORY_ACTION], acting = queue[:, :4], queue[:, 4:8] if switch else queue[:, :4]
     if size:
-        switch = simulation.delayed_substeps % simulation.substeps
-        memory[:, layout.MEMORY_RIGID], memory[:, layout.MEMORY_ACTION] = x.memory[:, :RIGID_SIZE], queue[:, :4]
-        acting = queue[:, 4:8] if switch else queue[:, :4]
+        memory[:, layout.MEMORY_RIGID] = x.memory[:, :size]
     observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
     settings = plant.settings(TASK, True, simulation.substeps)
     acting = np.ascontiguousarray(acting, np.float32)
     nothing = np.zeros((layout.SENSED_SIZE, 0)), np.zeros(0), np.zeros(rows, np.int64)
     wind = np.ascontiguousarray(x.wind.T)
     plant.step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, *nothing, 0, rows)
-    after = np.hstack([memory[:, layout.MEMORY_RIGID], queue[:, 4:]]) if size else np.zeros((rows, 0))
+    after = np.hstack([memory[:, layout.MEMORY_RIGID] if size else np.zeros((rows, 0)), queue[:, 4:]])
     return memory[:, layout.MEMORY_STATE], after, observation, outcome
 
 
