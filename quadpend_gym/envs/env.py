@@ -153,7 +153,7 @@ class QuadPendulumEnv(gym.Env[Any, Any]):
         scalars = column[SCALARS].tolist()
         terminated, truncated = scalars[TERMINATED] != 0.0, self.world.clock.item(0) >= self._steps
         if self.recorder is not None:
-            self.recorder.record_step(action, outcome)
+            self.recorder.record_step(outcome)
             self.recorder.show()
             truncated = self.recorder.pop_end_request() or truncated
         return (

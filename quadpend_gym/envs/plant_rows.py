@@ -8,7 +8,7 @@ from quadpend_gym.core.delays import delay
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs.step_kernel import step_euler, step_rigid
 from quadpend_gym.physics.plants import RigidPlant, plant_of
-from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST, rigid_from_state
+from quadpend_gym.physics.rigid_kernel import rigid_from_state
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.tasks.task import Task
 from quadpend_gym.vehicles import Simulation
@@ -52,10 +52,6 @@ class EulerRows:
         delay(late, clock, self._under_way, self._periods)
         return late.astype(np.float32, order="C")
 
-    def thrust(self, row: int) -> float | None:
-        """Return the thrust of all rotors of a vehicle, N; None: it is the commanded one."""
-        return None
-
 
 class RigidRows(EulerRows):
     """Rigid vehicles with their further state and rotors."""
@@ -69,11 +65,6 @@ class RigidRows(EulerRows):
         super().start_episodes(rows)
         state = self.memory[rows, layout.MEMORY_STATE]
         self.memory[rows, layout.MEMORY_RIGID] = rigid_from_state(state, self._simulation)
-
-    @override
-    def thrust(self, row: int) -> float | None:
-        rotors = self.memory[row, layout.MEMORY_RIGID][ROTOR_THRUST:]
-        return float(rotors.sum() if self._simulation.vehicle.rotors else rotors[0])
 
 
 def plant_rows(num_envs: int, simulation: Simulation) -> EulerRows:

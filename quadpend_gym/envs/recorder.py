@@ -10,19 +10,16 @@ import numpy as np
 from gymnasium import logger
 from gymnasium.error import ResetNeeded
 
-from quadpend_gym.core.arrays import Floats, Floats32, Integers
-from quadpend_gym.envs.outcome import COMMAND, DISTURBANCE, OUTCOME_SIZE, REWARD, TILT, TRACKING_ERROR
+from quadpend_gym.core.arrays import Floats, Integers
+from quadpend_gym.envs.outcome import DISTURBANCE, REWARD, TILT, TRACKING_ERROR
 from quadpend_gym.envs.world import World
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, THRUST, Disturbance, State
+from quadpend_gym.physics.state import STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.vehicles.parameters import ROD_LENGTH
 from quadpend_gym.viewer import check_pygame
-from quadpend_gym.viewer.snapshot import PAPER_SHAPE, Snapshot, shape_of
+from quadpend_gym.viewer.snapshot import Snapshot, shape_of
 
 HISTORY_STEPS = 200  # latest states that are stored for each sub-environment
 MAX_TILES = 64  # largest number of sub-environments in a mosaic or a window
-_CAMERA_LAG = 0.3  # s, time constant with which the camera follows the quadrotor
-_STREAK_SPEED = 6.0  # m/s per N, speed of the wind streaks
-_ROTOR_SPEED = 40.0  # rad/s, slow enough for the rotation to be visible
 
 
 class Recorder:
@@ -39,11 +36,9 @@ class Recorder:
         self.world, self.mode, self._visible = world, mode, n
         self._started = np.zeros(n, np.bool_)
         self._outcome = np.zeros((0, n))
-        self._action = np.zeros((n, ACTION_SIZE), np.float32)
-        self._return, self._force_sum = np.zeros(n), np.zeros((n, 3))
+        self._return = np.zeros(n)
         self._states, self._latest = np.zeros((HISTORY_STEPS, n, STATE_SIZE)), 0
         self._shape = shape_of(world.simulation.vehicle)
-        self._force_scale = self._shape.metres_per_newton / PAPER_SHAPE.metres_per_newton
         self._picture: Any = None
         self._window: Any = None
 
@@ -54,16 +49,13 @@ class Recorder:
     def start_episodes(self, rows: Integers, outcome: Floats) -> None:
         """Record that episodes have started in the sub-environments `rows`, shape (m,); `outcome` is that of all."""
         rows = rows[rows < self._visible]
-        self._started[rows], self._outcome = True, outcome
-        self._action[rows], self._return[rows], self._force_sum[rows] = 0.0, 0.0, 0.0
+        self._started[rows], self._return[rows], self._outcome = True, 0.0, outcome
         self._states[self._latest, rows] = self.world.state[rows]
 
-    def record_step(self, action: Floats32, outcome: Floats) -> None:
+    def record_step(self, outcome: Floats) -> None:
         """Record a step of all sub-environments, see `World.step`."""
         n, self._outcome = self._visible, outcome
-        self._action[:] = action[:n]
         self._return += outcome[REWARD, :n]
-        self._force_sum += Disturbance(outcome[DISTURBANCE, :n].T).force
         self._latest = (self._latest + 1) % HISTORY_STEPS
         self._states[self._latest] = self.world.state[:n]
 
@@ -72,33 +64,19 @@ class Recorder:
         if not self._started[row]:
             raise ResetNeeded("reset must be called before render")
         world, outcome, clock = self.world, self._outcome[:, row], int(self.world.clock[row])
-        period, rod_length = world.simulation.period, float(world.parameters[row, ROD_LENGTH])
+        rod_length = float(world.parameters[row, ROD_LENGTH])
         steps = np.arange(self._latest - min(clock, HISTORY_STEPS - 1), self._latest + 1) % HISTORY_STEPS
         states = self._states[steps, row]
-        positions = states[:, STATE_FIELDS["position"]]
-        # The camera follows the quadrotor with a first-order lag, computed over the history.
-        fading = np.exp(-period / _CAMERA_LAG * np.arange(len(states) - 1, -1, -1))
-        fading[1:] *= -np.expm1(-period / _CAMERA_LAG)
-        weight, thrust = world.simulation.command_scale[THRUST], 1.0 + float(self._action[row, THRUST])
-        if (acting := world.thrust(row)) is not None:
-            thrust = acting / weight
-        elif len(outcome) == OUTCOME_SIZE:  # with actuators, the thrust after the actuators
-            thrust = float(outcome[COMMAND][THRUST]) / weight
         return Snapshot(
-            clock * period,
+            clock * world.simulation.period,
             State(states[-1].copy()),
             rod_length,
             world.trajectory(row),
             outcome[DISTURBANCE].copy(),
-            thrust,
             float(np.linalg.norm(outcome[TRACKING_ERROR])),
             float(outcome[TILT]),
-            world.task.limits.pendulum_angle,
             float(self._return[row]),
-            fading @ positions,
-            positions + rod_length * states[:, STATE_FIELDS["direction"]],
-            period * _STREAK_SPEED * self._force_sum[row] * self._force_scale,
-            _ROTOR_SPEED * clock * period,
+            states[:, STATE_FIELDS["position"]] + rod_length * states[:, STATE_FIELDS["direction"]],
             self._shape,
             world.task.side,
         )

@@ -135,7 +135,7 @@ class QuadPendulumVectorEnv(VectorEnv[Floats32, Floats32, Any]):
         reward = outcome[REWARD].copy()
         terminated = outcome[TERMINATED] != 0.0
         if self.recorder is not None:
-            self.recorder.record_step(actions, outcome)
+            self.recorder.record_step(outcome)
         if restarts:
             reward[self._ended], terminated[self._ended] = 0.0, False
             self._restart(np.flatnonzero(self._ended), observation, outcome)

@@ -110,10 +110,6 @@ class World:
         """Return the reference of a sub-environment."""
         return self._trajectories.find(row) or Reference.from_array(self.reference[row])
 
-    def thrust(self, row: int) -> float | None:
-        """Return the thrust of all rotors of a sub-environment, N; None: it is the commanded one."""
-        return self._plant.thrust(row)
-
     @property
     def wind(self) -> Floats:
         """View of the wind over the next control period, shape (n, 12), see `quadpend_gym.wind`."""

@@ -65,26 +65,9 @@ class View(NamedTuple):
 
         The pixels are meaningless where the depth is below `NEAR`.
         """
-        return self._perspective(self.to_camera(points))
-
-    def project_segments(self, ends: Floats) -> tuple[Floats, Floats]:
-        """Project line segments, shape (n, 2, 3), clipped at the near plane.
-
-        Returns:
-            Pixels and depth of both ends of each segment, shape (n, 2, 3), and whether any part of the segment is in
-            front of the near plane, shape (n,).
-        """
-        offset = self.to_camera(ends)
-        depth = offset[..., 2]
-        visible = depth.max(axis=1) > NEAR
-        if (depth < NEAR).any():
-            for near, far in ((0, 1), (1, 0)):
-                cut = visible & (depth[:, near] < NEAR)
-                a, b = offset[cut, near], offset[cut, far]
-                fraction = (NEAR - a[:, 2]) / (b[:, 2] - a[:, 2])
-                offset[cut, near] = a + fraction[:, np.newaxis] * (b - a)
-            offset[~visible] = 1.0
-        return self._perspective(offset), visible
+        right, up, depth = np.moveaxis(self.to_camera(points), -1, 0)
+        scale = self.focal_length / np.maximum(depth, NEAR)
+        return np.stack([self.centre[0] + right * scale, self.centre[1] - up * scale, depth], axis=-1)
 
     def horizon(self) -> float:
         """Return the pixels from the top to the horizon; minus infinity if the camera looks straight down."""
@@ -93,11 +76,3 @@ class View(NamedTuple):
         if level > 1e-6 and up[2] > 0.0:
             return float(self.centre[1] + self.focal_length * forward[2] / level)
         return -np.inf
-
-    def _perspective(self, offset: Floats) -> Floats:
-        projected = np.empty_like(offset)
-        scale = self.focal_length / np.maximum(offset[..., 2], NEAR)
-        projected[..., 0] = self.centre[0] + offset[..., 0] * scale
-        projected[..., 1] = self.centre[1] - offset[..., 1] * scale
-        projected[..., 2] = offset[..., 2]
-        return projected

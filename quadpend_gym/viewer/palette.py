@@ -6,8 +6,7 @@ of Okabe and Ito.
 
 Colour = tuple[int, int, int]
 
-SKY, HORIZON = (190, 213, 232), (240, 244, 247)
-GROUND_FAR, GROUND_NEAR, GRID, SHADOW = (236, 238, 236), (219, 223, 220), (165, 173, 170), (120, 126, 124)
+SKY, GROUND, GRID, SHADOW = (215, 229, 240), (228, 231, 228), (165, 173, 170), (120, 126, 124)
 INK, GREY, WHITE = (38, 42, 48), (120, 128, 138), (255, 255, 255)
 BODY, ARM = (38, 42, 48), (70, 76, 84)
 BLUE, VERMILLION, GREEN = (0, 114, 178), (213, 94, 0), (0, 158, 115)

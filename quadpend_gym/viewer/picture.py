@@ -32,9 +32,9 @@ class Picture:
         shape = snapshot.shape
         camera = replace(self.camera, distance=self.camera.distance * shape.distance_scale)
         below = np.array([0.0, 0.0, _TARGET_BELOW * camera.distance * np.cos(camera.elevation) - shape.lift])
-        view = camera.view(snapshot.focus - below, *surface.get_size())
+        view = camera.view(snapshot.state.position - below, *surface.get_size())
         scene.draw(surface, view, snapshot, colour)
-        hud.draw(surface, view, snapshot, title, colour)
+        hud.draw(surface, snapshot, title, colour)
 
     def draw_mosaic(self, surface: Any, snapshots: Sequence[Snapshot]) -> None:
         """Draw snapshots side by side; a single one fills the surface."""

@@ -14,26 +14,11 @@ Point: TypeAlias = Any  # two or more numbers; the first two are pixels from the
 _MAX_COORDINATE = 16000.0  # pixels; gfxdraw uses 16-bit integers
 
 
-def rectangle(surface: Any, at: Point, size: Point, colour: Colour, opacity: int = 255) -> None:
-    """Fill a rectangle whose top left corner is at `at`."""
-    (x, y), (w, h) = at, size
-    polygon(surface, np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]]), colour, opacity)
-
-
 def polygon(surface: Any, points: Floats, colour: Colour, opacity: int = 255) -> None:
     """Fill a polygon with corners of shape (n, 2) or wider."""
-    corners = _corners(points)
+    corners = np.clip(points[:, :2], -_MAX_COORDINATE, _MAX_COORDINATE).tolist()
     gfxdraw.filled_polygon(surface, corners, (*colour, opacity))
     gfxdraw.aapolygon(surface, corners, (*colour, opacity))
-
-
-def outline(surface: Any, points: Floats, colour: Colour, opacity: int = 255) -> None:
-    """Draw the outline of a polygon with corners of shape (n, 2) or wider."""
-    gfxdraw.aapolygon(surface, _corners(points), (*colour, opacity))
-
-
-def _corners(points: Floats) -> Any:
-    return np.clip(points[:, :2], -_MAX_COORDINATE, _MAX_COORDINATE).tolist()
 
 
 def line(surface: Any, start: Point, end: Point, colour: Colour, width: float = 1.0) -> None:
@@ -62,15 +47,10 @@ def arrow(surface: Any, start: Point, end: Point, colour: Colour, width: float) 
     polygon(surface, np.array([tip, neck + 0.5 * head * across, neck - 0.5 * head * across]), colour)
 
 
-def write(surface: Any, text: str, at: Point, size: int, colour: Colour, anchor: str = "topleft") -> float:
-    """Write a line of text and return its right end, pixels.
-
-    `anchor` is the point of the text's rectangle that is placed at `at`, an attribute of `pygame.Rect`.
-    """
+def write(surface: Any, text: str, at: Point, size: int, colour: Colour, anchor: str = "topleft") -> None:
+    """Write a line of text; `anchor`, an attribute of `pygame.Rect`, is the point of its rectangle placed at `at`."""
     rendered = _render(text, size, colour)
-    box = rendered.get_rect(**{anchor: (round(at[0]), round(at[1]))})
-    surface.blit(rendered, box)
-    return float(box.right)
+    surface.blit(rendered, rendered.get_rect(**{anchor: (round(at[0]), round(at[1]))}))
 
 
 def text_width(text: str, size: int) -> float:

@@ -5,11 +5,10 @@ of mass of an upright vehicle, the pivot's offset above ζ + l r.
 """
 
 from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import pygame
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
@@ -17,7 +16,7 @@ from quadpend_gym.physics.state import Disturbance
 from quadpend_gym.viewer import palette
 from quadpend_gym.viewer.camera import NEAR, View
 from quadpend_gym.viewer.palette import Colour, blend
-from quadpend_gym.viewer.primitives import arrow, circle, line, outline, polygon
+from quadpend_gym.viewer.primitives import arrow, circle, line, polygon
 from quadpend_gym.viewer.snapshot import PAPER_SHAPE, Snapshot
 
 BODY = 0.055  # m, radius of the body of the paper's vehicle
@@ -26,6 +25,7 @@ _REFERENCE_TIME = 4.0  # s, part of the reference that is drawn before and after
 _ROTOR_OFFSET = np.array([0.0, 0.0, 0.03])  # m, from the end of an arm to its rotor, of the paper's vehicle
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros_like(_ANGLES)])
+_ROTOR_SPEED = 40.0  # rad/s, slow enough for the rotation to be visible
 _ONTO_GROUND = np.array([1.0, 1.0, 0.0])  # factors that project a point onto the ground
 
 
@@ -42,74 +42,41 @@ def _grid() -> tuple[Floats, list[Colour]]:
     ends = np.array(pieces, float)
     distance = np.linalg.norm(ends.mean(axis=1), axis=1) / _GRID_RADIUS
     near = distance < 1.0
-    return ends[near], [blend(palette.GRID, palette.GROUND_FAR, fraction) for fraction in distance[near]]
+    return ends[near], [blend(palette.GRID, palette.GROUND, fraction) for fraction in distance[near]]
 
 
 _GRID, _GRID_COLOURS = _grid()
-_STREAKS = np.random.default_rng(5).random((60, 3))  # start points, as fractions of the box
-_STREAK_BOX = np.array([5.0, 5.0, 2.4])  # m, box around the focus that contains the start points of the streaks
-
-
-@lru_cache(64)
-def _backdrop(width: int, height: int, horizon: int) -> Any:
-    """Return a surface with sky above and ground below the horizon, which is at this row of pixels."""
-    column = pygame.Surface((1, height))
-    for y in range(height):
-        if y < horizon:
-            colour = blend(palette.SKY, palette.HORIZON, (y / horizon) ** 1.5)
-        else:
-            colour = blend(palette.GROUND_FAR, palette.GROUND_NEAR, min((y - horizon) / (0.6 * height), 1.0))
-        column.set_at((0, y), colour)
-    return pygame.transform.scale(column, (width, height))
 
 
 def draw(surface: Any, view: View, snapshot: Snapshot, bob_colour: Colour = palette.BOB) -> None:
     """Draw a snapshot over the whole of a surface; `bob_colour` is the colour of the bob and its trail."""
     width, height = surface.get_size()
     unit = height / 480.0  # pixels
-    surface.blit(_backdrop(width, height, int(np.clip(view.horizon(), -1, height))), (0, 0))
+    surface.fill(palette.SKY)
+    surface.fill(palette.GROUND, (0, int(np.clip(view.horizon(), 0, height)), width, height))
     _draw_ground(surface, view, snapshot)
-    _draw_streaks(surface, view, snapshot, unit)
     _draw_reference(surface, view, snapshot, unit)
     _draw_trail(surface, view, snapshot, unit, bob_colour)
     _draw_vehicle(surface, view, snapshot, unit, bob_colour)
 
 
 def _draw_ground(surface: Any, view: View, snapshot: Snapshot) -> None:
-    """Draw the grid, the shadows and a dashed plumb line below the quadrotor."""
-    cell = np.array([np.round(snapshot.focus[0]), np.round(snapshot.focus[1]), 0.0])
-    for i, a, b in _visible_segments(view, _GRID + cell):
-        line(surface, a, b, _GRID_COLOURS[i])
+    """Draw the grid, the shadows and a plumb line below the quadrotor."""
     (body, hubs, _, bob, tip, _), shape = _positions(snapshot), snapshot.shape
+    for i, a, b in _visible_segments(view, _GRID + np.round(body) * _ONTO_GROUND):
+        line(surface, a, b, _GRID_COLOURS[i])
     for hub in hubs:
         _draw_polygon(surface, view, (hub + shape.rotor * _CIRCLE) * _ONTO_GROUND, palette.SHADOW, 60)
     for centre, radius in ((body, shape.scale * BODY), (bob, shape.bob)):
         _draw_polygon(surface, view, (centre + 1.2 * radius * _CIRCLE) * _ONTO_GROUND, palette.SHADOW, 110)
     for _, a, b in _visible_segments(view, np.array([[body, end] for end in (tip, *hubs)]) * _ONTO_GROUND):
         line(surface, a, b, palette.SHADOW)
-    plumb = np.linspace(body, body * _ONTO_GROUND, 2 * min(max(int(body[2] / 0.12), 1), 100))
-    for _, a, b in _visible_segments(view, np.stack([plumb[:-1:2], plumb[1::2]], axis=1)):  # every other piece: dashes
+    for _, a, b in _visible_segments(view, np.array([[body, body * _ONTO_GROUND]])):
         line(surface, a, b, palette.GREY)
 
 
-def _draw_streaks(surface: Any, view: View, snapshot: Snapshot, unit: float) -> None:
-    """Draw streaks that move with the force on the quadrotor and are as long as its arrow."""
-    length = snapshot.shape.metres_per_newton * Disturbance(snapshot.disturbance).force
-    if np.linalg.norm(length) < 0.01:
-        return
-    corner = snapshot.focus - 0.5 * _STREAK_BOX
-    start = corner + np.mod(_STREAKS * _STREAK_BOX + snapshot.streak_offset - corner, _STREAK_BOX)
-    ends, visible = view.project_segments(np.stack([start, start + length], axis=1))
-    edge = np.abs((start - snapshot.focus) / (0.5 * _STREAK_BOX)).max(axis=1)  # 0 in the centre of the box, 1 at a face
-    shown = visible & (start[:, 2] > 0.05) & (ends[..., 2].min(axis=1) > 0.6)
-    for i in np.flatnonzero(shown):
-        a, b = ends[i]
-        colour = blend(palette.WIND, palette.HORIZON, 0.45 + 0.5 * edge[i] ** 3)
-        line(surface, a, b, colour, max(unit * 3.2 / a[2], 1.0))
-
-
 def _draw_reference(surface: Any, view: View, snapshot: Snapshot, unit: float) -> None:
-    """Draw the bob's reference path and its current position, or an arrow towards it if it is out of the picture."""
+    """Draw the bob's reference path and its current position."""
     time = snapshot.time + np.linspace(-_REFERENCE_TIME, _REFERENCE_TIME, 81)
     path = snapshot.reference.derivatives(np.append(time, snapshot.time))[:, 0, :3]
     path[:, 2] += snapshot.reference_arm
@@ -118,15 +85,9 @@ def _draw_reference(surface: Any, view: View, snapshot: Snapshot, unit: float) -
         if np.hypot(a[0] - b[0], a[1] - b[1]) > 0.3:
             line(surface, a, b, palette.REFERENCE, max(1.6 * unit, 1.0))
     x, y, depth = view.project(path[-1])
-    if depth < NEAR:
-        return
-    radius = view.focal_length * 1.35 * snapshot.shape.bob / depth
-    circle(surface, (x, y), radius, palette.REFERENCE, max(round(2.0 * unit), 1))
-    away = np.array([x, y]) - view.centre
-    fraction = float((np.abs(away) / view.centre).max())
-    if fraction > 1.0:  # out of the picture
-        tip = view.centre + 0.9 * away / fraction
-        arrow(surface, tip - 30.0 * unit * away / np.hypot(*away), tip, palette.REFERENCE, 3.0 * unit)
+    if depth > NEAR:
+        radius = view.focal_length * 1.35 * snapshot.shape.bob / depth
+        circle(surface, (x, y), radius, palette.REFERENCE, max(round(2.0 * unit), 1))
 
 
 def _draw_trail(surface: Any, view: View, snapshot: Snapshot, unit: float, colour: Colour) -> None:
@@ -136,7 +97,7 @@ def _draw_trail(surface: Any, view: View, snapshot: Snapshot, unit: float, colou
     points = snapshot.trail[::-3][::-1] + snapshot.shape.pivot
     for i, a, b in _visible_segments(view, np.stack([points[:-1], points[1:]], axis=1)):
         fraction = 0.15 + 0.85 * i / (len(points) - 1)
-        line(surface, a, b, blend(palette.HORIZON, colour, fraction), max(1.6 * unit, 1.0))
+        line(surface, a, b, blend(palette.SKY, colour, fraction), max(1.6 * unit, 1.0))
 
 
 def _draw_vehicle(surface: Any, view: View, snapshot: Snapshot, unit: float, bob_colour: Colour) -> None:
@@ -187,8 +148,7 @@ def _draw_rotor(surface: Any, view: View, snapshot: Snapshot, i: int, unit: floa
         return
     colour = palette.FRONT if shape.front[i] else palette.ROTOR  # the rotors at the front show the heading
     polygon(surface, rim, colour, 90)
-    outline(surface, rim, colour)
-    angle = -shape.spins[i] * snapshot.rotor_angle
+    angle = -shape.spins[i] * _ROTOR_SPEED * snapshot.time
     blade = 0.95 * shape.rotor * (rotation @ np.array([np.cos(angle), np.sin(angle), 0.0]))
     a, b = view.project(np.array([centre - blade, centre + blade]))
     line(surface, a, b, blend(colour, palette.INK, 0.5), 2.0 * unit)
@@ -209,11 +169,10 @@ def _draw_polygon(surface: Any, view: View, points: Floats, colour: Colour, opac
 
 
 def _visible_segments(view: View, ends: Floats) -> Iterator[tuple[int, list[float], list[float]]]:
-    """Yield the index and both ends, in pixels, of each visible line segment of `ends`, shape (n, 2, 3)."""
-    pixels, visible = view.project_segments(ends)
-    values = pixels.tolist()
-    for i in np.flatnonzero(visible).tolist():
-        yield i, *values[i]
+    """Yield index and both ends, in pixels, of each line segment of `ends`, shape (n, 2, 3), before the near plane."""
+    pixels = view.project(ends)
+    for i in np.flatnonzero(pixels[..., 2].min(axis=1) > NEAR).tolist():
+        yield i, *pixels[i].tolist()
 
 
 class _Positions(NamedTuple):

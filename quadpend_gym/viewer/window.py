@@ -9,20 +9,15 @@ import pygame
 from gymnasium.error import Error
 
 from quadpend_gym.viewer import palette
-from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.primitives import write
 from quadpend_gym.viewer.snapshot import Snapshot
 
 SIZE = (960, 720)
-HELP = (
-    "space pause   . step   R restart   S F slower faster   arrows mouse orbit   + - zoom   T top   V reset view   "
-    "Esc close"
-)
+HELP = "space pause   . step   R restart   S F slower faster   arrows mouse orbit   + - zoom   Esc close"
 _FRAME_TIME = 1.0 / 60.0  # s
 _ORBIT_STEP, _ZOOM_STEP = 0.05, 1.1  # rad and factor of one key press
 _ORBIT_PER_PIXEL = 0.008  # rad
-_TO_TOP = 2.0  # rad, enough to reach the highest elevation from any other
 _MIN_SPEED, _MAX_SPEED = 1.0 / 16.0, 4.0
 
 
@@ -36,7 +31,6 @@ class Controls:
             pygame.K_RIGHT: (_ORBIT_STEP, 0.0),
             pygame.K_UP: (0.0, _ORBIT_STEP),
             pygame.K_DOWN: (0.0, -_ORBIT_STEP),
-            pygame.K_t: (0.0, _TO_TOP),
         }
         self.paused, self.help = False, False  # help: whether the list of keys is shown
         self.speed, self.steps = 1.0, 0  # 1 is real time; number of single steps still to make while paused
@@ -67,8 +61,6 @@ class Controls:
             self.paused, self.steps = True, self.steps + 1
         elif key in (pygame.K_s, pygame.K_f):
             self.speed = min(max(self.speed * (0.5 if key == pygame.K_s else 2.0), _MIN_SPEED), _MAX_SPEED)
-        elif key == pygame.K_v:
-            vars(self._camera).update(vars(Camera()))
         elif key == pygame.K_h:
             self.help = not self.help
         elif key == pygame.K_r:

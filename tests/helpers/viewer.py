@@ -36,15 +36,10 @@ def hovering(**fields: Any) -> Snapshot:
         rod_length=0.3,
         reference=Reference.hover(),
         disturbance=np.zeros(9),
-        thrust=1.0,
         error=0.0,
         tilt=float(state.alpha),
-        tilt_limit=np.pi / 3,
         episode_return=0.0,
-        focus=state.position.copy(),
         trail=(state.position + 0.3 * state.direction)[np.newaxis],
-        streak_offset=np.zeros(3),
-        rotor_angle=0.0,
     )
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from quadpend_gym import Reference
 from quadpend_gym.viewer import hud, palette
-from quadpend_gym.viewer.camera import NEAR, Camera
+from quadpend_gym.viewer.camera import Camera
 from quadpend_gym.viewer.picture import Picture
 from quadpend_gym.viewer.snapshot import ARM, PAPER_SHAPE
 from tests.helpers.viewer import (
@@ -39,20 +39,6 @@ def test_the_camera_is_a_rotated_pinhole(camera: Camera) -> None:
     assert_allclose(
         camera.view(at, *SIZE).project(points), expected_projection(camera, at, points), rtol=1e-9, atol=1e-9
     )
-
-
-@pytest.mark.parametrize("camera", CAMERAS)
-def test_segments_are_clipped_at_the_near_plane(camera: Camera) -> None:
-    at = np.array([0.5, 0.0, 1.0])
-    ends = at + np.random.default_rng(1).normal(size=(200, 2, 3)) * camera.distance
-    pixels, visible = camera.view(at, *SIZE).project_segments(ends.copy())
-    depth = expected_projection(camera, at, ends.reshape(-1, 3))[:, 2].reshape(-1, 2)
-    assert (visible == (depth.max(axis=1) > NEAR)).all()
-    assert (visible & (depth.min(axis=1) < NEAR)).sum() > 10
-    for (a, b), (da, db), shown in zip(ends[visible], depth[visible], pixels[visible], strict=True):
-        fraction = [(NEAR - here) / (there - here) if here < NEAR else 0.0 for here, there in ((da, db), (db, da))]
-        cut = np.array([a + fraction[0] * (b - a), b + fraction[1] * (a - b)])
-        assert_allclose(shown, expected_projection(camera, at, cut), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:3])

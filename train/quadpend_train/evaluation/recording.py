@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from quadpend_baselines.policy.rollout import rollout
-from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs.recorder import Recorder
 from quadpend_gym.envs.world import World
 from quadpend_gym.scenarios import Scenario
@@ -53,8 +53,8 @@ class _StepRecorder(Recorder):
         super().__init__(world, "rgb_array")
         self.recorded: list[Snapshot] = []
 
-    def record_step(self, action: Floats32, outcome: Floats) -> None:
-        super().record_step(action, outcome)
+    def record_step(self, outcome: Floats) -> None:
+        super().record_step(outcome)
         self.recorded.append(self.snapshot())
 
 
