@@ -44,9 +44,8 @@ def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Fl
     observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
     settings = plant.settings(TASK, True, simulation.substeps)
     acting = np.ascontiguousarray(acting, np.float32)
-    nothing = np.zeros((layout.SENSED_SIZE, 0)), np.zeros(0), np.zeros(rows, np.int64)
     wind = np.ascontiguousarray(x.wind.T)
-    plant.step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, *nothing, 0, rows)
+    plant.step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, 0, rows)
     after = np.hstack([memory[:, layout.MEMORY_RIGID] if size else np.zeros((rows, 0)), queue[:, 4:]])
     return memory[:, layout.MEMORY_STATE], after, observation, outcome
 
