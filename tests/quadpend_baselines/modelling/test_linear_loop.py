@@ -1,0 +1,67 @@
+"""Margins of the linear loop, compared with textbook values and with a search in time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from quadpend_baselines import controller
+from quadpend_gym import Reference
+from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.task import Task
+from tests.helpers.envs import AT_REST, NO_LIMITS
+
+pytest.importorskip("control", reason="control is not installed: pip install 'quadpend-gym[control]'")
+
+import control
+
+from quadpend_baselines.modelling.linear_loop import close_loop, linear_policy, margins, vehicle_model
+
+
+def test_margins_of_a_double_integrator() -> None:
+    """L = (1 + √2 s)/s² has a phase margin of 65.5° and a delay margin of 0.736 s."""
+    period = 1e-3
+    vehicle = control.ss([[1.0, period], [0.0, 1.0]], [[period**2 / 2.0], [period]], np.eye(2), 0.0, period)
+    found = margins(vehicle, control.ss([], [], [], [[-1.0, -np.sqrt(2.0)]], period))
+    assert np.rad2deg(found.phase) == pytest.approx(65.5, abs=0.1)
+    assert found.delay == pytest.approx(0.736, abs=1e-3)
+    assert found.gain == (0.0, np.inf)
+
+
+def test_delay_margin_is_that_of_a_search_in_time() -> None:
+    """A start 1 mm off decays with half a millisecond, a substep, less than the margin, and grows with as much more."""
+    scenario = Scenario(task=Task(limits=NO_LIMITS), vehicle="hummingbird", substeps=20, duration=60.0)
+    policy = controller("lqi").adapt(scenario)
+    substep = scenario.period / scenario.substeps
+    margin = margins(vehicle_model(scenario), linear_policy(policy, scenario)).delay
+    growth = []
+    for substeps in (int(margin / substep), int(margin / substep) + 1):
+        env = replace(scenario, latency=substeps * substep).make_vec(1)
+        start = {**AT_REST, "position": (1e-3, 0.0, 2.0)}
+        observation, _ = env.reset(seed=0, options={"state": start, "reference": Reference.hover()})
+        memory, errors = None, []
+        for step in range(scenario.steps - 1):
+            action, memory = policy.predict(observation, memory, np.array([step == 0]))
+            observation, *_, info = env.step(action)
+            errors.append(np.linalg.norm(info["tracking_error"][0]))
+        third = len(errors) // 3
+        growth.append(max(errors[-third:]) / max(errors[third : 2 * third]))
+    assert growth[0] < 0.5
+    assert growth[1] > 1.5
+
+
+def test_names_delays_and_outputs_of_the_model() -> None:
+    late = {"latency": 0.015, "sensors": [{"kind": "delay", "steps": 2}], "output_feedback": True}
+    vehicle = vehicle_model(Scenario(vehicle="hummingbird", interface="body_rates", **late))
+    assert vehicle.nstates == 16 + 4 + 2 * 4 + 2 * 8
+    assert {"rotor_thrust[3]", "latency_2[0]", "sensor_delay_2_pendulum[1]"} < set(vehicle.state_labels)
+    assert vehicle.output_labels[:4] == ["tracking_error[0]", "tracking_error[1]", "tracking_error[2]", "position[0]"]
+    assert {"force[0]", "air_velocity[2]", "noise_attitude[1]", "action[3]"} < set(vehicle.input_labels)
+
+
+def test_closed_loop_of_lqi_leaves_no_error_in_steady_wind() -> None:
+    scenario = Scenario()
+    policy = linear_policy(controller("lqi").adapt(scenario), scenario)
+    closed = close_loop(vehicle_model(scenario), policy)
+    force = closed.dcgain()[:, :3]
+    assert np.abs(force).max() < 1e-4
