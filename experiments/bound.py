@@ -22,9 +22,8 @@ from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, optio
 from quadpend_baselines import controller
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.planning.episode import Flight, KnownEpisode, known_episode, record_flight
-from quadpend_baselines.planning.plant import Plant
 from quadpend_baselines.planning.replay import track
-from quadpend_baselines.planning.transcription import Transcription, transcription
+from quadpend_baselines.planning.transcription import Plant, Transcription, transcription
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.actuators import ActionDelay, MotorLag
 from quadpend_gym.core.arrays import Floats
@@ -48,7 +47,10 @@ _MM = 1000.0
 
 
 def can_be_planned(scenario: Scenario) -> bool:
-    """Return whether the planner has the plant: the paper's vehicle, upright, with delays and lags of the action."""
+    """Return whether IPOPT plans the scenario: the paper's vehicle, upright, with delays and lags of the action.
+
+    `Plant` has rigid vehicles too, but from the flight of the first guess IPOPT does not converge in 200 iterations.
+    """
     task = scenario.task
     upright = task.pendulum == "upright" and task.reward.pendulum_first == 0.0
     known = all(isinstance(model, ActionDelay | MotorLag) for model in scenario.actuators)

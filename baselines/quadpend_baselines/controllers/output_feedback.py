@@ -10,6 +10,7 @@ from quadpend_baselines.controllers.dual_mode import DualMode
 from quadpend_baselines.controllers.flatness import Flatness
 from quadpend_baselines.controllers.lqr import Lqr
 from quadpend_baselines.controllers.mppi import Mppi
+from quadpend_baselines.controllers.nmpc import Nmpc
 from quadpend_baselines.estimation.estimator import (
     Estimator,
     measurement_from_observation,
@@ -122,9 +123,13 @@ class OutputFeedback(Controller):
             nominal = Estimate(estimate.array.copy())
             nominal.disturbance[:, :TORQUE] /= estimate.mass_ratio[:, np.newaxis]
         command, law_memory = self._law.command(nominal, measurement, estimation.law_memory, **options)
-        if nominal is not estimate:
-            command[:, THRUST] *= estimate.mass_ratio
-        wanted, _ = to_action(command, self.simulation, estimate.rigid)
+        if isinstance(self._law, Nmpc):  # its commands are actions, of which a zero thrust is that of hover
+            command[:, THRUST] = estimate.mass_ratio * (1.0 + command[:, THRUST]) - 1.0
+            wanted = np.clip(command, -1.0, 1.0).astype(np.float32)
+        else:
+            if nominal is not estimate:
+                command[:, THRUST] *= estimate.mass_ratio
+            wanted, _ = to_action(command, self.simulation, estimate.rigid)
         action = prediction.compensate(wanted, estimate.array)
         return action, OutputFeedbackMemory(estimation.estimate, law_memory, action)
 

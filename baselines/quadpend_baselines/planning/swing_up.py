@@ -7,7 +7,7 @@ With the states x_k and the actions a_k of N control steps:
     (3)              |a_k| ≤ a_max,   |θ_k| ≤ θ_max
 
 The flight stays in the plane of the body's x axis: roll, yaw and the y components are zero. f is one control step of
-the environment in calm air (`plant`). a_max < 1 and θ_max leave room for the feedback.
+the environment in calm air. a_max < 1 and θ_max leave room for the feedback.
 
 ``python -m quadpend_baselines.planning.swing_up`` computes the plan of the package again and writes its file.
 """
@@ -18,9 +18,9 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines.controllers.swing_up import PLAN_FILE
-from quadpend_baselines.planning.plant import Plant, step
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.engines import step_function
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, STATE_SIZE, State
 from quadpend_gym.wind import WIND_SIZE
 
@@ -34,12 +34,11 @@ _OPTIONS: Any = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000}
 
 def plan_swing_up(simulation: Simulation, steps: int) -> tuple[Floats, Floats]:
     """Return the states relative to the place, shape (N + 1, 18), and the actions, shape (N, 4), of a swing-up."""
-    x, a, known, after = step(Plant(simulation))
-    motion = ca.Function("motion", [x, a, known], [after])
-    numbers = np.concatenate([np.zeros(WIND_SIZE), simulation.parameters.as_array()])
     problem = ca.Opti()
     X, A = problem.variable(STATE_SIZE, steps + 1), problem.variable(ACTION_SIZE, steps)
-    gaps = motion.map(steps)(X[:, :-1], A, np.tile(numbers[:, np.newaxis], steps)) - X[:, 1:]
+    calm, parameters = ca.DM.zeros(WIND_SIZE, steps), ca.repmat(ca.DM(simulation.parameters.as_array()), 1, steps)
+    moved, _ = step_function(simulation).map(steps)(X[:, :-1], ca.DM(0, steps), A, calm, parameters)
+    gaps = moved - X[:, 1:]
     planar = _PLANAR.tolist()
     problem.subject_to(ca.vec(gaps[planar, :]) == 0)
     others = [i for i in range(STATE_SIZE) if i not in planar]

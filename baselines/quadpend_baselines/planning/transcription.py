@@ -6,11 +6,14 @@ With the states x_k and the actions a_k (after their delay) of all N control ste
     (2)  subject to  x_0 given,   x_{k+1} = f(x_k, a_k, w_k, p),   −1 ≤ a_k ≤ 1,   a_k = 0 during the delay
     (3)              r_z ≥ cos α_max,   cos φ cos θ ≥ cos γ_max,   |e_k| ≤ e_max,   z ≥ z_ground
 
-e_k is the tracking error, f one control step of the environment (`plant`), w_k the wind over it, p the parameters, and
+e_k is the tracking error, f one control step of the environment (`Plant`), w_k the wind over it, p the parameters, and
 (3) the limits of the task (`Limits`) with small margins. Without its second term, (1) is the squared RMSE of the
 episode. The weights ρ raise it by some hundredths of a millimetre only. They are necessary: the RMSE hardly depends on
 the yaw and on changes of the torques within a few control periods. The problem is not convex, so the flight is a local
 optimum.
+
+The state x of the plant is the state of the environment (`quadpend_gym.physics.state`), followed by the memory of
+`engines.step_function` and the memories y of the lags, four numbers each.
 """
 
 from functools import lru_cache
@@ -20,21 +23,77 @@ import casadi as ca
 import numpy as np
 
 from quadpend_baselines.planning.episode import Flight, KnownEpisode, tracked_point
-from quadpend_baselines.planning.plant import KNOWN_SIZE, Plant, lag_memories, step, symbolic_parameters
+from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
+from quadpend_gym.engines import initial_memory, step_function
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_FIELDS, STATE_SIZE
 from quadpend_gym.tasks.task import Limits
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_SIZE
 
 ACTION_WEIGHTS = (1e-6, 1e-6, 1e-6, 1e-5)  # ρ, m²
 COSINE_MARGIN, LENGTH_MARGIN = 1e-4, 1e-3  # of the limits (3): of the cosines, and in m
 MAX_ITERATIONS = 200
+KNOWN_SIZE = WIND_SIZE + PARAMETERS_SIZE  # wind and parameters of a control period
 _SCALE = 1e4  # of the cost: from m² to cm²
 _INTERRUPTED = ("NonIpopt_Exception_Thrown", "User_Requested_Stop")  # how CasADi reports Ctrl-C
 _OPTIONS: Any = {
     "print_time": False,
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-5, "constr_viol_tol": 1e-6, "max_iter": MAX_ITERATIONS},
 }
+
+
+class Plant(NamedTuple):
+    """What determines the motion in a scenario, besides start, parameters and wind."""
+
+    simulation: Simulation  # the vehicle
+    moves_air: bool = False  # see `engines.step_function`
+    lags: tuple[float, ...] = ()  # time constants of the first-order lags through which the action passes, s
+    delay: int = 0  # control steps from an action to the moment when it acts; hover acts before
+
+    @property
+    def state_size(self) -> int:
+        """Size of x."""
+        return STATE_SIZE + self._memory_size + ACTION_SIZE * len(self.lags)
+
+    @property
+    def _memory_size(self) -> int:
+        return int(step_function(self.simulation, self.moves_air).size1_in("memory"))
+
+    def step(self) -> tuple[Any, Any, Any, Any]:
+        """Return the symbols x, a and q and the expression of x after a control period.
+
+        a is the action after its delay, shape (4, 1), and q wind and parameters, shape (21, 1).
+        """
+        x, a, q = (ca.SX.sym("x", size) for size in (self.state_size, ACTION_SIZE, KNOWN_SIZE))
+        action, memories, first = a, [], STATE_SIZE + self._memory_size
+        for i, time_constant in enumerate(self.lags):
+            lagged = x[first + ACTION_SIZE * i : first + ACTION_SIZE * (i + 1)]
+            action, memory = _lagged(action, lagged, self.simulation.period / time_constant)
+            memories.append(memory)
+        arguments = x[:STATE_SIZE], x[STATE_SIZE:first], action, q[:WIND_SIZE], q[WIND_SIZE:]
+        return x, a, q, ca.vertcat(*step_function(self.simulation, self.moves_air)(*arguments), *memories)
+
+    def memories(self, states: Floats, actions: Floats) -> Floats:
+        """Return what follows the states, shape (N + 1, 18), in x, for the N actions after the delay, shape (N, 4).
+
+        The thrusts of rotors are those at hover.
+        """
+        columns, inputs = [initial_memory(self.simulation, states)], actions
+        for time_constant in self.lags:
+            ratio, memory = self.simulation.period / time_constant, np.zeros((len(inputs) + 1, ACTION_SIZE))
+            outputs = np.empty_like(inputs)
+            for k, action in enumerate(inputs):
+                outputs[k], memory[k + 1] = _lagged(action, memory[k], ratio)
+            inputs = outputs
+            columns.append(memory)
+        return np.hstack(columns)
+
+
+def _lagged(action: Any, memory: Any, ratio: float) -> tuple[Any, Any]:
+    """Return the mean action after a lag and its memory y after the period; `ratio` is period over time constant."""
+    gap = memory - action
+    return action - np.expm1(-ratio) / ratio * gap, action + np.exp(-ratio) * gap
 
 
 class Solution(NamedTuple):
@@ -57,13 +116,11 @@ class Transcription:
     """
 
     def __init__(self, plant: Plant, limits: Limits, steps: int) -> None:
-        """Differentiate the equations and build the solver."""
         self.plant, self.limits, self.steps = plant, limits, steps
-        x, a, known, y = step(plant)
-        p = symbolic_parameters(known[WIND_SIZE:])
+        x, a, known, y = plant.step()
         target, weight, v = ca.SX.sym("target", 3), ca.SX.sym("weight"), ca.vertcat(x, a)
         position, direction, euler = (x[STATE_FIELDS[name]] for name in ("position", "direction", "euler"))
-        error = ca.vertcat(position[:2] + p.rod_length * direction[:2], position[2]) - target
+        error = ca.vertcat(position[:2] + known[WIND_SIZE + ROD_LENGTH] * direction[:2], position[2]) - target
         cost = weight * ca.sumsqr(error) + ca.dot(ca.DM(ACTION_WEIGHTS), a**2) / steps
         limited = ca.vertcat(ca.cos(euler[0]) * ca.cos(euler[1]), ca.sumsqr(error))
         self._stage = _Stage(v, ca.vertcat(known, target, weight), y, _SCALE * cost, limited)
@@ -83,7 +140,7 @@ class Transcription:
         states[1:, STATE_FIELDS["velocity"]] = np.gradient(episode.target, self.plant.simulation.period, axis=0)
         states[:, DIRECTION + 2] = 1.0
         states[: len(flight.states)] = flight.states
-        return np.hstack([states, lag_memories(self.plant, actions)]), actions
+        return np.hstack([states, self.plant.memories(states, actions)]), actions
 
     def solve(self, episode: KnownEpisode, states: Floats, actions: Floats) -> Solution:
         """Return the optimal flight of an episode of N control steps.
@@ -137,7 +194,7 @@ class Transcription:
         lowest[1:, POSITION + 2] = limits.ground + LENGTH_MARGIN
         lowest[:, size:], highest[:, size:] = -1.0, 1.0
         for fixed in (lowest, highest):
-            fixed[0, :size], fixed[0, :STATE_SIZE] = 0.0, start
+            fixed[0, :size] = np.hstack([start, self.plant.memories(start[np.newaxis], np.zeros((0, ACTION_SIZE)))[0]])
             fixed[: self.plant.delay, size:] = fixed[-1, size:] = 0.0
         return lowest, highest
 
