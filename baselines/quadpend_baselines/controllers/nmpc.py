@@ -7,17 +7,21 @@ At every control step the law improves a plan of states z and actions a over H p
 
 f is the simulation of the vehicle with its interface, rate loop and rotor lag, under the estimated disturbance d̂, which
 is taken as constant. z is the state of `linear_model`, followed by the thrusts of the rotors of a rigid vehicle. ẑ is
-the predicted state at the time when the action begins to act, see `estimation.prediction`. z_d and a_d follow the
-trajectory of `modelling.equivalent` under that disturbance. Q has the tolerances of `lqr`, in the axes of the heading,
-and P is the solution of the Riccati equation at hover. So the law is an LQR near the reference, and far from it the law
-takes the limits and the nonlinear motion into account.
+the predicted state when the action begins to act, after the latency (`estimation.prediction`). z_d and a_d follow the
+trajectory of `modelling.equivalent` under d̂. Q has the tolerances of `lqr`, in the axes of the heading, R those of
+thrust and torques, or of body rates, and P solves the Riccati equation at hover. So the law is an LQR near the
+reference, and far from it the law takes the limits and the nonlinear motion into account.
 
-One Gauss–Newton step linearises f along the plan, δz_{j+1} ≈ A δz_j + B δa_j + f(z_j, a_j) − z_{j+1}, and eliminates
-the states (condensing). This leaves a quadratic program in the 4 H actions with bounds only, which DAQP solves, a dual
-active-set method that CasADi contains (Arnström, Bemporad & Axehill, IEEE Transactions on Automatic Control 2022). The
-step starts from the plan of the previous control step, moved forward in time (real-time iteration; Diehl, Bock &
-Schlöder, SIAM Journal on Control and Optimization 2005), and first from z_d and a_d. If it fails, the law continues the
-previous plan, and after a period the reference. The memory counts the failures.
+A Gauss–Newton step linearises f along the plan and eliminates the states (condensing):
+
+    (3)  δz_0 = ẑ − z_0,      δz_{j+1} = A_j δz_j + B_j δa_j + f(z_j, a_j) − z_{j+1}
+    (4)  δz_j = o_j + Γ_j δa
+
+This leaves a quadratic program in the 4 H actions with bounds only. DAQP solves it, a dual active-set method that
+CasADi contains (Arnström, Bemporad & Axehill, IEEE Transactions on Automatic Control 2022). At most `iterations` steps
+start from the plan of the previous control step, moved forward in time (real-time iteration; Diehl, Bock & Schlöder,
+SIAM Journal on Control and Optimization 2005), at first from z_d and a_d. If they fail, the law continues the previous
+plan, and after a period z_d and a_d. The memory counts the failures.
 
 CasADi is an extra: ``pip install 'quadpend-gym[mpc]'``.
 """
@@ -35,7 +39,6 @@ from quadpend_baselines.estimation.prediction import Estimate, Measurement
 from quadpend_baselines.gains import NmpcGains
 from quadpend_baselines.modelling.equivalent import equivalent_model
 from quadpend_baselines.modelling.linear_model import (
-    EULER_RATE,
     MODEL_STATE_SIZE,
     POSITION,
     STATE_COLUMNS,
@@ -48,13 +51,13 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats, Integers
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.rigid_kernel import ROTOR_THRUST
-from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, STATE_SIZE, State
 from quadpend_gym.vehicles import mixing
 
 _NO_PLAN = 10**9  # age of the plan at the start of an episode
 _MAX_STATE = 1e3  # SI units; a step to a larger state is a failure
 _MAX_HORIZONTAL = 0.95  # bound of |r_xy| in a plan
-_CONVERGED = 1e-3  # of an action; after a smaller change, no further step is taken
+_CONVERGED = 1e-3  # after a smaller change of all actions, no further step is taken
 _STEP = 1e-6  # of the finite differences
 
 
@@ -68,11 +71,11 @@ class NmpcMemory(NamedTuple):
 
 
 class Horizon(NamedTuple):
-    """z_d, shape (n, H + 1, s), a_d, shape (n, H, 4), and the motion of the reference in each period, (n, H, 6)."""
+    """The reference of n rows over the horizon."""
 
-    states: Floats
-    actions: Floats
-    motion: Floats
+    states: Floats  # z_d, shape (n, H + 1, s)
+    actions: Floats  # a_d, shape (n, H, 4)
+    motion: Floats  # of position (m) and velocity (m/s) of the reference in each period, shape (n, H, 6)
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,30 @@ class Nmpc:
     @cached_property
     def size(self) -> int:
         """Length s of z."""
-        return MODEL_STATE_SIZE + (4 if plant_of(self.simulation).memory_size else 0)
+        return int(MODEL_STATE_SIZE) + (ACTION_SIZE if plant_of(self.simulation).memory_size else 0)
+
+    @cached_property
+    def weights(self) -> tuple[Floats, Floats, Floats]:
+        """Q, shape (s, s), R, shape (4, 4), and P, shape (s, s), of equation (1)."""
+        plant, (state, command) = plant_of(self.simulation), weights(self.gains.feedback, self.simulation)
+        Q = block_diag(state, np.zeros((self.size - MODEL_STATE_SIZE,) * 2))
+        hover, zero = np.zeros((1, STATE_SIZE)), np.zeros((1, ACTION_SIZE))
+        State(hover).direction[:, 2] = 1.0
+        slope = (plant.command(_STEP * np.eye(ACTION_SIZE)) - plant.command(zero)).T / _STEP
+        R = slope.T @ command @ slope
+        if self.simulation.interface == "body_rates":
+            rates = self.simulation.command_scale[1:] / self.gains.feedback.angle_rate
+            R = np.diag([R[0, 0], *rates**2])
+        z = self._coordinates(hover, plant.initial_memory(hover))
+        _, A, B = self.linearise(z, zero, np.zeros((1, DISTURBANCE_SIZE)))
+        return Q, R, solve_discrete_are(A[0], B[0], Q, R)
+
+    @cached_property
+    def _roots(self) -> Floats:
+        """Factors L of the weights LᵀL of z_1 … z_H, shape (H, s, s)."""
+        Q, _, P = self.weights
+        values, vectors = np.linalg.eigh(np.stack([Q] * (self.gains.periods - 1) + [P]))
+        return np.asarray(np.sqrt(np.maximum(values, 0.0))[..., np.newaxis] * np.swapaxes(vectors, 1, 2))
 
     @cached_property
     def _solver(self) -> Any:
@@ -105,63 +131,6 @@ class Nmpc:
         problem = {"h": ca.Sparsity.dense(size, size), "a": ca.Sparsity(0, size)}
         return ca.conic("solver", "daqp", problem, {"error_on_fail": False})
 
-    @cached_property
-    def weights(self) -> tuple[Floats, Floats, Floats]:
-        """Q and P, shape (s, s), and R, shape (4, 4), of equation (1)."""
-        state, command = weights(self.gains.feedback, self.simulation)
-        Q = block_diag(state, np.zeros((self.size - MODEL_STATE_SIZE,) * 2))
-        units = np.eye(ACTION_SIZE)
-        gradient = plant_of(self.simulation).command(_STEP * units) - plant_of(self.simulation).command(0.0 * units)
-        gradient = gradient.T / _STEP
-        R = gradient.T @ command @ gradient
-        if self.simulation.interface == "body_rates":
-            rates = self.simulation.command_scale[1:] / self.gains.feedback.angle_rate
-            R = np.diag([R[0, 0], *rates**2])
-        hover = self._hover()
-        _, A, B = self.linearise(hover, np.zeros((1, ACTION_SIZE)), np.zeros((1, 9)))
-        P = solve_discrete_are(A[0], B[0], Q, R)
-        return Q, P, R
-
-    def _hover(self) -> Floats:
-        state = np.zeros((1, STATE_SIZE))
-        State(state).direction[:, 2] = 1.0
-        return self._coordinates(state, plant_of(self.simulation).initial_memory(state))
-
-    def _coordinates(self, state: Floats, memory: Floats) -> Floats:
-        """Return z of states and memories of the plant, shape (n, s)."""
-        return np.concatenate([state[:, STATE_COLUMNS], memory[:, ROTOR_THRUST:]], axis=1)
-
-    def _moved(self, z: Floats, action: Floats, disturbance: Floats) -> Floats:
-        """Return f(z, a, d̂) of n rows."""
-        plant, state = plant_of(self.simulation), np.zeros((len(z), STATE_SIZE))
-        state[:, STATE_COLUMNS] = z[:, :MODEL_STATE_SIZE]
-        s = State(state)
-        s.direction[:, :2] = limit_norm(s.direction[:, :2], _MAX_HORIZONTAL)
-        s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
-        along = np.sum(s.direction[:, :2] * s.direction_rate[:, :2], axis=1)
-        s.direction_rate[:, 2] = -along / s.direction[:, 2]
-        memory = plant.initial_memory(state)
-        memory[:, ROTOR_THRUST:] = z[:, MODEL_STATE_SIZE:]
-        parameters = np.tile(self.simulation.parameters.as_array(), (len(z), 1))
-        for _ in range(self.steps):
-            plant.advance(state, memory, action, disturbance, parameters)
-        return self._coordinates(state, memory)
-
-    def linearise(self, z: Floats, action: Floats, disturbance: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return f, shape (n, s), and its derivatives A, shape (n, s, s), and B, shape (n, s, 4)."""
-        size, rows = self.size, len(z)
-        # f moves with the position, so its derivative with respect to the position is known.
-        steps = _STEP * np.eye(size + ACTION_SIZE)[POSITION.stop :]
-        steps = np.concatenate([np.zeros((1, size + ACTION_SIZE)), steps])
-        points = (np.concatenate([z, action], axis=1)[:, np.newaxis] + steps).reshape(-1, size + ACTION_SIZE)
-        moved = self._moved(points[:, :size], points[:, size:].copy(), np.repeat(disturbance, len(steps), axis=0))
-        moved = moved.reshape(rows, len(steps), size)
-        slopes = np.swapaxes(moved[:, 1:] - moved[:, :1], 1, 2) / _STEP
-        A = np.zeros((rows, size, size))
-        A[:, POSITION, POSITION] = np.eye(POSITION.stop)
-        A[:, :, POSITION.stop :] = slopes[:, :, :-ACTION_SIZE]
-        return moved[:, 0], A, slopes[:, :, -ACTION_SIZE:]
-
     def initial_memory(self, rows: int) -> NmpcMemory:
         """Return the memory without a plan."""
         periods = self.gains.periods
@@ -170,46 +139,72 @@ class Nmpc:
 
     def command(self, estimate: Estimate, measurement: Measurement, memory: NmpcMemory) -> tuple[Floats, NmpcMemory]:
         """Return the actions of equations (1)–(2), shape (n, 4), and the memory."""
-        horizon = self._horizon(estimate, measurement)
-        age, failures = memory.age + 1, memory.failures.copy()
-        old = (age > self.steps)[:, np.newaxis, np.newaxis]
-        states = np.where(old, horizon.states, self._later(memory.states))
-        actions = np.where(old, horizon.actions, self._later(memory.actions))
+        horizon, age = self._horizon(estimate, measurement), memory.age + 1
+        is_old = (age > self.steps)[:, np.newaxis, np.newaxis]
+        plan = np.where(is_old, horizon.states, self._later(memory.states))
+        actions, succeeds = np.where(is_old, horizon.actions, self._later(memory.actions)), np.ones(len(age), np.bool_)
         for _ in range(self.gains.iterations):
-            new_states, new_actions = self._improved(states, actions, estimate, horizon)
+            better, changed = self._improved(plan, actions, estimate, horizon)
             with np.errstate(invalid="ignore"):
-                good = np.isfinite(new_actions).all(axis=(1, 2)) & (np.abs(new_states) < _MAX_STATE).all(axis=(1, 2))
-            small = np.abs(new_actions - actions).max() < _CONVERGED
-            states = np.where(good[:, np.newaxis, np.newaxis], new_states, states)
-            actions = np.where(good[:, np.newaxis, np.newaxis], new_actions, actions)
-            if small:
+                worst = np.abs(better).max(axis=(1, 2)) + np.abs(changed).max(axis=(1, 2))
+                succeeds = worst < _MAX_STATE
+                has_converged = np.abs(changed - actions).max() < _CONVERGED
+            kept = succeeds[:, np.newaxis, np.newaxis]
+            plan, actions = np.where(kept, better, plan), np.where(kept, changed, actions)
+            if has_converged:
                 break
-        age, failures = np.where(good, 0, age), failures + ~good
-        return actions[:, 0].copy(), NmpcMemory(states, actions, age, failures)
+        memory = NmpcMemory(plan, actions, np.where(succeeds, 0, age), memory.failures + ~succeeds)
+        return actions[:, 0].copy(), memory
+
+    def linearise(self, z: Floats, action: Floats, disturbance: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return f of n rows, shape (n, s), and its derivatives A, shape (n, s, s), and B, shape (n, s, 4).
+
+        Differences of the simulation take less time than its derivatives as generated C.
+        """
+        size, rows, moving = self.size, len(z), POSITION.stop  # f moves along with the position
+        offsets = np.vstack([np.zeros(size + ACTION_SIZE), _STEP * np.eye(size + ACTION_SIZE)[moving:]])
+        points = (np.hstack([z, action])[:, np.newaxis] + offsets).reshape(-1, size + ACTION_SIZE)
+        moved = self._moved(points[:, :size], points[:, size:].copy(), np.repeat(disturbance, len(offsets), axis=0))
+        moved = moved.reshape(rows, len(offsets), size)
+        slopes = np.swapaxes(moved[:, 1:] - moved[:, :1], 1, 2) / _STEP
+        A = np.concatenate([np.tile(np.eye(size, moving), (rows, 1, 1)), slopes[..., :-ACTION_SIZE]], axis=2)
+        return moved[:, 0], A, slopes[..., -ACTION_SIZE:]
+
+    def _moved(self, z: Floats, action: Floats, disturbance: Floats) -> Floats:
+        """Return f(z, a, d̂) of n rows."""
+        plant, state = plant_of(self.simulation), np.zeros((len(z), STATE_SIZE))
+        state[:, STATE_COLUMNS] = z[:, :MODEL_STATE_SIZE]
+        s = State(state)
+        s.direction[:, :2] = limit_norm(s.direction[:, :2], _MAX_HORIZONTAL)
+        s.direction[:, 2] = np.sqrt(1.0 - np.sum(s.direction[:, :2] ** 2, axis=1))
+        s.direction_rate[:, 2] = -np.sum(s.direction * s.direction_rate, axis=1) / s.direction[:, 2]
+        memory = plant.initial_memory(state)
+        memory[:, ROTOR_THRUST:] = z[:, MODEL_STATE_SIZE:]
+        parameters = np.tile(self.simulation.parameters.as_array(), (len(z), 1))
+        for _ in range(self.steps):
+            plant.advance(state, memory, action, disturbance, parameters)
+        return self._coordinates(state, memory)
+
+    def _coordinates(self, state: Floats, memory: Floats) -> Floats:
+        """Return z, shape (n, s), of states and memories of the plant."""
+        return np.hstack([state[:, STATE_COLUMNS], memory[:, ROTOR_THRUST:]])[:, : self.size]
 
     def _horizon(self, estimate: Estimate, measurement: Measurement) -> Horizon:
-        plant, model, rows, periods = (
-            plant_of(self.simulation),
-            equivalent_model(self.simulation),
-            len(estimate.state),
-            self.gains.periods,
-        )
-        period = self.steps * self.simulation.period
-        found = reference_horizon(estimate, measurement, self.simulation, period, periods)
-        states = np.moveaxis(found.state, 1, 0).reshape(-1, STATE_SIZE)
-        commands = np.moveaxis(found.command, 1, 0).reshape(-1, ACTION_SIZE)
-        commands = model.body_command(states, commands, np.repeat(estimate.disturbance, periods + 1, axis=0))
-        memory = plant.initial_memory(states)
-        if memory.shape[1]:
-            has_rotors = self.simulation.vehicle.rotors is not None
-            memory[:, ROTOR_THRUST:] = (
-                np.linalg.solve(mixing(self.simulation.vehicle), commands.T).T if has_rotors else commands
-            )
-        actions = plant.actions_for(commands, memory if memory.shape[1] else None)[0]
+        simulation, (rows, steps) = self.simulation, (len(estimate.state), self.gains.periods + 1)
+        period = self.steps * simulation.period
+        found = reference_horizon(estimate, measurement, simulation, period, self.gains.periods)
+        state, command = (np.concatenate(np.swapaxes(part, 0, 1)) for part in (found.state, found.command))
+        disturbance, plant = np.repeat(estimate.disturbance, steps, axis=0), plant_of(simulation)
+        command = equivalent_model(simulation).body_command(state, command, disturbance)
+        memory = plant.initial_memory(state)
+        has_rotors = simulation.vehicle.rotors is not None
+        thrusts = np.linalg.solve(mixing(simulation.vehicle), command.T).T if has_rotors else command
+        memory[:, ROTOR_THRUST:] = thrusts[:, : self.size - MODEL_STATE_SIZE]
+        action, _ = plant.actions_for(command, memory)
         return Horizon(
-            self._coordinates(states, memory).reshape(rows, periods + 1, -1),
-            np.asarray(actions, np.float64).reshape(rows, periods + 1, -1)[:, :-1],
-            np.moveaxis(found.frame_displacement, 2, 0).reshape(rows, periods, -1),
+            self._coordinates(state, memory).reshape(rows, steps, -1),
+            action.astype(np.float64).reshape(rows, steps, -1)[:, :-1],
+            np.moveaxis(found.frame_displacement, 2, 0).reshape(rows, steps - 1, -1),
         )
 
     def _later(self, plan: Floats) -> Floats:
@@ -217,54 +212,40 @@ class Nmpc:
         following = np.concatenate([plan[:, 1:], plan[:, -1:]], axis=1)
         return np.asarray(plan + (following - plan) / self.steps)
 
-    def _improved(
-        self, states: Floats, actions: Floats, estimate: Estimate, horizon: Horizon
-    ) -> tuple[Floats, Floats]:
-        """Return the plans after a Gauss–Newton step."""
-        rows, periods, size, yaw = len(states), self.gains.periods, self.size, State(estimate.state).euler[:, 2]
-        flat = states[:, :-1].reshape(-1, size), actions.reshape(-1, ACTION_SIZE)
-        moved, A, B = (
-            part.reshape(rows, periods, *part.shape[1:])
-            for part in self.linearise(*flat, np.repeat(estimate.disturbance, periods, axis=0))
-        )
-        moved[:, :, : VELOCITY.stop] -= horizon.motion
-        Q, P, R = self.weights
-        # Factors of the weights in the axes of the heading.
-        turn = np.tile(np.eye(size), (rows, 1, 1))
-        for row in range(rows):
-            turn[row, :MODEL_STATE_SIZE, :MODEL_STATE_SIZE] = rotate_state(
-                np.eye(MODEL_STATE_SIZE), np.full(MODEL_STATE_SIZE, -yaw[row])
-            ).T
-        stage, last = (_root(weight) @ turn for weight in (Q, P))
-        offset = self._coordinates(estimate.state, estimate.rigid) - states[:, 0]
-        response = np.zeros((rows, size, ACTION_SIZE * periods))
-        offsets, responses, blocks, residuals = [offset], [response], [], []
-        for k in range(periods):
-            offset = (A[:, k] @ offset[..., np.newaxis])[..., 0] + moved[:, k] - states[:, k + 1]
-            response = A[:, k] @ response
-            response[:, :, ACTION_SIZE * k : ACTION_SIZE * (k + 1)] = B[:, k]
-            factor = stage if k + 1 < periods else last
-            deviation = states[:, k + 1] + offset - horizon.states[:, k + 1]
-            residuals.append((factor @ deviation[..., np.newaxis])[..., 0])
-            blocks.append(factor @ response)
-            offsets.append(offset)
-            responses.append(response)
-        slopes, residual = np.concatenate(blocks, axis=1), np.concatenate(residuals, axis=1)[..., np.newaxis]
-        transposed = np.swapaxes(slopes, 1, 2)
-        hessian = transposed @ slopes + np.kron(np.eye(periods), R)
-        gradient = (transposed @ residual)[..., 0] + ((actions - horizon.actions) @ R).reshape(rows, -1)
-        change = np.empty((rows, ACTION_SIZE * periods))
-        for row in range(rows):
-            given = actions[row].ravel()
-            found = self._solver(h=hessian[row], g=gradient[row], lbx=-1.0 - given, ubx=1.0 - given)["x"]
-            change[row] = np.asarray(found)[:, 0]
-        new = np.stack(
-            [o + (r @ change[..., np.newaxis])[..., 0] for o, r in zip(offsets, responses, strict=True)], axis=1
-        )
-        return states + new, np.clip(actions + change.reshape(actions.shape), -1.0, 1.0)
+    def _improved(self, plan: Floats, actions: Floats, estimate: Estimate, horizon: Horizon) -> tuple[Floats, Floats]:
+        """Return the states and actions of the plans after a Gauss–Newton step (3)–(4); nan where it fails."""
+        (rows, periods, _), size, width = actions.shape, self.size, MODEL_STATE_SIZE
+        disturbance = np.repeat(estimate.disturbance, periods, axis=0)
+        found = self.linearise(np.concatenate(plan[:, :-1]), np.concatenate(actions), disturbance)
+        moved, A, B = (part.reshape(rows, periods, *part.shape[1:]) for part in found)
+        moved[..., : VELOCITY.stop] -= horizon.motion
+        heading = np.tile(np.eye(size), (rows, 1, 1))  # from the world frame to the axes of the heading
+        yaw = np.repeat(-State(estimate.state).euler[:, 2], width)
+        heading[:, :width, :width] = rotate_state(np.tile(np.eye(width), (rows, 1)), yaw).reshape(rows, width, width)
+        heading = np.swapaxes(heading, 1, 2)
 
-
-def _root(weight: Floats) -> Floats:
-    """Return L of a weight LᵀL, shape (s, s)."""
-    values, vectors = np.linalg.eigh(weight)
-    return np.sqrt(np.maximum(values, 0.0))[:, np.newaxis] * vectors.T
+        offsets = np.empty_like(plan)
+        responses, slopes = (np.zeros((rows, periods + 1, size, ACTION_SIZE * periods)) for _ in range(2))
+        residuals = np.zeros_like(plan)
+        offsets[:, 0] = self._coordinates(estimate.state, estimate.rigid) - plan[:, 0]
+        for k, root in enumerate(self._roots):
+            offsets[:, k + 1] = (A[:, k] @ offsets[:, k, :, np.newaxis])[..., 0] + moved[:, k] - plan[:, k + 1]
+            responses[:, k + 1] = A[:, k] @ responses[:, k]
+            responses[:, k + 1, :, ACTION_SIZE * k : ACTION_SIZE * (k + 1)] = B[:, k]
+            deviation = plan[:, k + 1] + offsets[:, k + 1] - horizon.states[:, k + 1]
+            factor = root @ heading
+            residuals[:, k + 1] = (factor @ deviation[..., np.newaxis])[..., 0]
+            slopes[:, k + 1] = factor @ responses[:, k + 1]
+        _, R, _ = self.weights
+        slope = slopes.reshape(rows, -1, ACTION_SIZE * periods)
+        transposed = np.swapaxes(slope, 1, 2)
+        hessian = transposed @ slope + np.kron(np.eye(periods), R)
+        gradient = transposed @ residuals.reshape(rows, -1, 1)
+        gradient = gradient[..., 0] + ((actions - horizon.actions) @ R).reshape(rows, -1)
+        given = actions.reshape(rows, -1)
+        change = np.empty_like(given)
+        for row in range(rows):
+            bounds = {"lbx": -1.0 - given[row], "ubx": 1.0 - given[row]}
+            change[row] = np.asarray(self._solver(h=hessian[row], g=gradient[row], **bounds)["x"])[:, 0]
+        states = plan + offsets + (responses @ change[:, np.newaxis, :, np.newaxis])[..., 0]
+        return states, np.clip(given + change, -1.0, 1.0).reshape(actions.shape)

@@ -12,9 +12,8 @@ from quadpend_gym.wrappers import VectorActuatorWrapper, VectorParameterWrapper
 
 ca = pytest.importorskip("casadi", reason="casadi is not installed: pip install 'quadpend-gym[mpc]'")
 from quadpend_baselines.planning.episode import Flight, known_episode, record_flight  # noqa: E402
-from quadpend_baselines.planning.plant import Plant, lag_memories, step  # noqa: E402
 from quadpend_baselines.planning.replay import track  # noqa: E402
-from quadpend_baselines.planning.transcription import Transcription  # noqa: E402
+from quadpend_baselines.planning.transcription import Plant, Transcription  # noqa: E402
 
 STEPS = 25
 WIND = [Dryden("severe"), OrnsteinUhlenbeck(force=0.3, bob_force=0.1, torque=0.05)]
@@ -37,19 +36,17 @@ def make(steps: int = STEPS):  # type: ignore[no-untyped-def]
 DELAYED = [ActionDelay(2), MotorLag(0.02)]
 
 
-@pytest.mark.parametrize("delayed", [False, True])
-def test_a_step_of_the_plant_is_a_step_of_the_environment(delayed: bool) -> None:
+def test_a_step_of_the_plant_is_a_step_of_the_environment() -> None:
     """The environment rounds the actions that pass its actuators to float32."""
-    env, plant = make(STEPS + 1), Plant(Simulation(), moves_air=True)
-    if delayed:
-        env, plant = VectorActuatorWrapper(env, DELAYED), plant._replace(lags=(0.02,), delay=2)
+    env = VectorActuatorWrapper(make(STEPS + 1), DELAYED)
+    plant = Plant(Simulation(), moves_air=True, lags=(0.02,), delay=2)
     episode, flight = known_episode(env, 3, STEPS), record_flight(RandomActions(), env, 3, STEPS)
     acting = np.vstack([np.zeros((plant.delay, 4)), flight.actions[: STEPS - plant.delay]])
-    states = np.hstack([flight.states, lag_memories(plant, acting)]) if delayed else flight.states
-    x, a, q, y = step(plant)
+    states = np.hstack([flight.states, plant.memories(flight.states, acting)])
+    x, a, q, y = plant.step()
     known = np.hstack([episode.wind, np.tile(episode.parameters, (STEPS, 1))])
     moved = np.array(ca.Function("step", [x, a, q], [y])(states[:-1].T, acting.T, known.T)).T
-    assert_allclose(moved, states[1:], **dict.fromkeys(("rtol", "atol"), 1e-6 if delayed else 1e-12))
+    assert_allclose(moved, states[1:], rtol=1e-6, atol=1e-6)
 
 
 def test_an_optimal_flight_is_flown_by_the_environment_as_planned() -> None:
