@@ -66,12 +66,12 @@ class OutputFeedback(Controller):
         self.gains = gains(self.simulation) if callable(gains) else gains
         self.loop = loop or Loop()
         self._law = make_law(self.gains, self.simulation)
-        self._estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
+        self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
 
     @property
     def predicted_loop(self) -> Loop:
         """The delays and lags through which the controller predicts, with whole periods of the vehicle's latency."""
-        return self._estimator.prediction.loop
+        return self.estimator.prediction.loop
 
     @property
     def has_bandwidth_scale(self) -> bool:
@@ -103,10 +103,10 @@ class OutputFeedback(Controller):
         measurement = measurement_from_observation(observation, self.simulation.parameters.rod_length)
         rows = len(measurement.state)
         if state is None:
-            estimate, none = self._estimator.observe(measurement), np.zeros((rows, ACTION_SIZE), np.float32)
+            estimate, none = self.estimator.observe(measurement), np.zeros((rows, ACTION_SIZE), np.float32)
             return OutputFeedbackMemory(estimate, self._law.initial_memory(rows), none, measurement)
         started = None if episode_start is None else episode_start_mask(episode_start, False, rows)
-        estimate = self._estimator.observe(measurement, state.estimate, state.action, started)
+        estimate = self.estimator.observe(measurement, state.estimate, state.action, started)
         law_memory, action = state.law_memory, state.action
         if started is not None and started.any():
             initial = self._law.initial_memory(rows), np.zeros_like(action)
@@ -115,7 +115,7 @@ class OutputFeedback(Controller):
 
     def control(self, estimation: OutputFeedbackMemory, **options: Any) -> tuple[Floats32, OutputFeedbackMemory]:
         """Return the actions of n rows, shape (n, 4), and the memory; `options` are passed on to the control law."""
-        prediction = self._estimator.prediction
+        prediction = self.estimator.prediction
         estimate, measurement = prediction.carry_forward(estimation.estimate, estimation.action, estimation.measurement)
         nominal = estimate
         if self.gains.estimator.mass_time:
@@ -151,7 +151,7 @@ class OutputFeedback(Controller):
 
         Without known delays and lags it is `estimated_observation`.
         """
-        carry_forward = self._estimator.prediction.carry_forward
+        carry_forward = self.estimator.prediction.carry_forward
         estimate, measurement = carry_forward(estimation.estimate, estimation.action, estimation.measurement)
         if measurement is estimation.measurement:
             return self.estimated_observation(observation, estimation)

@@ -351,8 +351,13 @@ class Estimator:
         """The prediction (1)."""
         return Prediction(self.simulation, self.loop if self.gains.predicts else Loop(), self.gains.predicts)
 
+    @property
+    def size(self) -> int:
+        """Length of an estimate."""
+        return LOOP + self.prediction.loop_size
+
     @cached_property
-    def _numbers(self) -> tuple[float, Any, Floats | None]:
+    def numbers(self) -> tuple[float, Any, Floats | None]:
         """ε, and the numbers of the prediction."""
         time = self.gains.mass_time
         return float(-np.expm1(-self.simulation.period / time)) if time else 0.0, *self.prediction.numbers
@@ -378,13 +383,13 @@ class Estimator:
             started: The rows whose episode begins with this measurement, shape (n,); None: none of them.
         """
         rows = len(measurement.state)
-        out = np.empty((rows, LOOP + self.prediction.loop_size))
+        out = np.empty((rows, self.size))
         if before is None or action is None:
             before, action, started = Estimate(out), np.empty((rows, ACTION_SIZE), np.float32), np.ones(rows, np.bool_)
         elif started is None:
             started = np.zeros(rows, np.bool_)
         table = self._tables[not np.isnan(measurement.state[0, VELOCITY])]
-        _observe((before.array, action, started), measurement, table, *self._numbers, out)
+        _observe((before.array, action, started), measurement, table, *self.numbers, out)
         return Estimate(out)
 
 

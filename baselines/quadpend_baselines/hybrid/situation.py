@@ -50,10 +50,20 @@ def update_situation(
         last = Situation(np.zeros((rows, SITUATION_SIZE)), disturbance, np.zeros(rows))
     steps = np.where(started, 1.0, last.steps + 1.0)
     change = np.where(started[:, np.newaxis], 0.0, disturbance - last.disturbance)
+    share = new_share(steps, period)[:, np.newaxis]
+    added = share * (mean_squares(innovation, disturbance, change) - last.mean_square)
+    return Situation(last.mean_square + added, disturbance, steps)
+
+
+def mean_squares(innovation: Floats, disturbance: Floats, change: Floats) -> Floats:
+    """Return v̄² of equation (1), shape (n, 12)."""
     parts = [innovation / _INNOVATION, disturbance, change / _CHANGE]
-    squares = (np.concatenate(parts, axis=1) ** 2).reshape(rows, SITUATION_SIZE, 3).mean(axis=2)
-    share = np.maximum(1.0 / steps, period / _TIME)[:, np.newaxis]
-    return Situation(last.mean_square + share * (squares - last.mean_square), disturbance, steps)
+    return (np.concatenate(parts, axis=1) ** 2).reshape(len(innovation), SITUATION_SIZE, 3).mean(axis=2)  # type: ignore[no-any-return]
+
+
+def new_share(steps: Floats, period: float) -> Floats:
+    """Return ε of equation (1) in step k of an episode, shape (n,)."""
+    return np.maximum(1.0 / steps, period / _TIME)
 
 
 def situation_inputs(situation: Situation) -> Floats:

@@ -46,7 +46,7 @@ class VectorHybridWrapper(VectorWrapper):
         self.hybrid = found.designed_for(world.simulation, loop) if named else found
         self.single_observation_space = observation_space(self.hybrid.observation_size(space.shape[0]))
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._memory: HybridMemory | None = None
+        self.memory: HybridMemory | None = None
         self._asked: tuple[Floats32, HybridMemory] | None = None  # the base action, if it has been computed
         self._seen = np.empty(0, np.float32)
         self._ended = np.zeros(self.num_envs, np.bool_)
@@ -54,10 +54,10 @@ class VectorHybridWrapper(VectorWrapper):
     @property
     def base_action(self) -> Floats32:
         """Actions that the base controller would apply now, shape (num_envs, 4); zeros with `BandwidthScheduling`."""
-        if self._memory is None:
+        if self.memory is None:
             raise ResetNeeded("reset must be called before base_action")
         if self._asked is None:
-            self._asked = self.hybrid.base_action(self._memory)
+            self._asked = self.hybrid.base_action(self.memory)
         return self._asked[0]
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Floats32, dict[str, Any]]:
@@ -65,8 +65,8 @@ class VectorHybridWrapper(VectorWrapper):
         mask = (options or {}).get("reset_mask")  # before the reset, which may remove it from the options
         observation, info = self.env.reset(seed=seed, options=options)
         self._asked, started = None, np.ones(self.num_envs, np.bool_) if mask is None else mask
-        if self._memory is None or mask is None:
-            self._seen, self._memory = self.hybrid.observe(observation, None, started)
+        if self.memory is None or mask is None:
+            self._seen, self.memory = self.hybrid.observe(observation, None, started)
         else:
             self._restart(started, observation)
         self._ended = self._ended & ~started
@@ -74,17 +74,17 @@ class VectorHybridWrapper(VectorWrapper):
 
     def step(self, actions: Any) -> tuple[Floats32, Any, Any, Any, dict[str, Any]]:
         """Apply the hybrid's actions for the policy's `actions`, shape (num_envs, 4)."""
-        if self._memory is None:
+        if self.memory is None:
             raise ResetNeeded("reset must be called before step")
         action = clip_rounding(check_action(actions, (self.num_envs, ACTION_SIZE)))
         if not (np.abs(action) <= 1.0).all():  # the environment sees only what the hybrid makes of it
             raise ValueError(f"actions must be numbers in [-1, 1], not {action.tolist()}")
-        applied, memory = self.hybrid.act(action, self._memory if self._asked is None else self._asked[1])
+        applied, memory = self.hybrid.act(action, self.memory if self._asked is None else self._asked[1])
         self._asked = None
         observation, reward, terminated, truncated, info = self.env.step(applied)
         ended, next_step = terminated | truncated, self.metadata.get("autoreset_mode") is AutoresetMode.NEXT_STEP
         begun = self._ended if next_step else np.zeros(self.num_envs, np.bool_)
-        self._seen, self._memory = self.hybrid.observe(last_observations(observation, info, ended), memory, begun)
+        self._seen, self.memory = self.hybrid.observe(last_observations(observation, info, ended), memory, begun)
         if "final_obs" in info:
             replace_final_observations(info, ended, self._seen)
             self._restart(ended, observation)
@@ -96,4 +96,4 @@ class VectorHybridWrapper(VectorWrapper):
         rows = np.flatnonzero(begun)
         if rows.size:
             seen, fresh = self.hybrid.observe(observation[rows], None, np.ones(rows.size, np.bool_))
-            self._seen[rows], self._memory = seen, replace_rows(rows, fresh, self._memory)
+            self._seen[rows], self.memory = seen, replace_rows(rows, fresh, self.memory)

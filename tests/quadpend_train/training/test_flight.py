@@ -37,7 +37,7 @@ def test_flights_equal_the_environment(scenarios: Any) -> None:
         return np.concatenate([getattr(world, name) for world in worlds])
 
     apg = ApgSettings(error=1.0, yaw=0.0, effort=0.0, rate=0.0, lean=1.0)
-    flights = Flights(scenarios, share * len(scenarios), apg)
+    flights = Flights(scenarios, [], share * len(scenarios), 36, apg)
     flight = flights.initial(gather("state"))
     for step in range(1, 16):
         action = random.normal(size=(len(flight), 4)).astype(np.float32) * np.float32(0.02)

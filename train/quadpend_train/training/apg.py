@@ -1,23 +1,16 @@
-"""Analytic policy gradients (APG): gradients of the tracking cost through the differentiable dynamics.
+"""Analytic policy gradients (APG): gradients of the tracking cost through the equations of motion and the observer.
 
-The rows of the training environment fly windows of H control steps. The policy π receives the environment's
-observation, with the noise of the sensors and the errors of the observer, and the environment gives every next state.
-The differentiable dynamics f follow the flight, so that the derivatives of the cost reach the policy:
+The rows of the training environment fly windows of H control steps. The environment and its observer compute all
+values, with the noise of the sensors; generated C (`flight`, `observed`) has the derivatives of the same equations:
 
-    (1)  o_t  = observation of the environment,     ∂o_t/∂z_t = ∂s(p)/∂z     s: the part that depends on the state
+    (1)  o_t  = observation of the policy,          ∂o_t/∂(z_t, b_t)
     (2)  a_t  = clip(π(o_t), −1, 1)
-    (3)  x_{t+1} = state of the environment,        ∂x_{t+1}/∂(x_t, a_t) = ∂f/∂(x_t, a_t)
+    (3)  z_{t+1}, b_{t+1} from the environment,     ∂(z_{t+1}, b_{t+1})/∂(z_t, b_t, a_t)
     (4)  J    = w_R · mean over scenarios of R  +  mean over rows and steps of c(x_{t+1}, a_t)
 
-z_t = (x_t, y_t, a_{t−1}) has the actions under way and the lagged actions y_t. p(z_t) is the state at the time when
-a_t acts, to which an observer carries its estimate forward through the known delays and lags; without them p = x_t. In
-(1) s is linear: tracking errors, direction, attitude and their rates; p is linearised at hover.
-
-The error of the observation, o − s(p), the estimated disturbance and the situation are taken to be independent of the
-policy. That holds for a linear observer whose model of the vehicle and of the loop is exact. Elsewhere the gradient of
-J is biased: where parameters differ from nominal ones, since the observer then takes a part of the action's effect for
-a disturbance; where delays or lags are not known (``loop_known = false``); and where measurements are delayed and no
-observer predicts. A window of H steps has no terminal value, so the consequences of its last actions are cut off.
+z is the state x with what vehicle and actuators remember, b what the observer believes. Not in the gradient are the
+disturbance that `adrc` estimates, and values that sensors hold. A window of H steps has no terminal value, so the
+consequences of its last actions are cut off.
 
 R is the root mean square of the tracking error over the rows and steps of a scenario in a window, which is similar to
 the measure of the published results; the mean of the squares over all scenarios would be that of the hardest scenario.
@@ -40,34 +33,24 @@ Training efficient controllers via analytic policy gradient, ICRA 2023.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import torch
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
-from quadpend_baselines.controllers.output_feedback import OutputFeedback
-from quadpend_baselines.estimation.loop import Loop
-from quadpend_gym import engines
 from quadpend_gym.core.arrays import Booleans, Floats
-from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, STATE_SIZE
+from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.scenarios import Scenario
-from quadpend_gym.tasks.observation import REFERENCE_START
-from quadpend_gym.wind import WIND_SIZE
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.training.environment import hybrid_wrappers
 from quadpend_train.training.flight import (
-    POINT_SIZE,
     Flights,
-    Kind,
     Step,
     check_covered,
-    control_step,
     reference_points,
 )
 from quadpend_train.training.settings import ApgSettings, TrainSettings
@@ -95,20 +78,10 @@ class APG(OnPolicyAlgorithm):
         unused |= {"use_sde": False, "sde_sample_freq": -1}
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)
         self.apg = apg
-        self._scenarios, self._flights = scenarios, Flights(scenarios, self.n_envs, apg)
-        self._flight = self._flights.initial(np.zeros((self.n_envs, STATE_SIZE)))
-        loops = [
-            item.hybrid.controller.predicted_loop if isinstance(item.hybrid.controller, OutputFeedback) else Loop()
-            for item in hybrid_wrappers(env.env)
-            for _ in worlds(item)
-        ]
         size = self.observation_space.shape[0]  # type: ignore[index]
-        self._sensitivity = torch.stack(
-            [
-                _sensitivity(*pair, size, self._flights.size)
-                for pair in zip(scenarios, loops or [Loop()] * len(scenarios), strict=True)
-            ]
-        )
+        self._scenarios = scenarios
+        self._flights = Flights(scenarios, hybrid_wrappers(env.env), self.n_envs, size, apg)
+        self._flight = self._flights.initial(np.zeros((self.n_envs, STATE_SIZE)))
         self._cost, self._falls = torch.zeros(()), 0
 
     def collect_rollouts(self, env: Any, callback: Any, rollout_buffer: Any, n_rollout_steps: int) -> bool:
@@ -117,17 +90,16 @@ class APG(OnPolicyAlgorithm):
         self._restart_rows(env)
         everything = worlds(env.env)
         flight = torch.as_tensor(self._after_step(everything, self._flight, np.asarray(self._last_episode_starts)))
-        last, self._falls = torch.zeros(env.num_envs, ACTION_SIZE), 0
-        costs = torch.zeros(env.num_envs, 2, dtype=torch.float64)
+        observation, (believed, sensing) = torch.as_tensor(self._last_obs), self._flights.beliefs()
+        belief = torch.as_tensor(believed)
+        self._falls, costs = 0, torch.zeros(env.num_envs, 2, dtype=torch.float64)
         for _ in range(self.apg.window):
-            action = self._mean_action(torch.cat([flight, last], dim=1))
-            last = action.clamp(-1.0, 1.0)
+            action = self._mean_action(observation)
             time = everything[0].simulation.period * (1.0 + _gather(everything, "clock"))
             point = reference_points(self._scenarios, _gather(everything, "reference"), time)
-            wind, parameters = _gather(everything, "wind"), _gather(everything, "parameters")
-            others = action.detach().numpy().astype(np.float64), wind, parameters, point, self._flights.weights
-            after, step_costs = self._flights.step(flight.detach().numpy(), *others)
-            self._last_obs, rewards, ended, infos = env.step(last.detach().numpy())
+            constants = _gather(everything, "wind"), _gather(everything, "parameters"), point, self._flights.weights
+            after, step_costs = self._flights.step(flight.detach().numpy(), action.detach().numpy(), *constants)
+            self._last_obs, rewards, ended, infos = env.step(action.detach().clamp(-1.0, 1.0).numpy())
             self._last_episode_starts = ended
             self.num_timesteps += env.num_envs
             callback.update_locals(locals())
@@ -136,13 +108,17 @@ class APG(OnPolicyAlgorithm):
             if ended.any():
                 self._update_info_buffer(infos, ended)
                 self._falls += sum(not infos[row]["TimeLimit.truncated"] for row in np.flatnonzero(ended))
-                last = last * torch.as_tensor(~ended)[:, None]
+            noise = _gather(everything, "measured") - self._flights.delayed(flight.detach().numpy(), after)
+            noise[ended] = 0.0
             after = self._after_step(everything, after, ended)
-            arguments = flight, action, self._flights, others, after, step_costs, ended
-            flight, added = Step.apply(*arguments)  # type: ignore[no-untyped-call]
+            given = self._flights, constants, sensing, noise, ended
+            believed, sensing = self._flights.beliefs()
+            values = after, step_costs, believed, self._last_obs
+            results = Step.apply(flight, belief, action, given, values)  # type: ignore[no-untyped-call]
+            flight, added, belief, observation = results
             costs = costs + added
         squares, further = costs.unbind(dim=1)
-        rmse = torch.sqrt(squares.view(len(self._sensitivity), -1).mean(dim=1) / self.apg.window + 1e-6)
+        rmse = torch.sqrt(squares.view(len(self._scenarios), -1).mean(dim=1) / self.apg.window + 1e-6)
         self._cost = self.apg.rmse * rmse.mean() + further.sum() / (self.apg.window * env.num_envs)
         self._flight = flight.detach().numpy()
         callback.on_rollout_end()
@@ -173,7 +149,7 @@ class APG(OnPolicyAlgorithm):
     def _restart_rows(self, env: Any) -> None:
         """Begin new episodes in a share of the rows of each scenario, drawn at random."""
         window = self.num_timesteps // (self.apg.window * env.num_envs)
-        random, count = np.random.default_rng([self.seed or 0, window]), len(self._sensitivity)
+        random, count = np.random.default_rng([self.seed or 0, window]), len(self._scenarios)
         share = env.num_envs // count
         started = np.arange(share) < round(self.apg.restart * share)
         rows = np.concatenate([random.permutation(started) for _ in range(count)])
@@ -181,12 +157,9 @@ class APG(OnPolicyAlgorithm):
             self._last_obs = env.restart(rows)
             self._last_episode_starts = np.asarray(self._last_episode_starts) | rows
 
-    def _mean_action(self, inputs: Tensor) -> Tensor:
-        """Return π(o), with the derivative of equation (1); `inputs` is z, shape (n, k + 4)."""
-        difference = (inputs - inputs.detach()).float().view(len(self._sensitivity), -1, inputs.shape[1])
-        observed = torch.as_tensor(self._last_obs) + (difference @ self._sensitivity).flatten(0, 1)
+    def _mean_action(self, observation: Tensor) -> Tensor:
         policy: Any = self.policy
-        features = policy.extract_features(observed, policy.pi_features_extractor)
+        features = policy.extract_features(observation, policy.pi_features_extractor)
         mean: Tensor = policy.action_net(policy.mlp_extractor.forward_actor(features))
         return mean
 
@@ -238,37 +211,6 @@ def check_apg(settings: TrainSettings) -> None:
                 f"the scenario {name} has no velocities in its observation: algo 'apg' needs a base_controller, which"
                 " estimates them"
             )
-
-
-def _sensitivity(scenario: Scenario, loop: Loop, size: int, flight_size: int) -> Tensor:
-    """Return ∂o/∂z of equation (1) at hover, transposed, shape (k + 4, m).
-
-    Args:
-        scenario: The scenario.
-        loop: The delays and lags through which the observer predicts.
-        size: Size m of the observation.
-        flight_size: k, at least that of the scenario's flights.
-    """
-    s, kind = scenario.simulation, Kind.of(scenario)
-    left = loop.delay * s.substeps + round(loop.lag * s.substeps / s.period)
-    hover = np.zeros((1, STATE_SIZE))
-    hover[0, DIRECTION + 2] = 1.0
-    begin, parameters = kind.initial(hover)[0], s.parameters.as_array()
-    flight, action = ca.SX.sym("flight", begin.size), ca.SX.sym("action", ACTION_SIZE)
-    after = flight
-    for begun in range(0, left, s.substeps):
-        substeps = min(s.substeps, left - begun)
-        part = s if s.latency else replace(s, period=substeps * s.period / s.substeps, substeps=substeps)
-        after = control_step(kind._replace(simulation=part))(after, action, np.zeros(WIND_SIZE), parameters)
-    observed, _ = engines.observation_function()(after[:STATE_SIZE], parameters, np.zeros(POINT_SIZE))
-    jacobian = ca.Function(
-        "s", [flight, action], [ca.jacobian(observed[:REFERENCE_START], x) for x in (flight, action)]
-    )
-    by_flight, by_action = jacobian(begin, np.zeros(ACTION_SIZE))
-    out = np.zeros((flight_size + ACTION_SIZE, size))
-    out[: begin.size, :REFERENCE_START] = np.array(by_flight).T
-    out[flight_size:, :REFERENCE_START] = np.array(by_action).T
-    return torch.as_tensor(out, dtype=torch.float32)
 
 
 def _gather(everything: Sequence[Any], name: str) -> Floats:

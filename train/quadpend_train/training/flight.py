@@ -1,30 +1,34 @@
 """Control steps and their cost as generated C, with the products that gradients of a window need.
 
 A flight is z, the state x of a row, followed by what its vehicle and its actuators remember (`engines.step_function`;
-the actions under way, the oldest first, and the lagged actions). A step of a row is
+the actions under way, the oldest first, and the lagged actions), and by the last states if the sensors are delayed, the
+oldest first. A step of a row is
 
     (1)  z ← f(z, clip(a, −1, 1)),   e² = |e|²,   c = w₁ |e| + w_ψ ψ_e² + w_a |a|² + w_ω |η̇|² + w_l ℓ + excess
 
 with the terms that `apg` explains, in the state that the action a leads to. CasADi reads the equations of the
-environments (`quadpend_gym.engines`) and differentiates them. Actuators round no action to float32, as the
-environment's do.
+environments (`quadpend_gym.engines`) and differentiates them; `observed` adds what the policy observes then. Actuators
+round no action to float32, as the environment's do.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
 import torch
 from torch import Tensor
 
+from quadpend_baselines.estimation.loop import Loop
+from quadpend_baselines.hybrid import VectorHybridWrapper
 from quadpend_gym import engines
 from quadpend_gym.actuators import ActionDelay, MotorLag
-from quadpend_gym.core.arrays import Booleans, Floats
+from quadpend_gym.core.arrays import Floats
 from quadpend_gym.engines import CompiledFunction, columns, lift
+from quadpend_gym.engines.functions import POINT_SIZE
 from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, EULER, EULER_RATE, STATE_SIZE
 from quadpend_gym.physics.vectors import load
@@ -34,9 +38,11 @@ from quadpend_gym.tasks.trajectories import Reference
 from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 from quadpend_gym.wind import WIND_SIZE
+from quadpend_train.envs.concatenated import worlds
+from quadpend_train.training.observed import Observer, observation_step
 from quadpend_train.training.settings import ApgSettings
 
-POINT_SIZE = 24  # of a reference point, see `engines.functions`
+Item = TypeVar("Item")
 _ENOUGH = 0.6  # margin to a limit above which leaning costs nothing
 
 
@@ -46,12 +52,15 @@ class Kind(NamedTuple):
     simulation: Simulation
     actuators: tuple[Any, ...]
     moves_air: bool
+    sensor_delay: int
+    observer: Observer
 
     @classmethod
-    def of(cls, scenario: Scenario) -> "Kind":
-        """Return the kind of a scenario's flights."""
+    def of(cls, scenario: Scenario, hybrid: Any, size: int) -> "Kind":
+        """Return the kind of a scenario's flights, for a policy with `size` observations and its hybrid, or None."""
         moves_air = any(model.moves_air for model in scenario.wind_models)
-        return cls(scenario.simulation, scenario.actuators, moves_air)
+        observer = Observer.of(hybrid, not scenario.output_feedback, size)
+        return cls(scenario.simulation, scenario.actuators, moves_air, Loop.of(scenario.sensors).sensor_delay, observer)
 
     @property
     def actuators_size(self) -> int:
@@ -61,7 +70,9 @@ class Kind(NamedTuple):
     def initial(self, state: Floats) -> Floats:
         """Return flights at the beginning of episodes with states of shape (n, 18), shape (n, k)."""
         remembered = np.zeros((len(state), self.actuators_size))
-        return np.hstack([state, engines.initial_memory(self.simulation, state), remembered])
+        return np.hstack(
+            [state, engines.initial_memory(self.simulation, state), remembered, *[state] * self.sensor_delay]
+        )
 
 
 def check_covered(name: str, scenario: Scenario) -> None:
@@ -122,23 +133,34 @@ def _costs(state: Any, action: Any, error: Any, yaw_error: Any, weights: Any) ->
 
 @lru_cache(maxsize=32)
 def compiled_steps(kind: Kind) -> tuple[CompiledFunction, CompiledFunction]:
-    """Return equation (1) and its product.
+    """Return equation (1) and its product, together with that of equation (1) of `observed`.
 
     They are (flight, action, wind, parameters, point, weights) → (next_flight, costs), where costs are e² and c, and
 
-    (the same arguments, adjoints of the two results) → (adjoint of the flight, adjoint of the action).
+    (the same, belief, sensing, error of the sensors, adjoints of next_flight, costs, next_belief and observation) →
+    (adjoint of the flight, of the belief, of the action).
     """
-    step = control_step(kind)
-    arguments = [*step.sx_in(), ca.SX.sym("point", POINT_SIZE), ca.SX.sym("weights", 8)]
-    flight, action, wind, parameters, point, weights = arguments
-    after = step(flight, ca.fmin(ca.fmax(action, -1.0), 1.0), wind, parameters)
-    state = after[:STATE_SIZE]
+    step, observe = control_step(kind), observation_step(kind.observer)
+    size = step.size1_in("flight")
+    flight = ca.SX.sym("flight", size + STATE_SIZE * kind.sensor_delay)
+    arguments = [flight, *step.sx_in()[1:], ca.SX.sym("point", POINT_SIZE), ca.SX.sym("weights", 8)]
+    _, action, wind, parameters, point, weights = arguments
+    bounded = ca.fmin(ca.fmax(action, -1.0), 1.0)
+    after = step(flight[:size], bounded, wind, parameters)
+    state, states = after[:STATE_SIZE], ca.vertcat(flight[size:], after[:STATE_SIZE])
     _, error = engines.observation_function()(state, parameters, point)
     costs = _costs(state, action, error, state[EULER + 2] - point[POINT_SIZE - 3], weights)
+    results = [ca.vertcat(after, states[STATE_SIZE:]), costs]
     names = [*step.name_in(), "point", "weights"]
-    function = ca.Function("flight", arguments, [after, costs], names, ["next_flight", "costs"])
-    product = function.factory("product", [*names, "adj:next_flight", "adj:costs"], ["adj:flight", "adj:action"])
-    return CompiledFunction(function), CompiledFunction(product)
+    values = ca.Function("flight", arguments, results, names, ["next_flight", "costs"])
+
+    belief, sensing, noise = observe.sx_in("belief"), observe.sx_in("sensing"), ca.SX.sym("noise", STATE_SIZE)
+    results += observe(states[:STATE_SIZE] + noise, parameters, point, bounded, belief, sensing)
+    names, outputs = [*names, "belief", "sensing", "noise"], ["next_flight", "costs", "next_belief", "observation"]
+    everything = ca.Function("seen", [*arguments, belief, sensing, noise], results, names, outputs)
+    adjoints = [f"adj:{name}" for name in outputs]
+    product = everything.factory("product", [*names, *adjoints], ["adj:flight", "adj:belief", "adj:action"])
+    return CompiledFunction(values), CompiledFunction(product)
 
 
 def reference_points(scenarios: Sequence[Scenario], reference: Floats, time: Floats) -> Floats:
@@ -167,31 +189,57 @@ def _compiled_reference() -> CompiledFunction:
 class Flights:
     """The flights of n rows, an equal number of each of several scenarios, in their order.
 
+    Arrays of rows whose flights and beliefs have different sizes are filled up with zeros.
+
     Args:
         scenarios: The scenarios, which `check_covered` accepts.
+        wrappers: Wrappers of the hybrids of all rows, in their order; empty: there are none.
         rows: Number n of rows, a multiple of the number of scenarios.
+        size: Size of the policy's observation.
         apg: Weights of the cost.
 
     Attributes:
-        size: Numbers k of a flight; those of some scenarios may have fewer, which come first.
         weights: Numbers of the cost of each row, an argument of `step`, shape (n, 8).
     """
 
-    def __init__(self, scenarios: Sequence[Scenario], rows: int, apg: ApgSettings) -> None:
+    def __init__(
+        self,
+        scenarios: Sequence[Scenario],
+        wrappers: Sequence[VectorHybridWrapper],
+        rows: int,
+        size: int,
+        apg: ApgSettings,
+    ) -> None:
         """Find the kinds of flights; neighbouring scenarios of one kind share their calls."""
-        share, first, self._limit = rows // len(scenarios), 0, apg.max_state_gradient / (apg.window * rows)
-        self._parts: list[tuple[slice, Kind, int, CompiledFunction, CompiledFunction]] = []
-        for kind, group in groupby(map(Kind.of, scenarios)):
-            part = slice(first, first := first + share * len(list(group)))
-            self._parts.append((part, kind, control_step(kind).size1_in(0), *compiled_steps(kind)))
-        self.size = max(size for _, _, size, *_ in self._parts)
+        share, self._limit = rows // len(scenarios), apg.max_state_gradient / (apg.window * rows)
+        hybrids: list[Any] = [item.hybrid for item in wrappers for _ in worlds(item)] or [None] * len(scenarios)
+        kinds = [Kind.of(*pair, size) for pair in zip(scenarios, hybrids, strict=True)]
+        self._parts = [
+            (rows, kind, *compiled_steps(kind))
+            for rows, kind in _slices((kind, share * len(list(group))) for kind, group in groupby(kinds))
+        ]
+        self._wrappers = list(_slices((item, item.num_envs) for item in wrappers))
+        self._observers = {id(hybrid): kind.observer for hybrid, kind in zip(hybrids, kinds, strict=True)}
         self.weights = np.repeat([_weights(apg, scenario.task.limits) for scenario in scenarios], share, axis=0)
 
     def initial(self, state: Floats) -> Floats:
         """Return the flights at the beginning of episodes with states of shape (n, 18), shape (n, k)."""
-        out = np.zeros((len(state), self.size))
-        for rows, kind, size, *_ in self._parts:
-            out[rows, :size] = kind.initial(state[rows])
+        return _stacked([kind.initial(state[rows]) for rows, kind, *_ in self._parts])
+
+    def beliefs(self) -> tuple[Floats, Floats]:
+        """Return what the observers believe now, and what they need in the next step, see `Observer.values`."""
+        found = [self._observers[id(item.hybrid)].values(item.memory) for _, item in self._wrappers]
+        if not found:
+            return np.zeros((len(self.weights), 0)), np.zeros((len(self.weights), 0))
+        return _stacked([belief for belief, _ in found]), _stacked([sensing for _, sensing in found])
+
+    def delayed(self, flight: Floats, after: Floats) -> Floats:
+        """Return the states that the sensors measure after a step, before and after which the flights are given."""
+        out = after[:, :STATE_SIZE].copy()
+        for rows, kind, *_ in self._parts:
+            if kind.sensor_delay:
+                first = kind.initial(out[:1]).shape[1] - STATE_SIZE * kind.sensor_delay
+                out[rows] = flight[rows, first : first + STATE_SIZE]
         return out
 
     def step(self, flight: Floats, *others: Floats) -> tuple[Floats, Floats]:
@@ -201,60 +249,72 @@ class Flights:
             flight: Flights, shape (n, k).
             others: Actions, wind, parameters, points and weights, shapes (n, 4), (n, 12), (n, 9), (n, 24) and (n, 8).
         """
-        after, costs = np.zeros_like(flight), np.empty((len(flight), 2))
-        for rows, _, size, step, _ in self._parts:
-            after[rows, :size], costs[rows] = step(flight[rows, :size], *(array[rows] for array in others))
-        return after, costs
+        results = [_call(values, rows, flight, *others) for rows, _, values, _ in self._parts]
+        return _stacked([after for after, _ in results]), np.vstack([costs for _, costs in results])
 
-    def product(
-        self, flight: Floats, others: Sequence[Floats], adjoint: Floats, costs_adjoint: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return the adjoints of flights and actions from those of the results of `step`.
+    def product(self, arguments: Sequence[Floats], adjoints: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
+        """Return the adjoints of flights, beliefs and actions, see `compiled_steps`.
 
-        The norm of each row of `adjoint` is limited first; it grows without bound while a row falls.
+        The norm of each row of `adjoints`, without that of the costs, is limited first; it grows without bound while a
+        row falls.
         """
-        norm = np.linalg.norm(adjoint, axis=1, keepdims=True)
-        adjoint = adjoint * np.minimum(self._limit / (norm + 1e-12), 1.0)
-        before, action = np.zeros_like(flight), np.empty((len(flight), ACTION_SIZE))
-        for rows, _, size, _, product in self._parts:
-            arrays = *(array[rows] for array in others), adjoint[rows, :size], costs_adjoint[rows]
-            before[rows, :size], action[rows] = product(flight[rows, :size], *arrays)
-        return before, action
+        flight, costs, *seen = adjoints
+        norm = np.sqrt(sum(np.einsum("ij,ij->i", item, item) for item in (flight, *seen)))[:, np.newaxis]
+        share = np.minimum(self._limit / (norm + 1e-12), 1.0)
+        limited = share * flight, costs, *(share * item for item in seen)
+        results = [_call(product, rows, *arguments, *limited) for rows, *_, product in self._parts]
+        flights, beliefs, actions = zip(*results, strict=True)
+        return _stacked(flights), _stacked(beliefs), np.vstack(actions)
+
+
+def _slices(items: Iterable[tuple[Item, int]]) -> Iterator[tuple[slice, Item]]:
+    """Return items with the rows that they have, one after the other, from pairs of an item and its number of rows."""
+    first = 0
+    for item, count in items:
+        yield slice(first, first := first + count), item
+
+
+def _call(function: CompiledFunction, rows: slice, *arrays: Floats) -> tuple[Floats, ...]:
+    """Call a function for some rows, with as many columns as it takes."""
+    sizes = (function.function.size1_in(i) for i in range(len(arrays)))
+    return function(*(array[rows, :size] for array, size in zip(arrays, sizes, strict=True)))
+
+
+def _stacked(arrays: Sequence[Floats]) -> Floats:
+    """Return arrays one below the other, with as many columns as the widest."""
+    width = max(array.shape[1] for array in arrays)
+    if all(array.shape[1] == width for array in arrays):
+        return np.vstack(arrays)
+    return np.vstack([np.pad(array, ((0, 0), (0, width - array.shape[1]))) for array in arrays])
 
 
 class Step(torch.autograd.Function):
-    """A control step with gradients: the flights of the environment, and their slopes by `Flights.product`."""
+    """A control step with gradients: the values of the environment, and their slopes by `Flights.product`."""
 
     @staticmethod
     def forward(
-        ctx: Any,
-        flight: Tensor,
-        action: Tensor,
-        flights: Flights,
-        others: Sequence[Floats],
-        after: Floats,
-        costs: Floats,
-        ended: Booleans,
-    ) -> tuple[Tensor, Tensor]:
-        """Return what `Flights.step` has computed.
+        ctx: Any, flight: Tensor, belief: Tensor, action: Tensor, given: Sequence[Any], values: Sequence[Any]
+    ) -> tuple[Tensor, ...]:
+        """Return flights, costs, beliefs and observations after the step.
 
         Args:
             ctx: The context of PyTorch.
             flight: Flights before the step, shape (n, k).
+            belief: Beliefs before the step, shape (n, b).
             action: Actions, shape (n, 4).
-            flights: Computes the products.
-            others: Actions, wind, parameters, points and weights.
-            after: Flights after the step, and after the reset of the rows that ended.
-            costs: Costs.
-            ended: Rows whose flight after the step does not depend on that before, shape (n,).
+            given: `Flights`; the other arguments of its product; and the rows, shape (n,), that began a new episode
+                after the step, which does not depend on what was before.
+            values: What is returned.
         """
-        ctx.arguments = flights, flight.numpy(), others, ended
-        return torch.as_tensor(after), torch.as_tensor(costs)
+        ctx.given = flight.numpy(), belief.numpy(), action.numpy(), *given
+        return tuple(torch.as_tensor(value) for value in values)
 
     @staticmethod
-    def backward(ctx: Any, adjoint: Tensor, costs_adjoint: Tensor) -> Any:
-        """Return the gradients of flight and action."""
-        flights, flight, others, ended = ctx.arguments
-        through = np.where(ended[:, np.newaxis], 0.0, adjoint.numpy())
-        before, action = flights.product(flight, others, through, costs_adjoint.numpy())
-        return torch.as_tensor(before), torch.as_tensor(action, dtype=torch.float32), *(None,) * 5
+    def backward(ctx: Any, *adjoints: Tensor) -> Any:
+        """Return the gradients of flight, belief and action."""
+        flight, belief, action, flights, constants, sensing, noise, ended = ctx.given
+        flows = np.where(ended, 0.0, 1.0)[:, np.newaxis]
+        after, costs, believed, seen = (item.numpy() for item in adjoints)
+        arguments = flight, action, *constants, belief, sensing, noise
+        before = flights.product(arguments, (flows * after, costs, flows * believed, flows * seen))
+        return *map(torch.as_tensor, before[:2]), torch.as_tensor(before[2], dtype=torch.float32), None, None

@@ -1,0 +1,163 @@
+"""What a policy observes, as a function of the flight and of the base controller's observer, for gradients.
+
+The environment and its hybrid compute the values. Here CasADi reads the same equations, those of the observation and of
+the observer (`quadpend_baselines.estimation`), so that generated C has their slopes. A step of a row is
+
+    (1)  y = x + n,   b ← g(b, a, y),   o = h(b, y)         n: error of the sensors, independent of the policy
+
+with the belief b: the estimate, which the prediction through known delays and lags belongs to, and the running mean
+squares of the situation. A delay of the sensors is known: the flight ends with the last states, the oldest first. What
+other base controllers than those with a Kalman observer estimate has no slope.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from quadpend_baselines.controllers.output_feedback import OutputFeedback
+from quadpend_baselines.estimation.estimator import Estimator, correct, gain_table, measure
+from quadpend_baselines.estimation.prediction import (
+    AGE,
+    BUFFER_SIZE,
+    DISTURBANCE,
+    INNOVATION,
+    MASS_RATIO,
+    REFERENCE,
+    RIGID_PART,
+    STATE,
+    Part,
+    advance,
+    carry_forward,
+    unpack_plant,
+)
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE, mean_squares, new_share
+from quadpend_baselines.modelling.quantities import bob_offset, load_state
+from quadpend_gym import engines
+from quadpend_gym.core.arrays import Floats
+from quadpend_gym.engines import columns, lift, vector
+from quadpend_gym.engines.functions import POINT_SIZE
+from quadpend_gym.physics.rigid_settings import unpack_rigid
+from quadpend_gym.physics.state import ACTION_SIZE, DISTURBANCE_SIZE, FORCE, STATE_SIZE
+from quadpend_gym.physics.vectors import Four
+from quadpend_gym.tasks.observation import (
+    OBSERVATION_SCALE,
+    OBSERVATION_SIZE,
+    OUTPUT_FEEDBACK_COLUMNS,
+    REFERENCE_START,
+)
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
+
+_LEAST_SQUARE = 1e-8  # bounds the slope of a root mean square of the situation
+
+
+class Observer(NamedTuple):
+    """What the observation of a policy depends on.
+
+    Attributes:
+        estimator: The observer; None: the policy observes the measured state.
+        has_rates: Whether the environment's observation has velocities.
+        situation: Whether the policy observes the situation.
+        size: Size of the policy's observation.
+    """
+
+    estimator: Estimator | None
+    has_rates: bool
+    situation: bool
+    size: int
+
+    @classmethod
+    def of(cls, hybrid: Any, has_rates: bool, size: int) -> "Observer":
+        """Return the observer of a hybrid; None: there is no hybrid."""
+        base = None if hybrid is None else hybrid.controller
+        estimator = base.estimator if isinstance(base, OutputFeedback) else None
+        return cls(estimator, has_rates, estimator is not None and hybrid.situation, size)
+
+    def values(self, memory: Any) -> tuple[Floats, Floats]:
+        """Return the beliefs in the memory of a hybrid, and ε and the gains of the next step, both with n rows."""
+        if self.estimator is None:
+            none = np.zeros((len(memory.base_action), 0))
+            return none, none
+        estimate, situation, gains = memory.controller.estimate.array, memory.situation, _gains(self)
+        sensing = gains.values[np.minimum(estimate[:, AGE].astype(np.int64), len(gains.values) - 1)]
+        if not self.situation:
+            return estimate, sensing
+        share = new_share(situation.steps + 1.0, self.estimator.simulation.period)
+        return np.hstack([situation.mean_square, situation.disturbance, estimate]), np.column_stack([share, sensing])
+
+
+class _Gains(NamedTuple):
+    """Those gains of the observer that are not always zero, of each age, shape (100, k), and where they are."""
+
+    values: Floats
+    used: Any
+
+
+@lru_cache(maxsize=32)
+def _gains(observer: Observer) -> _Gains:
+    estimator: Any = observer.estimator
+    table = gain_table(estimator.gains, estimator.simulation, observer.has_rates)
+    used = table.any(axis=0)
+    return _Gains(table[:, used], used)
+
+
+@lru_cache(maxsize=32)
+def observation_step(observer: Observer) -> Any:
+    """Return equation (1).
+
+    (measured, parameters, point, action, belief, sensing) → (next_belief, observation), where `measured` is y; belief
+    and sensing are laid out as `Observer.values` returns them.
+    """
+    measured, parameters, point = (
+        ca.SX.sym(*pair) for pair in zip(("y", "p", "point"), (STATE_SIZE, PARAMETERS_SIZE, POINT_SIZE), strict=True)
+    )
+    action, observed = ca.SX.sym("action", ACTION_SIZE), engines.observation_function()(measured, parameters, point)[0]
+    if not observer.has_rates:
+        observed = observed[OUTPUT_FEEDBACK_COLUMNS.tolist()]
+    if observer.estimator is None:
+        belief, sensing = ca.SX(0, 1), ca.SX(0, 1)
+        next_belief, seen = belief, [observed]
+    else:
+        belief, sensing, next_belief, seen = _estimated(observer, observed, point, action)
+    observation = ca.vertcat(*seen)
+    observation = ca.vertcat(observation, ca.SX(observer.size - observation.numel(), 1))
+    arguments = [measured, parameters, point, action, belief, sensing]
+    names = ["measured", "parameters", "point", "action", "belief", "sensing"]
+    return ca.Function("observation_step", arguments, [next_belief, observation], names, ["next_belief", "observation"])
+
+
+def _estimated(observer: Observer, observed: Any, point: Any, action: Any) -> tuple[Any, Any, Any, list[Any]]:
+    """Return belief, sensing, the next belief, and the parts of the observation, for an observation `observed`."""
+    estimator: Any = observer.estimator
+    mass_share, (parts, actuators, plant), rigid = estimator.numbers
+    settings = lift(unpack_plant)(plant), None if rigid is None else lift(unpack_rigid)(rigid)
+    rod_length, used = estimator.simulation.parameters.rod_length, _gains(observer).used
+    before, squares_size = SITUATION_SIZE + DISTURBANCE_SIZE if observer.situation else 0, SITUATION_SIZE
+    belief = ca.SX.sym("belief", before + estimator.size)
+    sensing = ca.SX.sym("sensing", int(observer.situation) + int(used.sum()))
+    gain = np.zeros(used.shape, object)
+    gain[used] = ca.vertsplit(sensing[int(observer.situation) :])
+    memory, buffer, chosen = columns(belief[before:]), columns([], BUFFER_SIZE), Four(*ca.vertsplit(action))
+    measured, reference = lift(measure)(columns(observed), 0, observer.has_rates, rod_length)
+    lift(advance)(memory, 0, chosen, Part(*parts[0]), actuators[0], *settings, buffer)
+    has_rates = observer.has_rates
+    lift(correct)(memory, 0, measured, has_rates, reference, gain, mass_share, *settings, buffer)
+    disturbance = vector(memory[DISTURBANCE:REFERENCE])
+    disturbance[FORCE + 2] -= (memory[MASS_RATIO, 0] - 1.0) * estimator.simulation.parameters.hover_thrust
+    later, yaw = memory.copy(), reference.yaw
+    if len(parts) > 1:
+        yaw = lift(carry_forward)(later, 0, chosen, yaw, parts, actuators, *settings, buffer)
+    state = lift(load_state)(later, STATE, 0)
+    errors = lift(bob_offset)(state, rod_length)
+    attitude = state.euler.x, state.euler.y, state.euler.z - yaw.x
+    fields = vector((*errors, state.direction, state.direction_rate, attitude, state.euler_rate))
+    seen = [fields / OBSERVATION_SCALE[:REFERENCE_START], ca.SX(OBSERVATION_SIZE - REFERENCE_START, 1), disturbance]
+    if not observer.situation:
+        return belief, sensing, vector(memory), seen
+    squares, last = belief[:squares_size], belief[squares_size:before]
+    innovation = memory[INNOVATION:RIGID_PART].T
+    new = mean_squares(innovation, columns(disturbance).T, columns(disturbance - last).T)
+    squares = squares + sensing[0] * (vector(new) - squares)
+    seen.append(ca.sqrt(ca.fmax(squares, _LEAST_SQUARE)))
+    return belief, sensing, ca.vertcat(squares, disturbance, vector(memory)), seen
