@@ -25,8 +25,10 @@ import numpy as np
 from quadpend_baselines.planning.episode import Flight, KnownEpisode, tracked_point
 from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.engines import initial_memory, step_function
+from quadpend_gym.engines import initial_memory, lift, step_function
+from quadpend_gym.physics.dynamics import thrust_axis
 from quadpend_gym.physics.state import ACTION_SIZE, DIRECTION, POSITION, STATE_FIELDS, STATE_SIZE
+from quadpend_gym.physics.vectors import Vec3
 from quadpend_gym.tasks.task import Limits
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE, ROD_LENGTH
 from quadpend_gym.wind import WIND_SIZE
@@ -122,7 +124,8 @@ class Transcription:
         position, direction, euler = (x[STATE_FIELDS[name]] for name in ("position", "direction", "euler"))
         error = ca.vertcat(position[:2] + known[WIND_SIZE + ROD_LENGTH] * direction[:2], position[2]) - target
         cost = weight * ca.sumsqr(error) + ca.dot(ca.DM(ACTION_WEIGHTS), a**2) / steps
-        limited = ca.vertcat(ca.cos(euler[0]) * ca.cos(euler[1]), ca.sumsqr(error))
+        upright = lift(thrust_axis)(Vec3(*ca.vertsplit(euler))).z
+        limited = ca.vertcat(upright, ca.sumsqr(error))
         self._stage = _Stage(v, ca.vertcat(known, target, weight), y, _SCALE * cost, limited)
         self._jacobian = ca.Function("linearised", [v, known], [ca.jacobian(y, v)], {"cse": True}).map(steps)
         self._solver = _solver(self._stage, steps)
