@@ -177,8 +177,8 @@ TRAININGS: dict[str, Parts] = {
         },
         "reward": {"tip": 0.2},
     },
-    "ppo with a curriculum": {"curriculum": ["calm", "breeze"], "curriculum_steps": 512, "save_freq": 256},
-    "ppo on estimates": {"hybrid": {"base_controller": "adrc-matched"}, "history": 2, "history_actions": 1},
+    "ppo with checkpoints": {"save_freq": 256},
+    "ppo on the DESO's estimates": {"hybrid": {"base_controller": "adrc-matched"}},
     "ppo after imitation": {"hybrid": {"base_controller": "flatness", "imitation_timesteps": 640}},
     "ppo with bandwidth scheduling": {
         "hybrid": {

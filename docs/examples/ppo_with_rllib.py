@@ -14,7 +14,8 @@ from ray.rllib.core.rl_module import RLModule
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 from quadpend_baselines import Policy
-from quadpend_train.policies.export import policy_from_torch
+from quadpend_train.policies.export import read_layers
+from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
 
 
 def policy_from_checkpoint(checkpoint: Path) -> Policy:
@@ -23,7 +24,8 @@ def policy_from_checkpoint(checkpoint: Path) -> Policy:
     *hidden, last = *module.encoder.actor_encoder.net.mlp, *module.pi.net.mlp
     head = torch.nn.Linear(last.in_features, 4)
     head.load_state_dict({"weight": last.weight[:4], "bias": last.bias[:4]})
-    return policy_from_torch(torch.nn.Sequential(*hidden, head))
+    layers, fields = read_layers([*hidden, head])
+    return MlpPolicy(layers, {"format": FORMAT, **fields, **PLAIN_INTERFACE})
 
 
 if __name__ == "__main__":

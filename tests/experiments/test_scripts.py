@@ -60,7 +60,7 @@ def adaptive_policy() -> MlpPolicy:
     ]
     hybrid = {"kind": "estimate_only", "base_controller": "flatness", "situation": True}
     card = {"format": FORMAT, "activation": "tanh", "squashed": False, "hybrid": hybrid, "input_scales": [8.0]}
-    card |= {"action_repeat": 1, "history": 1, "history_actions": 0, "settings": {"scenarios": ["windy"]}}
+    card |= {"action_repeat": 1, "settings": {"scenarios": ["windy"]}}
     return MlpPolicy(layers, card)
 
 

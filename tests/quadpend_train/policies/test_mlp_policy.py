@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_baselines.hybrid import ResidualAction, VectorHybridWrapper
 from quadpend_gym.core.arrays import Floats32
-from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.controllers import HybridPolicy, run_policy
@@ -56,15 +55,9 @@ def test_wrong_observations_and_sampling_are_refused() -> None:
 
 ADRC = {"base_controller": "adrc-matched"}
 INTERFACES: dict[str, tuple[int, dict[str, Any]]] = {
-    "observations and actions": (36 * 3 + 4 * 2, {"history": 3, "history_actions": 2}),
-    "actions": (36 + 4, {"history_actions": 1}),
     "estimate": (45, {"hybrid": {**ESTIMATE_ONLY, **ADRC}}),
     "residual": (49, {"hybrid": {**RESIDUAL_ACTION, "action_scale": 0.3}}),
     "scheduling, fallback": (45, {"hybrid": {**BANDWIDTH_SCHEDULING, "action_scale": 0.7, "fallback_gain": 2.0}}),
-    "residual and history": (
-        49 * 2 + 4,
-        {"hybrid": {**RESIDUAL_ACTION, "base_controller": "lqi"}, "history": 2, "history_actions": 1},
-    ),
 }
 
 
@@ -75,15 +68,11 @@ def test_policy_in_the_plain_environment_equals_its_network_in_the_wrapped_one(
     """Across the ends of episodes, which come at another time in each sub-environment."""
     policy = mlp_policy(inputs, **fields)
     actions, results = run_policy(policy, make_vec(5, **BRIEF), 60)
-    env: Any = make_vec(5, **BRIEF)
-    if "hybrid" in fields:
-        env = VectorHybridWrapper(env, fields["hybrid"])
-    if "history" in fields or "history_actions" in fields:
-        env = VectorHistoryWrapper(env, fields.get("history", 1), fields.get("history_actions", 0))
+    env = VectorHybridWrapper(make_vec(5, **BRIEF), fields["hybrid"])
     seen, _ = env.reset(seed=5)
     for action, expected in zip(actions, results, strict=True):
         output = policy.forward(seen)
-        if fields.get("hybrid", ESTIMATE_ONLY)["kind"] == "estimate_only":
+        if fields["hybrid"]["kind"] == "estimate_only":
             assert_array_equal(output, action)
         seen, *rest, info = env.step(output)
         assert_same(rest, list(expected[1:4]))
@@ -109,12 +98,12 @@ def test_action_repeat_uses_each_output_for_several_steps() -> None:
     for step in range(5):
         started[2] = step == 4
         before, (_, memory) = memory, policy.predict(OBSERVATIONS * (1.0 + step), memory, started)
-    assert_array_equal(memory.network.output[:2], before.network.output[:2])  # type: ignore[attr-defined]
-    assert (memory.network.output[2] != before.network.output[2]).any()  # type: ignore[attr-defined]
+    assert_array_equal(memory.output[:2], before.output[:2])  # type: ignore[attr-defined]
+    assert (memory.output[2] != before.output[2]).any()  # type: ignore[attr-defined]
 
 
 def test_rows_that_begin_an_episode_forget_the_previous_one() -> None:
-    policy = mlp_policy(36 * 3 + 8, history=3, history_actions=2, activation="tanh")
+    policy = mlp_policy(45, hybrid=ESTIMATE_ONLY, activation="tanh")
     memory = None
     for _ in range(4):
         before, memory = policy.predict(OBSERVATIONS, memory)
@@ -137,9 +126,7 @@ def test_running_a_policy_imports_nothing_heavy(tmp_path: Path) -> None:
     assert not (HEAVY | {"sb3_contrib", "pandas", "tyro"}) & set(ran.stdout.split())
 
 
-@pytest.mark.parametrize(
-    ("inputs", "fields"), [(36, {}), (72, {"history": 2}), (45, {"hybrid": BANDWIDTH_SCHEDULING})], ids=str
-)
+@pytest.mark.parametrize(("inputs", "fields"), [(36, {}), (45, {"hybrid": BANDWIDTH_SCHEDULING})], ids=str)
 def test_saved_policy_is_loaded_unchanged(inputs: int, fields: dict[str, Any], tmp_path: Path) -> None:
     policy = mlp_policy(inputs, **fields, note=[[0, 0.5, "ä"]], settings={"a": {"b": None}})
     policy.save(tmp_path / "policy.npz")
@@ -166,7 +153,7 @@ WRONG: dict[str, Any] = {
     "nan": ({"weights_2": NAN}, {}, "of float32 and finite, with 4 outputs"),
     "double precision": ({"weights_0": WIDE}, {}, "of float32 and finite"),
     "layers that do not fit": ({"weights_1": np.zeros((5, 6), np.float32)}, {}, "size 5"),
-    "a card for more inputs": ({}, {"history": 2}, "takes 36 numbers, not 72 or 54"),
+    "a card for more inputs": ({}, {"hybrid": ESTIMATE_ONLY}, "takes 36 numbers, not 45"),
     "another format": ({}, {"format": "quadpend policy 9"}, "card.format must be 'quadpend policy 2'"),
 }
 

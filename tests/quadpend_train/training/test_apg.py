@@ -145,7 +145,6 @@ def test_checkpoint_contains_arrays_only(tmp_path: Path) -> None:
             {"hybrid": HybridSettings("flatness", baseline_relative_reward=True)},
             "baseline_relative_reward must be False",
         ),
-        ({"history": 2}, "history must be 1 with algo 'apg', not 2"),
         ({"hybrid": HybridSettings("flatness", "residual_action")}, "mode must be 'estimate_only' with algo 'apg'"),
     ],
     ids=str,

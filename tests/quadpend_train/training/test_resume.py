@@ -33,21 +33,19 @@ SEGMENTS_SAC = replace(BRIEF_SAC, save_freq=128)
 RESIDUAL = HybridSettings("adrc-matched", "residual_action", action_scale=0.3)
 LAGGED = json.dumps({"wind": "windy", "actuators": [{"kind": "action_delay"}, {"kind": "motor_lag"}]})
 MIXED = replace(SEGMENTS, scenarios=(SHORT, OTHER), eval_freq=256, save_freq=256)
-INPUTS = replace(SEGMENTS, history=2, history_actions=1, input_scales=(8.0,), critic_warmup_steps=700, save_freq=256)
+INPUTS = replace(SEGMENTS, input_scales=(8.0,), critic_warmup_steps=700, save_freq=256)
 GSDE_SAC = with_arguments(SEGMENTS_SAC, use_sde=True, sde_sample_freq=4, train_freq=4)
 RELATIVE = replace(RESIDUAL, baseline_relative_reward=True, failure_penalty=2.0, action_repeat=4)
 RUNS: dict[str, TrainSettings] = {
-    "ppo, evaluated, curriculum": replace(MIXED, curriculum=(OTHER, SHORT), curriculum_steps=512),
-    "ppo, history, input scales, critic first": INPUTS,
+    "ppo, evaluated": MIXED,
+    "ppo, input scales, critic first": INPUTS,
     "ppo, gSDE": with_arguments(SEGMENTS, use_sde=True, sde_sample_freq=4),
     "ppo, bandwidth scheduling": replace(SEGMENTS, hybrid=HybridSettings("flatness", "bandwidth_scheduling")),
     "ppo, baseline-relative and repeated": replace(SEGMENTS, hybrid=RELATIVE),
     "ppo, imitation": replace(SEGMENTS, hybrid=HybridSettings("adrc-matched", imitation_timesteps=320)),
     "ppo, long rollouts": replace(with_arguments(SEGMENTS, n_steps=24, n_epochs=2), total_timesteps=1200),
     "sac, gSDE": GSDE_SAC,
-    "tqc, residual action, evaluated, curriculum": replace(
-        SEGMENTS_SAC, algo="tqc", hybrid=RESIDUAL, eval_freq=128, curriculum=(OTHER,), curriculum_steps=256
-    ),
+    "tqc, residual action, evaluated": replace(SEGMENTS_SAC, algo="tqc", hybrid=RESIDUAL, eval_freq=128),
     "apg, mixed": replace(
         SEGMENTS,
         algo="apg",

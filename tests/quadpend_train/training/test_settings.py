@@ -30,11 +30,8 @@ from tests.helpers.training import BRIEF, train_policy
 EVERYTHING = TrainSettings(
     algo="tqc",
     scenarios=("training", '{"wind": "storm", "sensors": {"kind": "noise", "position": 0.002}}'),
-    curriculum=("calm", '{"wind": "breeze"}'),
-    curriculum_steps=5000,
     num_envs=9,
     hybrid=HybridSettings("flatness", "bandwidth_scheduling", action_scale=0.5),
-    history=2,
     reward=RewardWeights(tip=0.1),
     eval_freq=100,
     patience=3,
@@ -58,7 +55,7 @@ def test_settings_survive_json_and_the_card_of_a_policy(settings: TrainSettings,
 def test_presets_are_valid_and_use_no_held_out_scenario(path: Path) -> None:
     settings = read_settings(path.stem)
     assert settings == read_settings(str(path))
-    assert not (set(SETS["test"]) - set(SETS["training"])) & set(settings.all_scenarios())
+    assert not (set(SETS["test"]) - set(SETS["training"])) & set(settings.found())
 
 
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
@@ -149,7 +146,6 @@ def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Pat
         ({"scenarios": "test"}, "scenarios cannot be 'test', which is held out"),
         ({"scenarios": []}, "scenarios must name at least one scenario"),
         ({"scenarios": ["calm", "windy"], "num_envs": 3}, "num_envs must be a multiple of the number of scenarios, 2"),
-        ({"curriculum": ["calm"]}, "curriculum and curriculum_steps must be given together"),
         ({"patience": 3}, "patience needs eval_freq"),
         ({"start_from": "x", "hybrid": {"base_controller": "lqr", "imitation_timesteps": 1}}, "must be 0 with start_"),
     ],

@@ -33,7 +33,7 @@ each_algorithm = pytest.mark.parametrize("settings", [SHORTER, SHORTER_SAC], ids
     "settings",
     [
         SHORTER,
-        replace(SHORTER, hybrid=RESIDUAL, history=2),
+        replace(SHORTER, hybrid=RESIDUAL),
         SHORTER_SAC,
         with_arguments(SHORTER_SAC, use_sde=True, train_freq=4),
     ],
@@ -104,7 +104,6 @@ def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
         ({"arguments": network(net_arch=(8, 7))}, r"widths \[36, 8, 6, 4\], but the settings have \[36, 8, 7, 4\]"),
         ({"arguments": network(activation_fn="tanh")}, "has activation 'relu', but the settings have 'tanh'"),
         ({"input_scales": (8.0,)}, r"has input_scales None, but the settings have \[8.0\]"),
-        ({"history": 2}, "has history 1, but the settings have 2"),
         ({"hybrid": RESIDUAL}, "has hybrid None, but the settings have {'kind': 'residual_action'"),
         (
             {"algo": "sac", "arguments": {"policy_kwargs": {"net_arch": (8, 6)}}},

@@ -72,7 +72,7 @@ def test_card_records_how_the_policy_was_trained(tmp_path: Path) -> None:
 
 
 def test_run_can_be_repeated_from_the_card_of_its_policy(tmp_path: Path) -> None:
-    settings = replace(EVALUATED, hybrid=RESIDUAL, history=2, reward=RewardWeights(tip=0.2))
+    settings = replace(EVALUATED, hybrid=RESIDUAL, reward=RewardWeights(tip=0.2))
     policy = train_policy(settings, tmp_path / "first")
     again = from_mapping(policy.card["settings"], "the card")
     assert again == settings == read_settings(str(tmp_path / "first" / "policy.npz"))
@@ -153,26 +153,6 @@ def test_only_the_critic_learns_during_its_warm_up(tmp_path: Path) -> None:
         assert not torch.equal(states[512][name], states[768][name]), name
 
 
-@pytest.mark.parametrize("save_freq", [256, 1_000_000])
-def test_every_stage_of_the_curriculum_has_its_share_of_the_steps(save_freq: int, tmp_path: Path) -> None:
-    """For short and for long distances between checkpoints."""
-    stages: list[float] = []
-
-    def record_limit(model: Any) -> None:
-        stages.append(model.get_env().env.unwrapped.world.task.limits.pendulum_angle)
-
-    tasks = [json.dumps({"task": {"limits": {"pendulum_angle": angle}}}) for angle in (0.03, 0.04, 0.05)]
-    settings = replace(
-        BRIEF,
-        scenarios=tasks[2:],  # type: ignore[arg-type]
-        curriculum=tasks[:2],  # type: ignore[arg-type]
-        curriculum_steps=512,
-        save_freq=save_freq,
-    )
-    train_policy(settings, tmp_path, callbacks=[AtRolloutStart(record_limit)])
-    assert stages == [0.03, 0.04, 0.05, 0.05]
-
-
 @pytest.mark.parametrize("algo", ["ppo", "sac", "tqc"])
 @pytest.mark.parametrize("use_sde", [False, True])
 def test_hybrid_starts_close_to_its_base_controller(algo: str, use_sde: bool) -> None:
@@ -201,18 +181,6 @@ def test_reward_has_the_weights_and_the_scale_of_the_settings() -> None:
     env.reset()
     _, reward, _, _ = env.step(np.tile(np.float32([0.5, 0.0, 0.0, 0.0]), (16, 1)))
     np.testing.assert_allclose(reward, 0.5 / 1.25, rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("other", "changes"),
-    [("output_feedback", {}), (json.dumps({"period": 0.02}), {"hybrid": RESIDUAL})],
-    ids=["observation", "simulation"],
-)
-def test_stages_of_a_curriculum_that_do_not_fit_are_refused_before_training(
-    other: str, changes: dict[str, Any]
-) -> None:
-    settings = replace(BRIEF, **changes, curriculum=(other,), curriculum_steps=256, save_freq=256)
-    assert_refused(lambda: training.initial_model(settings), "same", ValueError)
 
 
 @pytest.mark.parametrize("settings", [BRIEF, replace(BRIEF_SAC, algo="tqc")], ids=["ppo", "tqc"])

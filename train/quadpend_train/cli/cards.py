@@ -62,9 +62,7 @@ def _learned(name: str) -> tuple[dict[str, Any], dict[str, str]]:
         "what": f"hybrid: {_pairs(hybrid)}" if hybrid else "network that acts alone",
         "network": f"{' → '.join(map(str, widths))}, {card['activation']}",
         "observes": f"the environment's observation of {' or '.join(map(str, policy.observation_sizes))} numbers"
-        + (f", as {hybrid['base_controller']} estimates it" if hybrid else "")
-        + (f", the latest {card['history']} of them" if card["history"] > 1 else "")
-        + (f", and its own latest {card['history_actions']} actions" if card["history_actions"] else ""),
+        + (f", as {hybrid['base_controller']} estimates it" if hybrid else ""),
         "acts": f"every {card['action_repeat']} control steps" if card["action_repeat"] > 1 else "every control step",
     }
     if score and "settings" in card:

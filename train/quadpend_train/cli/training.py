@@ -126,11 +126,7 @@ def train(
         changes = {"--vehicle": vehicle, "--interface": interface}
         typed = [*run.scenarios, *(text for name, value in changes.items() if value for text in (name, value))]
     if vehicle or interface:
-        scenarios, *stages = (
-            as_texts(named_scenarios(names, vehicle, interface))
-            for names in (run.scenarios, *((stage,) for stage in run.curriculum))
-        )
-        run = replace(run, scenarios=scenarios, curriculum=tuple(text for stage in stages for text in stage))
+        run = replace(run, scenarios=as_texts(named_scenarios(run.scenarios, vehicle, interface)))
     if seeds is not None:
         folders = train_seeds(run, seeds, resume or out, resume is not None, executor(jobs, cluster))
     elif resume:
@@ -144,8 +140,6 @@ def export(
     model: tyro.conf.Positional[Path],
     out: Path | None = None,
     vec_normalize: Path | None = None,
-    history: int = 0,
-    history_actions: int = 0,
 ) -> None:
     """Convert a model to a policy file, which executes no code when loaded.
 
@@ -156,8 +150,6 @@ def export(
         out: Policy file; the default is the path of the model with the suffix .npz.
         vec_normalize: File (.pkl) saved by VecNormalize, if the model was trained with it. The default is a file
             vecnormalize.pkl beside the model. Loading it executes code that it contains.
-        history: Observations that the model receives, of HistoryWrapper; 0: found from their size.
-        history_actions: Actions that it receives after them, with history.
     """
     from quadpend_train.policies.export import export_zip
 
@@ -165,8 +157,7 @@ def export(
     if path.exists():
         raise FileExistsError(f"{path} exists already: choose another file with --out")
     writable_file(path)
-    given = {"history": history, "history_actions": history_actions} if history else {}
-    export_zip(model, vec_normalize, source=model.name, **given).save(path)
+    export_zip(model, vec_normalize, source=model.name).save(path)
     print(f"Written: {path}")
 
 

@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from gymnasium.vector import VectorEnv
 
 from quadpend_baselines import Policy
@@ -23,7 +24,7 @@ from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.core.factories import call_factory, find_factory
 from quadpend_gym.envs.spaces import action_space
 from quadpend_gym.scenarios import Scenario
-from quadpend_train.policies.history import FunctionPolicy, History, HistoryPolicy
+from quadpend_train.policies.finite_differences import with_velocities
 from quadpend_train.policies.normalization import Normalization
 
 PROTOCOL = (
@@ -33,10 +34,15 @@ PROTOCOL = (
 
 
 class ObjectPolicy(Policy):
-    """An object with the method `predict`, whose observations may be normalised."""
+    """An object with the method `predict`.
 
-    def __init__(self, value: Any, normalization: Normalization | None = None) -> None:
-        self.value, self.normalization = value, normalization
+    Of a model, the normalisation and the sizes of its observations may be known.
+    """
+
+    def __init__(
+        self, value: Any, normalization: Normalization | None = None, observation_sizes: tuple[int, ...] | None = None
+    ) -> None:
+        self.value, self.normalization, self.observation_sizes = value, normalization, observation_sizes
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -50,8 +56,25 @@ class ObjectPolicy(Policy):
         return returned
 
     def adapt(self, scenario: Scenario) -> Policy:
-        """Return the policy; where the actions command rotors, its thrust and torques are allocated to them."""
-        return allocate_rotors(self, scenario)
+        """Return a model as it is, and allocate the thrust and torques of another object to rotors as actuators."""
+        return with_velocities(self, scenario) if self.observation_sizes else allocate_rotors(self, scenario)
+
+
+class FunctionPolicy(Policy):
+    """A function of the observation, see `policy_from_function`."""
+
+    def __init__(self, function: Callable[[Floats32], Any], size: int) -> None:
+        self.function, self.observation_sizes = function, (size,)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Floats32, Any]:
+        """Return the action and None; see `quadpend_baselines.Policy.predict`."""
+        return np.clip(np.asarray(self.function(observation), np.float32), -1.0, 1.0), None
+
+    def adapt(self, scenario: Scenario) -> Policy:
+        """Return the policy, with velocities if it needs them."""
+        return with_velocities(self, scenario)
 
 
 def as_policy(value: Any) -> Policy:
@@ -77,29 +100,25 @@ def as_policy(value: Any) -> Policy:
 def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
     """Return the policy of a model of any algorithm: by `export` if possible, else run by its `predict`.
 
-    It observes 36 or 27 numbers, or a history of them. The memory of a recurrent model is the state of its LSTM.
+    The memory of a recurrent model is the state of its LSTM.
     """
-    from quadpend_train.policies.export import export, find_history, normalization_of
+    from quadpend_train.policies.export import export, normalization_of
 
-    history, normalization = find_history(model), normalization_of(model, vec_normalize)
+    normalization = normalization_of(model, vec_normalize)
     if model.action_space != action_space():
         raise ValueError(f"{type(model).__name__} acts in {model.action_space}; a policy acts in {action_space()}")
     try:
         return export(model, vec_normalize)
     except Exception:  # networks of other libraries have other attributes
-        return HistoryPolicy(ObjectPolicy(model, normalization), history)
+        return ObjectPolicy(model, normalization, model.observation_space.shape)
 
 
-def policy_from_function(
-    function: Callable[[Floats32], Any], size: int = 36, history: int = 1, history_actions: int = 0
-) -> Policy:
+def policy_from_function(function: Callable[[Floats32], Any], size: int = 36) -> Policy:
     """Return a policy that calls a function, such as a torch module or a session of ONNX, for a batch of observations.
 
-    The function maps inputs, shape (n, m), float32, to actions, shape (n, 4), which are clipped to [−1, 1]. An input is
-    the latest `history` observations of 36 numbers, or of 27 without velocities, and then the latest `history_actions`
-    actions, oldest first.
+    The function maps observations, shape (n, `size`), float32, to actions, shape (n, 4), which are clipped to [−1, 1].
     """
-    return HistoryPolicy(FunctionPolicy(function), History(size, history, history_actions))
+    return FunctionPolicy(function, size)
 
 
 class FactoryPolicy(Policy):

@@ -25,22 +25,22 @@ from quadpend_baselines import Policy
 from quadpend_baselines.estimation.loop import Loop
 from quadpend_baselines.hybrid import Hybrid, hybrid_from_data
 from quadpend_baselines.hybrid.wrapper import NO_HYBRID
-from quadpend_baselines.policy.protocol import episode_start_mask
+from quadpend_baselines.policy.protocol import episode_start_mask, select_rows
 from quadpend_gym import Simulation
-from quadpend_gym.core.arrays import Floats, Floats32
+from quadpend_gym.core.arrays import Floats, Floats32, Integers
 from quadpend_gym.core.settings import Range, parse, settings
 from quadpend_gym.physics.state import ACTION_SIZE
 from quadpend_gym.scenarios import Scenario
+from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE
 from quadpend_train.common.files import atomic
 from quadpend_train.common.text import brief
 from quadpend_train.policies.finite_differences import with_velocities
-from quadpend_train.policies.history import OBSERVATION_SIZES, FunctionPolicy, History, HistoryPolicy
 from quadpend_train.policies.normalization import Normalization
 
 SHIPPED = Path(__file__).parent / "shipped"
 FORMAT = "quadpend policy 2"
-# Fields of the card of a policy whose only input is the latest observation
-PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1, "history": 1, "history_actions": 0}
+OBSERVATION_SIZES = (OBSERVATION_SIZE, OUTPUT_FEEDBACK_SIZE)
+PLAIN_INTERFACE = {"hybrid": None, "action_repeat": 1}  # fields of the card of a policy without memory
 ACTIVATIONS: dict[str, Callable[[Any], Any]] = {
     "relu": lambda x: np.maximum(x, np.float32(0.0)),
     "tanh": np.tanh,
@@ -57,8 +57,6 @@ class Card:
     squashed: bool  # whether the output goes through tanh; otherwise it is clipped to [−1, 1]
     hybrid: dict[str, Any] | None  # data for `hybrid_from_data`; None for a policy without base controller
     action_repeat: Annotated[int, Range(1, 10_000_000)]  # control steps for which each output of the network is used
-    history: Annotated[int, Range(1, 10_000_000)]  # latest observations that the network receives, oldest first
-    history_actions: Annotated[int, Range(0, 10_000_000)]  # its own latest outputs after them, oldest first
     bound: Annotated[float | None, Range(1e-30, 1e30)] = None  # limit of the output before tanh
     input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()  # s of the inputs [x, tanh(s₁ x), tanh(s₂ x), …]
     normalization: Normalization | None = None  # of the inputs
@@ -67,10 +65,11 @@ class Card:
 
 
 class MlpMemory(NamedTuple):
-    """The state of a policy with a hybrid, a history or action repeat between two calls."""
+    """The state of a policy with a hybrid or action repeat between two calls, for n rows."""
 
     hybrid: Any  # None without a hybrid
-    network: Any  # of its history, see `HistoryPolicy`
+    output: Floats32  # latest output of the network, (n, 4)
+    steps: Integers  # control steps since the start of the episode, (n,)
 
 
 class MlpPolicy(Policy):
@@ -89,8 +88,7 @@ class MlpPolicy(Policy):
         self.layers, self.card, self.input_scales = list(layers), card, read.input_scales
         self.hybrid: Hybrid | None = None if read.hybrid is None else hybrid_from_data(read.hybrid)
         self._activation, self._normalization = ACTIVATIONS[read.activation], read.normalization
-        seen = {size: self.hybrid.observation_size(size) if self.hybrid else size for size in OBSERVATION_SIZES}
-        sizes = {size: read.history * n + read.history_actions * ACTION_SIZE for size, n in seen.items()}
+        sizes = {size: self.hybrid.observation_size(size) if self.hybrid else size for size in OBSERVATION_SIZES}
         inputs = len(self.layers[0][0]) / (1 + len(self.input_scales))
         self.observation_sizes = tuple(size for size, count in sizes.items() if count == inputs)
         if not self.observation_sizes:
@@ -100,8 +98,6 @@ class MlpPolicy(Policy):
         if output.shape != (1, ACTION_SIZE) or output.dtype != np.float32 or not np.isfinite(output).all():
             raise ValueError(f"the layers must be of float32 and finite, with {ACTION_SIZE} outputs")
         self._stateless = all(card[name] == value for name, value in PLAIN_INTERFACE.items())
-        history = History(self.observation_sizes[0], read.history, read.history_actions)
-        self._network = HistoryPolicy(FunctionPolicy(self.forward), history, read.action_repeat)
 
     @classmethod
     def load(cls, name: str | Path) -> "MlpPolicy":
@@ -155,10 +151,14 @@ class MlpPolicy(Policy):
         started = episode_start_mask(episode_start, state is None, len(rows))
         if self.hybrid is not None:
             rows, hybrid = self.hybrid.observe(rows, state and state.hybrid, started)
-        action, network = self._network.predict(rows, state and state.network, started)
+        action, steps = self.forward(rows), np.zeros(len(rows), np.int64)
+        if state is not None:
+            steps = np.where(started, 0, state.steps)
+            action = select_rows(steps % self._card.action_repeat == 0, action, state.output)
+        memory = MlpMemory(hybrid, action, steps + 1)
         if self.hybrid is not None:
             action, hybrid = self.hybrid.act(action, hybrid)
-        return action.reshape(*observation.shape[:-1], ACTION_SIZE), MlpMemory(hybrid, network)
+        return action.reshape(*observation.shape[:-1], ACTION_SIZE), memory._replace(hybrid=hybrid)
 
     def estimated_disturbance(self, memory: Any) -> Floats:
         """Return the base controller's estimate of the disturbance, shape (n, 9); nan without base controller."""

@@ -56,7 +56,7 @@ from quadpend_train.training.flight import (
 from quadpend_train.training.settings import ApgSettings, TrainSettings
 
 # Settings that APG does not use
-_UNUSED = ("curriculum", "history", "history_actions", "reward", "reward_scale", "critic_warmup_steps")
+_UNUSED = ("reward", "reward_scale", "critic_warmup_steps")
 
 
 class APG(OnPolicyAlgorithm):

@@ -14,7 +14,6 @@ from quadpend_train.common.files import atomic, write_bytes, write_text
 from quadpend_train.evaluation.episodes import VALIDATION_SEED, run_episodes
 from quadpend_train.policies.export import export
 from quadpend_train.policies.sb3_models import is_on_policy
-from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings
 
 CHECKPOINT, CURVE, BEST = "checkpoint.zip", "curve.csv", "best.npz"
@@ -81,7 +80,7 @@ class CheckpointSegments(RolloutCallback):
 
     A segment starts with new episodes and new random numbers, so it depends only on the settings and on the model in
     its checkpoint. Therefore an interrupted and resumed run gives the same policy as an uninterrupted one. A segment
-    ends after `save_freq` steps, and at every change of the scenarios by the curriculum.
+    ends after `save_freq` steps.
     """
 
     def __init__(self, settings: TrainSettings, folder: Path) -> None:
@@ -92,14 +91,12 @@ class CheckpointSegments(RolloutCallback):
     def _on_rollout_start(self) -> None:
         steps, start, settings = self.num_timesteps, self.segment_start, self.settings
         if start >= 0:
-            if steps - start < settings.save_freq and settings.stage(steps) == settings.stage(start):
+            if steps - start < settings.save_freq:
                 return
             save_checkpoint(self.model, self.folder)
         self.segment_start = steps
         model: Any = self.model
         env = model.get_env()
-        if settings.curriculum:
-            env.env = make_env(settings, steps).env
         model.set_random_seed((settings.seed * 1_000_003 + steps) % 2**32)
         env.seed(first_seed(settings) + steps)
         # Stable-Baselines3 resets the environment at the beginning of `learn` only, and has no method for it

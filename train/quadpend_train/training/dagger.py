@@ -46,7 +46,7 @@ class Imitation:
         parameters = [item for layer in linear_layers(model) for item in layer.parameters()]
         self.random = np.random.default_rng(settings.seed)
         self.optimizer = torch.optim.Adam(parameters, lr=_LEARNING_RATES[0])
-        self.episode = settings.max_episode_steps or max(item.steps for item in settings.found(0).values())
+        self.episode = settings.max_episode_steps or max(item.steps for item in settings.found().values())
         self.wrappers = hybrid_wrappers(env.env)
         steps = max(settings.hybrid.imitation_timesteps // (_ROUNDS * env.num_envs), 1)
         self.labels = steps * env.num_envs  # of a round

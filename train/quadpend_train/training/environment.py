@@ -1,4 +1,4 @@
-"""Create the training environment from settings: scenarios, hybrid, history, reward and action repeat."""
+"""Create the training environment from settings: scenarios, hybrid, reward and action repeat."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +14,6 @@ from quadpend_gym import RewardWeights
 from quadpend_gym.actuators import Rotors
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.vehicles import CONTROL_PERIOD
-from quadpend_gym.wrappers import VectorHistoryWrapper
 from quadpend_train.envs.action_repeat import ActionRepeat
 from quadpend_train.envs.baseline_relative import BaselineRelativeReward
 from quadpend_train.envs.concatenated import ConcatenatedVectorEnv
@@ -69,19 +68,16 @@ def _with_reward(scenario: Scenario, reward: RewardWeights) -> Scenario:
     return replace(scenario, task=replace(scenario.task, reward=replace(reward, pendulum_first=least)))
 
 
-def make_env(settings: TrainSettings, timesteps: int = 0) -> SB3VecEnv:
-    """Return the training environment for Stable-Baselines3 at a timestep of the training."""
-    steps, hybrid = settings.max_episode_steps or None, settings.hybrid
-    found = settings.all_scenarios().values() if hybrid.base_controller else ()
-    if any(isinstance(model, Rotors) for scenario in found for model in scenario.actuators):
+def make_env(settings: TrainSettings) -> SB3VecEnv:
+    """Return the training environment for Stable-Baselines3."""
+    steps, hybrid, found = settings.max_episode_steps or None, settings.hybrid, settings.found().values()
+    if hybrid.base_controller and any(isinstance(model, Rotors) for item in found for model in item.actuators):
         raise ValueError(
             f"the base controller {hybrid.base_controller} commands thrust and torques: it cannot be part of a hybrid"
             " in a scenario with rotors as actuators"
         )
-    scenarios = [_with_reward(scenario, settings.reward) for scenario in settings.found(timesteps).values()]
+    scenarios = [_with_reward(scenario, settings.reward) for scenario in found]
     env = concatenate_scenarios(scenarios, settings.num_envs, steps, hybrid.as_data())
-    if settings.history > 1 or settings.history_actions:
-        env = VectorHistoryWrapper(env, settings.history, settings.history_actions)
     if hybrid.baseline_relative_reward:
         baseline = concatenate_scenarios(scenarios, settings.num_envs, steps)
         base_controllers = [controller(hybrid.base_controller).adapt(scenario) for scenario in scenarios]

@@ -124,15 +124,11 @@ class TrainSettings:
     continuous actions, such as ppo, sac, tqc, td3, a2c or trpo."""
     scenarios: tuple[str, ...] = ("windy",)
     """Scenarios to train in, in equal numbers of sub-environments: names, sets, TOML or JSON files, or JSON."""
-    curriculum: tuple[str, ...] = ()
-    """Scenarios to train in first, one after the other, each for an equal part of curriculum_steps."""
-    curriculum_steps: Annotated[int, Range(0, 1e12)] = 0
-    """Timesteps of the whole curriculum."""
     total_timesteps: Annotated[int, Range(1, 1e12)] = 7_000_000
     """Timesteps of the whole training."""
     start_from: str = ""
     """Learned policy whose network training starts from: the name of a policy of this package, a run folder, or a file
-    (.npz or .zip). Its network, hybrid, history and interface must be those of the settings. The critic starts
+    (.npz or .zip). Its network, hybrid and interface must be those of the settings. The critic starts
     untrained."""
     max_seconds: Annotated[float, Range(0.0, 1e9, "s")] = 0.0
     """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit. The last
@@ -145,10 +141,6 @@ class TrainSettings:
     """Control steps after which a training episode is truncated; 0 for the duration of the scenario."""
     hybrid: HybridSettings = field(default_factory=HybridSettings)
     """Settings of a hybrid."""
-    history: Annotated[int, Range(1, 1000)] = 1
-    """Number of latest observations that the policy receives."""
-    history_actions: Annotated[int, Range(0, 1000)] = 0
-    """Number of its own latest actions that the policy also receives."""
     reward: RewardWeights = field(default_factory=RewardWeights)
     """Reward weights in training. Weights other than the default replace those of the scenarios' tasks."""
     reward_scale: Annotated[float, Range(1e-9, 1e9)] = 0.01
@@ -183,17 +175,11 @@ class TrainSettings:
                 raise ValueError(f"critic_warmup_steps needs an on-policy algorithm, not {self.algo!r}")
         elif self.hybrid.baseline_relative_reward:
             raise ValueError("baseline_relative_reward must be False with algo 'apg', not True")
-        for name in ("scenarios", "curriculum"):
-            object.__setattr__(self, name, _without_files(getattr(self, name)))
-        for count in (len(find_scenarios(stage)) for stage in (self.scenarios, *self.curriculum)):
-            if not count:
-                raise ValueError("scenarios must name at least one scenario")
-            if self.num_envs % count:
-                raise ValueError(
-                    f"num_envs must be a multiple of the number of scenarios, {count}, not {self.num_envs}"
-                )
-        if bool(self.curriculum) != bool(self.curriculum_steps):
-            raise ValueError("curriculum and curriculum_steps must be given together or not at all")
+        object.__setattr__(self, "scenarios", _without_files(self.scenarios))
+        if not (count := len(self.found())):
+            raise ValueError("scenarios must name at least one scenario")
+        if self.num_envs % count:
+            raise ValueError(f"num_envs must be a multiple of the number of scenarios, {count}, not {self.num_envs}")
         if self.start_from and self.hybrid.imitation_timesteps:
             raise ValueError("imitation_timesteps must be 0 with start_from, which replaces the imitation")
         if self.patience and not self.eval_freq:
@@ -203,28 +189,13 @@ class TrainSettings:
         """Return an argument of the algorithm: as given, or the default of its class; None if it has no such one."""
         return self.arguments[name] if name in self.arguments else sb3.default(self.algo, name)
 
-    def all_scenarios(self) -> dict[str, Scenario]:
-        """Return the scenarios of the curriculum and of the training by name."""
-        return find_scenarios((*self.curriculum, *self.scenarios))
-
-    def stage(self, timesteps: int) -> tuple[str, ...]:
-        """Return the scenarios at a timestep of the training: of a stage of the curriculum, or of the run."""
-        if timesteps >= self.curriculum_steps:
-            return self.scenarios
-        return (self.curriculum[timesteps * len(self.curriculum) // self.curriculum_steps],)
-
-    def found(self, timesteps: int | None = None) -> dict[str, Scenario]:
-        """Return the scenarios at a timestep of the training by name; None is the end of the training."""
-        return find_scenarios(self.scenarios if timesteps is None else self.stage(timesteps))
+    def found(self) -> dict[str, Scenario]:
+        """Return the scenarios by name."""
+        return find_scenarios(self.scenarios)
 
     def policy_interface(self) -> dict[str, Any]:
         """Return the fields of a policy's card that say what the policy observes and how its action is applied."""
-        return {
-            "hybrid": self.hybrid.as_data(),
-            "action_repeat": self.hybrid.action_repeat,
-            "history": self.history,
-            "history_actions": self.history_actions,
-        }
+        return {"hybrid": self.hybrid.as_data(), "action_repeat": self.hybrid.action_repeat}
 
 
 def _without_files(items: tuple[str, ...]) -> tuple[str, ...]:
@@ -269,9 +240,9 @@ def from_mapping(values: Mapping[str, Any], source: str) -> TrainSettings:
     given = dict(values)
     if (algo := given.get("algo", "ppo")) != "apg":
         given["arguments"] = given.pop(algo, {})
-    for name in {"scenarios", "curriculum"} & given.keys():  # one or several, as texts or mappings
-        items = given[name] if isinstance(given[name], list | tuple) else [given[name]]
-        given[name] = [json.dumps(item) if isinstance(item, dict) else item for item in items]
+    if "scenarios" in given:  # one or several, as texts or mappings
+        items = given["scenarios"] if isinstance(given["scenarios"], list | tuple) else [given["scenarios"]]
+        given["scenarios"] = [json.dumps(item) if isinstance(item, dict) else item for item in items]
     return parse(TrainSettings, given, source)
 
 

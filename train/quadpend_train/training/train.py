@@ -50,7 +50,7 @@ from quadpend_train.training.callbacks import (
     validate,
 )
 from quadpend_train.training.dagger import Imitation
-from quadpend_train.training.environment import concatenate_scenarios, make_env
+from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import TrainSettings, read_settings, to_mapping
 from quadpend_train.training.start import load_actor, start_policy
 
@@ -131,8 +131,6 @@ def initial_model(settings: TrainSettings, folder: Path | None = None, start: Pa
     """
     torch.set_num_threads(settings.num_threads)
     env = make_env(settings)
-    if settings.curriculum:  # one policy and one base controller must fit all its stages
-        concatenate_scenarios(scenarios := [*settings.all_scenarios().values()], len(scenarios))
     model = make_model(settings, env, folder)
     if settings.start_from:
         load_actor(model, settings, start)
