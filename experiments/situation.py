@@ -23,8 +23,8 @@ from quadpend_gym.scenarios import find_scenarios
 from quadpend_train.evaluation.comparison import compare
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
-from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.evaluation.table import cells, differences
+from quadpend_train.evaluation.statistics import Interval, mean, paired_proportion
+from quadpend_train.evaluation.table import cells
 from quadpend_train.policies.loading import load_policies
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.reports import figures
@@ -75,17 +75,19 @@ def measure(episodes: int, seed: int, jobs: int) -> dict[str, dict[str, Interval
     """Return the penalised RMSE of both policies and their differences, by scenario and heading of the table."""
     held: Any = [with_mean_situation(policy) for policy in load_policies(POLICY)]
     own = compare([POLICY], SCENARIOS, episodes, seed, CACHE, jobs=jobs)
-    mean = compare({POLICY: held}, SCENARIOS, episodes, seed)
-    values, others = cells(own.table), cells(mean.table)
+    constant = compare({POLICY: held}, SCENARIOS, episodes, seed)
+    values, others = cells(own.table), cells(constant.table)
     out: dict[str, dict[str, Interval]] = {}
     for cell in values:
-        difference = differences(values[cell], others[cell])
+        own_values, other = values[cell], others[cell]
+        both = own_values["survived"] & other["survived"]
+        survivors = np.where(both, own_values["rmse"] - other["rmse"], np.nan)
         out[cell[0]] = {
             "adaptive (mm)": own.summaries[cell]["penalised_rmse"],
-            "mean situation (mm)": mean.summaries[cell]["penalised_rmse"],
-            "difference (mm)": difference["penalised_rmse"],
-            "where both survive (mm)": difference["rmse_of_survivors"],
-            "survival (points)": difference["survival"],
+            "mean situation (mm)": constant.summaries[cell]["penalised_rmse"],
+            "difference (mm)": mean(own_values["penalised_rmse"] - other["penalised_rmse"]).scaled(1000.0),
+            "where both survive (mm)": mean(survivors).scaled(1000.0),
+            "survival (points)": paired_proportion(own_values["survived"], other["survived"]).scaled(100.0),
         }
     return out
 

@@ -1,6 +1,5 @@
 """Comparisons are fair, their intervals are correct, and the commands for them run."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +44,7 @@ def test_a_fall_counts_as_one_metre_in_the_penalised_rmse_and_not_in_that_of_sur
     summary = summarise(values_of(results))
     assert summary["survival"].value == 0.0
     assert summary["survival"].high > 0.0
-    assert summary["penalised_rmse"].value == summary["iqm"].value == 1000.0
+    assert summary["penalised_rmse"].value == 1000.0
     assert np.isnan(summary["rmse_of_survivors"].value)
     assert np.isnan(summary["settled_rmse"].value)
     half = values_of(synthetic_results([0.1, 0.2], [True, False]))
@@ -79,10 +78,8 @@ def test_the_table_has_a_row_for_each_episode_and_its_csv_is_read_back(
     assert len(summaries) == 2 * len(METRICS)
     paper = summaries[(summaries["policy"] == "paper") & (summaries["metric"] == "penalised_rmse")]
     assert paper["value"].item() == pytest.approx(1000.0 * table["penalised_rmse"][:5].mean())
-    data = json.loads((tmp_path / "comparison.json").read_text())
-    assert data["results"]["windy"]["adrc-matched"]["differences_from_first"]["rmse_of_survivors"]["high"] < 0.0
     assert (tmp_path / "comparison.md").read_text().startswith("| scenario | policy | survival (%)")
-    assert data["provenance"]["command"]
+    assert table.attrs["provenance"]["command"]
 
 
 def test_evaluate_takes_the_run_folder_of_train(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,6 @@ from quadpend_train.evaluation.episodes import run_episodes
 from quadpend_train.evaluation.statistics import (
     Interval,
     holm,
-    interquartile_mean,
     mean,
     p_proportion,
     p_value,
@@ -69,12 +68,11 @@ def test_nan_values_are_left_out() -> None:
     ("estimate", "draw", "truth"),
     [
         (mean, lambda random: random.gamma(2.0, 1.0, (1, 100)), 2.0),
-        (interquartile_mean, lambda random: random.normal(2.0, 1.0, (1, 100)), 2.0),
         (proportion, lambda random: random.random((1, 100)) < 0.9, 0.9),
         (lambda x: paired_proportion(*x), lambda random: random.random((2, 1, 100)) < [[[0.9]], [[0.7]]], 0.2),
         (lambda x: probability_of_improvement(*x), lambda random: random.normal(0.0, 1.0, (2, 1, 100)), 0.5),
     ],
-    ids=["mean", "iqm", "proportion", "paired proportion", "improvement"],
+    ids=["mean", "proportion", "paired proportion", "improvement"],
 )
 def test_intervals_have_their_nominal_coverage(
     estimate: Callable[[Any], Interval], draw: Callable[[np.random.Generator], Any], truth: float
@@ -123,15 +121,6 @@ def test_the_test_of_survival_keeps_its_level_for_rare_falls_and_many_training_s
         covered += low <= 0.0 <= high
     assert rejected <= 14
     assert covered >= 186
-
-
-@pytest.mark.parametrize("shape", [(1, 5), (1, 40), (5, 30), (2, 3)])
-def test_the_interquartile_mean_is_scipys_trimmed_mean(shape: tuple[int, int]) -> None:
-    values = np.random.default_rng(3).gamma(1.0, 1.0, shape)
-    assert interquartile_mean(values).value == pytest.approx(stats.trim_mean(values, 0.25, axis=None))
-    fallen = values.copy()
-    fallen[0, 0] = 1e6
-    assert interquartile_mean(fallen).value < 10.0
 
 
 def test_the_probability_of_improvement_is_a_share_of_pairs() -> None:

@@ -11,7 +11,6 @@ import tyro
 
 from quadpend_baselines import CONTROLLERS
 from quadpend_baselines.gains import DESCRIPTIONS, GAINS, TUNED
-from quadpend_train.common.files import to_json_data
 from quadpend_train.policies.loading import load_policy, policy_names
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings, settings_of_card, to_mapping
@@ -30,7 +29,7 @@ def card(policy: tyro.conf.Positional[str], json: bool = False) -> None:
         raise ValueError(f"{policy} has several training seeds: choose one of {', '.join(seeds)}")
     data, lines = _controller(policy) if policy in CONTROLLERS else _learned(policy)
     if json:
-        print(json_format.dumps(to_json_data(data), indent=1))
+        print(json_format.dumps(data, indent=1))
         return
     opponent = "adrc-paper" if policy == "flatness" else "flatness"
     vehicle = f" --vehicle {data['vehicle']} --interface {data['interface']}" if data.get("vehicle") else ""

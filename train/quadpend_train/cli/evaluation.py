@@ -21,7 +21,6 @@ def evaluate(
     jobs: int = 1,
     cluster: str | None = None,
     cache: Path = Path("results/cache"),
-    recompute: bool = False,
     replay: Annotated[int, Range(0, 1000)] = 2,
     vehicle: str | None = None,
     interface: str | None = None,
@@ -41,11 +40,10 @@ def evaluate(
             of these sets.
         episodes: Episodes in each scenario.
         seed: Seed of the first episode. Seeds from 1000000 are used for the published results, from 2000000 for tuning.
-        out: Folder for report.html, the tables (.csv, .md, .json) and the figures.
+        out: Folder for report.html, the tables (.csv, .md) and the figure.
         jobs: Number of processes; the results do not depend on it.
         cluster: Ray cluster that runs the jobs instead: auto, local, ray://HOST:PORT or HOST:PORT. It needs Ray.
         cache: Folder of cached results; only missing results are computed.
-        recompute: Compute all results again, also cached ones.
         replay: Episodes of each scenario that the report can replay; 0 omits the replay.
         vehicle: Vehicle of all scenarios: the name of a preset (quadpend list vehicles) or a TOML file. Forces of the
             wind are multiplied by the ratio of its weight to that of the scenario's vehicle, torques by the ratio of
@@ -65,7 +63,6 @@ def evaluate(
         seed=seed,
         jobs=executor(jobs, cluster),
         cache_folder=cache,
-        recompute=recompute,
         replay=replay,
     )
     comparison = made.comparison

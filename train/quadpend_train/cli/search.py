@@ -42,8 +42,7 @@ def tune(
             processes; the default is a file in OUT. Opening a storage executes code that it contains: use only storages
             that you trust.
     """
-    from quadpend_train.reports import figures, search_plots
-    from quadpend_train.search import tuning
+    from quadpend_train.search import shared, tuning
 
     writable_folder(out)
     refuse_held_out(scenarios)
@@ -51,7 +50,7 @@ def tune(
     for search in [tuning.Search(name, chosen, episodes) for name in controllers]:
         study = search.open(storage or str(out / "trials.log"), seed)
         print(json.dumps(tuning.tune(search, study, trials, out), indent=1))
-        figures.write_png(search_plots.draw(study, "loss (mm)"), out / f"{search.name}.png")
+        shared.draw(study, "loss (mm)", out / f"{search.name}.png")
 
 
 def sweep(
@@ -81,7 +80,7 @@ def sweep(
         jobs: Number of processes.
         seed: Random seed of the search.
     """
-    from quadpend_train.reports import figures, search_plots
+    from quadpend_train.search import shared
     from quadpend_train.search import sweep as study_of_settings
     from quadpend_train.training.settings import read_settings
 
@@ -92,8 +91,7 @@ def sweep(
     searched = study_of_settings.Sweep(start, ranges, values, seconds, out, where, seed)
     study = study_of_settings.search(searched, trials, jobs)
     lines = study_of_settings.write_results(study, searched)
-    figure = search_plots.draw(study, "penalised RMSE (mm)", 1e3)
-    figures.write_png(figure, out / study_of_settings.PICTURE)
+    shared.draw(study, "penalised RMSE (m)", out / study_of_settings.PICTURE)
     print("\n".join(lines))
     print(f"Written: {', '.join(str(out / name) for name in study_of_settings.FILES)}")
     best = shlex.quote(str(out / study_of_settings.BEST))

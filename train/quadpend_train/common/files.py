@@ -1,12 +1,10 @@
-"""Write files that are complete or unchanged, and convert results to data for JSON."""
+"""Write files that are complete or unchanged."""
 
-import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
 
 
 @contextmanager
@@ -55,14 +53,3 @@ def writable_file(path: Path, name: str = "out") -> Path:
         raise ValueError(f"{name} must be a file, not the folder {path}")
     writable_folder(path.parent, f"the folder of {name}")
     return path
-
-
-def to_json_data(value: Any) -> Any:
-    """Convert numbers, named tuples, mappings and lists of them to data for JSON; nan and infinity become None."""
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        value = value._asdict()
-    if isinstance(value, dict):
-        return {key: to_json_data(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [to_json_data(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -62,7 +62,6 @@ def compare(
     episodes: int = 100,
     seed: int = VALIDATION_SEED,
     cache_folder: Path | str | None = None,
-    recompute: bool = False,
     jobs: int | Executor = 1,
 ) -> Comparison:
     """Run every policy through the same episodes of every scenario; the result does not depend on `jobs`.
@@ -78,7 +77,6 @@ def compare(
         episodes: Number of episodes in each scenario.
         seed: Seed of the first episode.
         cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
-        recompute: Whether to ignore cached results.
         jobs: Number of processes, or an executor of `quadpend_train.common.executors`.
     """
     if not policies or not scenarios:
@@ -93,10 +91,10 @@ def compare(
     folder = None if cache_folder is None else Path(cache_folder)
     all_jobs = {(s, p): Job(learners[p], found[s], episodes, seed) for s in found for p in learners}
     for (scenario, name), job in all_jobs.items():  # a mismatch is found before the long evaluation
-        if recompute or not ((path := job.file(folder)) and path.exists()):
+        if not ((path := job.file(folder)) and path.exists()):
             for policy in job.policies:
                 check_policy(name, policy, scenario, job.scenario)
-    results = run_jobs(all_jobs, folder, recompute, jobs)
+    results = run_jobs(all_jobs, folder, jobs)
     table = pd.concat([rows(*cell, result) for cell, result in results.items()], ignore_index=True)
     fingerprints = {name: [policy.fingerprint for policy in seeds] for name, seeds in learners.items()}
     table.attrs = {

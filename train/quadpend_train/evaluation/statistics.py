@@ -26,11 +26,11 @@ For one seed with the mean m, the standard deviation σ (unbiased variance), the
 (Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 1992, whose normal quantile is replaced by
 Student's). docs/accuracy.md has the measured coverage of (1) and (2).
 
-The interquartile mean and the probability of improvement are those of Agarwal et al., "Deep Reinforcement Learning at
-the Edge of the Statistical Precipice", NeurIPS 2021 (the package rliable).
+The probability of improvement is that of Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
+Precipice", NeurIPS 2021 (the package rliable).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +39,6 @@ from scipy import optimize, special, stats
 from quadpend_gym.core.arrays import Booleans, Floats
 
 CONFIDENCE = 0.95
-_RESAMPLES = 2000  # of the bootstrap
 _SIGN_CHOICES = 9999  # of the randomisation test
 _BLOCK_NUMBERS = 2_000_000  # random numbers in memory at a time
 _ROUNDING = 1e-12  # relative standard deviation below which values count as equal
@@ -102,12 +101,6 @@ def _widen_over_seeds(pooled: Interval, values: Floats, least: float) -> Interva
     return pooled if len(values) == 1 else pooled.widened(mean(values).clipped(least, 1.0))
 
 
-def _blocks(rows: int, size: int) -> Iterator[int]:
-    """Return numbers of rows that add up to `rows`, so that rows of `size` numbers need little memory at a time."""
-    block = max(8, _BLOCK_NUMBERS // size // 8 * 8)
-    return (min(block, rows - first) for first in range(0, rows, block))
-
-
 def mean(values: Floats) -> Interval:
     """Mean of values of shape (s, n), with the interval (2) for one seed and (1) for several.
 
@@ -157,23 +150,6 @@ def _random_effects(values: Floats) -> tuple[float, Callable[[float], float]]:
     )
 
 
-def interquartile_mean(values: Floats) -> Interval:
-    """Mean of the middle half of all values, shape (s, n), with the percentile bootstrap's interval; nan not allowed.
-
-    Outliers on either side, such as a few falls, do not change it. For several seeds the bootstrap is rliable's, which
-    resamples seeds and episodes. Its interval is too narrow for few seeds: with five, its coverage is about 85 %.
-    """
-    streams, estimates = [np.random.default_rng([axis, size]) for axis, size in enumerate(values.shape)], []
-    for rows in _blocks(_RESAMPLES, values.size):
-        seeds, episodes = (
-            random.integers(size, size=(rows, size)) for random, size in zip(streams, values.shape, strict=True)
-        )
-        resamples = values[seeds[:, :, np.newaxis], episodes[:, np.newaxis, :]].reshape(rows, -1)
-        estimates.append(stats.trim_mean(resamples, 0.25, axis=1))
-    low, high = np.quantile(np.concatenate(estimates), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return Interval(float(stats.trim_mean(values, 0.25, axis=None)), float(low), float(high))
-
-
 def probability_of_improvement(values: Floats, others: Floats) -> Interval:
     """Probability that a value is below the other value of the same episode, P(x < y) + ½ P(x = y).
 
@@ -215,9 +191,9 @@ def p_value(differences: Floats) -> float:
     values = np.nan_to_num(differences[0])
     if not values.any():
         return 1.0
-    random = np.random.default_rng([2, values.size])
-    signs = (random.integers(2, size=(rows, values.size)) for rows in _blocks(_SIGN_CHOICES, values.size))
-    sums = np.concatenate([(2.0 * drawn - 1.0) @ values for drawn in signs])
+    random, blocks = np.random.default_rng([2, values.size]), 1 + _SIGN_CHOICES * values.size // _BLOCK_NUMBERS
+    rows = map(len, np.array_split(np.arange(_SIGN_CHOICES), blocks))
+    sums = np.concatenate([(2.0 * random.integers(2, size=(n, values.size)) - 1.0) @ values for n in rows])
     extreme = np.sum(np.abs(sums) >= abs(values.sum()) * (1.0 - 1e-9))
     tails = 2.0 * _TAIL_FACTOR * stats.norm.sf(abs(values.sum()) / np.linalg.norm(values))
     return float((extreme + 1) / (_SIGN_CHOICES + 1) if extreme else min(1.0 / (_SIGN_CHOICES + 1), tails))

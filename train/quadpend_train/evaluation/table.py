@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from quadpend_train.evaluation.episodes import EpisodeResults
-from quadpend_train.evaluation.statistics import Interval, interquartile_mean, mean, paired_proportion, proportion
+from quadpend_train.evaluation.statistics import Interval, mean, proportion
 
 Cell = tuple[str, str]  # names of a scenario and of a policy
 Values = dict[str, Any]  # arrays of shape (training seeds, episodes) by the name of the column
@@ -38,7 +38,6 @@ class Metric(NamedTuple):
 METRICS = {
     "survival": Metric("survived", "%", 100.0, proportion),
     "penalised_rmse": Metric("penalised_rmse", "mm", 1000.0),
-    "iqm": Metric("penalised_rmse", "mm", 1000.0, interquartile_mean),
     "rmse_of_survivors": Metric("rmse", "mm", 1000.0),
     "settled_rmse": Metric("settled_rmse", "mm", 1000.0),
     "largest_tilt": Metric("largest_tilt", "°", 180.0 / np.pi),
@@ -71,25 +70,15 @@ def cells(table: pd.DataFrame) -> dict[Cell, Values]:
 def summarise(values: Values) -> dict[str, Interval]:
     """Return every metric of `METRICS` in its unit, with its 95 % interval.
 
-    ``rmse_of_survivors`` and ``settled_rmse`` are means over the survived episodes. ``penalised_rmse`` is the mean over
-    all episodes, and ``iqm`` is its interquartile mean. No metric is negative.
+    ``rmse_of_survivors`` and ``settled_rmse`` are means over the survived episodes. No metric is negative.
     """
+    survivors = np.where(values["survived"], values["rmse"], np.nan)
     return {
-        name: metric.estimate(_values(name, values)).clipped(0.0).scaled(metric.factor)
+        name: metric.estimate(survivors if name == "rmse_of_survivors" else values[metric.column])
+        .clipped(0.0)
+        .scaled(metric.factor)
         for name, metric in METRICS.items()
     }
-
-
-def differences(values: Values, others: Values) -> dict[str, Interval]:
-    """Return the difference of every metric between two policies in the same episodes, with its paired 95 % interval.
-
-    ``iqm`` is the interquartile mean of the differences. ``rmse_of_survivors`` and ``settled_rmse`` are means over the
-    episodes that both survived. The other policy has one training seed, or as many as the first.
-    """
-    found = {"survival": paired_proportion(values["survived"], others["survived"])}
-    for name in METRICS.keys() - found:
-        found[name] = METRICS[name].estimate(_values(name, values) - _values(name, others))
-    return {name: found[name].scaled(metric.factor) for name, metric in METRICS.items()}
 
 
 def summary_table(summaries: dict[Cell, dict[str, Interval]]) -> pd.DataFrame:
@@ -97,8 +86,3 @@ def summary_table(summaries: dict[Cell, dict[str, Interval]]) -> pd.DataFrame:
     columns = ["scenario", "policy", "metric", "value", "low", "high", "unit"]
     lines = [(*cell, name, *found[name], METRICS[name].unit) for cell, found in summaries.items() for name in METRICS]
     return pd.DataFrame(lines, columns=columns)
-
-
-def _values(metric: str, values: Values) -> Any:
-    found = values[METRICS[metric].column]
-    return np.where(values["survived"], found, np.nan) if metric == "rmse_of_survivors" else found

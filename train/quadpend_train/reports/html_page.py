@@ -1,7 +1,6 @@
 """The report of a comparison as one HTML page, which needs no network and no other files.
 
-`templates/report.html` is its template. The page also contains all numbers as JSON, in the element with the id
-``data``.
+`templates/report.html` is its template.
 """
 
 import datetime
@@ -13,12 +12,12 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from quadpend_train.common.files import to_json_data, write_text
+from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.formatting import format_interval, format_number
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
 from quadpend_train.evaluation.statistics import Interval
-from quadpend_train.evaluation.table import METRICS, cells, differences
+from quadpend_train.evaluation.table import METRICS
 from quadpend_train.reports import figures
 from quadpend_train.reports.tables import METRIC_COLUMNS, draw_errors, episodes_note, sentences
 
@@ -52,20 +51,8 @@ def write(
         metrics={name: METRICS[name] for name in METRIC_COLUMNS},
         errors={name: _error_figure(comparison, name, f"errors{i}") for i, name in enumerate(comparison.scenarios)},
         replay=_embedded(replay) if replay else None,
-        data=_embedded({"comparison": as_data(comparison), "leaderboard": [to_json_data(row) for row in standings]}),
     )
     write_text(path, text)
-
-
-def as_data(comparison: Comparison) -> dict[str, Any]:
-    """Return provenance, metrics and differences from the first policy as data for JSON."""
-    values, first = cells(comparison.table), comparison.policies[0]
-    results: dict[str, dict[str, Any]] = {scenario: {} for scenario in comparison.scenarios}
-    for (scenario, policy), summary in comparison.summaries.items():
-        difference = differences(values[scenario, policy], values[scenario, first])
-        results[scenario][policy] = to_json_data({"metrics": summary, "differences_from_first": difference})
-    units = {name: metric.unit for name, metric in METRICS.items()}
-    return {**comparison.table.attrs, "units": units, "results": results}
 
 
 def style(i: int) -> dict[str, str]:

@@ -13,7 +13,7 @@ from quadpend_train.evaluation.table import summary_table
 from quadpend_train.reports import figures, html_page, tables
 from quadpend_train.reports.replay import record_replay
 
-FILES = ("report.html", "comparison.json", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
+FILES = ("report.html", "comparison.csv", "comparison.md", "episodes.csv", "comparison.png")
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,6 @@ def evaluate(
     seed: int = VALIDATION_SEED,
     jobs: int | Executor = 1,
     cache_folder: Path | str | None = None,
-    recompute: bool = False,
     replay: int = 2,
 ) -> Report:
     """Run policies through the same episodes, compare them with the first one, and write the report into a folder.
@@ -55,7 +54,7 @@ def evaluate(
     folder = writable_folder(Path(out))
     if cache_folder:
         writable_folder(Path(cache_folder), "cache")
-    comparison = compare(policies, scenarios, episodes, seed, cache_folder, recompute, jobs)
+    comparison = compare(policies, scenarios, episodes, seed, cache_folder, jobs)
     report = Report(comparison, leaderboard(comparison.table), folder)
     write(comparison, report.leaderboard, folder, replay)
     return report
@@ -67,7 +66,5 @@ def write(comparison: Comparison, standings: list[LeaderboardRow], folder: Path,
     for name, table in (("comparison", summary_table(comparison.summaries)), ("episodes", comparison.table)):
         write_text(folder / f"{name}.csv", provenance + table.to_csv(index=False, lineterminator="\n"))
     write_text(folder / "comparison.md", tables.markdown(comparison, standings))
-    data = json.dumps(html_page.as_data(comparison), indent=1, allow_nan=False)
-    write_text(folder / "comparison.json", data + "\n")
     figures.write_png(tables.plot(comparison), folder / "comparison.png")
     html_page.write(comparison, standings, folder / "report.html", record_replay(comparison, standings, replay))

@@ -16,9 +16,11 @@ from optuna.distributions import BaseDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
+from optuna.visualization.matplotlib import plot_optimization_history
 from tqdm.auto import tqdm
 
 from quadpend_train.common.text import brief
+from quadpend_train.reports.figures import write_png
 
 SPACES = Path(__file__).with_name("search_spaces")
 Space = Mapping[str, BaseDistribution]
@@ -88,6 +90,14 @@ def flat(values: Mapping[str, Any], table: str = "") -> Iterator[tuple[str, Any]
             yield from flat(value, f"{table}{name}.")
         else:
             yield f"{table}{name}", value
+
+
+def draw(study: optuna.Study, label: str, path: Path) -> None:
+    """Write a picture (.png) of the values of the finished trials in their order, and of the best so far."""
+    with quiet():
+        axis = plot_optimization_history(study, target_name=label)
+    axis.set_yscale("log")
+    write_png(axis.figure, path)
 
 
 @contextmanager
