@@ -128,7 +128,7 @@ def measure(seeds: int) -> dict[str, list[GoalTime]]:
     for name, goal in GOALS.items():
         checks = [goal.make_check(seed) for seed in BLOCK_SEEDS]
         for seed in range(seeds):
-            settings = replace(read_settings(goal.settings), seed=seed, eval_freq=0, patience=0)
+            settings = replace(read_settings(goal.settings), seed=seed, eval_freq=0)
             callback = _GoalCallback(settings, goal.interval, checks)
             with tempfile.TemporaryDirectory() as folder:
                 train(settings, Path(folder) / "run", progress=False, callbacks=[callback])

@@ -89,7 +89,7 @@ def penalised_rmse(policy: MlpPolicy, scenario: str) -> Floats:
 def with_constant_output(policy: MlpPolicy) -> MlpPolicy:
     """Return the policy with a constant output: its mean output in the training scenarios."""
     env = concatenate_scenarios([*find_scenarios("training").values()], 8 * 32)
-    outputs = [step.memory.network.output[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
+    outputs = [step.memory.output[step.active] for step in rollout(policy, env, VALIDATION_SEED)]
     weights, _ = policy.layers[-1]
     constant = np.concatenate(outputs).mean(axis=0).astype(np.float32)
     return MlpPolicy([*policy.layers[:-1], (np.zeros_like(weights), constant)], policy.card)

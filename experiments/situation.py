@@ -16,7 +16,7 @@ import numpy as np
 
 from experiments.pages import CACHE, DOCS, fill, interval_figure, made_by, options
 from quadpend_baselines.hybrid import EstimateOnly, HybridMemory
-from quadpend_baselines.hybrid.situation import SITUATION_SIZE
+from quadpend_baselines.hybrid.situation import SITUATION_SIZE, situation_inputs
 from quadpend_baselines.policy.rollout import rollout
 from quadpend_gym.core.arrays import Floats32
 from quadpend_gym.scenarios import find_scenarios
@@ -40,7 +40,7 @@ def mean_situation(policy: MlpPolicy) -> Floats32:
     scenarios = [*find_scenarios(policy.card["settings"]["scenarios"]).values()]
     env = concatenate_scenarios(scenarios, EPISODES_OF_MEAN * len(scenarios))
     seen = [
-        step.memory.network.observations[step.active, -1, -SITUATION_SIZE:]
+        situation_inputs(step.memory.hybrid.situation)[step.active].astype(np.float32)
         for step in rollout(policy, env, VALIDATION_SEED)
     ]
     return np.array([rows.mean(axis=0) for rows in seen if len(rows)], np.float32)

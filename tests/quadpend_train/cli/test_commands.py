@@ -154,7 +154,7 @@ def test_a_run_is_trained_resumed_and_compared_by_the_commands_that_are_printed(
     resume = ["train", "--resume", "run"]
     with pytest.raises(SystemExit, match="2"):
         main([*resume, "--seed", "9"])
-    assert "may change max_seconds and patience only: seed must be 0" in capsys.readouterr().err
+    assert "may change max_seconds only: seed must be 0" in capsys.readouterr().err
     main([*resume, "--max-seconds", "1e-3"])
     assert "Trained policy: run/policy.npz\n" in capsys.readouterr().out
     card = MlpPolicy.load("run/policy.npz").card

@@ -125,15 +125,3 @@ def test_a_killed_training_resumes_to_the_same_weights(capsys: pytest.CaptureFix
     assert weight_difference(resumed, whole) == 0.0
     assert not [path.name for path in Path("run").iterdir() if re.match("checkpoint|unfinished", path.name)]
     assert "Trained policy: whole/policy.npz" in capsys.readouterr().out
-
-
-@pytest.mark.usefixtures("folder")
-def test_processes_end_when_the_command_is_killed() -> None:
-    process = start([*EVALUATE, "2"], lambda: running(2))
-    process.kill()
-    latest = time.monotonic() + SECONDS
-    while any("loky" in command for command in processes_of(process.pid)):
-        assert time.monotonic() < latest, processes_of(process.pid)
-        time.sleep(0.1)
-    os.killpg(process.pid, signal.SIGKILL)  # what the policy has started
-    process.communicate()

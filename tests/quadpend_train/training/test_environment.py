@@ -45,11 +45,13 @@ def test_policy_observes_in_training_what_it_observes_in_evaluation(mode: Any, s
     settings = replace(BRIEF, scenarios=("calm", scenario), num_envs=4, hybrid=HybridSettings("flatness", mode))
     policy = mlp_policy(49 if mode == "residual_action" else 45, **settings.policy_interface())
     expected = observed_in_training(policy, settings, 40)
+    env: Any
+    adapted: Any
     adapted, env = policy.adapt(found := find_scenario(scenario)), found.make_vec(2, AutoresetMode.SAME_STEP)
     observation, memory, started = env.reset(seed=7)[0], None, np.ones(2, np.bool_)  # rows 2 and 3 of the training
     for seen in expected:
+        assert_array_equal(adapted.hybrid.observe(observation, memory and memory.hybrid, started)[0], seen[2:])
         action, memory = adapted.predict(observation, memory, started)
-        assert_array_equal(memory.network.observations[:, -1], seen[2:])
         observation, _, terminated, truncated, _ = env.step(action)
         started = terminated | truncated
 

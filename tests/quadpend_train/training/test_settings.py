@@ -34,7 +34,6 @@ EVERYTHING = TrainSettings(
     hybrid=HybridSettings("flatness", "bandwidth_scheduling", action_scale=0.5),
     reward=RewardWeights(tip=0.1),
     eval_freq=100,
-    patience=3,
     arguments={"tau": 0.1, "learning_rate": {"initial": 1e-3, "final": 1e-5}, "policy_kwargs": {"net_arch": (32,)}},
 )
 
@@ -146,7 +145,6 @@ def test_scenarios_may_be_a_name_a_mapping_json_or_a_list_of_these(tmp_path: Pat
         ({"scenarios": "test"}, "scenarios cannot be 'test', which is held out"),
         ({"scenarios": []}, "scenarios must name at least one scenario"),
         ({"scenarios": ["calm", "windy"], "num_envs": 3}, "num_envs must be a multiple of the number of scenarios, 2"),
-        ({"patience": 3}, "patience needs eval_freq"),
         ({"start_from": "x", "hybrid": {"base_controller": "lqr", "imitation_timesteps": 1}}, "must be 0 with start_"),
     ],
     ids=str,

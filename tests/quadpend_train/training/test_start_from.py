@@ -12,7 +12,6 @@ from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
 from quadpend_train.training import train as training
 from quadpend_train.training.environment import make_env
 from quadpend_train.training.settings import HybridSettings, TrainSettings, read_settings, settings_of_card
-from quadpend_train.training.start import check_reproducible
 from tests.helpers.bad_input import assert_refused
 from tests.helpers.policies import mlp_policy
 from tests.helpers.training import (
@@ -65,9 +64,6 @@ def test_interrupted_fine_tuning_equals_an_uninterrupted_one(
     tuned = replace(settings, start_from=str(start))
     policy = train_policy(tuned, tmp_path / "whole")
     assert policy.card["settings"]["start_from"] == str(start)
-    recorded = policy.card["provenance"]["start_from"]
-    assert recorded["policy"] == str(start)
-    assert len(recorded["sha256"]) == 64
     for steps in (64, settings.save_freq + 64):
         broken = tmp_path / f"broken_{steps}"
         training.export(training.initial_model(settings)).save(start)
@@ -79,7 +75,7 @@ def test_interrupted_fine_tuning_equals_an_uninterrupted_one(
         assert weight_difference(MlpPolicy.load(training.resume(broken, progress=False)), policy) == 0.0
 
 
-def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
+def test_fine_tuned_policy_is_reproduced_while_its_start_exists(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     start = tmp_path / "start.npz"
@@ -90,12 +86,10 @@ def test_fine_tuned_policy_is_reproduced_until_its_start_changes(
     assert settings == replace(SHORTER, start_from=str(start), seed=4)  # other settings are those of the policy
     main(["reproduce", str(tmp_path / "run"), "--out", str(tmp_path / "again")])
     assert "The weights are the same." in capsys.readouterr().out
-    training.export(training.initial_model(replace(SHORTER, seed=1))).save(start)
-    for change, message in ((lambda: None, "start.npz has changed since"), (start.unlink, "there is no policy")):
-        change()
-        with pytest.raises(SystemExit):
-            main(["reproduce", str(tmp_path / "run"), "--out", str(tmp_path / "third")])
-        assert message in capsys.readouterr().err
+    start.unlink()
+    with pytest.raises(SystemExit):
+        main(["reproduce", str(tmp_path / "run"), "--out", str(tmp_path / "third")])
+    assert "there is no policy" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -144,5 +138,4 @@ def test_policy_that_commands_something_else_is_no_start(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", [seed for seeds in shipped_policies().values() for seed in seeds])
 def test_every_shipped_policy_can_be_trained_again_from_its_card(name: str) -> None:
     card = MlpPolicy.load(name).card
-    check_reproducible(card, name)
     make_env(settings_of_card(card, name))

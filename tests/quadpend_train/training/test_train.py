@@ -98,13 +98,10 @@ def replace_scores(patch: pytest.MonkeyPatch, *scores: float) -> list[MlpPolicy]
     return evaluated
 
 
-def test_patience_stops_a_run_and_its_best_policy_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    evaluated = replace_scores(monkeypatch, 0.5, 0.3, 0.4, 0.35, 0.36)
-    settings = replace(EVALUATED, total_timesteps=10**8, patience=2)
-    policy = train_policy(settings, tmp_path)
-    steps = [score.steps for score in read_curve(tmp_path)]
-    assert steps[:4] == [0, 256, 512, 768]
-    assert steps[-1] <= 1024
+def test_the_best_policy_of_a_run_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    evaluated = replace_scores(monkeypatch, 0.5, 0.3, 0.4)
+    policy = train_policy(EVALUATED, tmp_path)
+    assert len(evaluated) >= 3
     assert weight_difference(policy, evaluated[1]) == 0.0
 
 

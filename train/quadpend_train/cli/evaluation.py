@@ -52,7 +52,6 @@ def evaluate(
     """
     from rich.console import Console
 
-    from quadpend_train.evaluation.pairwise import compare_pair
     from quadpend_train.reports import report, tables
 
     made = report.evaluate(
@@ -71,10 +70,6 @@ def evaluate(
     console.print(tables.terminal_table(title, tables.metric_rows(comparison)))
     if note := tables.episodes_note(comparison):
         console.print(note)
-    if len(comparison.policies) == 2:
-        pair = compare_pair(comparison.table, *reversed(comparison.policies))
-        title = f"{pair.first} minus {pair.second}, 95 % intervals, p corrected by Holm's method"
-        console.print(tables.terminal_table(title, tables.pairwise_rows(pair)))
     for sentence in tables.sentences(comparison):
         console.print(f"• {sentence}")
     if len(comparison.policies) > 1:

@@ -7,13 +7,12 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from quadpend_train.common.executors import run as run_calls
 from quadpend_train.common.files import writable_folder
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings, read_settings
-from quadpend_train.training.train import LIMITS, POLICY, SETTINGS, train_or_resume
+from quadpend_train.training.train import POLICY, SETTINGS, train_or_resume
 
 
 def parse_seeds(text: str) -> list[int]:
@@ -63,8 +62,7 @@ def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
     """Return what will be done with a folder."""
     if not begun([folder]):
         return "a new run"
-    limits: dict[str, Any] = dict.fromkeys(LIMITS, 0)
-    if replace(read_settings(str(folder / SETTINGS)), **limits) != replace(settings, **limits):
+    if replace(read_settings(str(folder / SETTINGS)), max_seconds=settings.max_seconds) != settings:
         raise ValueError(f"{folder} contains a run with other settings: choose another folder with --out")
     if (folder / POLICY).is_file():
         return "finished, skipped"

@@ -99,9 +99,8 @@ def train(
         set: A keyword argument of the algorithm's class in Stable-Baselines3 or sb3-contrib, as ppo.learning_rate=1e-3
             or sac.policy_kwargs.net_arch=[64,64]. It may be repeated.
         out: Folder of the run.
-        resume: Folder of an interrupted run to continue with its own settings; only the limits --max-seconds and
-            --patience may be changed. Loading its checkpoint executes code that it contains: resume only runs that you
-            trust.
+        resume: Folder of an interrupted run to continue with its own settings; only --max-seconds may be changed.
+            Loading its checkpoint executes code that it contains: resume only runs that you trust.
         vehicle: Vehicle of all scenarios, as in evaluate.
         interface: What the actions command in all scenarios: wrench, rotors or body_rates.
         seeds: Several training seeds, such as 0-4 or 0,2,5, each in a folder of its own: OUT-0, OUT-1 and so on.
@@ -170,12 +169,10 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
     """
     from quadpend_train.policies.loading import policy_file
     from quadpend_train.policies.mlp_policy import MlpPolicy, weight_difference
-    from quadpend_train.training import start
     from quadpend_train.training import train as training
 
     original = MlpPolicy.load(policy_file(policy))
     settings = settings_of_card(original.card, policy)
-    start.check_reproducible(original.card, policy)
     reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
     if largest := weight_difference(original, reproduced):
         made = original.card["provenance"]

@@ -7,8 +7,6 @@ others and is named when they have ended, so a study gives the same results on e
 import os
 import signal
 import sys
-import threading
-import time
 import warnings
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -146,7 +144,7 @@ class _Processes(Executor):
         from loky import get_reusable_executor
 
         warnings.filterwarnings("ignore", "A worker was restarted")  # loky restarts those that keep much memory
-        return get_reusable_executor(self.ahead, initializer=_follow_parent)
+        return get_reusable_executor(self.ahead, initializer=_ignore_interrupts)
 
 
 def _described(call: Call) -> Any:
@@ -157,17 +155,9 @@ def _described(call: Call) -> Any:
         raise RuntimeError(describe_error(error)) from error
 
 
-def _follow_parent() -> None:
-    """Let this process end when its parent was killed, and leave Ctrl-C to the parent, which ends this process."""
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the parent, which ends this process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 class _Ray(Executor):

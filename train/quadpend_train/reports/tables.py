@@ -12,7 +12,7 @@ from quadpend_train.evaluation.comparison import Comparison
 from quadpend_train.evaluation.episodes import FALL_ERROR
 from quadpend_train.evaluation.formatting import format_interval, markdown_table
 from quadpend_train.evaluation.leaderboard import LeaderboardRow
-from quadpend_train.evaluation.pairwise import PairwiseComparison, compare_pair
+from quadpend_train.evaluation.pairwise import compare_pair
 from quadpend_train.evaluation.table import METRICS
 from quadpend_train.reports import figures
 
@@ -43,18 +43,6 @@ def leaderboard_rows(standings: Sequence[LeaderboardRow], bound: LeaderboardRow 
         counts = ("–" if count is None else str(count) for count in (row.wins, row.losses))
         intervals = map(format_interval, (row.penalised_rmse, row.survival))
         rows.append([str(rank or "–"), row.policy, *intervals, worst, *counts])
-    return rows
-
-
-def pairwise_rows(pair: PairwiseComparison) -> Rows:
-    """Return the differences of two policies in each scenario."""
-    difference = ("survival (points)", "p", "rmse where both survive (mm)", "p", "penalised rmse (mm)")
-    rows: Rows = [("scenario", "winner", *difference, "improvement")]
-    for scenario, result in pair.results.items():
-        winner = {1: pair.first, -1: pair.second, 0: "–"}[result.winner]
-        survival, rmse = (format_interval(item) for item in (result.survival, result.rmse))
-        tests = [survival, f"{result.p_survival:.2g}", rmse, f"{result.p_rmse:.2g}"]
-        rows.append([scenario, winner, *tests, *map(format_interval, (result.penalised_rmse, result.improvement))])
     return rows
 
 

@@ -105,7 +105,7 @@ class Sweep(NamedTuple):
     def trial_start(self) -> TrainSettings:
         """Settings of the training of the first trial."""
         every = max(self.start.total_timesteps // _EVALUATIONS, 1)
-        return replace(self.start, max_seconds=self.seconds, eval_freq=every, patience=0)
+        return replace(self.start, max_seconds=self.seconds, eval_freq=every)
 
     @property
     def name(self) -> str:
@@ -178,14 +178,11 @@ class _Reporting(RolloutCallback):
     def _on_rollout_start(self) -> None:
         scores: Any = self.model.scores  # type: ignore[attr-defined]  # of `EvaluationCallback`
         now = int(MOMENTS * scores[-1].seconds / self.seconds) if scores else -1
-        if now <= self.reported:
-            return
-        for moment in range(self.reported + 1, now + 1):
-            known = scores if moment == now else scores[:-1] or scores
-            self.trial.report(min(score.penalised_rmse for score in known), moment)
-        self.reported = now
-        if self.trial.should_prune():
-            raise optuna.TrialPruned
+        if now > self.reported:
+            self.trial.report(min(score.penalised_rmse for score in scores), now)
+            self.reported = now
+            if self.trial.should_prune():
+                raise optuna.TrialPruned
 
 
 def write_results(study: optuna.Study, sweep: Sweep) -> list[str]:

@@ -132,8 +132,8 @@ class StopConditions(RolloutCallback):
         return not self.time_is_up
 
 
-class EvaluationCallback(BaseCallback):
-    """Evaluate the policy every `eval_freq` steps, save the best one, and stop early, see `patience`.
+class EvaluationCallback(RolloutCallback):
+    """Evaluate the policy every `eval_freq` steps, and save the best one.
 
     ``curve.csv`` has one line per evaluation, see `Score`. The time of the evaluations does not count as training time.
 
@@ -184,10 +184,6 @@ class EvaluationCallback(BaseCallback):
     def _write_curve(self) -> None:
         lines = (",".join(map(str, line)) for line in (Score._fields, *self.scores))
         write_text(self.folder / CURVE, "\n".join(lines) + "\n")
-
-    def _on_step(self) -> bool:
-        patience, scores = self.settings.patience, [score.penalised_rmse for score in self.scores]
-        return not (patience and scores) or len(scores) - 1 - scores.index(min(scores)) < patience
 
 
 class Report(RolloutCallback):

@@ -55,11 +55,8 @@ class Imitation:
         self.actions = np.empty((_ROUNDS * self.labels, 4), np.float32)
         self.observation: Any = None  # the next one
 
-    def fit(self) -> float:
-        """Fly and fit in all rounds, and return the RMS difference between policy and base controller.
-
-        It is over all components of the actions, in a flight without noise, on whose labels the policy was not fitted.
-        """
+    def fit(self) -> None:
+        """Fly and fit in all rounds."""
         passes = [_PASSES[0]] * (_ROUNDS - 1) + [_PASSES[1]]
         for number in range(_ROUNDS):
             first, last = number * self.labels, (number + 1) * self.labels
@@ -71,12 +68,6 @@ class Imitation:
             rates = [_LEARNING_RATES[0] ** (1.0 - part) * _LEARNING_RATES[1] ** part for part in (done, now)]
             batches = max(round(passes[number] * len(self.actions) / _BATCH_SIZE), 1)
             self._fit(self.observations[:last], self.actions[:last], np.geomspace(rates[0], rates[1], batches))
-        final = slice(first, last)
-        self._fly_policy(final, np.zeros((self.env.num_envs, 1)))
-        with torch.no_grad():
-            labels = torch.as_tensor(self.actions[final])
-            error = _mean_action(self.model, torch.as_tensor(self.observations[final])) - labels
-        return float(error.pow(2).mean().sqrt())
 
     def _noise(self) -> Any:
         """Return the standard deviation of the noise of each row, from 0 to `_NOISE`, shape (n, 1)."""

@@ -157,8 +157,6 @@ class TrainSettings:
     """Timesteps between two evaluations in the training scenarios; 0 for no evaluations."""
     n_eval_episodes: Annotated[int, Range(1, 100_000)] = 32
     """Episodes of each scenario in an evaluation."""
-    patience: Annotated[int, Range(0, 1e9)] = 0
-    """Number of evaluations without a better score after which training stops; 0 for no early stopping."""
     num_threads: Annotated[int, Range(1, 1024)] = 1
     """Threads of PyTorch. Two are faster on two idle cores, and many times slower on busy cores."""
     apg: ApgSettings = field(default_factory=ApgSettings)
@@ -182,8 +180,6 @@ class TrainSettings:
             raise ValueError(f"num_envs must be a multiple of the number of scenarios, {count}, not {self.num_envs}")
         if self.start_from and self.hybrid.imitation_timesteps:
             raise ValueError("imitation_timesteps must be 0 with start_from, which replaces the imitation")
-        if self.patience and not self.eval_freq:
-            raise ValueError("patience needs eval_freq")
 
     def argument(self, name: str) -> Any:
         """Return an argument of the algorithm: as given, or the default of its class; None if it has no such one."""

@@ -7,13 +7,13 @@ import torch
 
 from quadpend_train.common.text import brief
 from quadpend_train.policies.export import export
-from quadpend_train.policies.loading import load_policy, policy_fingerprint
+from quadpend_train.policies.loading import load_policy
 from quadpend_train.policies.mlp_policy import PLAIN_INTERFACE, MlpPolicy, check_interface
 from quadpend_train.policies.sb3_models import linear_layers
 from quadpend_train.training.settings import TrainSettings
 
 # Fields of a card that must be the same, with their defaults
-_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")) | PLAIN_INTERFACE
+_COMPARED = dict.fromkeys(("activation", "squashed", "normalization", "input_scales")) | PLAIN_INTERFACE
 
 
 def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None:
@@ -48,10 +48,3 @@ def start_policy(settings: TrainSettings) -> MlpPolicy:
     if not isinstance(policy, MlpPolicy):
         raise ValueError(f"start_from must be a learned policy with a feedforward network, not {settings.start_from}")
     return policy
-
-
-def check_reproducible(card: dict[str, Any], name: str) -> None:
-    """Check that a training from the card of the policy `name` would give the same weights on the same machine."""
-    start = card["provenance"].get("start_from")
-    if start and policy_fingerprint(start["policy"]) != start["sha256"]:
-        raise ValueError(f"the policy {start['policy']} has changed since the training of {name} started from it")

@@ -33,13 +33,11 @@ from quadpend_train.common.files import atomic, write_text
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.policies.export import export
-from quadpend_train.policies.loading import policy_fingerprint
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.algorithms import load_model, make_model
 from quadpend_train.training.callbacks import (
     BEST,
     CHECKPOINT,
-    DIVERGED,
     CheckpointSegments,
     EvaluationCallback,
     Report,
@@ -56,7 +54,6 @@ from quadpend_train.training.start import load_actor, start_policy
 
 SETTINGS, START, PROVENANCE, POLICY = "settings.json", "start.npz", "provenance.json", "policy.npz"
 CARD_SEED = VALIDATION_SEED + 100_000  # of the score on a policy's card; `best.npz` is selected in other episodes
-LIMITS = ("max_seconds", "patience")  # settings that may be changed when a run is resumed
 
 
 def train(
@@ -74,11 +71,9 @@ def train(
     model = initial_model(settings, folder)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        made = provenance()
-        if name := settings.start_from:
+        if settings.start_from:
             start_policy(settings).save(folder / START)
-            made["start_from"] = {"policy": name, "sha256": policy_fingerprint(name)}
-        for name, data in ((PROVENANCE, made), (SETTINGS, to_mapping(settings))):
+        for name, data in ((PROVENANCE, provenance()), (SETTINGS, to_mapping(settings))):
             write_text(folder / name, json.dumps(data, indent=1) + "\n")
         return _run(model, settings, folder, progress, callbacks)
 
@@ -86,16 +81,16 @@ def train(
 def resume(folder: Path, settings: TrainSettings | None = None, *, progress: bool = True) -> Path:
     """Continue an interrupted run from its latest checkpoint, or from scratch if it has none, as `train` does.
 
-    Loading a checkpoint executes code that is in it: resume only runs whose source you trust. Only the settings in
-    `LIMITS` may be changed.
+    Loading a checkpoint executes code that is in it: resume only runs whose source you trust. Only `max_seconds` may be
+    changed.
     """
     if not (folder / SETTINGS).is_file():
         raise FileNotFoundError(f"{folder} contains no run")
     stored = read_settings(str(folder / SETTINGS))
     settings = settings or stored
     for name, value in vars(stored).items():
-        if name not in LIMITS and getattr(settings, name) != value:
-            raise ValueError(f"a continued run may change {' and '.join(LIMITS)} only: {name} must be {value!r}")
+        if name != "max_seconds" and getattr(settings, name) != value:
+            raise ValueError(f"a continued run may change max_seconds only: {name} must be {value!r}")
     with locked(folder):
         if (folder / POLICY).is_file():
             raise FileNotFoundError(f"the run in {folder} is finished: there is nothing to resume")
@@ -146,11 +141,9 @@ def imitate(model: Any, settings: TrainSettings, end: float = float("inf")) -> N
     env = make_env(replace(settings, hybrid=hybrid))
     env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
     try:
-        error = Imitation(model, env, settings, end).fit()
+        Imitation(model, env, settings, end).fit()
     except TimeoutError:
         print(f"The imitation of {hybrid.base_controller} was stopped by max_seconds.")
-    else:
-        print(f"Imitation of {hybrid.base_controller}: actions differ by {error:.4f} (root mean square).")
 
 
 def _run(
@@ -177,10 +170,8 @@ def _learn(
         try:
             model.learn(max(total - before, 0), CallbackList(all_of), reset_num_timesteps=False, tb_log_name="events")
             stop.check_finite()
-        except ValueError as error:  # torch refuses a distribution whose parameters are not finite
+        except ValueError:  # torch refuses a distribution whose parameters are not finite
             stop.check_finite()
-            if "found invalid values" in str(error):
-                raise FloatingPointError(DIVERGED.format(model.num_timesteps)) from error
             raise
     if stop.time_is_up:
         print(f"max_seconds ended the training early, after {model.num_timesteps} of {total} timesteps.")
