@@ -166,11 +166,6 @@ def _two_policies(random: np.random.Generator, n: int) -> Any:
     return _survivals(0.95)(random, n), _survivals(0.9)(random, n)
 
 
-def _signs(share: float) -> Sample:
-    """Draw −1 with probability `share`, otherwise 1."""
-    return lambda random, n: np.where(random.random((1, n)) < share, -1.0, 1.0)
-
-
 def _training_seeds(seeds: int, effect: Callable[..., Any] = np.random.Generator.normal, mean: float = 0.0) -> Sample:
     """Draw effects of seeds, effects of episodes and a residual."""
 
@@ -190,7 +185,6 @@ def coverage_table() -> str:
         (RARE, mean, rare, 0.01 + 0.99 * 0.02),
         *((f"survival of {100 * p:g} %", statistics.proportion, _survivals(p), p) for p in (0.9, 0.99)),
         ("difference of survivals, 95 % and 90 %", _difference, _two_policies, 0.05),
-        *((f"probability of improvement of {100 * p:g} %", _improvement, _signs(p), p) for p in (0.5, 0.9, 0.99)),
         *((f"mean over {n} training seeds, normal", mean, _training_seeds(n), 0.0) for n in (2, 5)),
     ]
     shared, own, rows = np.random.default_rng(1), np.random.default_rng(3), []
@@ -203,10 +197,6 @@ def coverage_table() -> str:
 
 def _difference(survived: Any) -> Any:
     return statistics.paired_proportion(*survived)
-
-
-def _improvement(values: Any) -> Any:
-    return statistics.probability_of_improvement(values, np.zeros_like(values))
 
 
 def error_table() -> str:

@@ -134,7 +134,7 @@ def plan(scenarios: Mapping[str, Scenario], episodes: int, seed: int, path: Path
         table = pd.DataFrame(stored).sort_values(["scenario", "seed"])
         write_text(path, table.to_csv(index=False, lineterminator="\n"))
 
-    run(calls, jobs, done=save, what="episode", kept=f"are in {path}", finished=len(wanted) - len(calls))
+    run(calls, jobs, done=save, what="episode", finished=len(wanted) - len(calls))
 
 
 def read(path: Path, scenarios: Sequence[str], episodes: int, seed: int) -> dict[str, pd.DataFrame]:

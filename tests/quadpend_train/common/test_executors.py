@@ -62,9 +62,9 @@ def test_results_arrive_under_their_names_and_failures_are_named_at_the_end(pool
     found: dict[Any, int] = {}
     failing = {("a", 1): partial(refuse, 1), "odd": refuse_in_an_odd_way, **calls}
     with pytest.raises(CallsFailedError) as raised:
-        run(failing, pool, done=found.__setitem__, what="trial", kept="are kept")
+        run(failing, pool, done=found.__setitem__, what="trial")
     head, *lines = str(raised.value).splitlines()
-    assert head == "2 of 9 trials failed; the results of the others are kept:"
+    assert head == "2 of 9 trials failed; the others have ended:"
     assert any(line.startswith("  a, 1: ValueError: number must be even, not 1") for line in lines)
     assert any("UnpicklableError: two arguments" in line for line in lines)
     assert found == {number: number**2 for number in range(7)}
@@ -99,6 +99,6 @@ def test_a_failing_policy_is_named_and_the_other_results_are_cached(
         main(["evaluate", f"mine={module}:make", "lqr", *scenario])
     assert ended.value.code == 1
     head, failure = capsys.readouterr().err.strip().splitlines()[-2:]
-    assert head.endswith("1 of 2 jobs failed; the results of the others are cached:")
+    assert head.endswith("1 of 2 jobs failed; the others have ended:")
     assert failure.endswith(f"mine: KeyError: 'no gain' ({module}.py, line 9)")
     assert len(list((tmp_path / "results/cache").iterdir())) == 1

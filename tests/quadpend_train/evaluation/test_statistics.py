@@ -16,7 +16,6 @@ from quadpend_train.evaluation.statistics import (
     p_proportion,
     p_value,
     paired_proportion,
-    probability_of_improvement,
     proportion,
 )
 
@@ -70,9 +69,8 @@ def test_nan_values_are_left_out() -> None:
         (mean, lambda random: random.gamma(2.0, 1.0, (1, 100)), 2.0),
         (proportion, lambda random: random.random((1, 100)) < 0.9, 0.9),
         (lambda x: paired_proportion(*x), lambda random: random.random((2, 1, 100)) < [[[0.9]], [[0.7]]], 0.2),
-        (lambda x: probability_of_improvement(*x), lambda random: random.normal(0.0, 1.0, (2, 1, 100)), 0.5),
     ],
-    ids=["mean", "proportion", "paired proportion", "improvement"],
+    ids=["mean", "proportion", "paired proportion"],
 )
 def test_intervals_have_their_nominal_coverage(
     estimate: Callable[[Any], Interval], draw: Callable[[np.random.Generator], Any], truth: float
@@ -121,14 +119,6 @@ def test_the_test_of_survival_keeps_its_level_for_rare_falls_and_many_training_s
         covered += low <= 0.0 <= high
     assert rejected <= 14
     assert covered >= 186
-
-
-def test_the_probability_of_improvement_is_a_share_of_pairs() -> None:
-    random = np.random.default_rng(6)
-    first, second = random.integers(0, 5, (3, 8)) / 1.0, random.integers(0, 5, (3, 8)) / 1.0
-    paired = [np.mean([(x < y) + 0.5 * (x == y) for x, y in zip(first.ravel(), second.ravel(), strict=True)])]
-    assert probability_of_improvement(first, second).value == pytest.approx(paired[0])
-    assert probability_of_improvement(first, first) == (0.5, 0.5, 0.5)
 
 
 def test_the_randomisation_test_of_survival_is_mcnemars_exact_test() -> None:

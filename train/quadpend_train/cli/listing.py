@@ -76,19 +76,13 @@ def _kinds(kinds: Mapping[str, type[Any]]) -> Rows:
 
 
 def _vehicle(vehicle: Vehicle) -> str:
-    """Mass, pole and time constant 1/√K of its fall, and the rotors, whose lag must be short against it."""
     pole = next(name for name, known in POLES.items() if known == vehicle.pole)
-    fall = 1e3 / np.sqrt(vehicle.stiffness)
-    text = f"{1e3 * vehicle.mass:g} g, pole {pole}, which falls with a time constant of {fall:.0f} ms"
-    if vehicle.rotors is None:
-        return f"{text}; the paper's attitude model, no rotors"
-    ratio, lag = 4.0 * vehicle.rotors.thrust[1] / vehicle.weight, 1e3 * vehicle.rotors.lag_up
-    return f"{text}; rotors for {ratio:.1f} times the weight with a lag of {lag:g} ms"
+    model = "the paper's attitude model" if vehicle.rotors is None else "four rotors"
+    return f"{1e3 * vehicle.mass:g} g, pole {pole}, {model}"
 
 
 def _pole(pole: Pole) -> str:
-    extent = pole.extent or 2.0 * pole.length
-    return f"{1e3 * pole.mass:g} g, {extent:g} m, {pole.length:g} m from the pivot to the centre of mass"
+    return f"{1e3 * pole.mass:g} g, {pole.length:g} m from the pivot to the centre of mass"
 
 
 TABLES: dict[str, Callable[[], Rows]] = {

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from quadpend_train.common.files import writable_folder, write_text
+from quadpend_train.common.files import write_text
 
 
 def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
@@ -13,7 +13,7 @@ def paper(gains: str = "paper", out: Path = Path("results/paper")) -> None:
         gains: Gains of the controller: "paper" or "matched".
         out: Folder for the figures (PNG, SVG) and merit.json.
     """
-    writable_folder(out)
+    out.mkdir(parents=True, exist_ok=True)
     from quadpend_baselines.paper import experiment, figures
 
     results = experiment.run(gains)

@@ -8,7 +8,6 @@ import tyro
 
 from quadpend_gym.scenarios import refuse_held_out
 from quadpend_train.cli.options import Episodes, Seed, Trials, named_scenarios
-from quadpend_train.common.files import writable_folder
 
 
 def tune(
@@ -44,7 +43,7 @@ def tune(
     """
     from quadpend_train.search import shared, tuning
 
-    writable_folder(out)
+    out.mkdir(parents=True, exist_ok=True)
     refuse_held_out(scenarios)
     chosen = [*named_scenarios(scenarios, vehicle, interface).values()]
     for search in [tuning.Search(name, chosen, episodes) for name in controllers]:
@@ -84,7 +83,7 @@ def sweep(
     from quadpend_train.search import sweep as study_of_settings
     from quadpend_train.training.settings import read_settings
 
-    writable_folder(out)
+    out.mkdir(parents=True, exist_ok=True)
     start = read_settings(settings)
     ranges, values = study_of_settings.read_space(space, start)
     where = storage or str(out / "trials.log")

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 from quadpend_train.common.executors import run as run_calls
-from quadpend_train.common.files import writable_folder
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.training.settings import TrainSettings, read_settings
 from quadpend_train.training.train import POLICY, SETTINGS, train_or_resume
@@ -44,14 +43,13 @@ def train_seeds(run: TrainSettings, seeds: str, out: Path, resume: bool, execute
     folders, calls = run_folders(out, seeds), {}
     if resume and not begun([*folders.values()]):
         raise FileNotFoundError(f"{', '.join(map(str, folders.values()))} contain no run")
-    writable_folder(out.parent)
     for seed, folder in folders.items():
         settings = replace(run, seed=seed)
         print(f"{folder}: {_state(folder, settings, resume)}", flush=True)
         if not (folder / POLICY).is_file():
             calls[f"seed {seed}"] = partial(train_or_resume, settings, folder, progress=False)
     try:
-        run_calls(calls, execute, what="training", kept=f"are in {out}-…", finished=len(folders) - len(calls))
+        run_calls(calls, execute, what="training", finished=len(folders) - len(calls))
     except KeyboardInterrupt:
         command = f"quadpend train --resume {shlex.quote(str(out))} --seeds {seeds}"
         raise KeyboardInterrupt(f"`{command}` continues the runs" if begun([*folders.values()]) else "") from None
@@ -71,11 +69,8 @@ def _state(folder: Path, settings: TrainSettings, resume: bool) -> str:
     return "interrupted, continues from its last checkpoint"
 
 
-def summary(folders: Sequence[Path], options: Sequence[str]) -> str:
-    """Return a line about each policy, and the command that compares them with a classical controller.
-
-    `options` are the scenarios as they were given, and the options after them; empty for those of the settings.
-    """
+def summary(folders: Sequence[Path]) -> str:
+    """Return a line about each policy, and the command that compares them with a classical controller."""
     lines = []
     for path in (folder / POLICY for folder in folders):
         card = MlpPolicy.load(path).card
@@ -83,6 +78,6 @@ def summary(folders: Sequence[Path], options: Sequence[str]) -> str:
             f"Trained policy: {path}\nIn its training scenarios it survives {card['score']['survival']:.1%} of the"
             f" episodes; penalised RMSE {1e3 * card['score']['penalised_rmse']:.1f} mm."
         )
-    scenarios = options or card["settings"]["scenarios"]
+    scenarios = card["settings"]["scenarios"]
     command = ["quadpend", "evaluate", "flatness", f"mine={','.join(map(str, folders))}", "--scenarios", *scenarios]
     return "\n".join([*lines, f"Compare with a classical controller: {shlex.join(command)}"])

@@ -13,7 +13,6 @@ import tyro
 from quadpend_gym.core.factories import split_name
 from quadpend_train.cli.options import named_scenarios
 from quadpend_train.common.executors import executor
-from quadpend_train.common.files import writable_file, writable_folder
 from quadpend_train.training.settings import (
     PRESETS,
     TrainSettings,
@@ -113,7 +112,6 @@ def train(
 
     if seeds is None and (jobs != 1 or cluster is not None):
         raise ValueError("--jobs and --cluster train several seeds: give them with --seeds")
-    typed: list[str] = []  # scenarios and their options, for the command that is printed
     if resume:
         if vehicle or interface or out != DEFAULT_OUT:
             raise ValueError(
@@ -121,9 +119,6 @@ def train(
                 " and no --out with it"
             )
         print(f"Loading the models in {resume} executes code that they contain: resume only runs that you trust.")
-    else:
-        changes = {"--vehicle": vehicle, "--interface": interface}
-        typed = [*run.scenarios, *(text for name, value in changes.items() if value for text in (name, value))]
     if vehicle or interface:
         run = replace(run, scenarios=as_texts(named_scenarios(run.scenarios, vehicle, interface)))
     if seeds is not None:
@@ -131,8 +126,8 @@ def train(
     elif resume:
         folders = [training.resume(resume, run).parent]
     else:
-        folders = [training.train(run, writable_folder(out)).parent]
-    print(summary(folders, typed))
+        folders = [training.train(run, out).parent]
+    print(summary(folders))
 
 
 def export(
@@ -155,7 +150,6 @@ def export(
     path = out or model.with_suffix(".npz")
     if path.exists():
         raise FileExistsError(f"{path} exists already: choose another file with --out")
-    writable_file(path)
     export_zip(model, vec_normalize, source=model.name).save(path)
     print(f"Written: {path}")
 
@@ -173,7 +167,7 @@ def reproduce(policy: tyro.conf.Positional[str], out: Path = Path("runs/reproduc
 
     original = MlpPolicy.load(policy_file(policy))
     settings = settings_of_card(original.card, policy)
-    reproduced = MlpPolicy.load(training.train(settings, writable_folder(out)))
+    reproduced = MlpPolicy.load(training.train(settings, out))
     if largest := weight_difference(original, reproduced):
         made = original.card["provenance"]
         print(f"The weights differ by up to {largest:g}. Other machines and package versions cause such differences.")

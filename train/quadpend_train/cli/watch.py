@@ -9,7 +9,6 @@ import tyro
 
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_train.cli.options import named_scenarios
-from quadpend_train.common.files import writable_file
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 
 FORMATS = (".mp4", ".gif", ".webp", ".png")
@@ -73,7 +72,7 @@ def watch(
     (shown, found), *_ = chosen.items()
     check_pygame()
     if video.out:
-        writable_file(video.out)
+        video.out.parent.mkdir(parents=True, exist_ok=True)
     from quadpend_gym.viewer.window import is_headless, open_window
     from quadpend_train.evaluation.recording import record_episode
     from quadpend_train.reports.side_by_side import SideBySideView, write_video

@@ -34,9 +34,8 @@ class Call(Protocol):
 class CallsFailedError(RuntimeError):
     """Some calls failed, and all others have ended; see `run`."""
 
-    def __init__(self, failures: Mapping[Any, BaseException], calls: int, what: str, kept: str) -> None:
-        others = f"; the results of the others {kept}" if kept and calls > len(failures) else ""
-        lines = [f"{len(failures)} of {calls} {what}s failed{others}:"]
+    def __init__(self, failures: Mapping[Any, BaseException], calls: int, what: str) -> None:
+        lines = [f"{len(failures)} of {calls} {what}s failed; the others have ended:"]
         for name, error in failures.items():
             named = ", ".join(map(str, name)) if isinstance(name, tuple) else name
             reason = getattr(error, "cause", None) or error  # Ray wraps it
@@ -70,14 +69,13 @@ def run(
     *,
     done: Callable[[Name, Any], object] = lambda name, result: None,
     what: str = "job",
-    kept: str = "",
     finished: int = 0,
 ) -> dict[Name, Any]:
     """Run calls, which can be pickled, with a progress bar, and return their results by name.
 
     `jobs` is the number of processes, or an executor. `done` is called in this process with the name and the result of
-    each call that succeeds, as soon as it ends. A message about failures says what a call is (`what`) and what happened
-    to the results of the others (`kept`). The progress bar begins with `finished` calls.
+    each call that succeeds, as soon as it ends. A message about failures says what a call is (`what`). The progress bar
+    begins with `finished` calls.
 
     Raises:
         CallsFailedError: If calls failed, when all others have ended.
@@ -98,7 +96,7 @@ def run(
             pool.shutdown(cancel_futures=True)
             raise
     if failures:
-        raise CallsFailedError(failures, len(calls), what, kept) from next(iter(failures.values()))
+        raise CallsFailedError(failures, len(calls), what) from next(iter(failures.values()))
     return results
 
 

@@ -81,8 +81,7 @@ def run_jobs(
             with atomic(path) as unfinished, unfinished.open("wb") as file:
                 np.savez(file, **result._asdict())
 
-    kept = "are cached" if cache_folder else ""
-    results |= run(missing, processes, done=save, kept=kept, finished=len(results))
+    results |= run(missing, processes, done=save, finished=len(results))
     return {name: results[name] for name in jobs}
 
 

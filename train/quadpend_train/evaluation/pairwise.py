@@ -27,7 +27,6 @@ from quadpend_train.evaluation.statistics import (
     p_proportion,
     p_value,
     paired_proportion,
-    probability_of_improvement,
 )
 from quadpend_train.evaluation.table import Values, cells
 
@@ -49,7 +48,6 @@ class ScenarioResult(NamedTuple):
             3/n.
         p_survival: p-value of equal survival, corrected by Holm's method.
         p_rmse: p-value of equal `rmse`, corrected; 1 if there are fewer than 10 episodes that both survived.
-        improvement: Probability that the first policy has the smaller penalised RMSE in an episode.
     """
 
     winner: int
@@ -58,7 +56,6 @@ class ScenarioResult(NamedTuple):
     penalised_rmse: Interval
     p_survival: float
     p_rmse: float
-    improvement: Interval
 
 
 class PairwiseComparison(NamedTuple):
@@ -102,11 +99,10 @@ class PairwiseComparison(NamedTuple):
         lower = mean(difference).value <= 0.0
         value, low, high = mean(-difference if lower else difference)
         decimals = 0 if high >= 20.0 else 1 if high >= 1.0 else 2
-        better = np.mean([result.improvement.value for result in self.results.values()])
         return (
             f"{subject} {joined}; overall, its penalised RMSE is {'lower' if lower else 'higher'} by"
             f" {value:.{decimals}f} mm{' on average' if total > 1 else ''}, 95 % interval {low:.{decimals}f} to"
-            f" {high:.{decimals}f}; probability of improvement {better if sign > 0 else 1.0 - better:.2f}."
+            f" {high:.{decimals}f}."
         )
 
 
@@ -162,5 +158,4 @@ def _scenario_result(first: Values, second: Values, p_survival: float, p_rmse: f
         mean(first["penalised_rmse"] - second["penalised_rmse"]).scaled(1000.0),
         p_survival,
         p_rmse,
-        probability_of_improvement(first["penalised_rmse"], second["penalised_rmse"]),
     )

@@ -25,9 +25,6 @@ For one seed with the mean m, the standard deviation σ (unbiased variance), the
 
 (Hall, "On the removal of skewness by transformation", J. R. Statist. Soc. B 1992, whose normal quantile is replaced by
 Student's). docs/accuracy.md has the measured coverage of (1) and (2).
-
-The probability of improvement is that of Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical
-Precipice", NeurIPS 2021 (the package rliable).
 """
 
 from collections.abc import Callable, Sequence
@@ -150,20 +147,8 @@ def _random_effects(values: Floats) -> tuple[float, Callable[[float], float]]:
     )
 
 
-def probability_of_improvement(values: Floats, others: Floats) -> Interval:
-    """Probability that a value is below the other value of the same episode, P(x < y) + ½ P(x = y).
-
-    The shapes are (s, n) and (1, n) or equal. The probability is 0.5 for equal policies. Comparisons report this paired
-    version, since episodes differ more than policies do. For one seed the interval also covers Wilson's, so that it has
-    a width if one policy is better in every episode.
-    """
-    better = 0.5 * (np.sign(others - values) + 1.0)
-    found = mean(better).clipped(0.0, 1.0)
-    return found if len(better) > 1 else found.widened(_wilson(float(better.mean()), better.size))
-
-
 def _wilson(share: float, number: int) -> Interval:
-    """Return Wilson's interval of a share, which may count a tie as half a success."""
+    """Return Wilson's interval of a share."""
     z = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
     centre = (share + z * z / (2 * number)) / (1 + z * z / number)
     half = z * np.sqrt(share * (1 - share) / number + (z / (2 * number)) ** 2) / (1 + z * z / number)

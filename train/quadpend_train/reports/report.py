@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from quadpend_train.common.files import writable_folder, write_text
+from quadpend_train.common.files import write_text
 from quadpend_train.evaluation.comparison import Comparison, Policies, Scenarios, compare
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.leaderboard import LeaderboardRow, leaderboard
@@ -51,9 +51,7 @@ def evaluate(
     `replay` the number of episodes of each scenario that the page can replay. The other arguments are those of
     `quadpend_train.evaluation.comparison.compare`.
     """
-    folder = writable_folder(Path(out))
-    if cache_folder:
-        writable_folder(Path(cache_folder), "cache")
+    (folder := Path(out)).mkdir(parents=True, exist_ok=True)
     comparison = compare(policies, scenarios, episodes, seed, cache_folder, jobs)
     report = Report(comparison, leaderboard(comparison.table), folder)
     write(comparison, report.leaderboard, folder, replay)

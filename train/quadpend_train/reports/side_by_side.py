@@ -75,10 +75,7 @@ def _draw_fall(surface: Any, time: float) -> None:
 
 
 class _Charts:
-    """Charts of tracking errors and wind, of which the part up to the present is shown.
-
-    Both pictures are drawn once: the axes without curves, and with all curves.
-    """
+    """Charts of tracking errors and wind, drawn once, with a line at the present."""
 
     def __init__(self, recordings: Sequence[Recording], period: float, steps: range, size: tuple[int, int]) -> None:
         self.size = width, height = size
@@ -97,27 +94,17 @@ class _Charts:
             axis.tick_params(labelsize=points)
             axis.yaxis.label.set_size(points)
             axis.legend(loc="lower left", bbox_to_anchor=(0.0, 0.97), ncols=4, frameon=False, fontsize=points)
-        self._curves = _rendered(figure)
-        for curve in [curve for axis in self._axes for curve in axis.lines]:
-            curve.set_visible(False)
-        self._empty = _rendered(figure)
+        figure.canvas.draw()
+        pixels = figure.canvas.buffer_rgba()
+        self._curves = pygame.image.frombuffer(bytes(pixels), pixels.shape[1::-1], "RGBA")
 
     def draw(self, surface: Any, time: float) -> None:
-        """Draw the charts up to a time, s."""
-        surface.blit(self._empty, (0, 0))
+        """Draw the charts with a line at a time, s."""
+        surface.blit(self._curves, (0, 0))
         for axis in self._axes:
-            left = round(axis.bbox.x0)
             now = round(axis.transData.transform((time, 1.0))[0])
-            surface.blit(self._curves, (left, 0), (left, 0, max(now - left, 0), self.size[1]))
             top, bottom = self.size[1] - axis.bbox.y1, self.size[1] - axis.bbox.y0
             pygame.draw.line(surface, palette.GREY, (now, top), (now, bottom))
-
-
-def _rendered(figure: Any) -> Any:
-    """Return a figure as a surface of pygame."""
-    figure.canvas.draw()
-    pixels = figure.canvas.buffer_rgba()
-    return pygame.image.frombuffer(bytes(pixels), pixels.shape[1::-1], "RGBA")
 
 
 def _draw_curve(axis: Any, values: Any, period: float, i: int) -> None:

@@ -15,7 +15,6 @@ Source: Ross, Gordon and Bagnell, A reduction of imitation learning and structur
 learning, AISTATS 2011.
 """
 
-import time
 from typing import Any
 
 import numpy as np
@@ -36,13 +35,10 @@ _EPSILON = 1e-3  # ε of equation (1)
 
 
 class Imitation:
-    """The fit of an untrained model's policy to the actions of its base controller, in an `EstimateOnly` hybrid.
+    """The fit of an untrained model's policy to the actions of its base controller, in an `EstimateOnly` hybrid."""
 
-    At the time `end` of `time.perf_counter` it stops with TimeoutError.
-    """
-
-    def __init__(self, model: Any, env: SB3VecEnv, settings: TrainSettings, end: float) -> None:
-        self.model, self.env, self.end = model, env, end
+    def __init__(self, model: Any, env: SB3VecEnv, settings: TrainSettings) -> None:
+        self.model, self.env = model, env
         parameters = [item for layer in linear_layers(model) for item in layer.parameters()]
         self.random = np.random.default_rng(settings.seed)
         self.optimizer = torch.optim.Adam(parameters, lr=_LEARNING_RATES[0])
@@ -104,7 +100,6 @@ class Imitation:
         return np.concatenate([wrapper.base_action for wrapper in self.wrappers])
 
     def _step(self, action: Any, noise: Any) -> None:
-        self._check_time()
         noisy = action + noise * self.random.normal(size=action.shape)
         self.observation = self.env.step(np.clip(noisy, -1.0, 1.0).astype(np.float32))[0]
 
@@ -112,7 +107,6 @@ class Imitation:
         """Fit the actor to labels with one gradient step, on a random batch, for each learning rate."""
         inputs, labels = torch.as_tensor(observations), torch.as_tensor(actions)
         for rate in learning_rates:
-            self._check_time()
             batch = torch.as_tensor(self.random.integers(len(inputs), size=min(_BATCH_SIZE, len(inputs))))
             error = _mean_action(self.model, inputs[batch]) - labels[batch]
             loss = (error.pow(2).sum(dim=1) + _EPSILON**2).sqrt().mean()
@@ -120,10 +114,6 @@ class Imitation:
             self.optimizer.zero_grad()
             torch.autograd.backward(loss)
             self.optimizer.step()
-
-    def _check_time(self) -> None:
-        if time.perf_counter() >= self.end:
-            raise TimeoutError
 
 
 def _mean_action(model: Any, observation: Any) -> Any:

@@ -131,8 +131,8 @@ class TrainSettings:
     (.npz or .zip). Its network, hybrid and interface must be those of the settings. The critic starts
     untrained."""
     max_seconds: Annotated[float, Range(0.0, 1e9, "s")] = 0.0
-    """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit. The last
-    evaluation and the score come after it."""
+    """Wall-clock seconds after which training stops, counted anew when a run is resumed; 0 for no limit. An imitation
+    ends first, and the last evaluation and the score come after it."""
     seed: Annotated[int, Range(0, 2**31 - 1)] = 0
     """Seed of the networks and the episodes."""
     num_envs: Annotated[int, Range(1, 100_000)] = 256

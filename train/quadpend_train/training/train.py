@@ -132,18 +132,15 @@ def initial_model(settings: TrainSettings, folder: Path | None = None, start: Pa
     return model
 
 
-def imitate(model: Any, settings: TrainSettings, end: float = float("inf")) -> None:
-    """Train the actor to imitate the base controller, until a time of `time.perf_counter` at most.
+def imitate(model: Any, settings: TrainSettings) -> None:
+    """Train the actor to imitate the base controller.
 
     Imitation uses no rewards: its environment has no baseline copies.
     """
     hybrid = replace(settings.hybrid, baseline_relative_reward=False, failure_penalty=0.0)
     env = make_env(replace(settings, hybrid=hybrid))
     env.seed(first_seed(settings) + 2**31)  # the middle of the run's block of seeds: training uses the first half
-    try:
-        Imitation(model, env, settings, end).fit()
-    except TimeoutError:
-        print(f"The imitation of {hybrid.base_controller} was stopped by max_seconds.")
+    Imitation(model, env, settings).fit()
 
 
 def _run(
@@ -153,7 +150,7 @@ def _run(
     end = time.perf_counter() + (settings.max_seconds or float("inf"))
     try:
         if settings.hybrid.imitation_timesteps and not (folder / CHECKPOINT).is_file():
-            imitate(model, settings, end)
+            imitate(model, settings)
             save_checkpoint(model, folder)
         return _learn(model, settings, folder, end, progress, callbacks)
     except KeyboardInterrupt:
