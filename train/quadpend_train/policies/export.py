@@ -64,7 +64,7 @@ def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32
     """Return the linear layers of a feedforward network, and the fields of an `MlpPolicy`'s card about the rest.
 
     These are one kind of activation function between the layers, optional `MultiScaleInputs` at the beginning, and an
-    optional tanh at the end. Containers are replaced by their modules.
+    optional limit and tanh at the end. Containers are replaced by their modules.
     """
     found = [module for module in _flat(modules) if not isinstance(module, _IDENTITIES)]
     fields: dict[str, Any] = {"squashed": bool(found) and type(found[-1]) is torch.nn.Tanh}
@@ -72,6 +72,9 @@ def read_layers(modules: Iterable[torch.nn.Module]) -> tuple[list[tuple[Floats32
         fields["input_scales"] = list(first.scales)
         found.pop(0)
     if fields["squashed"]:
+        found.pop()
+    if found and isinstance(limit := found[-1], torch.nn.Hardtanh) and limit.min_val == -limit.max_val:  # SAC with gSDE
+        fields["bound"] = float(limit.max_val)
         found.pop()
     linear: list[Any] = found[::2]
     activations = found[1::2]

@@ -57,6 +57,7 @@ class Card:
     squashed: bool  # whether the output goes through tanh; otherwise it is clipped to [−1, 1]
     hybrid: dict[str, Any] | None  # data for `hybrid_from_data`; None for a policy without base controller
     action_repeat: Annotated[int, Range(1, 10_000_000)]  # control steps for which each output of the network is used
+    bound: Annotated[float | None, Range(1e-30, 1e30)] = None  # limit of the output before tanh
     input_scales: Annotated[tuple[float, ...], Range(1e-6, 1e6)] = ()  # s of the inputs [x, tanh(s₁ x), tanh(s₂ x), …]
     normalization: Normalization | None = None  # of the inputs
     interface: Literal["wrench", "rotors", "body_rates"] | None = None  # what an action commands; None: unknown
@@ -176,6 +177,8 @@ class MlpPolicy(Policy):
             inputs = self._activation(inputs @ weights + biases)
         weights, biases = self.layers[-1]
         output = inputs @ weights + biases
+        if (bound := self._card.bound) is not None:
+            output = np.clip(output, -bound, bound)
         return np.asarray(np.tanh(output) if self._card.squashed else np.minimum(np.maximum(output, -1.0), 1.0))
 
 

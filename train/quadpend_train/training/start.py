@@ -13,7 +13,7 @@ from quadpend_train.policies.sb3_models import linear_layers
 from quadpend_train.training.settings import TrainSettings
 
 # Fields of a card that must be the same, with their defaults
-_COMPARED = dict.fromkeys(("activation", "squashed", "normalization", "input_scales")) | PLAIN_INTERFACE
+_COMPARED = dict.fromkeys(("activation", "squashed", "bound", "normalization", "input_scales")) | PLAIN_INTERFACE
 
 
 def load_actor(model: Any, settings: TrainSettings, copied: Path | None) -> None:
