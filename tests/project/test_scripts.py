@@ -30,3 +30,8 @@ def run_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
 def test_ppo_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
     assert "mean return" in run_script("ppo.py", "--total-timesteps", "2000")
     assert (tmp_path / "ppo.zip").is_file()
+
+
+def test_sac_script_trains_saves_and_evaluates_a_model(run_script: Run, tmp_path: Path) -> None:
+    assert "Mean return" in run_script("sac.py", "--total-timesteps", "2000")
+    assert (tmp_path / "sac.zip").is_file()
