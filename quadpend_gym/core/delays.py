@@ -18,15 +18,11 @@ def _exchange(values: Floats, step: Integers, ring: Floats, steps: int, repeats_
 
 
 def delay(values: Floats, step: Integers, memory: Floats, steps: int, repeats_first: bool = False) -> None:
-    """Replace the current values by those of `steps` control steps ago, and store the current ones in `memory`.
+    """Replace the values, shape (n, k), by those of `steps` control steps ago, and store them in `memory`.
 
-    Args:
-        values: Current values, shape (n, k), columns contiguous, changed in place.
-        step: Control steps since the beginning of each episode, shape (n,).
-        memory: Ring buffer of the last values, shape (n, steps · k), columns contiguous, changed in place.
-        steps: Length of the delay, at least 1.
-        repeats_first: What is returned during the first `steps` steps: the values of step 0, or else the initial
-            content of `memory`.
+    `step` is the number of control steps since each episode began, `memory` a ring buffer, shape (n, steps · k). Its
+    columns and those of the values are contiguous. During the first steps of an episode the values of step 0 are
+    repeated, or else those that `memory` has had from the beginning.
     """
     _exchange(values.T, step, memory.T, steps, repeats_first)
 

@@ -49,7 +49,7 @@ Function = TypeVar("Function", bound=Callable[..., object])
 def compiled(function: Function) -> Function:
     """Compile `function` for calls from Python, and cache the machine code on disk."""
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
-        return _interpreted(function)
+        return np.errstate(all="ignore")(function)  # like machine code, do not warn of overflows
     dispatcher: Any = njit(error_model="numpy", nogil=True)(function)
     try:
         dispatcher.enable_caching()
@@ -67,8 +67,3 @@ def compiled(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """Compile `function` so that it is inlined into every compiled function that calls it."""
     return cast(Function, njit(forceinline=True, error_model="numpy")(function))
-
-
-def _interpreted(function: Function) -> Function:
-    """Return `function` without compiling it; like machine code, it does not warn of overflows."""
-    return np.errstate(all="ignore")(function)

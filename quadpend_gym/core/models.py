@@ -146,12 +146,9 @@ class ModelBatch:
     def start_episodes(
         self, rows: Integers, streams: Streams, function: Callable[[Any, Floats, Streams], None]
     ) -> None:
-        """Start new episodes in some sub-environments and apply the models to them for the first time.
+        """Start new episodes in the sub-environments `rows`, shape (m,), with new random streams, one for each.
 
-        Args:
-            rows: Indices of the sub-environments, shape (m,).
-            streams: Random streams of these m sub-environments for the new episodes.
-            function: Called with each model, its memory of these sub-environments and their random streams.
+        `function` is called with each model, its memory of these sub-environments and their random streams.
         """
         for i, model in enumerate(self.models):
             own = streams.derive(self._stream_numbers[i])

@@ -68,12 +68,6 @@ def _derive_all(keys: Keys, numbers: NDArray[np.int64], out: Keys) -> None:
 
 
 @compiled
-def _derive_same(keys: Keys, number: int, out: Keys) -> None:
-    for row in range(keys.shape[0]):
-        out[row] = derive(keys[row], number)
-
-
-@compiled
 def _fill_uniform(keys: Keys, index: NDArray[np.int64], out: NDArray[np.float64]) -> None:
     columns, rows = out.shape
     for column in range(columns):
@@ -107,10 +101,7 @@ class Streams:
     def derive(self, numbers: int | NDArray[np.int64]) -> "Streams":
         """Return one substream of each stream: the one of this number, or of the numbers of shape (n,)."""
         out = np.empty_like(self.keys)
-        if isinstance(numbers, int):
-            _derive_same(self.keys, numbers, out)
-        else:
-            _derive_all(self.keys, numbers, out)
+        _derive_all(self.keys, self._as_array(numbers), out)
         return Streams(out)
 
     def __getitem__(self, rows: Any) -> "Streams":

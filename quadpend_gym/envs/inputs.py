@@ -55,11 +55,7 @@ def raise_step_error(code: int, action: Floats32, wind: Floats, action_name: str
 def find_error(action: Any, wind: Any, begin: int, end: int) -> int:
     """Return the error code of the first action that is not in [−1, 1], else of the first wind that is too large.
 
-    Args:
-        action: Shape (n, 4).
-        wind: Shape (12, n).
-        begin: First row that is checked.
-        end: Row after the last one.
+    Actions, shape (n, 4), and wind, shape (12, n), are checked in the sub-environments begin ≤ i < end.
     """
     for row in range(begin, end):
         for component in range(ACTION_SIZE):

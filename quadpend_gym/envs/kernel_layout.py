@@ -6,14 +6,14 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.packing import pack, packed_size, unpacker
+from quadpend_gym.physics.plants import EulerPlant
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE
-from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings
+from quadpend_gym.physics.rigid_settings import RigidSettings
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE
 from quadpend_gym.physics.vectors import Four
 from quadpend_gym.tasks.observation import TARGET_SIZE
 from quadpend_gym.tasks.references import REFERENCE_SIZE
 from quadpend_gym.tasks.task import Task
-from quadpend_gym.vehicles import Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 # Memory of each sub-environment, an array row of MEMORY_SIZE numbers.
@@ -25,7 +25,6 @@ MEMORY_ACTION = slice(MEMORY_TRAJECTORY + 1, MEMORY_TRAJECTORY + 1 + ACTION_SIZE
 MEMORY_SIZE = MEMORY_ACTION.stop
 # The row of a rigid vehicle is longer: quaternion, body rate and rotor thrusts (`rigid_kernel`).
 MEMORY_RIGID = slice(MEMORY_SIZE, MEMORY_SIZE + RIGID_SIZE)
-RIGID_MEMORY_SIZE = MEMORY_RIGID.stop
 
 # Sensed values of each sub-environment, an array column of SENSED_SIZE numbers: the target and the rod length (m),
 # from which the tracking error is computed, and the state as the sensors report it.
@@ -89,10 +88,11 @@ def make_weights(task: Task) -> KernelWeights:
     return KernelWeights(tracking, upright, yaw, effort, reward.tip, reward.pendulum_first)
 
 
-def _make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> KernelSettings:
-    limits = task.limits
+def pack_settings(task: Task, plant: EulerPlant, moves_air: bool, substeps: int) -> Floats:
+    """Return the settings as a flat array that `unpack_settings`, or `unpack_rigid_settings`, reads."""
+    limits, simulation = task.limits, plant.simulation
     cos_pendulum_angle, cos_body_angle = np.cos([limits.pendulum_angle, limits.body_angle]).tolist()
-    return KernelSettings(
+    settings = KernelSettings(
         simulation.period,
         Four(*simulation.command_scale.tolist()),
         KernelLimits(cos_pendulum_angle, cos_body_angle, limits.tracking_error, limits.ground, task.side),
@@ -101,14 +101,4 @@ def _make_settings(task: Task, simulation: Simulation, moves_air: bool, substeps
         substeps,
         simulation.delayed_substeps % simulation.substeps,
     )
-
-
-def pack_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> Floats:
-    """Return the settings of the paper's vehicle as a flat array that `unpack_settings` reads."""
-    return pack(_make_settings(task, simulation, moves_air, substeps))
-
-
-def pack_rigid_settings(task: Task, simulation: Simulation, moves_air: bool, substeps: int) -> Floats:
-    """Return the settings of rigid vehicles as a flat array that `unpack_rigid_settings` reads."""
-    settings, vehicle = _make_settings(task, simulation, moves_air, substeps), make_rigid_settings(simulation)
-    return pack(RigidStepSettings(settings, vehicle))
+    return pack((settings, plant.settings))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.core.settings import suggest
+from quadpend_gym.core.settings import look_up
 from quadpend_gym.physics.euler_kernel import DIVERGENCE_LIMIT
 from quadpend_gym.physics.state import STATE_FIELDS
 from quadpend_gym.scenarios.scenario import Scenario
@@ -29,20 +29,14 @@ NO_OPTIONS = ResetOptions({}, ())
 def read_reset_options(
     options: Mapping[str, Any] | None, known: Sequence[str], count: int, scenario: Scenario
 ) -> ResetOptions:
-    """Return the `ResetOptions` of a reset, after checking them before the reset changes anything.
+    """Check the options of a reset of `count` sub-environments, before the reset changes anything.
 
-    Args:
-        options: ``state``: a mapping from names in `STATE_FIELDS` to arrays of shape (3,) or (count, 3).
-            ``reference``: anything that `as_trajectory` accepts, or a sequence of `count` of these.
-        known: Names of the options.
-        count: Number of sub-environments that are reset.
-        scenario: The scenario, for the check whether a reference can be flown.
+    ``state`` maps names in `STATE_FIELDS` to arrays of shape (3,) or (count, 3). ``reference`` is what `as_trajectory`
+    takes, or a sequence of `count` of these; the scenario's vehicle must be able to fly it.
     """
     given: Mapping[str, Any] = options or {}
-    if unknown := [name for name in given if name not in known]:
-        raise ValueError(
-            f"there is no option {unknown[0]!r}{suggest(unknown[0], known)}; the options are {', '.join(known)}"
-        )
+    for name in given:
+        look_up(dict.fromkeys(known), name, "option")
     references = _references(given.get("reference"), count)
     for item in dict.fromkeys(references):
         check_feasible(item, scenario.simulation, scenario.task.limits, scenario.task.side)
@@ -51,8 +45,7 @@ def read_reset_options(
 
 
 def _field(name: str, value: Any, count: int) -> Floats:
-    if name not in STATE_FIELDS:
-        raise ValueError(f"options['state'] has no field {name!r}; the fields are {', '.join(STATE_FIELDS)}")
+    look_up(STATE_FIELDS, name, "field of options['state']")
     array = np.asarray(value, np.float64)
     if array.shape not in {(3,), (count, 3)} or not (np.abs(array) < DIVERGENCE_LIMIT).all():
         raise ValueError(

@@ -287,11 +287,9 @@ def step_rigid(
 
 @compiled
 def observe_sensed(columns: Floats, observation: Floats32) -> None:
-    """Write the part of the observation that depends on the state, from the sensed state instead of the true one.
+    """Write the part of the observation, shape (n, 36), that depends on the state, from the sensed state.
 
-    Args:
-        columns: The array that a step has written and the sensors have changed, shape (38, n).
-        observation: Output, shape (n, 36); the reference's part is left unchanged.
+    `columns` is the array that a step has written and the sensors have changed, shape (38, n).
     """
     sensed = columns[WIND_SIZE:]
     state, lanes = sensed[layout.SENSED_STATE], np.empty((REFERENCE_START, BLOCK), np.float32)

@@ -20,23 +20,27 @@ from gymnasium.error import ResetNeeded
 
 from quadpend_gym.actuators import check_chain
 from quadpend_gym.core.arrays import Floats, Floats32, Integers
+from quadpend_gym.core.delays import delay
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.packing import pack
 from quadpend_gym.core.streams import ACTUATOR_STREAM, PARAMETER_STREAM, SENSOR_STREAM, WIND_STREAM, Streams
 from quadpend_gym.envs.inputs import NO_ERROR, check_inputs, clip_rounding, raise_step_error
 from quadpend_gym.envs.kernel_layout import (
+    MEMORY_ACTION,
     MEMORY_PARAMETERS,
     MEMORY_REFERENCE,
+    MEMORY_SIZE,
     MEMORY_STATE,
     MEMORY_TRAJECTORY,
     SENSED_SIZE,
     SENSED_STATE,
+    pack_settings,
 )
 from quadpend_gym.envs.outcome import StepInfo
-from quadpend_gym.envs.plant_rows import plant_rows
 from quadpend_gym.envs.reset_options import NO_OPTIONS, ResetOptions
-from quadpend_gym.envs.step_kernel import observe_sensed
+from quadpend_gym.envs.step_kernel import observe_sensed, step_euler, step_rigid
 from quadpend_gym.envs.threads import run_in_threads
+from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_FIELDS, State
 from quadpend_gym.randomization import Around, ParameterRanges
 from quadpend_gym.scenarios.scenario import Scenario
@@ -71,10 +75,14 @@ class World:
     def __init__(self, num_envs: int, scenario: Scenario, num_threads: int = 1) -> None:
         self.num_envs, self.scenario, self._num_threads = num_envs, scenario, num_threads
         task, simulation = self.task, self.simulation = scenario.task, scenario.simulation
-        self._plant = plant_rows(num_envs, simulation)
-        step = self._plant.step
-        self._advance = step if num_threads == 1 else partial(run_in_threads, num_threads, step)
-        self._memory = self._plant.memory
+        self._plant = plant_of(simulation)
+        self._step: Any = step_rigid if self._plant.memory_size else step_euler
+        self._advance = self._step if num_threads == 1 else partial(run_in_threads, num_threads, self._step)
+        self._memory = np.zeros((num_envs, MEMORY_SIZE + self._plant.memory_size))
+        # With a latency of k control periods and s substeps, the action of k + 1 steps ago acts during the first s
+        # substeps of a step, and the action of k steps ago afterwards. Actions before the episode are hover.
+        self._late_periods = simulation.delayed_substeps // simulation.substeps
+        self._under_way = np.zeros((self._late_periods * ACTION_SIZE, num_envs)).T
         self.parameters[:] = simulation.parameters.as_array()
         self._observation_like = (num_envs, OBSERVATION_SIZE), np.dtype(np.float32)
         self.clock = np.zeros(num_envs, np.int64)
@@ -131,7 +139,7 @@ class World:
     def _pack_settings(self) -> None:
         """Pack the settings of the kernel for a step, and for an observation, which advances nothing."""
         self._settings, self._observe_settings = (
-            np.concatenate([self._plant.settings(self.task, *arguments), self._trajectories.numbers])
+            np.concatenate([pack_settings(self.task, self._plant, *arguments), self._trajectories.numbers])
             for arguments in ((self._moves_air, self.simulation.substeps), (False, 0))
         )
 
@@ -177,12 +185,9 @@ class World:
         self.episode[rows] = -1
 
     def start_episodes(self, rows: Integers, options: ResetOptions = NO_OPTIONS) -> None:
-        """Start the next episode of some sub-environments and draw everything that `options` do not fix.
+        """Start the next episode of the sub-environments `rows`, and draw everything that `options` do not fix.
 
-        Args:
-            rows: Indices of the sub-environments, shape (m,).
-            options: Fixed state and reference. A fixed direction is normalised, and the direction rate loses its
-                component along the direction.
+        A fixed direction is normalised, and the direction rate loses its component along the direction.
         """
         self.episode[rows] += 1
         self.clock[rows] = 0
@@ -220,7 +225,9 @@ class World:
             along = np.sum(view.direction * view.direction_rate, axis=-1, keepdims=True)
             view.direction_rate[:] -= along * view.direction
             self.state[rows] = view.array
-        self._plant.start_episodes(rows)
+        self._memory[rows, MEMORY_SIZE:] = self._plant.initial_memory(self.state[rows])
+        self._memory[rows, MEMORY_ACTION] = 0.0
+        self._under_way[rows] = 0.0
 
     def _set_reference(self, rows: Integers, fixed: tuple[Trajectory, ...]) -> None:
         """Set the references of new episodes: one for all, one for each, or, if `fixed` is empty, those of the task."""
@@ -264,29 +271,25 @@ class World:
 
     def _actuate(self, action: Floats32) -> Floats32:
         """Return the action after the actuators and the latency, shape (n, 4)."""
-        if self._actuators.models:
-            out, simulation = np.asfortranarray(action, np.float64), self.simulation
-            self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
-            action = out.astype(np.float32, order="C")
-        return self._plant.delay(action, self.clock)
+        if not (self._actuators.models or self._late_periods):
+            return action
+        out, simulation = np.asfortranarray(action, np.float64), self.simulation
+        self._actuators.apply(lambda model, memory, random: model.act(out, memory, self.clock, simulation, random))
+        if self._late_periods:
+            delay(out, self.clock, self._under_way, self._late_periods)
+        return out.astype(np.float32, order="C")
 
     def observe(self, rows: Integers) -> tuple[Floats32, Floats]:
-        """Return observation and outcome of some sub-environments without advancing them.
+        """Return observation and outcome of the sub-environments `rows`, shapes (m, 36) and (k, m), before a step.
 
         The outcome is that of a zero action in calm air, since no action or wind has led to the first state of an
         episode.
-
-        Args:
-            rows: Indices of the sub-environments, shape (m,).
-
-        Returns:
-            As `step`, with shapes (m, 36) and (k, m).
         """
         observation = np.empty((rows.size, OBSERVATION_SIZE), np.float32)
         outcome = np.empty((self._outcome_shape[0], rows.size))
         action = np.zeros((rows.size, ACTION_SIZE), np.float32)
         memory, clock, columns = self._memory[rows], self.clock[rows], np.zeros((self._columns_size, rows.size))
-        self._plant.step(memory, clock, columns, action, self._observe_settings, observation, outcome, 0, rows.size)
+        self._step(memory, clock, columns, action, self._observe_settings, observation, outcome, 0, rows.size)
         if self._sensors.models:
             columns[_SENSED_STATE] = self._columns[_SENSED_STATE, rows]
             observe_sensed(columns, observation)

@@ -112,12 +112,9 @@ def _rigid_actions(
 
 
 def rigid_actions(command: Floats, rigid: Floats, simulation: Simulation) -> tuple[Floats32, Floats]:
-    """Return the actions for demanded thrusts (N) and torques (N·m), and what the rotors can reach.
+    """Return the actions for demanded thrusts (N) and torques (N·m), and what the rotors can reach, shapes (n, 4).
 
-    Args:
-        command: Thrust and torques about the body's axes, including those of hover, shape (n, 4).
-        rigid: Quaternion, body rate and rotor thrusts, shape (n, 11), see `quadpend_gym.physics.rigid_kernel`.
-        simulation: A rigid vehicle with its interface.
+    The torques are about the body's axes; `rigid` is the memory of the vehicles, shape (n, 11), see `rigid_kernel`.
     """
     out, reached = np.empty(command.shape, np.float32), np.empty(command.shape)
     wanted, start = np.ascontiguousarray(command), np.ascontiguousarray(rigid)
@@ -151,12 +148,8 @@ def _mean_wrench(
 def mean_wrench(action: Floats | Floats32, rigid: Floats, simulation: Simulation) -> Floats:
     """Return the mean thrust (N) and torques (N·m) of actions over a control period, shape (n, 4).
 
-    The body rate changes by the nominal torques alone, as far as the on-board loop needs it.
-
-    Args:
-        action: Actions, shape (n, 4).
-        rigid: Quaternion, body rate and rotor thrusts at the beginning, shape (n, 11).
-        simulation: A rigid vehicle with its interface.
+    The body rate changes by the nominal torques alone, as far as the on-board loop needs it. `rigid` is the memory of
+    the vehicles at the beginning, shape (n, 11).
     """
     mean, step = np.empty((len(rigid), 4)), simulation.period / simulation.substeps
     rate, thrusts = rigid[:, BODY_RATE : BODY_RATE + 3].copy(), rigid[:, ROTOR_THRUST : ROTOR_THRUST + 4].copy()

@@ -19,9 +19,9 @@ model sets a wind velocity, as in the paper's calm simulations. The model `Still
 from typing import Any
 
 from quadpend_gym.core.jit import inlined
+from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.state import BOB_FORCE, DIRECTION_RATE, FORCE, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, load, norm, scale, store
-from quadpend_gym.vehicles.parameters import BOB_DRAG_AREA, QUADROTOR_DRAG_AREA, ROD_LENGTH
 
 AIR_DENSITY = 1.225  # kg/m³
 
@@ -33,18 +33,11 @@ def drag_force(area: float, relative: Vec3) -> Vec3:
 
 
 @inlined
-def add_drag(wind: Vec3, state: Any, physics: Any, lane: int, out: Any) -> None:
-    """Add the drag of equations (1) and (2) to the forces in column `lane` of a disturbance.
-
-    Args:
-        wind: Wind velocity, m/s, world frame.
-        state: States, shape (18, n).
-        physics: Parameters in the order of `Parameters.as_array`, shape (9, n).
-        lane: Column of the arrays.
-        out: Disturbances, shape (9, n), changed in place.
-    """
+def add_drag(wind: Vec3, state: Any, parameters: Any, lane: int, out: Any) -> None:
+    """Add the drag of equations (1) and (2) to a disturbance, column `lane` of a (9, n) buffer; `wind` is v."""
+    physics = load_physics(parameters, lane)
     on_quadrotor = axpy(-1.0, load(state, VELOCITY, lane), wind)
-    on_bob = axpy(-physics[ROD_LENGTH, lane], load(state, DIRECTION_RATE, lane), on_quadrotor)
-    quadrotor_force = drag_force(physics[QUADROTOR_DRAG_AREA, lane], on_quadrotor)
+    on_bob = axpy(-physics.rod_length, load(state, DIRECTION_RATE, lane), on_quadrotor)
+    quadrotor_force = drag_force(physics.quadrotor_drag_area, on_quadrotor)
     store(out, FORCE, lane, add(load(out, FORCE, lane), quadrotor_force))
-    store(out, BOB_FORCE, lane, add(load(out, BOB_FORCE, lane), drag_force(physics[BOB_DRAG_AREA, lane], on_bob)))
+    store(out, BOB_FORCE, lane, add(load(out, BOB_FORCE, lane), drag_force(physics.bob_drag_area, on_bob)))

@@ -29,7 +29,6 @@ attitude model: a constant inertia multiplies the Euler-angle rates, and gyrosco
 `quadpend_gym.physics.state` lists the symbols of the state, `quadpend_gym.vehicles.parameters` those of the parameters.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,46 +45,17 @@ from quadpend_gym.physics.state import (
     FORCE,
     THRUST,
     TORQUE,
-    State,
 )
 from quadpend_gym.physics.vectors import Vec3, axpy, dot, load, scale, store
 from quadpend_gym.vehicles import Parameters
-from quadpend_gym.vehicles.parameters import (
-    BOB_MASS,
-    GRAVITY,
-    INERTIA_PITCH,
-    INERTIA_ROLL,
-    INERTIA_YAW,
-    PARAMETERS_SIZE,
-    QUADROTOR_MASS,
-    ROD_LENGTH,
-)
-
-
-class Physics(NamedTuple):
-    """The parameters of the equations of motion inside compiled functions; see `Parameters` for symbols and units."""
-
-    quadrotor_mass: float
-    bob_mass: float
-    rod_length: float
-    gravity: float
-    inertia_roll: float
-    inertia_pitch: float
-    inertia_yaw: float
+from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 
 @inlined
-def load_physics(lanes: Any, lane: int) -> Physics:
+def load_physics(lanes: Any, lane: int) -> Parameters:
     """Return the parameters in column `lane` of a (9, n) buffer."""
-    return Physics(
-        lanes[QUADROTOR_MASS, lane],
-        lanes[BOB_MASS, lane],
-        lanes[ROD_LENGTH, lane],
-        lanes[GRAVITY, lane],
-        lanes[INERTIA_ROLL, lane],
-        lanes[INERTIA_PITCH, lane],
-        lanes[INERTIA_YAW, lane],
-    )
+    masses, moments, drag = load(lanes, 0, lane), load(lanes, 4, lane), load(lanes, 6, lane)
+    return Parameters(masses.x, masses.y, masses.z, lanes[3, lane], moments.x, moments.y, moments.z, drag.y, drag.z)
 
 
 @inlined
@@ -102,13 +72,13 @@ def thrust_axis(euler: Vec3) -> Vec3:
 
 
 @inlined
-def euler_acceleration(torque: Vec3, physics: Physics) -> Vec3:
+def euler_acceleration(torque: Vec3, physics: Parameters) -> Vec3:
     """Return η̈, equation (2); `torque` is τ + d_τ."""
     return Vec3(torque.x / physics.inertia_roll, torque.y / physics.inertia_pitch, torque.z / physics.inertia_yaw)
 
 
 @inlined
-def unconstrained_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
+def unconstrained_acceleration(force: Vec3, bob_force: Vec3, physics: Parameters) -> Vec3:
     """Return w = (d_B/m_c − F/M) / l, the acceleration of r without the force of the rod; `force` is F."""
     per_bob_force = 1.0 / (physics.bob_mass * physics.rod_length)
     per_force = -1.0 / (physics.quadrotor_mass * physics.rod_length)
@@ -122,7 +92,7 @@ def direction_acceleration(r: Vec3, r_dot: Vec3, w: Vec3) -> Vec3:
 
 
 @inlined
-def centre_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
+def centre_acceleration(force: Vec3, bob_force: Vec3, physics: Parameters) -> Vec3:
     """Return Ẍ, equation (4); `force` is F."""
     per_mass = 1.0 / (physics.quadrotor_mass + physics.bob_mass)
     return Vec3(
@@ -133,7 +103,7 @@ def centre_acceleration(force: Vec3, bob_force: Vec3, physics: Physics) -> Vec3:
 
 
 @inlined
-def centre_offset(physics: Physics) -> float:
+def centre_offset(physics: Parameters) -> float:
     """Return μ = m_c l / (M + m_c) in m; the centre of mass is at ζ + μ r."""
     return physics.bob_mass * physics.rod_length / (physics.quadrotor_mass + physics.bob_mass)
 
@@ -152,8 +122,7 @@ def _accelerations(state: Floats, command: Floats, disturbance: Floats, paramete
         store(out, 6, row, r_ddot)
 
 
-@dataclass(frozen=True)
-class Accelerations:
+class Accelerations(NamedTuple):
     """Second derivatives of position, Euler angles and pendulum direction, each of shape (..., 3)."""
 
     position: Floats  # ζ̈, m/s², world frame
@@ -164,13 +133,8 @@ class Accelerations:
 def accelerations(state: Floats, command: Floats, disturbance: Floats, parameters: Parameters) -> Accelerations:
     """Compute the second derivatives with equations (1)–(5).
 
-    The leading dimensions of the three arrays are broadcast.
-
-    Args:
-        state: States, shape (..., 18), see `State`.
-        command: Thrust u (N) and torques τφ, τθ, τψ (N·m), shape (..., 4).
-        disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (..., 9), see `Disturbance`.
-        parameters: Physical parameters.
+    State, command and disturbance have the shapes (..., 18), (..., 4) and (..., 9), see `quadpend_gym.physics.state`;
+    their leading dimensions are broadcast.
     """
     shape = np.broadcast_shapes(state.shape[:-1], command.shape[:-1], disturbance.shape[:-1])
 
@@ -183,23 +147,3 @@ def accelerations(state: Floats, command: Floats, disturbance: Floats, parameter
     physics = np.broadcast_to(parameters.as_array(), (*shape, PARAMETERS_SIZE))
     _accelerations(columns(state), columns(command), columns(disturbance), columns(physics), out.reshape(9, count))
     return Accelerations(*(np.ascontiguousarray(part.T).reshape(*shape, 3) for part in out))
-
-
-def energy(state: Floats, parameters: Parameters) -> Floats:
-    """Return the kinetic plus potential energy in J, equations (2)–(5) of the paper, shape (...)."""
-    s, p = State(state), parameters
-    bob_velocity = s.velocity + p.rod_length * s.direction_rate
-    inertia = np.array([p.inertia_roll, p.inertia_pitch, p.inertia_yaw])
-    kinetic = (
-        p.quadrotor_mass * np.sum(s.velocity**2, -1)
-        + p.bob_mass * np.sum(bob_velocity**2, -1)
-        + np.sum(inertia * s.euler_rate**2, -1)
-    ) / 2
-    bob_height = s.position[..., 2] + p.rod_length * s.direction[..., 2]
-    return np.asarray(kinetic + p.gravity * (p.quadrotor_mass * s.position[..., 2] + p.bob_mass * bob_height))
-
-
-def momentum(state: Floats, parameters: Parameters) -> Floats:
-    """Return the linear momentum of both bodies in kg·m/s, world frame, shape (..., 3)."""
-    s, p = State(state), parameters
-    return np.asarray(p.total_mass * s.velocity + p.bob_mass * p.rod_length * s.direction_rate)

@@ -149,15 +149,10 @@ def integrate(
 def advance(
     state: Floats, command: Floats, disturbance: Floats, parameters: Floats, period: float, substeps: int
 ) -> None:
-    """Advance n states in place by one period, during which commands and disturbances are constant.
+    """Advance n states in place by one period (s), during which commands and disturbances are constant.
 
-    Args:
-        state: States, shape (n, 18), see `State`.
-        command: Thrust u (N) and torques τφ, τθ, τψ (N·m), shape (n, 4).
-        disturbance: d_Q (N), d_B (N) and d_τ (N·m), shape (n, 9), see `Disturbance`.
-        parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
-        period: Length of the period, s.
-        substeps: Number of Runge–Kutta steps in the period.
+    States, commands and disturbances have the shapes (n, 18), (n, 4) and (n, 9), see `quadpend_gym.physics.state`;
+    parameters have the shape (n, 9).
     """
     state_lanes, command_lanes = np.empty((LANE_STATE_SIZE, BLOCK)), np.empty((COMMAND_SIZE, BLOCK))
     disturbance_lanes, physics_lanes = np.empty((DISTURBANCE_SIZE, BLOCK)), np.empty((PARAMETERS_SIZE, BLOCK))

@@ -15,7 +15,7 @@ from quadpend_gym.core.jit import compiled
 from quadpend_gym.physics.allocation import mean_wrench, rigid_actions
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.physics.rigid_kernel import RIGID_SIZE, advance_rigid, rigid_from_state
-from quadpend_gym.physics.rigid_settings import pack_rigid
+from quadpend_gym.physics.rigid_settings import RigidSettings, make_rigid_settings, pack_rigid
 from quadpend_gym.physics.state import COMMAND_SIZE, STATE_SIZE, THRUST
 from quadpend_gym.vehicles import Simulation
 
@@ -39,10 +39,12 @@ class EulerPlant:
             thrusts, see `quadpend_gym.physics.rigid_kernel`.
         torque_in_world: Whether the torque of a disturbance is a vector of the world frame; else it is about the φ, θ
             and ψ axes.
+        settings: Numbers of a rigid vehicle for compiled functions; empty for the paper's vehicle.
     """
 
     memory_size = 0
     torque_in_world = False
+    settings: tuple[()] | RigidSettings = ()
 
     def __init__(self, simulation: Simulation) -> None:
         self.simulation, self._scale = simulation, simulation.command_scale
@@ -111,6 +113,10 @@ class RigidPlant(EulerPlant):
 
     memory_size = RIGID_SIZE
     torque_in_world = True
+
+    def __init__(self, simulation: Simulation) -> None:
+        super().__init__(simulation)
+        self.settings = make_rigid_settings(simulation)
 
     @override
     def initial_memory(self, state: Floats) -> Floats:

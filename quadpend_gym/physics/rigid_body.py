@@ -50,7 +50,7 @@ from quadpend_gym.physics.attitude import (
     to_body,
     to_world,
 )
-from quadpend_gym.physics.dynamics import Physics, centre_acceleration, direction_acceleration
+from quadpend_gym.physics.dynamics import centre_acceleration, direction_acceleration
 from quadpend_gym.physics.vectors import (
     Symmetric,
     Vec3,
@@ -65,6 +65,7 @@ from quadpend_gym.physics.vectors import (
     scale,
     store_symmetric,
 )
+from quadpend_gym.vehicles import Parameters
 
 
 class RigidPhysics(NamedTuple):
@@ -113,7 +114,7 @@ class Derivative(NamedTuple):
 
 
 @inlined
-def rigid_physics(physics: Physics, correlation: Vec3, pivot: Vec3, shape: float) -> RigidPhysics:
+def rigid_physics(physics: Parameters, correlation: Vec3, pivot: Vec3, shape: float) -> RigidPhysics:
     """Return the constants of a body, see `RigidSettings` for the arguments."""
     moments = Vec3(physics.inertia_roll, physics.inertia_pitch, physics.inertia_yaw)
     root, c = Vec3(np.sqrt(moments.x), np.sqrt(moments.y), np.sqrt(moments.z)), correlation
@@ -137,7 +138,7 @@ def rigid_physics(physics: Physics, correlation: Vec3, pivot: Vec3, shape: float
 
 
 @inlined
-def oscillation_length(physics: Physics, body: RigidPhysics) -> float:
+def oscillation_length(physics: Parameters, body: RigidPhysics) -> float:
     """Return λ = l + J/(m l) in m."""
     return physics.rod_length * (1.0 + body.shape)
 
@@ -156,7 +157,7 @@ def free_body_rate(rate: Vec3, wrench: Wrench, loads: Loads, rotation: Rotation,
 
 
 @inlined
-def pivot_force(relative: Vec3, direction: Vec3, squared_rate: float, physics: Physics, body: RigidPhysics) -> Vec3:
+def pivot_force(relative: Vec3, direction: Vec3, squared_rate: float, physics: Parameters, body: RigidPhysics) -> Vec3:
     """Return N, equations (4) and (5); `relative` is a₀, `direction` is ρ and `squared_rate` is ṙ·ṙ."""
     mass, share = physics.bob_mass, body.shape / (1.0 + body.shape)
     along = (1.0 - share) * dot(direction, relative) - physics.rod_length * squared_rate
@@ -167,7 +168,7 @@ def pivot_force(relative: Vec3, direction: Vec3, squared_rate: float, physics: P
 
 
 @inlined
-def derivative(motion: Motion, wrench: Wrench, loads: Loads, physics: Physics, body: RigidPhysics) -> Derivative:
+def derivative(motion: Motion, wrench: Wrench, loads: Loads, physics: Parameters, body: RigidPhysics) -> Derivative:
     """Return the time derivative of the motion and Ẍ, equations (1) to (9)."""
     rotation = rotation_matrix(motion.attitude)
     free = free_body_rate(motion.rate, wrench, loads, rotation, body)
@@ -192,7 +193,7 @@ def derivative(motion: Motion, wrench: Wrench, loads: Loads, physics: Physics, b
 
 
 @inlined
-def centre_from_body(rotation: Rotation, direction: Any, physics: Physics, body: RigidPhysics) -> Vec3:
+def centre_from_body(rotation: Rotation, direction: Any, physics: Parameters, body: RigidPhysics) -> Vec3:
     """Return X − ζ = m (R p + l r)/(M + m) in m."""
     share = physics.bob_mass / (physics.quadrotor_mass + physics.bob_mass)
     return scale(share, axpy(physics.rod_length, direction, to_world(rotation, body.pivot)))
@@ -200,7 +201,7 @@ def centre_from_body(rotation: Rotation, direction: Any, physics: Physics, body:
 
 @inlined
 def centre_rate_from_body(
-    rotation: Rotation, rate: Vec3, direction_rate: Vec3, physics: Physics, body: RigidPhysics
+    rotation: Rotation, rate: Vec3, direction_rate: Vec3, physics: Parameters, body: RigidPhysics
 ) -> Vec3:
     """Return Ẋ − ζ̇ = m (R (ω × p) + l ṙ)/(M + m) in m/s."""
     share = physics.bob_mass / (physics.quadrotor_mass + physics.bob_mass)

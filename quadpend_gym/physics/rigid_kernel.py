@@ -41,7 +41,7 @@ from quadpend_gym.physics.attitude import (
     to_world,
 )
 from quadpend_gym.physics.drag import add_drag
-from quadpend_gym.physics.dynamics import Physics, load_physics
+from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.euler_kernel import BLOCK, LANE_STATE_SIZE, THRUST_AXIS, gather, scatter
 from quadpend_gym.physics.rigid_body import (
     LANE_BODY_SIZE,
@@ -95,7 +95,7 @@ from quadpend_gym.physics.vectors import (
     store,
     store_four,
 )
-from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles import Parameters, Simulation
 from quadpend_gym.vehicles.parameters import PARAMETERS_SIZE
 
 QUATERNION, BODY_RATE, ROTOR_THRUST, RIGID_SIZE = 0, 4, 7, 11
@@ -147,7 +147,7 @@ def _wrench(thrusts: Four, rigid: RigidSettings) -> Wrench:
 
 @inlined
 def _substep(
-    state: Any, disturbance: Any, physics: Physics, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
+    state: Any, disturbance: Any, physics: Parameters, body: RigidPhysics, rigid: RigidSettings, lane: int, h: float
 ) -> None:
     """Advance column `lane` by h; the suffixes 0, m and 1 mean the start, the middle and the end of the substep."""
     rotors = rigid.rotors

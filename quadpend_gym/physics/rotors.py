@@ -66,13 +66,7 @@ class RateLoopSettings(NamedTuple):
 
 
 def rate_loop_gains(time_constant: float, lag: float, step: float) -> tuple[float, float]:
-    """Return k_ω (1/s) and k_τ of equation (1), sampled with the substep.
-
-    Args:
-        time_constant: Time after which the rate has covered 63 % of a small step, s.
-        lag: Time constant of the rotors, s; 0 for none.
-        step: Length of a substep, s.
-    """
+    """Return k_ω (1/s) and k_τ of equation (1); `lag` is that of the rotors, and `step` that of the integration, s."""
     decay, slow = np.exp(-step / lag) if lag > 0.0 else 0.0, 2.0 * _RISE * lag
     if decay < 1e-6 or time_constant > slow:
         speed_up = 1.0 + (0.5 * _RISE - 1.0) * (slow / time_constant) ** 2

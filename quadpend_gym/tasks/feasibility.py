@@ -40,14 +40,7 @@ class Demand(NamedTuple):
 
 
 def demand(trajectory: Trajectory, parameters: Parameters, times: Floats, side: float = 1.0) -> Demand:
-    """Return what tracking a trajectory exactly in calm air demands, equations (1) to (4).
-
-    Args:
-        trajectory: Trajectory.
-        parameters: Physical parameters.
-        times: Times, s, shape (k,).
-        side: See `Task.side`.
-    """
+    """Return what exact tracking in calm air demands at times of shape (k,), s, see (1) to (4) and `Task.side`."""
     p, rod_length = parameters, side * parameters.rod_length
     derivatives = trajectory.derivatives(times)[:, :, :3]
     lift, lift_rate, lift_acceleration = derivatives[:, 2] + [0.0, 0.0, p.gravity], derivatives[:, 3], derivatives[:, 4]
@@ -70,15 +63,9 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 @lru_cache(maxsize=64)
 def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limits, side: float = 1.0) -> None:
-    """Check waypoints or sinusoids against the thrust and the termination limits; a `Reference` is not checked.
+    """Refuse waypoints or sinusoids that need too much thrust or tilt, and warn if they exceed the termination limits.
 
-    A trajectory is checked once: later calls with equal arguments do nothing.
-
-    Args:
-        trajectory: Trajectory.
-        simulation: Nominal parameters and thrust limit.
-        limits: Limits at which an episode terminates; exceeding one of them gives a warning.
-        side: See `Task.side`.
+    Later calls with equal arguments do nothing.
     """
     if not isinstance(trajectory, Waypoints | Sinusoids):
         return

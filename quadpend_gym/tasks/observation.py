@@ -126,14 +126,9 @@ def _store_scaled(out: Any, first: int, lane: int, a: Vec3) -> None:
 
 @inlined
 def observe_state(state: Any, lane: int, tracking: TrackingErrors, out: Any, place: int) -> None:
-    """Write the fields of the observation that depend on the state.
+    """Write the fields that depend on the state in column `lane` of an (18, n) buffer, true or measured.
 
-    Args:
-        state: True or measured states, shape (18, n).
-        lane: Column of `state`.
-        tracking: Tracking errors of this state.
-        out: Observations, shape (36, m), float32, changed in place.
-        place: Column of `out`.
+    `tracking` are its tracking errors; the fields are written into column `place` of a (36, m) float32 buffer.
     """
     euler = load(state, EULER, lane)
     attitude = Vec3(euler.x, euler.y, tracking.yaw_error)

@@ -151,14 +151,9 @@ def draw_reference(key: Any, ranges: ReferenceSettings, lanes: Any, lane: int) -
 
 @compiled
 def draw_references(rows: Integers, seeds: Keys, episodes: Integers, ranges: Floats, reference: Floats) -> None:
-    """Draw a random reference for some of n sub-environments.
+    """Draw random references for the sub-environments `rows` into an array of all, shape (n, 20).
 
-    Args:
-        rows: Indices of the sub-environments, shape (m,).
-        seeds: Key of the random stream of each sub-environment, shape (n,).
-        episodes: Number of the episode of each sub-environment, shape (n,).
-        ranges: A packed `ReferenceSettings`.
-        reference: References, shape (n, 20), see `Reference.as_array`, changed in place.
+    Seeds (keys of random streams) and numbers of episodes are those of all; `ranges` is a packed `ReferenceSettings`.
     """
     bounds = _unpack(ranges)
     for row in rows:

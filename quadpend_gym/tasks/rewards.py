@@ -34,16 +34,7 @@ class Reward(NamedTuple):
 
 @inlined
 def reward_terms(error: Vec3, cosine: float, yaw_error: float, action: Any, lane: int, tip: float) -> Reward:
-    """Compute the terms (1)–(4).
-
-    Args:
-        error: Tracking error e, m.
-        cosine: h.
-        yaw_error: ψ_e, rad.
-        action: Actions, shape (4, n).
-        lane: Column of `action`.
-        tip: s.
-    """
+    """Return the terms (1)–(4) for e (m), h, ψ_e (rad), the action in column `lane` of a (4, n) buffer, and s."""
     far = 1.0 / (1.0 + dot(error, error) / _FAR**2)
     near = 1.0 / (1.0 + norm(error) / _NEAR)
     above = max(cosine, 0.0)

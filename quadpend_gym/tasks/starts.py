@@ -32,12 +32,12 @@ from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import unpacker
 from quadpend_gym.core.settings import Interval, Range, settings
 from quadpend_gym.core.streams import START_STREAM, Keys, derive, uniform_between
-from quadpend_gym.physics.dynamics import Physics, load_physics
+from quadpend_gym.physics.dynamics import load_physics
 from quadpend_gym.physics.state import DIRECTION, DIRECTION_RATE, EULER, EULER_RATE, POSITION, VELOCITY
 from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, norm, scale, store
 from quadpend_gym.tasks.references import ReferencePoint
 from quadpend_gym.tasks.trajectories import point_at
-from quadpend_gym.vehicles import Simulation
+from quadpend_gym.vehicles import Parameters, Simulation
 
 
 @settings
@@ -59,7 +59,7 @@ _unpack = unpacker(StartSettings)
 
 
 class StartPole(NamedTuple):
-    """The numbers of a pole and its pivot that `Physics` does not have, and its side, inside compiled functions."""
+    """The numbers of a pole and its pivot that `Parameters` does not have, and its side, inside compiled functions."""
 
     shape: float  # J/(m_c l²)
     pivot_height: float  # p, m
@@ -113,7 +113,7 @@ def draw_start(
     ranges: StartSettings,
     pole: StartPole,
     reference: ReferencePoint,
-    physics: Physics,
+    physics: Parameters,
     lanes: Any,
     lane: int,
 ) -> None:
@@ -168,19 +168,11 @@ def draw_starts(
     numbers: Floats,
     first: Integers,
 ) -> None:
-    """Draw a random start near the reference for some of n sub-environments.
+    """Draw random starts near the references for the sub-environments `rows` into the states of all, shape (n, 18).
 
-    Args:
-        rows: Indices of the sub-environments, shape (m,).
-        seeds: Key of the random stream of each sub-environment, shape (n,).
-        episodes: Number of the episode of each sub-environment, shape (n,).
-        ranges: A packed `StartSettings`.
-        pole: See `start_pole`, shape (3,).
-        parameters: Parameters in the order of `Parameters.as_array`, shape (n, 9).
-        reference: References, shape (n, 20), see `Reference.as_array`.
-        state: States, shape (n, 18), changed in place.
-        numbers: See `TrajectoryTable`.
-        first: See `TrajectoryTable`, shape (n,).
+    The other arrays are also those of all: seeds (keys of random streams), numbers of episodes, parameters, shape
+    (n, 9), references, shape (n, 20), and `TrajectoryTable.first`. `ranges` is a packed `StartSettings`, `pole` a
+    `StartPole`.
     """
     bounds, geometry = _unpack(ranges), StartPole(pole[0], pole[1], pole[2])
     for row in rows:

@@ -104,14 +104,9 @@ def _channel(trajectories: Any, row: int, lanes: Any, lane: int, channel: int, t
 
 @inlined
 def point_at(trajectories: Any, row: int, lanes: Any, lane: int, time: float) -> ReferencePoint:
-    """Return the reference of sub-environment `row` at `time` (s).
+    """Return the reference of sub-environment `row`, that in column `lane` of a (20, m) buffer, at `time` (s).
 
-    Args:
-        trajectories: `numbers` and `first` of a `TrajectoryTable`, or None if all sub-environments have a `Reference`.
-        row: Number of the sub-environment.
-        lanes: References, shape (20, m).
-        lane: Column of `lanes` with the reference of the sub-environment.
-        time: Time, s.
+    `trajectories` are `numbers` and `first` of a `TrajectoryTable`, or None if all have a `Reference`.
     """
     x = _channel(trajectories, row, lanes, lane, 0, time)
     y = _channel(trajectories, row, lanes, lane, 1, time)
@@ -368,11 +363,9 @@ class TrajectoryTable:
         self._followed: list[Waypoints | Sinusoids | None] = [None] * rows
 
     def assign(self, rows: Integers, trajectories: Sequence[Waypoints | Sinusoids | None]) -> bool:
-        """Set the trajectories of some sub-environments, and return whether this changed any.
+        """Set the trajectories of the sub-environments `rows`, shape (m,), and return whether this changed any.
 
-        Args:
-            rows: Indices of the sub-environments, shape (m,).
-            trajectories: One trajectory for all of them or one for each; None for a sub-environment without one.
+        There is one trajectory for all of them or one for each; None for a sub-environment without one.
         """
         new = dict(zip(rows.tolist(), list(trajectories) * (len(rows) // len(trajectories)), strict=True))
         if all(self._followed[row] is item for row, item in new.items()):

@@ -45,6 +45,4 @@ class Parameters(NamedTuple):
 
 PARAMETER_NAMES = Parameters._fields
 PARAMETERS_SIZE = len(PARAMETER_NAMES)
-# Position of each parameter in an array, as constants that compiled functions can read.
-QUADROTOR_MASS, BOB_MASS, ROD_LENGTH, GRAVITY, INERTIA_ROLL, INERTIA_PITCH, INERTIA_YAW = range(7)
-QUADROTOR_DRAG_AREA, BOB_DRAG_AREA = 7, 8
+QUADROTOR_MASS, BOB_MASS, ROD_LENGTH = range(3)  # positions in an array, for compiled functions

@@ -18,7 +18,6 @@ from quadpend_gym.vehicles.parameters import Parameters
 from quadpend_gym.vehicles.parts import PRESETS, Axes, Drag, Pole, PoleField, RateLoop, Rotors
 
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
-_LARGEST_GYRATION = 3.0  # radius of gyration per distance of the outermost rotor; 1 if all mass is at that distance
 _FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
 
 
@@ -113,9 +112,7 @@ def mixing(vehicle: Vehicle) -> Floats:
 def hover_wrench(parameters: Parameters, pivot: Sequence[float]) -> Floats:
     """Return thrust (N) and torques about x, y, z (N·m) that hold body and upright pole at rest, shape (4,).
 
-    Args:
-        parameters: Masses and gravity.
-        pivot: p, m, body frame. Beside the centre of mass, the weight of the pole makes a torque.
+    If the pivot p (m, body frame) is beside the centre of mass, the weight of the pole makes a torque.
     """
     pole, (x, y, _) = parameters.bob_mass * parameters.gravity, pivot
     return np.array([parameters.hover_thrust, y * pole, -x * pole, 0.0])
@@ -162,7 +159,7 @@ def _rotors(vehicle: Vehicle) -> Rotors:
 
 
 def _check_inertia(vehicle: Vehicle) -> None:
-    """Refuse an inertia that no rigid body has, or that was given in another unit."""
+    """Refuse an inertia that no rigid body has."""
     matrix = vehicle.inertia_matrix
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
         raise ValueError(f"vehicle.inertia must be symmetric, not {vehicle.inertia!r}")
@@ -173,14 +170,6 @@ def _check_inertia(vehicle: Vehicle) -> None:
         raise ValueError(
             "vehicle.inertia must have principal moments of which none exceeds the sum of the others, not"
             f" {least:g}, {middle:g} and {largest:g} kg·m²"
-        )
-    # radius of gyration: at most that of a body whose mass is nowhere further out than the rotors, times a margin
-    reach = 10.0 if vehicle.rotors is None else float(np.linalg.norm(vehicle.rotors.positions, axis=1).max())
-    most = vehicle.mass * (_LARGEST_GYRATION * reach) ** 2
-    if largest > most:
-        raise ValueError(
-            f"vehicle.inertia must be at most {most:.3g} kg·m² (a radius of gyration of {_LARGEST_GYRATION:g} times the"
-            f" {reach:.3g} m to the outermost rotor), not {vehicle.inertia!r}, which may be in g·m² or g·cm²"
         )
 
 

@@ -155,15 +155,8 @@ def advance(
     memory: Floats,
     out: Floats,
 ) -> None:
-    """Add the output C x_k to columns of `out`, and replace x_k by x_{k+1}.
+    """Add the output C x_k, shape (n, k), to the columns `axes` of `out`, and replace x_k in `memory` by x_{k+1}.
 
-    Args:
-        system: Filter in discrete time.
-        output: Matrix C, shape (k, m).
-        axes: Columns of `out`, shape (k,).
-        step: Number k of the step in each sub-environment, shape (n,).
-        streams: Random streams of the n sub-environments; their block `step + 1` is used.
-        memory: State x, shape (n, m), changed in place; like `out` with contiguous columns.
-        out: Array to add to, shape (n, ...), changed in place.
+    The columns of `memory`, shape (n, m), and of `out` are contiguous. Block `step + 1` of the random streams is used.
     """
     _advance(streams.keys, step + 1, system.transition, system.noise_gain, output, axes, memory.T, out.T)

@@ -22,8 +22,8 @@ from quadpend_gym.actuators import (
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.models import ModelBatch
 from quadpend_gym.core.streams import Streams
-from quadpend_gym.physics.dynamics import momentum
 from tests.helpers.envs import AT_REST, ENDLESS, WINDY, assert_same, draw_actions, make_unwrapped, make_vec, run_actions
+from tests.helpers.invariants import momentum
 
 PERIOD = Simulation().period
 HUMMINGBIRD: dict[str, Any] = {"vehicle": "hummingbird", "interface": "body_rates"}

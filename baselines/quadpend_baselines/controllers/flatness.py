@@ -64,9 +64,9 @@ from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
-from quadpend_gym.physics.dynamics import Physics
 from quadpend_gym.physics.rigid_settings import RigidSettings, unpack_rigid
 from quadpend_gym.physics.vectors import Four, Vec3, axpy, dot, load_four, scale, store_four
+from quadpend_gym.vehicles import Parameters
 
 _MIN_THRUST = 0.2  # share of the weight: without thrust, the torques have no effect on the pendulum
 _MIN_AXIS_HEIGHT = 0.1  # lower bound of b_z: 84° of tilt; the default limit of an episode is 80°
@@ -209,7 +209,7 @@ def _feedback(rate: float, error: float, damping: float, bandwidth: float) -> fl
 
 
 @inlined
-def _thrust(s: VehicleState, d: Forces, acceleration: float, axis: Vec3, p: Physics) -> float:
+def _thrust(s: VehicleState, d: Forces, acceleration: float, axis: Vec3, p: Parameters) -> float:
     """Return the thrust of equation (6), N, from z̈ and the thrust axis b."""
     # r̈_z is the sum of a part without thrust and a part proportional to the thrust.
     relative = axpy(1.0 / p.bob_mass, d.bob_force, scale(-1.0 / p.quadrotor_mass, d.force))

@@ -52,7 +52,6 @@ from quadpend_gym import Parameters, Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.core.jit import compiled, inlined
 from quadpend_gym.core.packing import pack, unpacker
-from quadpend_gym.physics.dynamics import Physics
 from quadpend_gym.physics.plants import RigidPlant, plant_of
 from quadpend_gym.physics.rigid_settings import RigidSettings, pack_rigid, unpack_rigid
 from quadpend_gym.physics.state import STATE_SIZE
@@ -63,8 +62,8 @@ from quadpend_gym.vehicles import Drag, Pole, Vehicle
 class Pendulum(NamedTuple):
     """The equivalent pendulum of a vehicle."""
 
-    physics: Physics  # of the equivalent pendulum: M', m' and λ
-    vehicle: Physics  # of the vehicle
+    physics: Parameters  # of the equivalent pendulum: M', m' and λ
+    vehicle: Parameters  # of the vehicle
     pivot_share: float  # μ/(1 + μ), the share of t in σ
     pendulum_arm: float  # a, m
     thrust_arm: float  # b, m
@@ -76,7 +75,7 @@ unpack_pendulum = unpacker(Pendulum)
 
 
 @inlined
-def chain_stiffness(p: Physics) -> float:
+def chain_stiffness(p: Parameters) -> float:
     """Return K = (M + m) g/(M l), 1/s²."""
     return (p.quadrotor_mass + p.bob_mass) * p.gravity / (p.quadrotor_mass * p.rod_length)
 
@@ -224,7 +223,7 @@ class EquivalentModel:
             second = (pendulum_arm + thrust_arm) / p.gravity
             stiffness = p.gravity * self.parameters.chain_stiffness
             fourth = second**2 + (ratio * pendulum_arm - thrust_arm) / stiffness
-        physics = (_physics(self.parameters), _physics(p))
+        physics = (self.parameters, p)
         self.numbers = Pendulum(*physics, share_of_pivot, pendulum_arm, thrust_arm, second, fourth)
         self.packed = pack(self.numbers)
 
@@ -288,10 +287,6 @@ class EquivalentModel:
         states, acting = np.ascontiguousarray(state), np.ascontiguousarray(disturbance)
         _body_commands(states, np.ascontiguousarray(command), acting, self.packed, self.packed_rigid, out)
         return out
-
-
-def _physics(p: Parameters) -> Physics:
-    return Physics(*(getattr(p, name) for name in Physics._fields))
 
 
 @lru_cache(maxsize=64)

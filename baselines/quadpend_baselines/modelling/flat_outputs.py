@@ -46,8 +46,8 @@ from quadpend_baselines.modelling.taylor import (
 )
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
-from quadpend_gym.physics.dynamics import Physics
 from quadpend_gym.physics.vectors import Four, Vec3
+from quadpend_gym.vehicles import Parameters
 
 
 class Pair(NamedTuple):
@@ -67,7 +67,7 @@ class FlatTrajectory(NamedTuple):
 
 
 @inlined
-def flat_trajectory(reference: Derivatives, forces: Forces, p: Physics) -> FlatTrajectory:
+def flat_trajectory(reference: Derivatives, forces: Forces, p: Parameters) -> FlatTrajectory:
     """Return the trajectory that follows a reference under a constant disturbance, by equations (1)–(4)."""
     d2, d3, d4, d5, d6 = reference.d2, reference.d3, reference.d4, reference.d5, reference.d6
     d_q, d_b, mass, bob_mass, length = forces.force, forces.bob_force, p.quadrotor_mass, p.bob_mass, p.rod_length
@@ -139,7 +139,7 @@ def tangent_from_attitude(euler: Vec3, rate: Vec3) -> Pair:
 
 @inlined
 def state_and_command(
-    trajectory: FlatTrajectory, yaw: Vec3, torque: Vec3, p: Physics, length: float
+    trajectory: FlatTrajectory, yaw: Vec3, torque: Vec3, p: Parameters, length: float
 ) -> tuple[VehicleState, Four]:
     """Return the state and the command at the start of a trajectory.
 

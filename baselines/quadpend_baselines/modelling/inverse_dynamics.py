@@ -10,10 +10,10 @@ from quadpend_baselines.modelling.quantities import Forces, VehicleState
 from quadpend_gym.core.elementary import sincos
 from quadpend_gym.core.jit import inlined
 from quadpend_gym.physics.attitude import body_rate, quaternion_from_euler
-from quadpend_gym.physics.dynamics import Physics
 from quadpend_gym.physics.rigid_body import Loads, Motion, Wrench, derivative, rigid_physics
 from quadpend_gym.physics.rigid_settings import RigidSettings
 from quadpend_gym.physics.vectors import Vec3, add, axpy, cross, dot, scale
+from quadpend_gym.vehicles import Parameters
 
 
 @inlined
@@ -31,7 +31,7 @@ def _body_rate_acceleration(euler: Vec3, rate: Vec3, acceleration: Vec3) -> Vec3
 
 @inlined
 def body_torques(
-    state: VehicleState, acceleration: Vec3, thrust: float, forces: Forces, physics: Physics, rigid: RigidSettings
+    state: VehicleState, acceleration: Vec3, thrust: float, forces: Forces, physics: Parameters, rigid: RigidSettings
 ) -> Vec3:
     """Return the torques about the body's axes that make the Euler-angle accelerations, N·m.
 

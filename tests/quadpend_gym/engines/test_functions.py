@@ -9,7 +9,7 @@ from quadpend_gym import Simulation
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.envs import kernel_layout as layout
 from quadpend_gym.envs import outcome as places
-from quadpend_gym.envs.plant_rows import plant_rows
+from quadpend_gym.envs.step_kernel import step_euler, step_rigid
 from quadpend_gym.physics.plants import plant_of
 from quadpend_gym.tasks.observation import OBSERVATION_SIZE
 from quadpend_gym.tasks.task import TASKS
@@ -31,9 +31,9 @@ def call(function: Any, *arguments: Floats) -> list[Floats]:
 
 def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Floats, Floats]:
     """Return next state, next memory, observation and outcome of the compiled step."""
-    rows, size = len(x.state), plant_of(simulation).memory_size
-    plant = plant_rows(rows, simulation)
-    memory, outcome = plant.memory, np.zeros((places.OUTCOME_SIZE, rows))
+    rows, plant = len(x.state), plant_of(simulation)
+    size, step = plant.memory_size, step_rigid if plant.memory_size else step_euler
+    memory, outcome = np.zeros((rows, layout.MEMORY_SIZE + size)), np.zeros((places.OUTCOME_SIZE, rows))
     memory[:, layout.MEMORY_STATE], memory[:, layout.MEMORY_PARAMETERS] = x.state, x.parameters
     memory[:, layout.MEMORY_REFERENCE] = x.reference
     queue = np.hstack([x.memory[:, size:], x.action])
@@ -42,10 +42,10 @@ def step_by_numba(simulation: Simulation, x: Inputs) -> tuple[Floats, Floats, Fl
     if size:
         memory[:, layout.MEMORY_RIGID] = x.memory[:, :size]
     observation = np.zeros((rows, OBSERVATION_SIZE), np.float32)
-    settings = plant.settings(TASK, True, simulation.substeps)
+    settings = layout.pack_settings(TASK, plant, True, simulation.substeps)
     acting = np.ascontiguousarray(acting, np.float32)
     wind = np.ascontiguousarray(x.wind.T)
-    plant.step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, 0, rows)
+    step(memory, np.zeros(rows, np.int64), wind, acting, settings, observation, outcome, 0, rows)
     after = np.hstack([memory[:, layout.MEMORY_RIGID] if size else np.zeros((rows, 0)), queue[:, 4:]])
     return memory[:, layout.MEMORY_STATE], after, observation, outcome
 

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import accelerations, energy, momentum
+from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     COMMAND_TORQUE,
@@ -18,6 +18,7 @@ from quadpend_gym.physics.state import (
     State,
 )
 from quadpend_gym.vehicles import Parameters
+from tests.helpers.invariants import energy, momentum
 from tests.helpers.physics import UNEQUAL, random_commands, random_disturbances, random_states, simulate_period
 
 ROWS = 50

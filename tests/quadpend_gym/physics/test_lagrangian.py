@@ -10,7 +10,7 @@ import sympy as sp
 from numpy.testing import assert_allclose
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.physics.dynamics import accelerations, energy, momentum
+from quadpend_gym.physics.dynamics import accelerations
 from quadpend_gym.physics.state import (
     COMMAND_SIZE,
     COMMAND_TORQUE,
@@ -21,7 +21,7 @@ from quadpend_gym.physics.state import (
     State,
 )
 from quadpend_gym.vehicles import Parameters
-from quadpend_gym.vehicles.parameters import QUADROTOR_DRAG_AREA
+from tests.helpers.invariants import energy, momentum
 from tests.helpers.lagrangian import (
     coriolis_matrix,
     gravity_vector,
@@ -101,7 +101,7 @@ class Sample:
     def arguments(self, q_ddot: Floats | None = None) -> tuple[Floats, ...]:
         """Return the arguments of the derived functions."""
         q_ddot = np.zeros(8) if q_ddot is None else q_ddot
-        parameters = self.parameters.as_array()[:QUADROTOR_DRAG_AREA]  # the Lagrangian has no drag
+        parameters = self.parameters.as_array()[:7]  # the Lagrangian has no drag
         return self.q, self.q_dot, q_ddot, self.command, self.disturbance, parameters
 
 

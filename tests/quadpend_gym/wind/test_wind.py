@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadpend_gym import PAPER, Constant, Limits, OrnsteinUhlenbeck, Sinusoid, StillAir, Task
-from quadpend_gym.physics.dynamics import momentum
 from quadpend_gym.physics.euler_kernel import advance
 from quadpend_gym.wind import KINDS, Sum, as_wind
 from tests.helpers.envs import (
@@ -17,6 +16,7 @@ from tests.helpers.envs import (
     make_unwrapped,
     make_vec,
 )
+from tests.helpers.invariants import momentum
 from tests.helpers.wind import EXAMPLES, PERIOD, every_kind, sample_wind
 
 STORMY = WINDY + "storm" + Constant(velocity=(3.0, -4.0, 1.0))
