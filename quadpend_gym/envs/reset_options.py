@@ -45,7 +45,7 @@ def read_reset_options(
 
 
 def _field(name: str, value: Any, count: int) -> Floats:
-    look_up(STATE_FIELDS, name, "field of options['state']")
+    look_up(STATE_FIELDS, name, "field of the state")
     array = np.asarray(value, np.float64)
     if array.shape not in {(3,), (count, 3)} or not (np.abs(array) < DIVERGENCE_LIMIT).all():
         raise ValueError(

@@ -12,8 +12,8 @@ from tests.helpers.bad_input import BAD_ACTIONS, NAN, assert_refused, assert_ref
 from tests.helpers.envs import ENDLESS, WINDY, draw_actions, make, make_unwrapped, make_vec, run_actions
 
 BAD_OPTIONS: dict[str, tuple[Any, str]] = {
-    "unknown option": ({"wind": None}, "no option 'wind'; the options are state, reference"),
-    "unknown field": ({"state": {"speed": (0, 0, 0)}}, "no field 'speed'; the fields are position"),
+    "unknown option": ({"wind": None}, "no option 'wind'; there are state, reference"),
+    "unknown field": ({"state": {"speed": (0, 0, 0)}}, "no field of the state 'speed'; there are position"),
     "short field": ({"state": {"position": (0, 0)}}, r"'position'.* shape \(3,\)"),
     "nan": ({"state": {"velocity": (0, NAN, 0)}}, "'velocity'.* numbers between .* nan"),
     "zero direction": ({"state": {"direction": (0, 0, 0)}}, "'direction'.* zero"),

@@ -22,7 +22,6 @@ SENSELESS = {  # what the line replaces, the line, and a pattern of the message
     "no mass": ("mass", "", "'mass'"),
     "misspelt field": ("mass", "mas = 0.5", "no field 'mas' .did you mean 'mass'"),
     "too heavy for its rotors": ("mass", "mass = 3.0", "rotors.thrust of 0 to 4 N must allow hover"),
-    "inertia in g m2": ("inertia", "inertia = [3.2, 3.2, 5.5]", "be in g·m²"),
     "impossible inertia": ("inertia", "inertia = [0.003, 0.003, 0.02]", "principal moments of which none exceeds"),
     "unknown pole": ("pole", "pole = 'hen'", "there is no pole 'hen' .did you mean 'hehn'"),
     "pole without length": ("pole", "pole = {mass = 0.05}", "'length'"),
