@@ -96,7 +96,6 @@ def test_survival_comes_first() -> None:
     loose = synthetic_results(random.normal(0.3, 0.01, 200))
     result = compare_pair(compared(a=[close], b=[loose]), "a", "b").results["s0"]
     assert result.winner == -1
-    assert result.improvement.value > 0.7
     assert result.survival.high < 0.0
 
 
