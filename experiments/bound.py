@@ -49,7 +49,7 @@ _MM = 1000.0
 def can_be_planned(scenario: Scenario) -> bool:
     """Return whether IPOPT plans the scenario: the paper's vehicle, upright, with delays and lags of the action.
 
-    `Plant` has rigid vehicles too, but from the flight of the first guess IPOPT does not converge in 200 iterations.
+    `Plant` has rigid vehicles too, but IPOPT was far from converging in the two short flights that were tried.
     """
     task = scenario.task
     upright = task.pendulum == "upright" and task.reward.pendulum_first == 0.0
