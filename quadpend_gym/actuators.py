@@ -24,14 +24,10 @@ class Actuator(Model, Protocol):
     """The interface of an actuator model, for a batch of n sub-environments. A base class is not needed."""
 
     def act(self, action: Floats, memory: Floats, step: Integers, simulation: Simulation, streams: Streams) -> None:
-        """Change the action of the next control period in place.
+        """Change the actions of the next control period, in [−1, 1], shape (n, 4), columns contiguous, in place.
 
-        Args:
-            action: Actions, components in [−1, 1], shape (n, 4), columns contiguous, changed in place.
-            memory: Memory of the model, shape (n, memory_size), columns contiguous, updated in place.
-            step: Control steps since the beginning of each episode, shape (n,).
-            simulation: Control period, nominal parameters and command limits.
-            streams: Random streams of the n sub-environments; this step may use block `step + 1`.
+        The simulation has the control period, the nominal parameters and the command limits. The other arguments are
+        those of `Wind.sample`.
         """
 
 

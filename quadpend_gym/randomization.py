@@ -42,10 +42,6 @@ class ParameterRanges:
 
         Each parameter uses its own number of the random stream, so the interval of one parameter does not change the
         values of the others.
-
-        Args:
-            nominal: Values of the parameters without an interval.
-            streams: Random streams of the n sub-environments.
         """
         return streams.between(0, *_bounds(self, nominal))
 
@@ -77,11 +73,7 @@ class Around:
 
 
 def as_ranges(value: Any) -> ParameterRanges | Around:
-    """Convert `value` to parameter ranges.
-
-    Args:
-        value: Parameter ranges, a mapping with a ``share``, or a mapping from names of parameters to pairs.
-    """
+    """Return parameter ranges from such, a mapping with a ``share``, or one from names of parameters to pairs."""
     if isinstance(value, Around) or (isinstance(value, Mapping) and "share" in value):
         return parse(Around, value, "ranges")
     return parse(ParameterRanges, value, "ranges")

@@ -28,14 +28,10 @@ class Sensor(Model, Protocol):
     """The interface of a sensor model, for a batch of n sub-environments. A base class is not needed."""
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Change the measured state of the current control step in place.
+        """Change the measured states of the current control step, shape (n, 18), columns contiguous, in place.
 
-        Args:
-            measured: Measured states, shape (n, 18), columns contiguous, changed in place.
-            memory: Memory of the model, shape (n, memory_size), columns contiguous, updated in place.
-            step: Control steps since the beginning of each episode, shape (n,); 0 for the observation of a reset.
-            period: Duration of a control step, s.
-            streams: Random streams of the n sub-environments; this method may use the blocks from 1 on.
+        The other arguments are those of `Wind.sample`. `step` is 0 for the observation of a reset, and all blocks of
+        the random streams from 1 on may be used.
         """
 
 
@@ -46,10 +42,7 @@ as_sensors, KINDS = SENSORS.parse, SENSORS.kinds
 
 @settings
 class Channel:
-    """Sizes of the measurement errors of one field of the state, in the unit of this field.
-
-    The three components of the field have errors of the same size.
-    """
+    """Sizes of the measurement errors of each component of one field of the state, in the unit of this field."""
 
     white: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of white noise, independent at each sample
     bias: Annotated[float, Range(0.0, 1e6)] = 0.0  # standard deviation of a constant error, drawn for each episode

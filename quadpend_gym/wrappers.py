@@ -48,7 +48,6 @@ AnyEnv = gym.Env[Any, Any] | VectorEnv[Any, Any, Any]
 
 
 def _world(env: AnyEnv) -> World:
-    """Return the simulation of the innermost environment."""
     world = getattr(env.unwrapped, "world", None)
     if not isinstance(world, World):
         raise TypeError(f"env must be a QuadPendulum environment, wrapped or not, not {env}")
@@ -61,12 +60,7 @@ def _add_wind(env: AnyEnv, wind: Any) -> None:
 
 
 class WindWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Add wind to the wind that `env` already has.
-
-    Args:
-        env: A QuadPendulum environment, wrapped or not.
-        wind: As the argument of `gymnasium.make`; presets by name are scaled for the vehicle.
-    """
+    """Add wind, as `gymnasium.make` takes it, to the wind that `env` already has."""
 
     def __init__(self, env: gym.Env[Any, Any], wind: Any) -> None:
         RecordConstructorArgs.__init__(self, wind=wind)
@@ -85,9 +79,7 @@ class VectorWindWrapper(VectorWrapper):
 class SensorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Compute the observation of `env` from measured states; reward, termination and info do not change.
 
-    Args:
-        env: A QuadPendulum environment, wrapped or not. Its own sensors come before these.
-        sensors: As the argument of `gymnasium.make`.
+    The sensors are as `gymnasium.make` takes them; those that `env` already has come before them.
     """
 
     def __init__(self, env: gym.Env[Any, Any], sensors: Any) -> None:
@@ -107,9 +99,7 @@ class VectorSensorWrapper(VectorWrapper):
 class ActuatorWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Pass the actions through actuators before they act on `env`; ``info["command"]`` has the resulting command.
 
-    Args:
-        env: A QuadPendulum environment, wrapped or not. An action passes its own actuators after these.
-        actuators: As the argument of `gymnasium.make`.
+    The actuators are as `gymnasium.make` takes them; an action passes those that `env` already has after them.
     """
 
     def __init__(self, env: gym.Env[Any, Any], actuators: Any) -> None:
@@ -127,12 +117,7 @@ class VectorActuatorWrapper(VectorWrapper):
 
 
 class ParameterWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Draw the physical parameters of each episode; ``info["parameters"]`` has the true values.
-
-    Args:
-        env: A QuadPendulum environment, wrapped or not, whose parameters are not drawn yet.
-        ranges: As the argument `parameters` of `gymnasium.make`.
-    """
+    """Draw the physical parameters of each episode, see `as_ranges`; ``info["parameters"]`` has the true values."""
 
     def __init__(self, env: gym.Env[Any, Any], ranges: Any) -> None:
         RecordConstructorArgs.__init__(self, ranges=ranges)
@@ -151,10 +136,7 @@ class VectorParameterWrapper(VectorWrapper):
 def last_observations(observation: Floats32, info: dict[str, Any], ended: Booleans) -> Floats32:
     """Return the observations, shape (n, k), that the last step reached, before any same-step autoreset.
 
-    Args:
-        observation: The observations that `step` returned, shape (n, k).
-        info: The info that `step` returned.
-        ended: The sub-environments whose episode ended with the step, shape (n,).
+    `observation` and `info` are those that `step` returned, and `ended` the mask of the ended episodes, shape (n,).
     """
     if "final_obs" not in info:
         return observation
@@ -182,9 +164,6 @@ class OutputFeedbackWrapper(gym.ObservationWrapper[Any, Any, Any], RecordConstru
 
     The removed fields are the rates of tracking error, pendulum direction and attitude. The other fields keep their
     order. `read_observation` reads them, and raises ValueError for a removed field.
-
-    Args:
-        env: A QuadPendulum environment.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
@@ -255,15 +234,10 @@ class _Histories:
 
 
 class HistoryWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Stack the latest observations and actions, so that a policy without memory can infer velocities and delays.
+    """Stack the latest observations, the current one included, and actions, for policies without memory.
 
     The observations come first, then the actions, both with the oldest first. At the start of an episode the history
     holds copies of the first observation and zero actions.
-
-    Args:
-        env: An environment whose observations and actions are vectors.
-        observations: Number of observations, the current one included.
-        actions: Number of latest actions.
     """
 
     def __init__(self, env: gym.Env[Any, Any], observations: int = 4, actions: int = 0) -> None:

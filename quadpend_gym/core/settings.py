@@ -74,22 +74,14 @@ def _noun(schema: Any) -> str:
     """Return what a schema accepts, such as "a finite number or 3 finite numbers"."""
     kind = schema["type"]
     if kind == "tuple":
-        items = schema["items_schema"]
-        if (inner := _noun(items[0])).endswith("s"):
-            return f"a tuple of {inner} each"
-        count = "" if "variadic_item_index" in schema else f"{len(items)} "
-        return f"{count}{inner.removeprefix('a ')}s"
+        count = "" if "variadic_item_index" in schema else f"{len(schema['items_schema'])} "
+        inner = _noun(schema["items_schema"][0])
+        return f"{count}times {inner}" if inner.endswith("s") else f"{count}{inner.removeprefix('a ')}s"
     if kind == "union":
         return " or ".join(map(_noun, schema["choices"]))
-    if kind == "literal":
-        return ", ".join(map(repr, schema["expected"]))
-    if kind == "nullable":
-        return f"None or {_noun(schema['schema'])}"
-    if kind == "function-after":
-        return f"{_noun(schema['schema'])} (lowest, highest)"
-    if kind == "function-before":
-        return _noun(schema["schema"])
-    return {"int": "a whole number", "float": "a finite number"}.get(kind, f"a {kind}")
+    if kind in _PARTS:
+        return ("None or " if kind == "nullable" else "") + _noun(schema["schema"])
+    return {"int": "a whole number", "literal": "a name"}.get(kind, "a finite number")
 
 
 def _in_order(pair: tuple[float, float]) -> tuple[float, float]:

@@ -42,40 +42,23 @@ class Scenario:
     """An environment: what is to be done, by which vehicle, and what disturbs it.
 
     The names of its parts are the keywords of `gymnasium.make`, and the fields of a scenario file.
-
-    Attributes:
-        task: Name of a task, a `Task`, or a mapping of its fields; a mapping changes the fields of ``"track"``.
-        wind: A model of `quadpend_gym.wind` or of your own, the name of a preset (``"windy"``), a mapping with a
-            ``kind``, a text ``"module:factory"``, or a sum or list of these. Presets are for the weight and the torque
-            limits of the paper's vehicle; for other vehicles their forces and torques are scaled in proportion.
-        vehicle: Vehicle, its name, a TOML file, or a mapping of its fields.
-        interface: What an action commands: ``"wrench"``, ``"rotors"`` or ``"body_rates"``.
-        latency: Time from an action to the moment when it acts; a whole number of substeps.
-        sensors: Models of `quadpend_gym.sensors`, or mappings with a ``kind``, in the order in which they are applied.
-        actuators: Models of `quadpend_gym.actuators`, in the order in which an action passes them.
-        parameters: Ranges of the physical parameters of an episode, see `quadpend_gym.randomization`; None: nominal.
-        period: Control period.
-        substeps: Runge–Kutta steps in a control period.
-        duration: Length of an episode.
-        output_feedback: Whether the observation has no velocities.
-        loop_known: Whether controllers know the delays, lags and rate limits among `sensors` and `actuators`.
-        name: Name in tables.
-        description: Description in tables.
     """
 
-    task: Annotated[Task, TaskField] = field(default_factory=lambda: TASKS["track"])
+    task: Annotated[Task, TaskField] = field(default_factory=lambda: TASKS["track"])  # a mapping changes "track"
+    # a model, the name of a preset, a mapping with a ``kind``, "module:factory", or a sum or list of these; forces and
+    # torques of presets are scaled from the weight and the torque limits of the paper's vehicle to those of this one
     wind: Annotated[Any, _WIND] = ()
     vehicle: Annotated[Vehicle, VehicleField] = field(default_factory=lambda: VEHICLES["paper"])
-    interface: Interface = "wrench"
-    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
-    sensors: Annotated[Any, SensorsField] = ()
-    actuators: Annotated[Any, ActuatorsField] = ()
-    parameters: Annotated[ParameterRanges | Around, RangesField] | None = None
+    interface: Interface = "wrench"  # what an action commands
+    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # from an action to the moment when it acts; whole substeps
+    sensors: Annotated[Any, SensorsField] = ()  # in the order in which they are applied
+    actuators: Annotated[Any, ActuatorsField] = ()  # in the order in which an action passes them
+    parameters: Annotated[ParameterRanges | Around, RangesField] | None = None  # drawn for each episode; None: nominal
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
-    substeps: Annotated[int, Range(1, 10_000)] = 2
-    duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0
-    output_feedback: Annotated[bool, Strict()] = False
-    loop_known: Annotated[bool, Strict()] = True
+    substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
+    duration: Annotated[float, Range(1e-9, 1e7, "s")] = 10.0  # length of an episode
+    output_feedback: Annotated[bool, Strict()] = False  # whether the observation has no velocities
+    loop_known: Annotated[bool, Strict()] = True  # whether controllers know the delays, lags and rate limits above
     name: str = field(default="", compare=False)
     description: str = field(default="", compare=False)
 

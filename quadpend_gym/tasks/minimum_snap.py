@@ -15,14 +15,6 @@ The spline is the one with the smallest integral of the squared snap, the fourth
 The derivatives at the first and the last point are zero; in a closed spline both points are the same one, and its
 derivatives are free as well. A spline of degree 7, the usual choice, cannot begin at rest in the derivatives of order 4
 to 6. Minimising a higher derivative instead gives larger swings between the points.
-
-| symbol | code name      | unit         | shape            |
-|--------|----------------|--------------|------------------|
-| tᵢ, hᵢ | `times`, `h`   | s            | (m + 1,), (m,)   |
-| x      | `derivatives`  | m, m/s, …    | (m + 1, 7, c)    |
-| B      | `_COEFFICIENTS`| 1            | (14, 14)         |
-| Q      | `_COST`        | 1            | (14, 14)         |
-| c      | `coefficients` | m, m/s, …    | (m, c, 14)       |
 """
 
 from math import perm
@@ -38,22 +30,16 @@ _SNAP = 4  # order of the derivative whose square is minimised
 
 
 _ENDS = [[perm(k, j) * u ** max(k - j, 0) for k in range(COEFFICIENTS)] for u in (0, 1) for j in range(ORDERS)]
-_COEFFICIENTS: Floats = np.rint(720.0 * np.linalg.inv(np.array(_ENDS, np.float64))) / 720.0  # multiples of 1/6!
+_COEFFICIENTS: Floats = np.rint(720.0 * np.linalg.inv(np.array(_ENDS, np.float64))) / 720.0  # B: multiples of 1/6!
 _POWERS, _FACTORS = np.arange(COEFFICIENTS), [perm(k, _SNAP) for k in range(COEFFICIENTS)]
 _GRAM = np.outer(_FACTORS, _FACTORS) / np.maximum(_POWERS[:, np.newaxis] + _POWERS - 2 * _SNAP + 1, 1)  # G
-_COST = _COEFFICIENTS.T @ _GRAM @ _COEFFICIENTS
+_COST = _COEFFICIENTS.T @ _GRAM @ _COEFFICIENTS  # Q
 
 
 def minimum_snap(times: Floats, points: Floats, closed: bool) -> Floats:
-    """Return the coefficients of the pieces of a minimum-snap spline.
+    """Return the coefficients of the powers of t − tᵢ of the pieces of a minimum-snap spline, shape (m, c, 14).
 
-    Args:
-        times: Times of the points, increasing, shape (m + 1,).
-        points: Points, shape (m + 1, c).
-        closed: Whether the spline is periodic; the last point must then equal the first.
-
-    Returns:
-        Coefficients of the powers of t − tᵢ, shape (m, c, 14).
+    The points have the shape (m + 1, c). If the spline is closed, the last one equals the first.
     """
     h = np.diff(times)
     pieces = len(h)

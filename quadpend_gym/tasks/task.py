@@ -44,25 +44,14 @@ class RewardWeights:
 
 @settings
 class Task:
-    """Task: references, random starts, termination limits, reward weights, and the side of the pendulum.
-
-    Attributes:
-        references: Random references.
-        start: Random starts.
-        limits: Termination limits.
-        reward: Weights of the reward.
-        trajectory: Reference of every episode: `Reference`, `Waypoints`, `Sinusoids`, or a mapping as `as_trajectory`
-            takes it; None: each episode draws one from `references`.
-        pendulum: Side on which the pendulum is to be: ``"upright"``, above the quadrotor, or ``"hanging"``, below it.
-            Starts, limit and reward are relative to it.
-    """
+    """Task: references, random starts, termination limits, reward weights, and the side of the pendulum."""
 
     references: ReferenceSettings = ReferenceSettings()
     start: StartSettings = StartSettings()
     limits: Limits = Limits()
     reward: RewardWeights = RewardWeights()
-    trajectory: Annotated[Any, TrajectoryField] = None
-    pendulum: Literal["upright", "hanging"] = "upright"
+    trajectory: Annotated[Any, TrajectoryField] = None  # of every episode; None: each draws one from `references`
+    pendulum: Literal["upright", "hanging"] = "upright"  # starts, limit and reward are relative to this side
 
     @property
     def side(self) -> float:

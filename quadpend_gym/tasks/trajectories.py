@@ -229,17 +229,11 @@ class Waypoints(_Packed):
     """A smooth trajectory through given points at given times, equation (1), from rest to rest.
 
     It is a minimum-snap spline whose derivatives of order 0 to 6 are continuous, see `minimum_snap`.
-
-    Attributes:
-        times: Times of the points, s; the first is 0.
-        points: Points F_x, F_y, z (m) and optionally ψ (rad, default 0), see `references`.
-        closed: Whether the trajectory repeats without stopping after the last time; the last point must then equal the
-            first.
     """
 
-    times: Annotated[tuple[float, ...], Range(0.0, LARGEST, "s")]
-    points: Annotated[tuple[Point, ...], Range(-LARGEST, LARGEST, "m and rad")]
-    closed: bool = False
+    times: Annotated[tuple[float, ...], Range(0.0, LARGEST, "s")]  # the first is 0
+    points: Annotated[tuple[Point, ...], Range(-LARGEST, LARGEST, "m and rad")]  # F_x, F_y, z and optionally ψ
+    closed: bool = False  # whether the trajectory repeats without stopping; the last point must equal the first
     kind: Literal["waypoints"] = "waypoints"
 
     def __post_init__(self) -> None:
@@ -291,13 +285,7 @@ class SinusoidTerm:
 
 @settings
 class Sinusoids(_Packed):
-    """A constant velocity plus any sum of sinusoids, equation (2).
-
-    Attributes:
-        offset: F_x, F_y, z (m) and ψ (rad) at time zero, without the terms.
-        rate: Constant velocity of each channel, m/s and rad/s.
-        terms: Terms, or mappings of their fields.
-    """
+    """A constant velocity plus any sum of sinusoids, equation (2)."""
 
     offset: Annotated[Channels, Range(-LARGEST, LARGEST, "m and rad")] = (0.0, 0.0, 2.0, 0.0)
     rate: Annotated[Channels, Range(-LARGEST, LARGEST, "m/s and rad/s")] = (0.0, 0.0, 0.0, 0.0)

@@ -22,24 +22,14 @@ _MOST_DAMPED = {"rotor": 0.5, "angular": 1.0}
 
 @settings
 class Simulation:
-    """A vehicle, what an action commands, and when and how exactly the simulation computes its motion.
-
-    Attributes:
-        vehicle: The vehicle, its name, a TOML file, or a mapping of its fields.
-        interface: What an action commands: ``"wrench"``, ``"rotors"`` or ``"body_rates"``.
-        period: Control period, s.
-        substeps: Runge–Kutta steps in a control period.
-        latency: Time from an action to the moment when it acts, s; a whole number of substeps.
-        pendulum: ``"hanging"`` makes the rod length in `parameters` negative, as control laws for a hanging pendulum
-            need it. Environments have ``"upright"``.
-    """
+    """A vehicle, what an action commands, and when and how exactly the simulation computes its motion."""
 
     vehicle: Annotated[Vehicle, VehicleField] = field(default_factory=lambda: VEHICLES["paper"])
-    interface: Interface = "wrench"
+    interface: Interface = "wrench"  # what an action commands
     period: Annotated[float, Range(1e-9, 10.0, "s")] = CONTROL_PERIOD
-    substeps: Annotated[int, Range(1, 10_000)] = 2
-    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0
-    pendulum: Literal["upright", "hanging"] = "upright"
+    substeps: Annotated[int, Range(1, 10_000)] = 2  # Runge–Kutta steps in a control period
+    latency: Annotated[float, Range(0.0, 1.0, "s")] = 0.0  # from an action to the moment when it acts; whole substeps
+    pendulum: Literal["upright", "hanging"] = "upright"  # control laws use "hanging", environments only "upright"
 
     def __post_init__(self) -> None:
         if self.vehicle.attitude == "euler" and self.interface != "wrench":

@@ -27,31 +27,20 @@ class Vehicle:
 
     Every field may be given as plain data: a mapping for a part, lists for tuples, and for the pole also the name of
     one in `POLES`.
-
-    Attributes:
-        mass: M, without the pole.
-        inertia: (Ixx, Iyy, Izz) or 3 × 3, body frame, about the body's centre of mass, without the pole.
-        pole: The pole.
-        name: Name in tables and pictures; a vehicle from a file without a name has the name of the file.
-        attitude: "rigid" for a rigid body; "euler" for the paper's model, in which a constant diagonal inertia
-            multiplies the Euler-angle accelerations. "euler" has neither rotors nor a pivot offset nor a pole inertia.
-        pivot: p, body frame, from the body's centre of mass to the joint.
-        rotors: The rotors; None: thrust and torques act as they are commanded, and `torque` is needed.
-        drag: Drag of the body.
-        rate_loop: The loop on board for the interface "body_rates".
-        torque: (roll and pitch, yaw) at an action of ±1 of the interface "wrench"; None: see `torque_limits`.
-        gravity: g.
     """
 
-    mass: Annotated[float, Range(1e-3, 1e3, "kg")]
+    mass: Annotated[float, Range(1e-3, 1e3, "kg")]  # M, without the pole
+    # (Ixx, Iyy, Izz) or 3 × 3, body frame, about the body's centre of mass, without the pole
     inertia: Annotated[Axes | tuple[Axes, Axes, Axes], Range(-1e6, 1e6, "kg·m²")]
     pole: Annotated[Pole, PoleField]
-    name: str = "own"
+    name: str = "own"  # a vehicle from a file without a name has the name of the file
+    # "euler": the paper's model, in which a constant diagonal inertia multiplies the Euler-angle accelerations
     attitude: Literal["rigid", "euler"] = "rigid"
-    pivot: Annotated[Axes, Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)
-    rotors: Rotors | None = None
+    pivot: Annotated[Axes, Range(-2.0, 2.0, "m")] = (0.0, 0.0, 0.0)  # p, from the body's centre of mass to the joint
+    rotors: Rotors | None = None  # None: thrust and torques act as they are commanded, and `torque` is needed
     drag: Drag = field(default_factory=Drag)
     rate_loop: RateLoop = field(default_factory=RateLoop)
+    # (roll and pitch, yaw) at an action of ±1 of the interface "wrench"; None: see `torque_limits`
     torque: Annotated[tuple[float, float] | None, Range(1e-6, 1e4, "N·m")] = None
     gravity: Annotated[float, Range(0.1, 100.0, "m/s²")] = 9.81
 

@@ -3,12 +3,6 @@
 Every model acts on a batch of sub-environments, draws its random numbers from the stream of the episode, and can be
 added to other models with ``+``. `base` defines the interface and the units. A model is declared, registered and named
 in ``__all__`` in its module, and nowhere else.
-
-| models                                                | module       |
-|-------------------------------------------------------|--------------|
-| `Constant`, `Sinusoid`, `StillAir`, `Drawn`, `Rescaled` | `steady`     |
-| `Gusts`, `PaperGusts`                                 | `gusts`      |
-| `OrnsteinUhlenbeck`, `Dryden`, `VonKarman`            | `turbulence` |
 """
 
 from quadpend_gym.wind.base import *

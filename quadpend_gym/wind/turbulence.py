@@ -32,7 +32,6 @@ third order, with an error of at most 0.25 dB up to ω = 16/T, and of at most 1 
 100/T), which reduces the standard deviations by 1.6 % along and 1.9 % across and up.
 """
 
-from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Annotated, Literal, NamedTuple
 
@@ -92,11 +91,6 @@ class OrnsteinUhlenbeck(Loads):
             system, output, axes = _discrete_noise(self, period)
             advance(system, output, axes, step, streams, memory, out)
 
-    def density(self, frequency: Floats) -> Floats:
-        """Return the one-sided spectral density of each column at `frequency` (rad/s), shape (12, ...), per rad/s."""
-        shape = 2.0 * self.time_constant / np.pi / (1.0 + (self.time_constant * frequency) ** 2)
-        return np.asarray(np.multiply.outer(self.load**2, shape))
-
 
 @lru_cache(maxsize=64)
 def _discrete_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[DiscreteFilter, Floats, Integers]:
@@ -109,29 +103,23 @@ def _discrete_noise(noise: OrnsteinUhlenbeck, period: float) -> tuple[DiscreteFi
 
 
 class _Spectrum(NamedTuple):
-    """Spectrum of one axis of turbulence in dimensionless form."""
+    """Filter of one axis of turbulence in dimensionless form."""
 
     weight: float  # 2 along the wind, 1 across and up
-    numerator: list[float]  # of the filter, in powers of T s, constant first
-    denominator: list[float]  # of the filter
-    density: Callable[[Floats], Floats]  # density as a function of (T ω)²
+    numerator: list[float]  # in powers of T s, constant first
+    denominator: list[float]
 
 
 # Spectra along the wind, and across and up. Dryden's filters are exact; those for von Kármán's spectra are rational
 # approximations (Ly & Chan, AIAA Paper 80-1615).
 _SPECTRA = {
     "dryden": (
-        _Spectrum(2.0, [1.0], [1.0, 1.0], lambda x: 1.0 / (1.0 + x)),
-        _Spectrum(1.0, [1.0, 3.0**0.5], [1.0, 2.0, 1.0], lambda x: (1.0 + 3.0 * x) / (1.0 + x) ** 2),
+        _Spectrum(2.0, [1.0], [1.0, 1.0]),
+        _Spectrum(1.0, [1.0, 3.0**0.5], [1.0, 2.0, 1.0]),
     ),
     "von_karman": (
-        _Spectrum(2.0, [1.0, 0.25], [1.0, 1.357, 0.1987], lambda x: 1.0 / (1.0 + 1.339**2 * x) ** (5.0 / 6.0)),
-        _Spectrum(
-            1.0,
-            [1.0, 2.7478, 0.3398],
-            [1.0, 2.9958, 1.9754, 0.1539],
-            lambda x: (1.0 + 8.0 / 3.0 * 1.339**2 * x) / (1.0 + 1.339**2 * x) ** (11.0 / 6.0),
-        ),
+        _Spectrum(2.0, [1.0, 0.25], [1.0, 1.357, 0.1987]),
+        _Spectrum(1.0, [1.0, 2.7478, 0.3398], [1.0, 2.9958, 1.9754, 0.1539]),
     ),
 }
 
@@ -175,23 +163,14 @@ class _Turbulence(Addable):
     @property
     def filter(self) -> Filter:
         """Filters from white noise to u, v, w (m/s), each with H = σ √(weight T/π) N(Ts)/D(Ts)."""
+        along, across = _SPECTRA[self.kind]
+        axes = zip((along, across, across), self.deviations, self.times, strict=True)
         return combine(
             [
                 from_transfer_function(x.numerator, x.denominator, sigma * np.sqrt(x.weight * t / np.pi), t)
-                for x, sigma, t in self._axes
+                for x, sigma, t in axes
             ]
         )
-
-    def density(self, frequency: Floats) -> Floats:
-        """Return the one-sided densities (4)–(7) of u, v, w at `frequency` (rad/s), shape (3, ...), m²/s."""
-        return np.stack(
-            [sigma**2 * t / np.pi * x.weight * x.density((t * frequency) ** 2) for x, sigma, t in self._axes]
-        )
-
-    @property
-    def _axes(self) -> Iterator[tuple[_Spectrum, float, float]]:
-        along, across = _SPECTRA[self.kind]
-        return zip((along, across, across), self.deviations, self.times, strict=True)
 
     @property
     def memory_size(self) -> int:
