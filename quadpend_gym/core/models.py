@@ -129,12 +129,8 @@ def is_project_class(kind: type[Any]) -> bool:
 class ModelBatch:
     """Models with their memories and random streams for n sub-environments.
 
-    Call `start_episodes` for every sub-environment before `apply`.
-
-    Args:
-        models: Models in the order in which they are applied.
-        rows: Number n of sub-environments.
-        stream_numbers: Number of the random stream of each model; by default its position in `models`.
+    Call `start_episodes` for every sub-environment before `apply`. The number of the random stream of each model is by
+    default its position in `models`, in which order they are applied.
     """
 
     def __init__(self, models: tuple[Model, ...], rows: int, stream_numbers: Sequence[int] | None = None) -> None:

@@ -39,7 +39,7 @@ def read_reset_options(
         look_up(dict.fromkeys(known), name, "option")
     references = _references(given.get("reference"), count)
     for item in dict.fromkeys(references):
-        check_feasible(item, scenario.simulation, scenario.task.limits, scenario.task.side)
+        check_feasible(item, scenario.simulation, scenario.task.side)
     state = {name: _field(name, value, count) for name, value in (given.get("state") or {}).items()}
     return ResetOptions(state, references)
 

@@ -62,11 +62,9 @@ def shipped() -> tuple[dict[str, Scenario], dict[str, tuple[str, ...]]]:
 def find_scenarios(names: str | Iterable[str | Scenario]) -> dict[str, Scenario]:
     """Return scenarios by name; equal names count once.
 
-    Args:
-        names: Each is a `Scenario`, or a text: the name of a scenario or of a set of this package; the path of a TOML
-            or JSON file, whose scenarios all count, or ``"mine.toml:name"`` for a scenario or a set in it; JSON that
-            begins with a brace; or ``"module:factory"``, a function that returns a `Scenario` or a wind. NAME=TEXT
-            gives one scenario another name.
+    Each is a `Scenario`, or a text: the name of a scenario or of a set of this package; the path of a TOML or JSON
+    file, whose scenarios all count, or ``"mine.toml:name"`` for a scenario or a set in it; JSON that begins with a
+    brace; or ``"module:factory"``, a function that returns a `Scenario` or a wind. NAME=TEXT gives another name.
     """
     found: dict[str, Scenario] = {}
     for item in [names] if isinstance(names, str) else names:
@@ -89,13 +87,9 @@ def find_scenario(name: str | Scenario) -> Scenario:
 
 
 def as_scenario(value: Any, **parts: Any) -> Scenario:
-    """Return a scenario.
+    """Return a scenario from itself, a text that `find_scenario` takes, a mapping of its fields, or None.
 
-    Args:
-        value: A `Scenario`, its name or any other text that `find_scenario` takes, a mapping of its fields, or None for
-            the default one.
-        parts: Fields that replace those of the scenario. With another vehicle, the forces of its wind are scaled, see
-            `Scenario.with_vehicle`.
+    `parts` replace its fields. With another vehicle, the forces of its wind are scaled, see `Scenario.with_vehicle`.
     """
     if value is None or isinstance(value, Mapping):
         return parse(Scenario, {**(value or {}), **parts}, "scenario")

@@ -64,7 +64,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         if self.task.trajectory is not None:
-            check_feasible(self.task.trajectory, self.simulation, self.task.limits, self.task.side)
+            check_feasible(self.task.trajectory, self.simulation, self.task.side)
         check_chain(self.actuators, self.simulation)
         check_periods(self.sensors, self.period)
 
@@ -96,9 +96,7 @@ class Scenario:
         velocities, starts, references, sensors and actuators do not change. The name gets vehicle and interface, such
         as ``"windy · crazyflie · body_rates"``.
 
-        Args:
-            vehicle: Vehicle, as `quadpend_gym.vehicles.as_vehicle` takes it; None: that of the scenario.
-            interface: What an action commands; None: as in the scenario.
+        None keeps that of the scenario.
         """
         given = {key: value for key, value in {"vehicle": vehicle, "interface": interface}.items() if value is not None}
         simulation = replace(self.simulation, **given)

@@ -1,4 +1,4 @@
-"""What a trajectory demands of the vehicle: thrust, tilt of the pendulum and of the body, and height.
+"""What a trajectory demands of the vehicle: thrust, and tilt of the pendulum and of the body.
 
 Exact tracking in calm air, with the bob's horizontal position F and the quadrotor's height z (world frame):
 
@@ -22,10 +22,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from gymnasium import logger
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_gym.tasks.task import Limits
 from quadpend_gym.tasks.trajectories import Sinusoids, Trajectory, Waypoints
 from quadpend_gym.vehicles import Parameters, Simulation
 
@@ -36,7 +34,6 @@ class Demand(NamedTuple):
     thrust: Floats  # u, N, shape (k,)
     pendulum_angle: Floats  # angle of the pendulum from its side, rad, shape (k,)
     body_angle: Floats  # angle of the thrust axis from vertical, rad, shape (k,)
-    height: Floats  # height of the lower of quadrotor and bob, m, shape (k,)
 
 
 def demand(trajectory: Trajectory, parameters: Parameters, times: Floats, side: float = 1.0) -> Demand:
@@ -53,8 +50,7 @@ def demand(trajectory: Trajectory, parameters: Parameters, times: Floats, side: 
     weights = rod_length * np.array([-p.quadrotor_mass, -p.quadrotor_mass, p.bob_mass])
     thrust = p.total_mass * lift + weights * acceleration
     size = np.linalg.norm(thrust, axis=-1)
-    height = derivatives[:, 0, 2] + np.minimum(rod_length * direction[:, 2], 0.0)
-    return Demand(size, np.arccos(direction[:, 2]), np.arccos(thrust[:, 2] / size), height)
+    return Demand(size, np.arccos(direction[:, 2]), np.arccos(thrust[:, 2] / size))
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
@@ -62,37 +58,18 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 @lru_cache(maxsize=64)
-def check_feasible(trajectory: Trajectory, simulation: Simulation, limits: Limits, side: float = 1.0) -> None:
-    """Refuse waypoints or sinusoids that need too much thrust or tilt, and warn if they exceed the termination limits.
-
-    Later calls with equal arguments do nothing.
-    """
+def check_feasible(trajectory: Trajectory, simulation: Simulation, side: float = 1.0) -> None:
+    """Refuse waypoints or sinusoids that need too much thrust or tilt; later calls with equal arguments do nothing."""
     if not isinstance(trajectory, Waypoints | Sinusoids):
         return
     times = trajectory.sample_times()
     needed = demand(trajectory, simulation.parameters, times, side)
-    warnings = []
-    for what, angle, limit in (
-        ("pendulum", needed.pendulum_angle, limits.pendulum_angle),
-        ("body", needed.body_angle, limits.body_angle),
+    largest = 2.0 * float(simulation.command_scale[0])
+    for values, limit, what in (
+        (np.degrees(needed.pendulum_angle), 90.0, "a pendulum tilt of {:.1f}° at {:.2f} s, where it must be below 90°"),
+        (np.degrees(needed.body_angle), 90.0, "a body tilt of {:.1f}° at {:.2f} s, where it must be below 90°"),
+        (needed.thrust, largest, f"a thrust of {{:.2f}} N at {{:.2f}} s, but the largest is {largest:.2f} N"),
     ):
-        at = int(angle.argmax())
-        needs = f"needs a {what} tilt of {np.degrees(angle[at]):.1f}° at {times[at]:.2f} s"
-        if angle[at] >= 0.5 * np.pi:
-            raise ValueError(f"the trajectory cannot be flown: it {needs}, where it must be below 90°")
-        if angle[at] > limit:
-            warnings.append(f"the trajectory {needs}; episodes terminate at {np.degrees(limit):.1f}°")
-    at, largest = int(needed.thrust.argmax()), 2.0 * float(simulation.command_scale[0])
-    if needed.thrust[at] > largest:
-        raise ValueError(
-            f"the trajectory cannot be flown: it needs a thrust of {needed.thrust[at]:.2f} N at {times[at]:.2f} s, but"
-            f" the largest is {largest:.2f} N"
-        )
-    at = int(needed.height.argmin())
-    if needed.height[at] <= limits.ground:
-        warnings.append(
-            f"the trajectory reaches a height of {needed.height[at]:.2f} m at {times[at]:.2f} s; episodes terminate at"
-            f" {limits.ground:.2f} m"
-        )
-    for warning in warnings:
-        logger.warn(warning)
+        at = int(values.argmax())
+        if values[at] >= limit:
+            raise ValueError(f"the trajectory cannot be flown: it needs {what.format(values[at], times[at])}")

@@ -56,11 +56,9 @@ _REFERENCE_2, _REFERENCE_3, _REFERENCE_4, _REFERENCE_5, _REFERENCE_6, _YAW_REFER
 
 
 def read_observation(observation: Floats32 | Floats, name: str) -> Floats:
-    """Return one field of an observation in physical units, shape (..., 3), float64.
+    """Return one of `OBSERVATION_FIELDS` in physical units, shape (..., 3), float64.
 
-    Args:
-        observation: Observations, shape (..., 36), or (..., 27) from `OutputFeedbackWrapper`.
-        name: Key of `OBSERVATION_FIELDS`.
+    Observations have the shape (..., 36), or (..., 27) from `OutputFeedbackWrapper`.
     """
     fields = _LAYOUTS.get(observation.shape[-1])
     if fields is None:

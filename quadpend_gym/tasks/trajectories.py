@@ -175,13 +175,9 @@ class Reference(_Packed):
 
     @classmethod
     def circle(cls, radius: float, frequency: float, height: float = 2.0, climb: float = 0.0) -> "Reference":
-        """Return a horizontal circle around the z axis, or a helix.
+        """Return a horizontal circle around the z axis, or a helix with a vertical velocity, in SI units.
 
-        Args:
-            radius: Radius, m.
-            frequency: Angular frequency, rad/s; negative for clockwise motion seen from above.
-            height: Height at time zero, m.
-            climb: Vertical velocity, m/s; zero for a circle.
+        With a negative angular frequency the motion is clockwise, seen from above. The height is that at time zero.
         """
         return cls(
             offset=(0.0, 0.0, height, 0.0),
@@ -193,13 +189,7 @@ class Reference(_Packed):
 
     @classmethod
     def figure_eight(cls, radius: float, frequency: float, height: float = 2.0) -> "Reference":
-        """Return a horizontal figure eight.
-
-        Args:
-            radius: Half of its length, m.
-            frequency: Angular frequency, rad/s; the period is 2π/`frequency`.
-            height: Height, m.
-        """
+        """Return a horizontal figure eight with half of its length (m), angular frequency (rad/s) and height (m)."""
         return cls(
             offset=(0.0, 0.0, height, 0.0),
             amplitude=(radius, radius / 2, 0.0, 0.0),
@@ -318,12 +308,9 @@ KINDS: dict[str, type[Waypoints] | type[Sinusoids]] = {"waypoints": Waypoints, "
 
 
 def as_trajectory(value: Any, name: str) -> Trajectory:
-    """Convert `value` to a trajectory.
+    """Return a trajectory from one or from a mapping of its fields, without a ``kind`` those of `Reference`.
 
-    Args:
-        value: `Reference`, `Waypoints`, `Sinusoids`, or a mapping of the fields of one of them: with ``kind``
-            "waypoints" or "sinusoids", or without a kind the fields of `Reference`.
-        name: Name of the value in error messages.
+    Error messages call it `name`.
     """
     if isinstance(value, Waypoints | Sinusoids):
         return value

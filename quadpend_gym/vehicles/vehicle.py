@@ -206,11 +206,9 @@ VEHICLES = {name: Vehicle(**{"name": name, **data}) for name, data in PRESETS["v
 
 
 def as_vehicle(value: Any) -> Vehicle:
-    """Return a vehicle.
+    """Return a vehicle from itself, a name in `VEHICLES`, the path of a .toml file, or a mapping of its fields.
 
-    Args:
-        value: A `Vehicle`, the name of one in `VEHICLES`, the path of a TOML file (it ends in .toml), a mapping of the
-            fields of `Vehicle`, or None for the paper's vehicle.
+    None is the paper's vehicle.
     """
     if value is None:
         return VEHICLES["paper"]

@@ -51,12 +51,9 @@ class Wind(Model, Protocol):
     def sample(self, out: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
         """Add the disturbance and wind velocity of the next control period to `out`.
 
-        Args:
-            out: Sum of the models so far, shape (n, 12), columns contiguous, changed in place.
-            memory: Memory of the model, shape (n, memory_size), columns contiguous, updated in place.
-            step: Control steps since the beginning of each episode, shape (n,).
-            period: Duration of a control step, s.
-            streams: Random streams of the n sub-environments; this step may use block `step + 1`.
+        `out`, shape (n, 12), is the sum of the models so far. It and the memory, shape (n, memory_size), have
+        contiguous columns. `step` counts the control steps of each episode, shape (n,), with the duration `period` (s).
+        Of the random streams of the n sub-environments, this step may use block `step + 1`.
         """
 
 

@@ -37,11 +37,7 @@ def from_transfer_function(numerator: list[float], denominator: list[float], gai
     The military specifications define one-sided densities Φ(ω) with the variance ∫₀^∞ Φ(ω) dω. With this definition,
     white noise of density 1 has E[n(t) n(t')] = π δ(t − t').
 
-    Args:
-        numerator: Coefficients of N, constant first, fewer than those of D.
-        denominator: Coefficients of D, constant first.
-        gain: Gain at zero frequency if N and D begin with 1.
-        time: Time constant, s.
+    The coefficients of N, fewer than those of D, and of D have the constant first.
     """
     order = len(denominator) - 1
     a = np.eye(order, k=1)

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import BPoly
 
-from quadpend_gym import PAPER, Limits, Simulation, Sinusoids, Waypoints
+from quadpend_gym import PAPER, Simulation, Sinusoids, Waypoints
 from quadpend_gym.core.arrays import Floats
 from quadpend_gym.tasks.feasibility import check_feasible, demand
 from quadpend_gym.tasks.trajectories import as_trajectory
@@ -103,7 +103,6 @@ def test_hovering_demands_the_weight_and_no_tilt() -> None:
     assert_allclose(needed.thrust, PAPER.hover_thrust, rtol=1e-14)
     assert_array_equal(needed.pendulum_angle, 0.0)
     assert_array_equal(needed.body_angle, 0.0)
-    assert_array_equal(needed.height, 2.0)
 
 
 def circle(acceleration: float) -> Sinusoids:
@@ -115,15 +114,7 @@ def circle(acceleration: float) -> Sinusoids:
 
 def test_a_trajectory_beyond_the_thrust_is_refused_with_time_and_number() -> None:
     with pytest.raises(ValueError, match=r"needs a thrust of 18.0\d N at \d+\.\d\d s, but the largest is 13.72 N"):
-        check_feasible(circle(20.0), Simulation(), Limits())
+        check_feasible(circle(20.0), Simulation())
     drop = Waypoints((0, 0.9), ((0, 0, 4), (0, 0, 1)))
     with pytest.raises(ValueError, match=r"needs a pendulum tilt of 180.0° at 0.\d\d s, where it must be below 90°"):
-        check_feasible(drop, Simulation(), Limits())
-
-
-def test_a_trajectory_beyond_a_limit_gives_one_warning_with_time_and_number() -> None:
-    limits = Limits(pendulum_angle=0.3)
-    with pytest.warns(UserWarning, match=r"a pendulum tilt of 27.\d° at \d+.\d\d s; episodes terminate at 17.2°"):
-        check_feasible(circle(5.0), Simulation(), limits)
-    with pytest.warns(UserWarning, match=r"a height of -0.20 m at 4.00 s; episodes terminate at 0.00 m"):
-        check_feasible(Waypoints((0, 4), ((0, 0, 2), (0, 0, -0.2))), Simulation(), Limits())
+        check_feasible(drop, Simulation())
