@@ -139,9 +139,8 @@ class Rotors(Stateless):
 
     where τψ is due to the drag of the rotors. The paper gives no values of d and κ.
 
-    The inertia of the paper's Table 1 is about thirty times that of a real quadrotor. With it these rotors reach
-    angular accelerations of at most 7 rad/s², which is too little to balance: with the paper's controller the pendulum
-    falls from every start. Use a simulation with a realistic inertia.
+    With the inertia of the paper's Table 1, about thirty times that of a real quadrotor, these rotors are too weak to
+    balance the pendulum: use a vehicle with a realistic inertia.
     """
 
     arm: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.2  # d, distance from the centre to each rotor

@@ -102,10 +102,7 @@ class Noise:
         return (self._columns.bias * streams.normal(0, self._columns.noisy.size))[:, : self.memory_size]
 
     def sense(self, measured: Floats, memory: Floats, step: Integers, period: float, streams: Streams) -> None:
-        """Add the errors, then round.
-
-        The white noise uses block 2 · step + 1 of the random streams, the random walk block 2 · step + 2.
-        """
+        """Add white noise (block 2 · step + 1 of the random streams) and random walk (2 · step + 2), then round."""
         columns = self._columns
         if columns.noisy.size:
             _add_normal(streams.keys, 2 * step + 1, columns.noisy, columns.white, measured.T)

@@ -6,25 +6,5 @@ tasks. They also name sets of scenarios: ``training`` and others that begin so, 
 are held out, such as ``test``.
 """
 
-from quadpend_gym.scenarios.library import (
-    SCENARIOS,
-    SETS,
-    as_scenario,
-    find_scenario,
-    find_scenarios,
-    own_models,
-    refuse_held_out,
-)
-from quadpend_gym.scenarios.scenario import Scenario, scenario_data
-
-__all__ = [
-    "SCENARIOS",
-    "SETS",
-    "Scenario",
-    "as_scenario",
-    "find_scenario",
-    "find_scenarios",
-    "own_models",
-    "refuse_held_out",
-    "scenario_data",
-]
+from quadpend_gym.scenarios.library import *
+from quadpend_gym.scenarios.scenario import *

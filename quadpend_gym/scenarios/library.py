@@ -13,6 +13,8 @@ from quadpend_gym.core.settings import parse, settings, suggest
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.wind import WindFromFactory
 
+__all__ = ["SCENARIOS", "SETS", "as_scenario", "find_scenario", "find_scenarios", "own_models", "refuse_held_out"]
+
 
 @settings
 class _File:

@@ -24,6 +24,8 @@ from quadpend_gym.vehicles.vehicle import VehicleField
 from quadpend_gym.wind import PRESETS, Rescaled, as_wind
 from quadpend_gym.wind.base import WINDS
 
+__all__ = ["Scenario", "scenario_data"]
+
 
 def _named_or_models(wind: Any) -> tuple[Any, ...]:
     """Return the names of presets in a wind as they are, and models in place of everything else."""

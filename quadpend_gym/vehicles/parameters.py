@@ -6,6 +6,8 @@ import numpy as np
 
 from quadpend_gym.core.arrays import Floats
 
+__all__ = ["PARAMETER_NAMES", "Parameters"]
+
 
 class Parameters(NamedTuple):
     """Physical parameters of a quadrotor with a massless rod and a point mass as bob, SI units.

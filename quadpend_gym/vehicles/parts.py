@@ -8,6 +8,8 @@ from pydantic import BeforeValidator
 from quadpend_gym.core.files import read_toml
 from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
 
+__all__ = ["POLES", "Drag", "Pole", "RateLoop", "Rotors"]
+
 PRESETS = read_toml(Path(__file__).with_name("presets.toml"))
 Axes = tuple[float, float, float]  # x, y, z
 Position = Annotated[  # (x, y) means z = 0

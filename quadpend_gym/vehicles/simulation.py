@@ -11,6 +11,8 @@ from quadpend_gym.core.settings import Range, settings
 from quadpend_gym.vehicles.parameters import Parameters
 from quadpend_gym.vehicles.vehicle import VEHICLES, Vehicle, VehicleField, torque_limits
 
+__all__ = ["CONTROL_PERIOD", "Simulation"]
+
 CONTROL_PERIOD = 0.01  # s: the control loop runs at 100 Hz
 Interface = Literal["wrench", "rotors", "body_rates"]
 _MOST_DELAYED = 1000  # control periods from an action to the moment when it acts

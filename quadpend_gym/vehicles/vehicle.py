@@ -17,6 +17,8 @@ from quadpend_gym.core.settings import Parsed, Range, look_up, parse, settings
 from quadpend_gym.vehicles.parameters import Parameters
 from quadpend_gym.vehicles.parts import PRESETS, Axes, Drag, Pole, PoleField, RateLoop, Rotors
 
+__all__ = ["VEHICLES", "Vehicle", "as_vehicle", "hover_wrench", "mixing", "torque_limits"]
+
 _MARGIN = 0.05  # share of the hover thrust that every rotor must have left in both senses
 _FASTEST_LOOP = 0.5  # least time constant of the rate loop, as a share of the mean lag of the rotors
 
