@@ -58,7 +58,7 @@ def test_the_example_handles_single_observations_new_episodes_and_other_vehicles
     other = Scenario(vehicle=replace(VEHICLES["paper"], mass=0.7), period=0.005, duration=3.0)
     results = run_episodes([load_policy("mine:MyController")], other, 3)
     assert results.survived.all()
-    policy = load_policy("mine:MyController")
+    policy = load_policy("mine:MyController").adapt(SCENARIOS["windy"])
     observation = SCENARIOS["windy"].make_vec(2, "SameStep").reset(seed=0)[0]  # type: ignore[arg-type]
     action, memory = policy.predict(observation)
     single, _ = policy.predict(observation[0])

@@ -45,7 +45,7 @@ class Policy:
         Returns:
             The action, shape (4,) or (n, 4), in [-1, 1], and the memory of the policy.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no predict: a factory is called by adapt(scenario)")
 
     def adapt(self, scenario: Scenario) -> "Policy":
         """Return the policy for a scenario: designed for its vehicle, its known delays, what it observes."""
