@@ -105,25 +105,22 @@ class Registry:
         return one | list[one] | None
 
 
-def to_plain_data(value: Any, otherwise: Callable[[Any], Any]) -> Any:
+def to_plain_data(value: Any, otherwise: Callable[[Any], Any], foreign: tuple[type[Any], ...] = ()) -> Any:
     """Return models and settings, nested to any depth, as data that can be written as JSON and read again.
 
     `otherwise` converts each object of another kind, such as a wind model of the user's own class.
     """
     if isinstance(value, Mapping):
-        return {key: to_plain_data(item, otherwise) for key, item in value.items()}
+        return {key: to_plain_data(item, otherwise, foreign) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [to_plain_data(item, otherwise) for item in value]
+        return [to_plain_data(item, otherwise, foreign) for item in value]
     if value is None or isinstance(value, str | int | float):
         return value
-    if is_dataclass(value) and is_project_class(type(value)):
-        return {item.name: to_plain_data(getattr(value, item.name), otherwise) for item in fields(value)}
+    package = type(value).__module__.partition(".")[0]
+    is_ours = package in ("quadpend_gym", "quadpend_baselines", "quadpend_train")
+    if is_dataclass(value) and is_ours and not isinstance(value, foreign):
+        return {item.name: to_plain_data(getattr(value, item.name), otherwise, foreign) for item in fields(value)}
     return otherwise(value)
-
-
-def is_project_class(kind: type[Any]) -> bool:
-    """Return whether a class is defined in one of the packages of this project."""
-    return kind.__module__.partition(".")[0] in ("quadpend_gym", "quadpend_baselines", "quadpend_train")
 
 
 class ModelBatch:

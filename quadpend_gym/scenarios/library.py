@@ -1,14 +1,14 @@
 """The scenarios of this package and their sets, and scenarios from names, files, JSON and the user's own code."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import field, fields, is_dataclass, replace
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from quadpend_gym.core.factories import call_factory, find_factory, is_factory, split_name
 from quadpend_gym.core.files import parse_mapping, read_mapping
-from quadpend_gym.core.models import is_project_class
+from quadpend_gym.core.models import to_plain_data
 from quadpend_gym.core.settings import parse, settings, suggest
 from quadpend_gym.scenarios.scenario import Scenario
 from quadpend_gym.wind import WindFromFactory
@@ -159,12 +159,6 @@ SETS: Mapping[str, tuple[str, ...]] = _Shipped(1)  # names of scenarios, by the 
 
 def own_models(value: Any) -> list[Any]:
     """Return all objects in a scenario that are made by the user's own code, which no hash of a scenario covers."""
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, list | tuple):
-        return [model for item in value for model in own_models(item)]
-    if value is None or isinstance(value, str | int | float):
-        return []
-    if isinstance(value, WindFromFactory) or not is_project_class(type(value)) or not is_dataclass(value):
-        return [value]
-    return own_models([getattr(value, item.name) for item in fields(value)])
+    found: list[Any] = []
+    to_plain_data(value, found.append, (WindFromFactory,))
+    return found

@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import field, fields, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -148,8 +148,5 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
 
     An object of the user's own class becomes its `repr` without its address in memory.
     """
-
-    def text(item: Any) -> str:
-        return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(item))
-
-    return {item.name: to_plain_data(getattr(scenario, item.name), text) for item in fields(scenario)}
+    data: dict[str, Any] = to_plain_data(scenario, lambda item: re.sub(r" at 0x[0-9a-fA-F]+", "", repr(item)))
+    return data
