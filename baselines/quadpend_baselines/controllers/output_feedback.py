@@ -66,6 +66,7 @@ class OutputFeedback(Controller):
         self.gains = gains(self.simulation) if callable(gains) else gains
         self.loop = loop or Loop()
         self._law = make_law(self.gains, self.simulation)
+        self.has_linear_model = not isinstance(self._law, Mppi | Nmpc)
         self.estimator = Estimator(self.gains.estimator, self.simulation, self.loop)
 
     @property

@@ -3,30 +3,14 @@
     (1)  x_{k+1} = A x_k + B u_k,   (e_k, y_k) = C x_k + D u_k
 
 `vehicle_model` returns (1) as a discrete `control.StateSpace`, with the control period, from the exact derivatives of
-the environment's step (`quadpend_gym.engines`). The components of its signals have names such as ``force[0]``:
-
-| vector | name                    | size | unit and frame                                                            |
-|--------|-------------------------|------|---------------------------------------------------------------------------|
-| u      | force, bob_force        | 3, 3 | N, world, on the quadrotor and on the bob                                 |
-|        | torque                  | 3    | N·m, world; paper's vehicle: φ, θ, ψ axes                                 |
-|        | air_velocity            | 3    | m/s, world                                                                |
-|        | noise_NAME              |      | as y, added to the component NAME of y                                    |
-|        | action                  | 4    | of the policy, 1                                                          |
-| e      | tracking_error          | 3    | m, as in the observation and the score                                    |
-| y      | position, velocity      | 3, 3 | m, m/s, world; the velocity is not measured in output feedback            |
-|        | attitude, rate          | 3, 3 | rad, rad/s, roll, pitch, yaw; the rate is not measured in output feedback |
-|        | pendulum, pendulum_rate | 2, 2 | 1, 1/s, r_x r_y and ṙ_x ṙ_y; the rate is not measured in output feedback  |
-| x      | those of y              | 16   | at the time of the step                                                   |
-|        | rotor_thrust            | 4    | rigid vehicles: N; without rotors, thrust and torques (N, N·m)            |
-|        | latency_I               | 4    | 1, actions under way of the vehicle's latency, the oldest (I = 1) first   |
-|        | action_delay_I, lag     | 4    | 1, of `ActionDelay` and `MotorLag`                                        |
-|        | sensor_delay_I_NAME     |      | as y, the measurements under way, the oldest first                        |
+the environment's step (`quadpend_gym.engines`). Its signals have names such as ``force[0]`` (docs/linear-model.md):
+u is wind, noise and actions, e the tracking error, y the measurements, and x the vehicle with everything under way.
 
 Small deviations pass rate limits, packet losses, dropouts and sensors with a slower sampling unchanged. Everything is a
 deviation from hover at ψ = 0 in still air, so the quadratic drag is left out. The extra `control` is needed.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -37,7 +21,7 @@ from numpy.linalg import eigvals
 from scipy.optimize import brentq
 
 from quadpend_baselines.modelling.linear_model import EULER, EULER_RATE, MODEL_STATE_SIZE, STATE_COLUMNS
-from quadpend_baselines.policy.protocol import Policy
+from quadpend_baselines.policy.protocol import Policy, select_rows
 from quadpend_gym import Simulation, engines
 from quadpend_gym.actuators import ActionDelay, MotorLag, Rotors, mixing
 from quadpend_gym.core.arrays import Floats
@@ -45,11 +29,9 @@ from quadpend_gym.physics.rigid_kernel import BODY_RATE, QUATERNION, ROTOR_THRUS
 from quadpend_gym.physics.state import ACTION_SIZE, STATE_SIZE, State
 from quadpend_gym.scenarios import Scenario
 from quadpend_gym.sensors import Delay
-from quadpend_gym.tasks.observation import OBSERVATION_SIZE, OUTPUT_FEEDBACK_COLUMNS
+from quadpend_gym.tasks.observation import OUTPUT_FEEDBACK_COLUMNS
 from quadpend_gym.wind import WIND_SIZE
 
-_STATE_NAMES = {"position": 3, "velocity": 3, "attitude": 3, "rate": 3, "pendulum": 2, "pendulum_rate": 2}
-_RATES = ("velocity", "rate", "pendulum_rate")
 _STEPS = 2.0**-12, 2.0**-14  # of the differences of a policy; exact in float32
 _SETTLED = 150  # control steps at hover after which the memory of a policy is at rest
 _LINEAR = 1e-3  # largest relative change of the differences with their step
@@ -61,14 +43,27 @@ def _names(**sizes: int) -> list[str]:
     return [f"{name}[{i}]" for name, size in sizes.items() for i in range(size)]
 
 
-def _measured(scenario: Scenario) -> dict[str, int]:
-    return {name: size for name, size in _STATE_NAMES.items() if not (scenario.output_feedback and name in _RATES)}
+_STATES = _names(position=3, velocity=3, attitude=3, rate=3, pendulum=2, pendulum_rate=2)
+
+
+def _measured(scenario: Scenario) -> list[str]:
+    hidden = ("velocity", "rate", "pendulum_rate") if scenario.output_feedback else ()
+    return [name for name in _STATES if not name.startswith(hidden)]
 
 
 def _hover(side: float) -> Floats:
     state = np.zeros((1, STATE_SIZE))
     State(state).direction[:, 2] = side
     return state
+
+
+def _observed(name: str, scenario: Scenario) -> tuple[Floats, Floats]:
+    """Return a result of the observation at hover and its derivative with respect to x, shapes (k,) and (k, 16)."""
+    observe = engines.observation_function()
+    function = observe.factory("slope", observe.name_in(), [name, f"jac:{name}:state"])
+    point, parameters = np.zeros(observe.numel_in("point")), scenario.simulation.parameters.as_array()
+    value, slope = function(_hover(scenario.task.side)[0], parameters, point)
+    return value.full()[:, 0], slope.full()[:, STATE_COLUMNS]
 
 
 @lru_cache(maxsize=32)
@@ -96,70 +91,50 @@ def _jacobians(simulation: Simulation, side: float) -> tuple[Floats, Floats, Flo
     return A, B[:, :ACTION_SIZE], B[:, ACTION_SIZE:]
 
 
-def _gain(matrix: Floats, period: float) -> Any:
-    return control.ss([], [], [], matrix, period)
-
-
 def _register(steps: int, size: int, period: float) -> Any:
-    """Return a delay by a number of control steps; its state has the oldest values first."""
+    """Return a delay by a number of control steps, also none; its state has the oldest values first."""
     length = steps * size
-    return control.ss(np.eye(length, k=size), np.eye(length)[:, length - size :], np.eye(size, length), 0.0, period)
-
-
-def _actuators(scenario: Scenario) -> tuple[Any, list[str]]:
-    """Return the model from the actions of the policy to those of the vehicle, and the names of its states."""
-    period, names, delays = scenario.period, [], 0
-    system = _gain(np.eye(ACTION_SIZE), period)
-    for model in scenario.actuators:
-        if isinstance(model, ActionDelay):
-            system = _register(model.steps, ACTION_SIZE, period) * system
-            names += _names(**{f"action_delay_{delays + i + 1}": ACTION_SIZE for i in range(model.steps)})
-            delays += model.steps
-        elif isinstance(model, MotorLag):
-            ratio, one = period / model.time_constant, np.eye(ACTION_SIZE)
-            left, mean = np.exp(-ratio), -np.expm1(-ratio) / ratio
-            system = control.ss(left * one, (1.0 - left) * one, mean * one, (1.0 - mean) * one, period) * system
-            names += _names(lag=ACTION_SIZE)
-        elif isinstance(model, Rotors):
-            system = _gain(mixing(model, scenario.simulation), period) * system
-    return system, names
+    B, D = np.eye(length, size, k=size - length), np.eye(size) * (steps == 0)
+    return control.ss(np.eye(length, k=size), B, np.eye(size, length), D, period)
 
 
 def vehicle_model(scenario: Scenario) -> Any:
     """Return the model (1) of a scenario: its vehicle, interface, latency, actuators and sensors at hover."""
-    side, period, measured = scenario.task.side, scenario.period, _measured(scenario)
-    A, B_action, B_wind = _jacobians(scenario.simulation, side)
-    observe = engines.observation_function()
-    slope = observe.factory("slope", observe.name_in(), ["jac:tracking_error:state"])
-    point = np.zeros(observe.numel_in("point"))
-    error = slope(_hover(side)[0], scenario.simulation.parameters.as_array(), point).full()[:, STATE_COLUMNS]
-    outputs = np.zeros((3 + sum(measured.values()), len(A)))
-    outputs[:3, :MODEL_STATE_SIZE] = error
-    all_names = _names(**_STATE_NAMES)
-    outputs[3:, :MODEL_STATE_SIZE] = np.eye(MODEL_STATE_SIZE)[[name in _names(**measured) for name in all_names]]
-    system = control.ss(A, np.hstack([B_wind, B_action]), outputs, 0.0, period)
-    names = all_names + (_names(rotor_thrust=4) if scenario.vehicle.attitude == "rigid" else [])
-    latency = (len(A) - len(names)) // ACTION_SIZE
-    names += _names(**{f"latency_{i + 1}": ACTION_SIZE for i in range(latency)})
-    actuators, actuator_names = _actuators(scenario)
-    system, names = system * control.append(_gain(np.eye(WIND_SIZE), period), actuators), actuator_names + names
-    if steps := sum(model.steps for model in scenario.sensors if isinstance(model, Delay)):
-        register = _register(steps, sum(measured.values()), period)
-        system = control.append(_gain(np.eye(3), period), register) * system
-        names += _names(**{f"sensor_delay_{i + 1}_{name}": measured[name] for i in range(steps) for name in measured})
-    noise = np.eye(system.noutputs)[:, 3:]
+    period, measured, one = scenario.period, _measured(scenario), np.eye(ACTION_SIZE)
+    steps = sum(model.steps for model in scenario.actuators if isinstance(model, ActionDelay))
+    actuators = _register(steps, ACTION_SIZE, period)
+    names = _names(**{f"action_delay_{i + 1}": ACTION_SIZE for i in range(steps)})
+    for model in scenario.actuators:
+        if isinstance(model, MotorLag):
+            ratio = period / model.time_constant
+            left, mean = np.exp(-ratio), -np.expm1(-ratio) / ratio
+            actuators = control.ss(left * one, (1.0 - left) * one, mean * one, (1.0 - mean) * one, period) * actuators
+            names += _names(lag=ACTION_SIZE)
+        elif isinstance(model, Rotors):
+            actuators = mixing(model, scenario.simulation) * actuators
+    A, B_action, B_wind = _jacobians(scenario.simulation, scenario.task.side)
+    C = np.vstack([_observed("tracking_error", scenario)[1], np.eye(MODEL_STATE_SIZE)[np.isin(_STATES, measured)]])
+    C = np.pad(C, ((0, 0), (0, len(A) - MODEL_STATE_SIZE)))
+    system = control.ss(A, np.hstack([B_wind, B_action]), C, 0.0, period)
+    system = system * control.append(_register(0, WIND_SIZE, period), actuators)
+    own = _STATES + (_names(rotor_thrust=4) if scenario.vehicle.attitude == "rigid" else [])
+    names += own + _names(**{f"latency_{i + 1}": ACTION_SIZE for i in range((len(A) - len(own)) // ACTION_SIZE)})
+    steps = sum(model.steps for model in scenario.sensors if isinstance(model, Delay))
+    system = control.append(_register(0, 3, period), _register(steps, len(measured), period)) * system
+    names += [f"sensor_delay_{i + 1}_{name}" for i in range(steps) for name in measured]
+    select = np.insert(np.eye(system.ninputs), [WIND_SIZE] * len(measured), 0.0, axis=1)
+    noise = np.zeros((system.noutputs, select.shape[1]))
+    noise[3:, WIND_SIZE:-ACTION_SIZE] = np.eye(len(measured))
+    wind = _names(force=3, bob_force=3, torque=3, air_velocity=3)
     return control.ss(
         system.A,
-        np.insert(system.B, [WIND_SIZE] * noise.shape[1], 0.0, axis=1),
+        system.B @ select,
         system.C,
-        np.insert(system.D, WIND_SIZE, noise.T, axis=1),
+        system.D @ select + noise,
         period,
         states=names,
-        inputs=[
-            *_names(force=3, bob_force=3, torque=3, air_velocity=3),
-            *_names(**{f"noise_{name}": size for name, size in measured.items()}, action=ACTION_SIZE),
-        ],
-        outputs=_names(tracking_error=3, **measured),
+        inputs=[*wind, *(f"noise_{name}" for name in measured), *_names(action=ACTION_SIZE)],
+        outputs=_names(tracking_error=3) + measured,
         name="vehicle",
     )
 
@@ -194,41 +169,41 @@ def margins(vehicle: Any, policy: Any) -> Margins:
     leads to oscillations. A delay that is no whole number of periods differs from e^{−jωτ} by O((ωT)²), since actions
     are held: it is 1.1 times as large for `flatness` on the paper's vehicle.
     """
-    actions, measurements, period = policy.noutputs, policy.ninputs, float(vehicle.dt)
-    B, C = vehicle.B[:, -actions:], vehicle.C[-measurements:]
+    period = float(vehicle.dt)
+    plant = vehicle[-policy.ninputs :, -policy.noutputs :]
+    loop = -policy * plant
 
     def growth(gain: float) -> float:
-        A = [[vehicle.A + gain * B @ policy.D @ C, gain * B @ policy.C], [policy.B @ C, policy.A]]
-        return float(np.abs(eigvals(np.block(A))).max())
+        return float(np.abs(plant.lft(gain * policy).poles()).max())
 
-    loop = -policy * control.ss(vehicle.A, B, C, 0.0, vehicle.dt)
-
-    def loci(frequency: float) -> Any:
-        found = eigvals(loop(np.exp(1j * frequency * period), squeeze=False))
-        return found[np.argsort(np.abs(found))]
+    def loci(frequencies: Floats) -> tuple[Floats, Any]:
+        """Return the smallest singular value of 1 + L, and the eigenvalues of L by magnitude, shape (n, 4)."""
+        response = loop(np.exp(1j * frequencies * period), squeeze=False).transpose(2, 0, 1)
+        values = eigvals(response)
+        order = np.argsort(np.abs(values), axis=1)
+        distance = np.linalg.svd(np.eye(policy.noutputs) + response, compute_uv=False)
+        return distance.min(), np.take_along_axis(values, order, axis=1)
 
     largest, frequencies = growth(1.0), np.pi / period * np.geomspace(1e-4, 1.0, _FREQUENCIES)
-    response = loop(np.exp(1j * frequencies * period), squeeze=False).transpose(2, 0, 1)
-    sensitivity = 1.0 / np.linalg.svd(np.eye(actions) + response, compute_uv=False).min()
+    distance, values = loci(frequencies)
     if largest >= 1.0:
-        return Margins(largest, 0.0, 0.0, (1.0, 1.0), float(sensitivity))
-    sizes = np.log(np.sort(np.abs(eigvals(response)), axis=1))
-    delay, phase = np.inf, np.pi
-    for k, locus in zip(*np.nonzero(np.diff(np.sign(sizes), axis=0)), strict=True):
-        ends = frequencies[k : k + 2]
-        crossing = brentq(lambda w, locus=locus: np.log(np.abs(loci(w)[locus])), *ends)
-        lag = float(np.angle(-loci(crossing)[locus]))
-        delay, phase = min(delay, lag % (2.0 * np.pi) / crossing), min(phase, abs(lag))
-    lower, upper = (_first(growth, np.geomspace(1.0, limit, 60)) for limit in (1e-3, 1e3))
-    return Margins(largest, delay, phase, (lower if lower > 1e-3 else 0.0, upper), float(sensitivity))
+        return Margins(largest, 0.0, 0.0, (1.0, 1.0), 1.0 / distance)
+    sizes = np.log(np.abs(values))
+    i, k = np.nonzero(np.diff(np.sign(sizes), axis=0))
+    share = sizes[i, k] / (sizes[i, k] - sizes[i + 1, k])
+    crossings = frequencies[i] * (frequencies[i + 1] / frequencies[i]) ** share
+    lags = np.angle(-loci(crossings)[1][np.arange(len(k)), k]) if len(k) else np.zeros(0)
+    delay, phase = (lags % (2.0 * np.pi) / crossings).min(initial=np.inf), np.abs(lags).min(initial=np.pi)
+    lower, upper = _first(growth, np.geomspace(1.0, 1e-3, 60)), _first(growth, np.geomspace(1.0, 1e3, 60))
+    return Margins(largest, float(delay), float(phase), (lower or 0.0, upper or np.inf), 1.0 / distance)
 
 
-def _first(growth: Callable[[float], float], gains: Floats) -> float:
-    """Return the first gain at which the loop is unstable; infinity, or 0 below 1, if it is stable at all of them."""
+def _first(growth: Callable[[float], float], gains: Floats) -> float | None:
+    """Return the first gain at which the loop is unstable."""
     for before, after in pairwise(gains):
         if growth(after) >= 1.0:
             return float(brentq(lambda gain: growth(gain) - 1.0, before, after, rtol=1e-6))
-    return np.inf if gains[-1] > 1.0 else 0.0
+    return None
 
 
 def linear_policy(policy: Policy, scenario: Scenario) -> Any:
@@ -241,39 +216,40 @@ def linear_policy(policy: Policy, scenario: Scenario) -> Any:
         policy: The policy, already adapted to the scenario.
         scenario: Defines what is measured.
     """
-    observe = engines.observation_function()
-    jacobian = observe.factory("slope", observe.name_in(), ["observation", "jac:observation:state"])
-    point, parameters = np.zeros(observe.numel_in("point")), scenario.simulation.parameters.as_array()
-    hover, slope = (value.full() for value in jacobian(_hover(scenario.task.side)[0], parameters, point))
-    visible = [name in _names(**_measured(scenario)) for name in _names(**_STATE_NAMES)]
-    columns = OUTPUT_FEEDBACK_COLUMNS if scenario.output_feedback else np.arange(OBSERVATION_SIZE)
-    rest, slope = hover[columns, 0], slope[np.ix_(columns, STATE_COLUMNS[visible])]
+    if not policy.has_linear_model:
+        return None
+    measured = _measured(scenario)
+    rest, slope = _observed("observation", scenario)
+    slope = slope[:, np.isin(_STATES, measured)]
+    if scenario.output_feedback:
+        rest, slope = rest[OUTPUT_FEEDBACK_COLUMNS], slope[OUTPUT_FEEDBACK_COLUMNS]
     memory = None
     for step in range(_SETTLED):
         _, memory = policy.predict(rest[np.newaxis].astype(np.float32), memory, np.array([step == 0]))
-    values, measurements = _flatten(memory), slope.shape[1]
-    is_state = np.isfinite(values[0])
+    values = np.hstack([np.zeros((1, len(measured))), *_numbers(memory)])[0]
     differences = []
     for size in _STEPS:
-        change = size * np.vstack([np.eye(measurements + is_state.sum()), -np.eye(measurements + is_state.sum())])
-        observation = (rest + change[:, :measurements] @ slope.T).astype(np.float32)
-        rows = np.repeat(values, len(change), axis=0)
-        rows[:, is_state] += change[:, measurements:]
-        action, after = policy.predict(
-            observation, _rebuild(memory, iter(rows.T), len(rows)), np.zeros(len(change), np.bool_)
-        )
-        plus, minus = np.split(np.hstack([action, _flatten(after)[:, is_state]]), 2)
-        differences.append((plus - minus).T / (2.0 * size))
+        change = size * np.vstack([np.eye(len(values)), -np.eye(len(values))])
+        observation = (rest + change[:, : len(measured)] @ slope.T).astype(np.float32)
+        every = np.ones(len(change), np.bool_)
+        start = None if memory is None else select_rows(every, memory, memory)
+        first = len(measured)
+        for numbers in _numbers(start):
+            numbers += change[:, first : first + numbers.shape[1]]
+            first += numbers.shape[1]
+        action, after = policy.predict(observation, start, ~every)
+        plus, minus = np.split(np.hstack([action, *_numbers(after)], dtype=np.float64), 2)
+        differences.append(np.nan_to_num((plus - minus).T / (2.0 * size)))
     coarse, fine = differences
     if not (np.abs(coarse - fine) <= _LINEAR * np.abs(fine).max(axis=1, keepdims=True) + _ROUNDING).all():
         return None
     fine[np.abs(fine) < _ROUNDING] = 0.0
-    D, B = np.split(fine[:, :measurements], [ACTION_SIZE])
-    C, A = np.split(fine[:, measurements:], [ACTION_SIZE])
+    D, B = np.split(fine[:, : len(measured)], [ACTION_SIZE])
+    C, A = np.split(fine[:, len(measured) :], [ACTION_SIZE])
     # What the measurements cannot change, such as constants, and what the actions do not depend on, is left out.
     used = _linked(A, B.any(axis=1)) & _linked(A.T, C.any(axis=0))
     A, B, C = A[np.ix_(used, used)], B[used], C[:, used]
-    return control.ss(A, B, C, D, scenario.period, inputs=_names(**_measured(scenario)), outputs=_names(action=4))
+    return control.ss(A, B, C, D, scenario.period, inputs=measured, outputs=_names(action=4))
 
 
 def _linked(A: Floats, states: Any) -> Any:
@@ -283,29 +259,9 @@ def _linked(A: Floats, states: Any) -> Any:
     return states
 
 
-def _leaves(memory: Any) -> Iterator[Any]:
+def _numbers(memory: Any) -> list[Any]:
+    """Return views of the floating-point arrays in a memory of n rows, each of shape (n, k)."""
     if isinstance(memory, tuple):
-        for part in memory:
-            yield from _leaves(part)
-    elif memory is not None:
-        yield memory
-
-
-def _flatten(memory: Any) -> Floats:
-    """Return the numbers of a memory of n rows, shape (n, k); the whole numbers in it, such as ages, are not states."""
-    leaves = [np.asarray(leaf) for leaf in _leaves(memory)]
-    return np.hstack([np.asarray(x, np.float64).reshape(len(x), -1) for x in leaves if x.dtype.kind == "f"])
-
-
-def _rebuild(memory: Any, columns: Iterator[Floats], rows: int) -> Any:
-    """Return a memory of n rows, like `memory` with its one row, with the numbers of `columns`, each of shape (n,)."""
-    if isinstance(memory, tuple):
-        parts = [_rebuild(part, columns, rows) for part in memory]
-        return type(memory)(*parts) if hasattr(memory, "_fields") else tuple(parts)
-    if memory is None:
-        return None
-    array = np.repeat(memory, rows, axis=0)
-    if array.dtype.kind == "f":
-        for index in np.ndindex(array.shape[1:]):
-            array[(slice(None), *index)] = next(columns)
-    return array
+        return [numbers for part in memory for numbers in _numbers(part)]
+    is_real = isinstance(memory, np.ndarray) and memory.dtype.kind == "f"
+    return [memory.reshape(len(memory), -1)] if is_real else []

@@ -22,6 +22,7 @@ class Policy:
     # A text that changes with the behaviour of the policy, for the cache of results; None: they are not cached. A copy
     # by `copy.copy` has none, since its owner may change it.
     fingerprint: str | None = None
+    has_linear_model: bool = True  # False: `modelling.linear_loop` need not look for one
 
     def __copy__(self) -> "Policy":
         """Return a shallow copy without the fingerprint."""
@@ -66,6 +67,7 @@ class PolicyWrapper(Policy):
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
         self.observation_sizes = policy.observation_sizes
+        self.has_linear_model = policy.has_linear_model
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
