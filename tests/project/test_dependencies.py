@@ -19,11 +19,11 @@ KNOWN = {**packages_distributions(), "tomli": ["tomli"], "griffe": ["mkdocstring
 # Extras that the code of a folder may import, beside the dependencies of the package.
 EXTRAS = {
     "quadpend_gym": ("view", "mpc"),
-    "baselines": ("train", "mpc"),
+    "baselines": ("train", "mpc", "control"),
     "train": ("train", "view", "mpc", "cluster"),
     "benchmarks": ("train", "view", "dev", "peers"),
     "experiments": ("train", "view", "dev", "mpc"),
-    "tests": ("train", "view", "dev", "docs", "cluster"),
+    "tests": ("train", "view", "dev", "docs", "cluster", "control"),
     "docs": ("train", "view", "dev", "docs", "cluster"),
 }
 

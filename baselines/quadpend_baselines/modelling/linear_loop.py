@@ -83,10 +83,8 @@ def _jacobians(simulation: Simulation, side: float) -> tuple[Floats, Floats, Flo
     back = np.eye(size)[np.r_[STATE_COLUMNS, rest:size]]
     embed = back.T.copy()
     if is_rigid:
-        first = STATE_SIZE + QUATERNION + 1
-        embed[first : first + 3, EULER] = 0.5 * np.eye(3)
-        first = STATE_SIZE + BODY_RATE
-        embed[first : first + 3, EULER_RATE] = np.eye(3)
+        embed[STATE_SIZE + QUATERNION + 1 :][:3, EULER] = 0.5 * np.eye(3)
+        embed[STATE_SIZE + BODY_RATE :][:3, EULER_RATE] = np.eye(3)
     A, B = back @ full[:, :size] @ embed, back @ full[:, size:]
     return A, B[:, :ACTION_SIZE], B[:, ACTION_SIZE:]
 
@@ -122,21 +120,11 @@ def vehicle_model(scenario: Scenario) -> Any:
     steps = sum(model.steps for model in scenario.sensors if isinstance(model, Delay))
     system = control.append(_register(0, 3, period), _register(steps, len(measured), period)) * system
     names += [f"sensor_delay_{i + 1}_{name}" for i in range(steps) for name in measured]
-    select = np.insert(np.eye(system.ninputs), [WIND_SIZE] * len(measured), 0.0, axis=1)
-    noise = np.zeros((system.noutputs, select.shape[1]))
-    noise[3:, WIND_SIZE:-ACTION_SIZE] = np.eye(len(measured))
-    wind = _names(force=3, bob_force=3, torque=3, air_velocity=3)
-    return control.ss(
-        system.A,
-        system.B @ select,
-        system.C,
-        system.D @ select + noise,
-        period,
-        states=names,
-        inputs=[*wind, *(f"noise_{name}" for name in measured), *_names(action=ACTION_SIZE)],
-        outputs=_names(tracking_error=3) + measured,
-        name="vehicle",
-    )
+    columns, noise = [WIND_SIZE] * len(measured), np.eye(system.noutputs)[:, 3:]  # noise stands before the actions
+    B, D = np.insert(system.B, columns, 0.0, axis=1), np.insert(system.D, columns, noise, axis=1)
+    inputs = _names(force=3, bob_force=3, torque=3, air_velocity=3) + [f"noise_{name}" for name in measured]
+    labels = {"states": names, "inputs": inputs + _names(action=ACTION_SIZE)}
+    return control.ss(system.A, B, system.C, D, period, **labels, outputs=_names(tracking_error=3) + measured)
 
 
 def close_loop(vehicle: Any, policy: Any) -> Any:
@@ -146,10 +134,8 @@ def close_loop(vehicle: Any, policy: Any) -> Any:
         vehicle: A model whose last inputs are the actions and whose last outputs are the measurements.
         policy: The linear policy from the measurements to the actions, a `control.StateSpace`.
     """
-    inputs, outputs = vehicle.ninputs - policy.noutputs, vehicle.noutputs - policy.ninputs
-    closed = vehicle.lft(policy)
-    labels = vehicle.input_labels[:inputs], vehicle.output_labels[:outputs]
-    return control.ss(closed, inputs=labels[0], outputs=labels[1], name="closed_loop")
+    inputs, outputs = vehicle.input_labels[: -policy.noutputs], vehicle.output_labels[: -policy.ninputs]
+    return control.ss(vehicle.lft(policy), inputs=inputs, outputs=outputs)
 
 
 class Margins(NamedTuple):
@@ -176,13 +162,13 @@ def margins(vehicle: Any, policy: Any) -> Margins:
     def growth(gain: float) -> float:
         return float(np.abs(plant.lft(gain * policy).poles()).max())
 
-    def loci(frequencies: Floats) -> tuple[Floats, Any]:
+    def loci(frequencies: Floats) -> tuple[float, Any]:
         """Return the smallest singular value of 1 + L, and the eigenvalues of L by magnitude, shape (n, 4)."""
         response = loop(np.exp(1j * frequencies * period), squeeze=False).transpose(2, 0, 1)
         values = eigvals(response)
         order = np.argsort(np.abs(values), axis=1)
         distance = np.linalg.svd(np.eye(policy.noutputs) + response, compute_uv=False)
-        return distance.min(), np.take_along_axis(values, order, axis=1)
+        return float(distance.min()), np.take_along_axis(values, order, axis=1)
 
     largest, frequencies = growth(1.0), np.pi / period * np.geomspace(1e-4, 1.0, _FREQUENCIES)
     distance, values = loci(frequencies)
@@ -223,33 +209,33 @@ def linear_policy(policy: Policy, scenario: Scenario) -> Any:
     slope = slope[:, np.isin(_STATES, measured)]
     if scenario.output_feedback:
         rest, slope = rest[OUTPUT_FEEDBACK_COLUMNS], slope[OUTPUT_FEEDBACK_COLUMNS]
-    memory = None
+    memory, count = None, len(measured)
     for step in range(_SETTLED):
         _, memory = policy.predict(rest[np.newaxis].astype(np.float32), memory, np.array([step == 0]))
-    values = np.hstack([np.zeros((1, len(measured))), *_numbers(memory)])[0]
+    size = count + sum(part.shape[1] for part in _numbers(memory))
     differences = []
-    for size in _STEPS:
-        change = size * np.vstack([np.eye(len(values)), -np.eye(len(values))])
-        observation = (rest + change[:, : len(measured)] @ slope.T).astype(np.float32)
+    for step_size in _STEPS:
+        change = step_size * np.vstack([np.eye(size), -np.eye(size)])
+        observation = (rest + change[:, :count] @ slope.T).astype(np.float32)
         every = np.ones(len(change), np.bool_)
         start = None if memory is None else select_rows(every, memory, memory)
-        first = len(measured)
+        first = count
         for numbers in _numbers(start):
             numbers += change[:, first : first + numbers.shape[1]]
             first += numbers.shape[1]
         action, after = policy.predict(observation, start, ~every)
         plus, minus = np.split(np.hstack([action, *_numbers(after)], dtype=np.float64), 2)
-        differences.append(np.nan_to_num((plus - minus).T / (2.0 * size)))
+        differences.append(np.nan_to_num((plus - minus).T / (2.0 * step_size)))
     coarse, fine = differences
     if not (np.abs(coarse - fine) <= _LINEAR * np.abs(fine).max(axis=1, keepdims=True) + _ROUNDING).all():
         return None
     fine[np.abs(fine) < _ROUNDING] = 0.0
-    D, B = np.split(fine[:, : len(measured)], [ACTION_SIZE])
-    C, A = np.split(fine[:, len(measured) :], [ACTION_SIZE])
+    D, B = np.split(fine[:, :count], [ACTION_SIZE])
+    C, A = np.split(fine[:, count:], [ACTION_SIZE])
     # What the measurements cannot change, such as constants, and what the actions do not depend on, is left out.
     used = _linked(A, B.any(axis=1)) & _linked(A.T, C.any(axis=0))
-    A, B, C = A[np.ix_(used, used)], B[used], C[:, used]
-    return control.ss(A, B, C, D, scenario.period, inputs=measured, outputs=_names(action=4))
+    A = A[np.ix_(used, used)]
+    return control.ss(A, B[used], C[:, used], D, scenario.period, inputs=measured, outputs=_names(action=4))
 
 
 def _linked(A: Floats, states: Any) -> Any:

@@ -16,6 +16,7 @@ pytest.importorskip("control", reason="control is not installed: pip install 'qu
 import control
 
 from quadpend_baselines.modelling.linear_loop import close_loop, linear_policy, margins, vehicle_model
+from quadpend_train.evaluation.stability import loop_margins
 
 
 def test_margins_of_a_double_integrator() -> None:
@@ -65,3 +66,17 @@ def test_closed_loop_of_lqi_leaves_no_error_in_steady_wind() -> None:
     closed = close_loop(vehicle_model(scenario), policy)
     force = closed.dcgain()[:, :3]
     assert np.abs(force).max() < 1e-4
+
+
+def test_predictive_control_has_no_linear_model_and_an_unstable_loop_is_warned_about(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scenario = Scenario()
+    assert linear_policy(controller("mppi").adapt(scenario), scenario) is None
+    lqi = controller("lqi").adapt(scenario)
+    late = replace(scenario, latency=0.03, loop_known=False)
+    monkeypatch.setattr(lqi, "adapt", lambda scenario: lqi)
+    with pytest.warns(UserWarning, match="lqi is unstable on paper"):
+        found = loop_margins({"lqi": [lqi]}, {"calm": scenario, "late": late})
+    assert found["calm", "lqi"].delay > 0.02
+    assert found["late", "lqi"].delay == 0.0

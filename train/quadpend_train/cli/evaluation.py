@@ -67,7 +67,7 @@ def evaluate(
     comparison = made.comparison
     console = Console(width=None if sys.stdout.isatty() else 150, emoji=False, markup=False, highlight=False)
     title = f"{episodes} episodes each, seeds from {seed}, 95 % intervals"
-    console.print(tables.terminal_table(title, tables.metric_rows(comparison)))
+    console.print(tables.terminal_table(title, tables.with_margins(tables.metric_rows(comparison), comparison)))
     if note := tables.episodes_note(comparison):
         console.print(note)
     for sentence in tables.sentences(comparison):

@@ -5,7 +5,7 @@ Names of policies and scenarios become objects here; everything below carries th
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from quadpend_gym.scenarios import Scenario, as_scenario, find_scenarios, scenar
 from quadpend_train.common.provenance import provenance
 from quadpend_train.evaluation.episodes import VALIDATION_SEED
 from quadpend_train.evaluation.jobs import Job, run_jobs
+from quadpend_train.evaluation.stability import loop_margins
 from quadpend_train.evaluation.statistics import Interval
 from quadpend_train.evaluation.table import Cell, cells, rows, summarise
 from quadpend_train.policies.conversion import as_policy
@@ -38,12 +39,14 @@ class Comparison:
         errors: Error after each step by the names of scenario and policy, m, shape (s, n, T), see `EpisodeResults`.
         scenarios: Scenarios by name.
         learners: Policies by name: one controller, or the training seeds of one learner.
+        margins: Margins of the linear loops by the names of scenario and policy, see `loop_margins`.
     """
 
     table: pd.DataFrame
     errors: dict[Cell, Floats32]
     scenarios: dict[str, Scenario]
     learners: dict[str, list[Policy]]
+    margins: dict[Cell, Any] = field(default_factory=dict)
 
     @property
     def policies(self) -> tuple[str, ...]:
@@ -94,6 +97,7 @@ def compare(
         if not ((path := job.file(folder)) and path.exists()):
             for policy in job.policies:
                 check_policy(name, policy, scenario, job.scenario)
+    margins = loop_margins(learners, found)
     results = run_jobs(all_jobs, folder, jobs)
     table = pd.concat([rows(*cell, result) for cell, result in results.items()], ignore_index=True)
     fingerprints = {name: [policy.fingerprint for policy in seeds] for name, seeds in learners.items()}
@@ -104,7 +108,7 @@ def compare(
         "episodes": episodes,
         "seed": seed,
     }
-    return Comparison(table, {cell: result.error for cell, result in results.items()}, found, learners)
+    return Comparison(table, {cell: result.error for cell, result in results.items()}, found, learners, margins)
 
 
 def _learner(value: str | Policy | Sequence[Policy]) -> list[Policy]:

@@ -34,6 +34,16 @@ def metric_rows(comparison: Comparison) -> Rows:
     return rows
 
 
+def with_margins(rows: Rows, comparison: Comparison) -> Rows:
+    """Return `metric_rows` with the margins of the linear loops, where there are any."""
+    if not comparison.margins:
+        return rows
+    margins = [comparison.margins.get(cell) for cell in comparison.summaries]
+    texts = [(f"{1e3 * m.delay:.1f}", f"{np.rad2deg(m.phase):.0f}") if m else ("–", "–") for m in margins]
+    headings = ("delay margin (ms)", "phase margin (°)")
+    return [[*row, *more] for row, more in zip(rows, [headings, *texts], strict=True)]
+
+
 def leaderboard_rows(standings: Sequence[LeaderboardRow], bound: LeaderboardRow | None = None) -> Rows:
     """Return the leaderboard, below a row without a rank if there is one."""
     headings = ("rank", "policy", "penalised rmse (mm)", "survival (%)", "worst survival (%)", "wins", "losses")
