@@ -13,7 +13,6 @@ BLUE, VERMILLION, GREEN = (0, 114, 178), (213, 94, 0), (0, 158, 115)
 ORANGE = (230, 159, 0)
 VIOLET, BROWN = (130, 30, 210), (110, 45, 20)
 REFERENCE, BOB, WIND, ROTOR, FRONT = BLUE, VERMILLION, GREEN, GREY, ORANGE
-MEANINGFUL = (BLUE, VERMILLION, GREEN, ORANGE, VIOLET, BROWN, INK, GREY, WHITE)  # kept in reduced palettes
 
 
 def blend(first: Colour, second: Colour, fraction: float) -> Colour:

@@ -29,8 +29,6 @@ class VideoOptions:
     """Playback speed; 1 is real time."""
     seconds: Annotated[Interval, Range(0.0, 1e6, "s")] = (0.0, 1e6)
     """Begin and end of the shown part of the episode, s; by default the whole episode."""
-    zoom: Annotated[float, Range(0.2, 2.5)] = 1.0
-    """Magnification."""
 
     def __post_init__(self) -> None:
         if self.out and self.out.suffix not in FORMATS:
@@ -89,7 +87,6 @@ def watch(
     period = found.simulation.period
     recordings = [record_episode(name, seeds[0], found, seed) for name, seeds in loaded]
     view = SideBySideView(recordings, period, video.seconds)
-    view.picture.camera.zoom(1.0 / video.zoom)
     if video.out is None:
         _play(view, screen, period, video.speed)
         return

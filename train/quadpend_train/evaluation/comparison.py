@@ -33,20 +33,15 @@ Scenarios = Mapping[str, Any] | Sequence[str | Scenario]  # values as for `as_sc
 class Comparison:
     """Results of every policy in every scenario.
 
-    Attributes:
-        table: One row for each episode, see `quadpend_train.evaluation.table`; `attrs` has the provenance, the
-            number of episodes in each scenario, and the seed of the first one.
-        errors: Error after each step by the names of scenario and policy, m, shape (s, n, T), see `EpisodeResults`.
-        scenarios: Scenarios by name.
-        learners: Policies by name: one controller, or the training seeds of one learner.
-        margins: Margins of the linear loops by the names of scenario and policy, see `loop_margins`.
+    `table` has one row for each episode, see `quadpend_train.evaluation.table`; its `attrs` have the provenance, the
+    number of episodes in each scenario, and the seed of the first one.
     """
 
     table: pd.DataFrame
-    errors: dict[Cell, Floats32]
+    errors: dict[Cell, Floats32]  # after each step, m, shape (s, n, T), see `EpisodeResults`
     scenarios: dict[str, Scenario]
-    learners: dict[str, list[Policy]]
-    margins: dict[Cell, Any] = field(default_factory=dict)
+    learners: dict[str, list[Policy]]  # one controller, or the training seeds of one learner
+    margins: dict[Cell, Any] = field(default_factory=dict)  # of the linear loops, see `loop_margins`
 
     @property
     def policies(self) -> tuple[str, ...]:
@@ -77,9 +72,9 @@ def compare(
         scenarios: Mapping from names in the comparison to scenarios, or a sequence of scenarios and sets, each a
             `Scenario` or a text, see `find_scenarios`. Results of scenarios with models of the user's own code are not
             cached.
-        episodes: Number of episodes in each scenario.
+        episodes: Number in each scenario.
         seed: Seed of the first episode.
-        cache_folder: Folder of the cached results; only missing results are computed. None: no cache.
+        cache_folder: Folder of the cached results; only missing results are computed.
         jobs: Number of processes, or an executor of `quadpend_train.common.executors`.
     """
     if not policies or not scenarios:

@@ -17,24 +17,14 @@ class LeaderboardRow(NamedTuple):
     All scenarios have the same weight. Episode k has the same start and reference in most scenarios, so the values of
     different scenarios are not independent. Therefore each episode is averaged over the scenarios first, and the
     interval is that of the mean of these averages.
-
-    Attributes:
-        policy: Name of the policy.
-        penalised_rmse: Mean over the scenarios, mm; its interval does not account for falls rarer than about 3/n.
-        survival: Mean over the scenarios, %; its interval also covers Wilson's interval of all episodes together.
-        worst_survival: Survival in the scenario where it is smallest, %; the interval ignores the selection of this
-            scenario.
-        worst_scenario: Name of that scenario.
-        wins: Number of scenarios won, summed over all other policies, see `compare_all_pairs`; None: not counted.
-        losses: Number of scenarios lost, summed in the same way.
     """
 
     policy: str
-    penalised_rmse: Interval
-    survival: Interval
-    worst_survival: Interval
+    penalised_rmse: Interval  # mm; does not account for falls rarer than about 3/n
+    survival: Interval  # %; also covers Wilson's interval of all episodes together
+    worst_survival: Interval  # % in the scenario where it is smallest; ignores the selection of this scenario
     worst_scenario: str
-    wins: int | None
+    wins: int | None  # scenarios won, summed over all other policies, see `compare_all_pairs`; None: not counted
     losses: int | None
 
 

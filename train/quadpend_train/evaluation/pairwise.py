@@ -19,63 +19,24 @@ import numpy as np
 import pandas as pd
 
 from quadpend_gym.core.arrays import Floats
-from quadpend_train.evaluation.statistics import (
-    CONFIDENCE,
-    Interval,
-    holm,
-    mean,
-    p_proportion,
-    p_value,
-    paired_proportion,
-)
+from quadpend_train.evaluation.statistics import CONFIDENCE, holm, mean, p_proportion, p_value
 from quadpend_train.evaluation.table import Values, cells
 
 _MIN_COMMON_SURVIVALS = 10  # fewest common survived episodes for which the RMSE is tested
 _MAX_LISTED = 5  # largest number of scenarios that a sentence names
 
 
-class ScenarioResult(NamedTuple):
-    """Two policies in one scenario; differences are the first policy's value minus the second's.
-
-    The p-values are corrected for multiple tests, the intervals are not. So a scenario without a winner may have an
-    interval that excludes zero.
-
-    Attributes:
-        winner: 1 if the first policy wins, −1 if the second wins, 0 if they are not distinguishable.
-        survival: Difference of the survival, percentage points.
-        rmse: Difference of the RMSE in the episodes that both survived, mm; nan if there are none.
-        penalised_rmse: Difference of the penalised RMSE, mm. Its interval does not account for falls rarer than about
-            3/n.
-        p_survival: p-value of equal survival, corrected by Holm's method.
-        p_rmse: p-value of equal `rmse`, corrected; 1 if there are fewer than 10 episodes that both survived.
-    """
-
-    winner: int
-    survival: Interval
-    rmse: Interval
-    penalised_rmse: Interval
-    p_survival: float
-    p_rmse: float
-
-
 class PairwiseComparison(NamedTuple):
-    """Two policies in all scenarios.
-
-    Attributes:
-        first: Name of the first policy.
-        second: Name of the second policy.
-        results: Result of each scenario, by the scenario's name.
-        differences: First policy's penalised RMSE minus the second's in each scenario, mm, shape (s, n) each.
-    """
+    """Two policies, by name, in all scenarios."""
 
     first: str
     second: str
-    results: dict[str, ScenarioResult]
-    differences: dict[str, Floats]
+    winners: dict[str, int]  # by scenario: 1 if the first policy wins, −1 if the second wins, 0 if neither
+    differences: dict[str, Floats]  # first policy's penalised RMSE minus the second's, mm, shape (s, n) each
 
     def where(self, winner: int) -> list[str]:
         """Return the scenarios that the first policy wins (1), that the second wins (−1), or that neither wins (0)."""
-        return [name for name, result in self.results.items() if result.winner == winner]
+        return [name for name, found in self.winners.items() if found == winner]
 
     def sentence(self) -> str:
         """Return one sentence: who wins which scenarios, and by how much; the policy with more wins is the subject.
@@ -86,7 +47,7 @@ class PairwiseComparison(NamedTuple):
         sign = -1 if len(self.where(-1)) > len(self.where(1)) else 1
         subject, other = (self.first, self.second)[::sign]
         won, lost, undecided = (self.where(sign * winner) for winner in (1, -1, 0))
-        parts, total = [], len(self.results)
+        parts, total = [], len(self.winners)
         if won:
             scenarios = "scenarios" if total > 1 else "scenario"
             parts.append(f"beats {other} in {len(won)} of {total} {scenarios}{_listed(won)}")
@@ -127,7 +88,7 @@ def _compare_pairs(table: pd.DataFrame, pairs: Sequence[tuple[str, str]]) -> dic
     both = {(pair, name): (found[name, pair[0]], found[name, pair[1]]) for pair in pairs for name in scenarios}
     corrected = iter(holm([p for values in both.values() for p in _p_values(*values)]))
     for (pair, name), (first, second) in both.items():
-        out[pair].results[name] = _scenario_result(first, second, next(corrected), next(corrected))
+        out[pair].winners[name] = _winner(first, second, next(corrected), next(corrected))
         out[pair].differences[name] = 1000.0 * (first["penalised_rmse"] - second["penalised_rmse"])
     return out
 
@@ -144,18 +105,8 @@ def _rmse_difference(first: Values, second: Values) -> Floats:
     return np.asarray(np.where(first["survived"] & second["survived"], first["rmse"] - second["rmse"], np.nan))
 
 
-def _scenario_result(first: Values, second: Values, p_survival: float, p_rmse: float) -> ScenarioResult:
-    survival = paired_proportion(first["survived"], second["survived"])
-    rmse = mean(_rmse_difference(first, second))
+def _winner(first: Values, second: Values, p_survival: float, p_rmse: float) -> int:
+    """Return the sign of a win, see `PairwiseComparison.winners`, from corrected p-values."""
     if p_survival < 1.0 - CONFIDENCE:
-        winner = np.sign(survival.value)
-    else:
-        winner = -np.sign(rmse.value) if p_rmse < 1.0 - CONFIDENCE else 0.0
-    return ScenarioResult(
-        int(winner),
-        survival.scaled(100.0),
-        rmse.scaled(1000.0),
-        mean(first["penalised_rmse"] - second["penalised_rmse"]).scaled(1000.0),
-        p_survival,
-        p_rmse,
-    )
+        return int(np.sign(np.mean(first["survived"]) - np.mean(second["survived"])))
+    return -int(np.sign(mean(_rmse_difference(first, second)).value)) if p_rmse < 1.0 - CONFIDENCE else 0

@@ -15,19 +15,11 @@ from quadpend_train.policies.conversion import as_policy
 
 
 class Recording(NamedTuple):
-    """An episode of T steps.
-
-    Attributes:
-        name: Name of the policy.
-        snapshots: State of the environment after each step.
-        estimate: Disturbance that the policy estimated in each step, laid out as ``info["disturbance"]``; nan where it
-            estimates none; shape (T, 9).
-        survived: Whether the episode reached its time limit.
-    """
+    """An episode of T steps of the policy `name`."""
 
     name: str
-    snapshots: tuple[Snapshot, ...]
-    estimate: Floats
+    snapshots: tuple[Snapshot, ...]  # after each step
+    estimate: Floats  # disturbance that the policy estimated in each step, nan where it estimates none, shape (T, 9)
     survived: bool
 
     @property

@@ -20,19 +20,12 @@ COLUMNS = ("survived", "steps", "rmse", "penalised_rmse", "settled_rmse", "large
 
 
 class Metric(NamedTuple):
-    """An estimate over the episodes of one policy in one scenario.
+    """An estimate over the episodes of one policy in one scenario."""
 
-    Attributes:
-        column: Column of its values.
-        unit: Unit of the metric; empty if there is none.
-        factor: Factor from the SI units of the table to `unit`.
-        estimate: Function from values of shape (s, n) to an interval.
-    """
-
-    column: str
+    column: str  # of its values
     unit: str = ""
-    factor: float = 1.0
-    estimate: Callable[[Any], Interval] = mean
+    factor: float = 1.0  # from the SI units of the table to `unit`
+    estimate: Callable[[Any], Interval] = mean  # of values of shape (s, n)
 
 
 METRICS = {

@@ -152,10 +152,9 @@ def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: fl
     """
     seconds = round(100.0 / fps) / 100.0 if path.suffix == ".gif" else 1.0 / fps  # GIF stores hundredths of a second
     steps = np.arange(view.steps.start, view.steps.stop, rate * seconds).astype(int).tolist()
-    last = Image.fromarray(next(_pictures(view, size, [view.steps[-1]])))
     with atomic(path) as unfinished:
         if path.suffix == ".png":
-            last.save(unfinished, optimize=True)
+            Image.fromarray(next(_pictures(view, size, [view.steps[-1]]))).save(unfinished)
         elif path.suffix == ".mp4":
             from imageio.v2 import get_writer
 
@@ -163,15 +162,8 @@ def write_video(view: SideBySideView, path: Path, size: tuple[int, int], fps: fl
                 for picture in _pictures(view, size, steps):
                     writer.append_data(picture)  # type: ignore[attr-defined]
         else:
-            gif = path.suffix == ".gif"
             images = (Image.fromarray(picture) for picture in _pictures(view, size, steps))
-            if gif:  # with one palette for all pictures, the file stores only what moves
-                for i, colour in enumerate(palette.MEANINGFUL):  # these colours fill few pixels of a picture
-                    last.paste(colour, (0, i * size[1] // 20, size[0] // 2, (i + 1) * size[1] // 20))
-                colours = last.quantize(192, method=Image.Quantize.MEDIANCUT)
-                images = (image.quantize(palette=colours, dither=Image.Dither.NONE) for image in images)
-            options: dict[str, Any] = {"optimize": True, "loop": 0} if gif else {"quality": 80, "method": 4}
-            next(images).save(unfinished, save_all=True, append_images=images, duration=1000.0 * seconds, **options)
+            next(images).save(unfinished, save_all=True, append_images=images, duration=1000.0 * seconds, loop=0)
 
 
 def _pictures(view: SideBySideView, size: tuple[int, int], steps: list[int]) -> Iterator[Any]:

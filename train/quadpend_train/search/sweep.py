@@ -2,8 +2,7 @@
 
 The score of a trial is that on the card of its policy. The evaluations of the training, in other episodes, decide which
 of its policies that is, and whether the trial is stopped since the median of the others is better after the same time.
-The first trial has the settings of the start. The sampler is TPE of Optuna. The best policy and that of the start are
-finally compared in episodes that the search has not used.
+The first trial has the settings of the start. The sampler is TPE of Optuna.
 
 A search space is a settings file with a range or a list of values in place of a value. A range is a table
 ``{low = 1e-4, high = 1e-2, log = true}``. The space is extended to include the settings of the start.
@@ -35,16 +34,15 @@ from quadpend_train.common.files import write_text
 from quadpend_train.common.text import brief
 from quadpend_train.policies.mlp_policy import MlpPolicy
 from quadpend_train.search.shared import SPACES, Space, finished, flat, open_study, run_trials
-from quadpend_train.training.callbacks import RolloutCallback, validate
+from quadpend_train.training.callbacks import RolloutCallback
 from quadpend_train.training.settings import TrainSettings, to_mapping, with_values
-from quadpend_train.training.train import CARD_SEED, POLICY, train
+from quadpend_train.training.train import POLICY, train
 
 BEST, TABLE, PICTURE = "best.json", "trials.csv", "sweep.png"
 FILES = (BEST, TABLE, PICTURE)
 _EVALUATIONS = 64  # of a training with all its timesteps
 MOMENTS = 20  # of a trial, evenly spaced in time, at which it is compared with the others
 _WARM_UP, _STARTUP = 5, 4  # moments and finished trials before the first comparison
-_FINAL_EPISODES, _FINAL_SEED = 200, CARD_SEED + 100_000  # of the comparison with the start
 
 
 def read_space(path: Path | None, start: TrainSettings) -> tuple[dict[str, BaseDistribution], dict[str, Any]]:
@@ -193,15 +191,8 @@ def write_results(study: optuna.Study, sweep: Sweep) -> list[str]:
         f"Best of {len(finished(study))} trials of {sweep.seconds:g} s, trial {best.number}: penalised RMSE"
         f" {1e3 * study.best_value:.1f} mm."
     ]
-    paths = [sweep.folder(trial) / POLICY for trial in (first, best) if trial]
-    if first and all(path.is_file() for path in paths):  # other machines have the policies of their trials
+    if first:
         lines[0] += f" The settings of the start: {1e3 * (first.value or 0.0):.1f} mm."
-        settings = replace(sweep.start, n_eval_episodes=_FINAL_EPISODES)
-        before, after = (1e3 * validate(MlpPolicy.load(path), settings, _FINAL_SEED)[1] for path in paths)
-        lines.append(
-            f"In {_FINAL_EPISODES} episodes of each scenario that the search has not used: {after:.1f} mm instead of"
-            f" {before:.1f} mm."
-        )
     if len(_complete(study)) > 1 and len({trial.value for trial in _complete(study)}) == 1:
         lines.append(
             "All trials have the same score, so the search is blind: give more --seconds, or an easier scenario."

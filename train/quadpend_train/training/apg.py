@@ -47,12 +47,7 @@ from quadpend_gym.physics.state import STATE_SIZE
 from quadpend_gym.scenarios import Scenario
 from quadpend_train.envs.concatenated import worlds
 from quadpend_train.training.environment import hybrid_wrappers
-from quadpend_train.training.flight import (
-    Flights,
-    Step,
-    check_covered,
-    reference_points,
-)
+from quadpend_train.training.flight import Flights, Step, check_covered, reference_points
 from quadpend_train.training.settings import ApgSettings, TrainSettings
 
 # Settings that APG does not use
@@ -60,20 +55,14 @@ _UNUSED = ("reward", "reward_scale", "critic_warmup_steps")
 
 
 class APG(OnPolicyAlgorithm):
-    """Analytic policy gradients with the interface of Stable-Baselines3.
+    """Analytic policy gradients with the interface of Stable-Baselines3; the critic of the policy is not used.
 
-    Args:
-        policy: As for `OnPolicyAlgorithm`; its critic is not used.
-        env: Training environment, an `SB3VecEnv` with the sub-environments of `scenarios`.
-        scenarios: The scenarios, which `check_covered` accepts.
-        apg: Settings.
-        options: As for `OnPolicyAlgorithm`.
+    The environment is an `SB3VecEnv` with the sub-environments of `scenarios`, which `check_covered` accepts.
     """
 
     policy_aliases = OnPolicyAlgorithm.policy_aliases | {"MlpPolicy": ActorCriticPolicy}
 
     def __init__(self, policy: Any, env: Any, scenarios: Sequence[Scenario], apg: ApgSettings, **options: Any) -> None:
-        """Make the policy and the differentiable plant."""
         unused: dict[str, Any] = {"n_steps": 1, "gamma": 1.0, "gae_lambda": 1.0, "ent_coef": 0.0, "vf_coef": 0.0}
         unused |= {"use_sde": False, "sde_sample_freq": -1}
         super().__init__(policy, env, max_grad_norm=apg.max_grad_norm, **unused, **options)

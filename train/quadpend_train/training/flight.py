@@ -164,13 +164,7 @@ def compiled_steps(kind: Kind) -> tuple[CompiledFunction, CompiledFunction]:
 
 
 def reference_points(scenarios: Sequence[Scenario], reference: Floats, time: Floats) -> Floats:
-    """Return the references of the rows at a time (s), shape (n, 24).
-
-    Args:
-        scenarios: The scenarios, which have the same number of rows.
-        reference: References as in `World.reference`, shape (n, 20).
-        time: Times, shape (n,).
-    """
+    """Return the references of the rows at a time (s), shape (n, 24), from those in `World.reference`."""
     (points,) = _compiled_reference()(reference, time[:, np.newaxis])
     parts = zip(scenarios, *(np.split(array, len(scenarios)) for array in (points, time)), strict=True)
     for scenario, point, t in parts:
@@ -189,17 +183,8 @@ def _compiled_reference() -> CompiledFunction:
 class Flights:
     """The flights of n rows, an equal number of each of several scenarios, in their order.
 
-    Arrays of rows whose flights and beliefs have different sizes are filled up with zeros.
-
-    Args:
-        scenarios: The scenarios, which `check_covered` accepts.
-        wrappers: Wrappers of the hybrids of all rows, in their order; empty: there are none.
-        rows: Number n of rows, a multiple of the number of scenarios.
-        size: Size of the policy's observation.
-        apg: Weights of the cost.
-
-    Attributes:
-        weights: Numbers of the cost of each row, an argument of `step`, shape (n, 8).
+    Arrays of rows whose flights and beliefs have different sizes are filled up with zeros. `wrappers` are those of the
+    hybrids of all rows, and `size` is that of the policy's observation.
     """
 
     def __init__(
@@ -210,7 +195,7 @@ class Flights:
         size: int,
         apg: ApgSettings,
     ) -> None:
-        """Find the kinds of flights; neighbouring scenarios of one kind share their calls."""
+        # Neighbouring scenarios of one kind share their calls
         share, self._limit = rows // len(scenarios), apg.max_state_gradient / (apg.window * rows)
         hybrids: list[Any] = [item.hybrid for item in wrappers for _ in worlds(item)] or [None] * len(scenarios)
         kinds = [Kind.of(*pair, size) for pair in zip(scenarios, hybrids, strict=True)]
@@ -220,6 +205,7 @@ class Flights:
         ]
         self._wrappers = list(_slices((item, item.num_envs) for item in wrappers))
         self._observers = {id(hybrid): kind.observer for hybrid, kind in zip(hybrids, kinds, strict=True)}
+        # Numbers of the cost of each row, an argument of `step`, shape (n, 8)
         self.weights = np.repeat([_weights(apg, scenario.task.limits) for scenario in scenarios], share, axis=0)
 
     def initial(self, state: Floats) -> Floats:
@@ -245,9 +231,7 @@ class Flights:
     def step(self, flight: Floats, *others: Floats) -> tuple[Floats, Floats]:
         """Return the next flights, shape (n, k), and the costs, shape (n, 2).
 
-        Args:
-            flight: Flights, shape (n, k).
-            others: Actions, wind, parameters, points and weights, shapes (n, 4), (n, 12), (n, 9), (n, 24) and (n, 8).
+        The other arguments are actions, wind, parameters, points and weights, see `compiled_steps`.
         """
         results = [_call(values, rows, flight, *others) for rows, _, values, _ in self._parts]
         return _stacked([after for after, _ in results]), np.vstack([costs for _, costs in results])
@@ -295,16 +279,10 @@ class Step(torch.autograd.Function):
     def forward(
         ctx: Any, flight: Tensor, belief: Tensor, action: Tensor, given: Sequence[Any], values: Sequence[Any]
     ) -> tuple[Tensor, ...]:
-        """Return flights, costs, beliefs and observations after the step.
+        """Return `values`: flights, costs, beliefs and observations after the step.
 
-        Args:
-            ctx: The context of PyTorch.
-            flight: Flights before the step, shape (n, k).
-            belief: Beliefs before the step, shape (n, b).
-            action: Actions, shape (n, 4).
-            given: `Flights`; the other arguments of its product; and the rows, shape (n,), that began a new episode
-                after the step, which does not depend on what was before.
-            values: What is returned.
+        `given` are `Flights`, the other arguments of its product, and the rows, shape (n,), that began a new episode
+        after the step, which does not depend on what was before.
         """
         ctx.given = flight.numpy(), belief.numpy(), action.numpy(), *given
         return tuple(torch.as_tensor(value) for value in values)

@@ -53,18 +53,11 @@ _LEAST_SQUARE = 1e-8  # bounds the slope of a root mean square of the situation
 
 
 class Observer(NamedTuple):
-    """What the observation of a policy depends on.
+    """What the observation of a policy depends on."""
 
-    Attributes:
-        estimator: The observer; None: the policy observes the measured state.
-        has_rates: Whether the environment's observation has velocities.
-        situation: Whether the policy observes the situation.
-        size: Size of the policy's observation.
-    """
-
-    estimator: Estimator | None
-    has_rates: bool
-    situation: bool
+    estimator: Estimator | None  # None: the policy observes the measured state
+    has_rates: bool  # whether the environment's observation has velocities
+    situation: bool  # whether the policy observes it
     size: int
 
     @classmethod
