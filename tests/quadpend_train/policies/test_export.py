@@ -18,7 +18,7 @@ from torch import nn
 from quadpend_gym.core.arrays import Floats32
 from quadpend_train.cli.main import main
 from quadpend_train.envs.sb3_vec_env import SB3VecEnv
-from quadpend_train.policies.conversion import as_policy, policy_from_function
+from quadpend_train.policies.conversion import FunctionPolicy, as_policy
 from quadpend_train.policies.export import export, export_zip, read_layers
 from quadpend_train.policies.loading import load_policy, policy_fingerprint
 from quadpend_train.policies.mlp_policy import FORMAT, PLAIN_INTERFACE, MlpPolicy
@@ -223,7 +223,7 @@ def test_sequence_of_layers_becomes_an_mlp_policy(squash: Any) -> None:
         expected = module(torch.as_tensor(OBSERVATIONS)).clamp(-1.0, 1.0).numpy()
     found, fields = read_layers([module])
     assert_acts_like(MlpPolicy(found, {"format": FORMAT, **fields, **PLAIN_INTERFACE}), expected)
-    assert_acts_like(policy_from_function(lambda rows: module(torch.as_tensor(rows)).detach()), expected)
+    assert_acts_like(FunctionPolicy(lambda rows: module(torch.as_tensor(rows)).detach()), expected)
     assert_refused(lambda: read_layers([nn.LSTM(36, 4)]), "must have linear layers", ValueError)
 
 

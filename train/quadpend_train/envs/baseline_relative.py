@@ -37,14 +37,6 @@ class BaselineRelativeReward(VectorWrapper):
 
     The wrapper steps the worlds of `baseline_env` and not `baseline_env` itself, because a baseline copy starts an
     episode when the learner does, and does not reset after its own fall.
-
-    Args:
-        env: A QuadPendulum vector environment or a `ConcatenatedVectorEnv` of several, with same-step autoreset,
-            wrapped or not.
-        baseline_env: The same environment, made a second time, without the wrappers that belong to the learner.
-        controllers: The controller that acts in the baseline copies, of each of the concatenated environments.
-        gamma: The discount factor γ of one step of `env`, below 1.
-        failure_penalty: The penalty c of a fall.
     """
 
     def __init__(

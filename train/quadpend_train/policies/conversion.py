@@ -63,9 +63,12 @@ class ObjectPolicy(Policy):
 
 
 class FunctionPolicy(Policy):
-    """A function of the observation, see `policy_from_function`."""
+    """A policy that calls a function, such as a torch module or a session of ONNX, for a batch of observations.
 
-    def __init__(self, function: Callable[[Floats32], Any], size: int) -> None:
+    The function maps observations, shape (n, `size`), float32, to actions, shape (n, 4), which are clipped to [−1, 1].
+    """
+
+    def __init__(self, function: Callable[[Floats32], Any], size: int = 36) -> None:
         self.function, self.observation_sizes = function, (size,)
 
     def predict(
@@ -80,12 +83,9 @@ class FunctionPolicy(Policy):
 
 
 def as_policy(value: Any) -> Policy:
-    """Return an object as a policy.
+    """Return a policy, a model (see `policy_from_model`), or another object with `predict` as a policy.
 
-    Args:
-        value: A `quadpend_baselines.Policy`, which is returned; a model of Stable-Baselines3 or of a library with the
-            same interface, see `policy_from_model`; or another object with `predict`,
-            whose actions are thrust and torques, or those of the scenario.
+    The actions of another object are thrust and torques, or those of the scenario.
     """
     if isinstance(value, Policy):
         return value
@@ -113,14 +113,6 @@ def policy_from_model(model: Any, vec_normalize: Any = None) -> Policy:
         return export(model, vec_normalize)
     except Exception:  # networks of other libraries have other attributes
         return ObjectPolicy(model, normalization, model.observation_space.shape)
-
-
-def policy_from_function(function: Callable[[Floats32], Any], size: int = 36) -> Policy:
-    """Return a policy that calls a function, such as a torch module or a session of ONNX, for a batch of observations.
-
-    The function maps observations, shape (n, `size`), float32, to actions, shape (n, 4), which are clipped to [−1, 1].
-    """
-    return FunctionPolicy(function, size)
 
 
 class FactoryPolicy(Policy):
