@@ -47,13 +47,7 @@ class CallsFailedError(RuntimeError):
 
 
 def executor(jobs: int = 1, cluster: str | None = None) -> Executor:
-    """Return an executor.
-
-    Args:
-        jobs: Number of processes; 1 is this process.
-        cluster: Ray cluster: ``auto`` (that of this machine), ``local`` (start one on this machine), ``HOST:PORT`` or
-            ``ray://HOST:PORT``; None: this machine, without Ray.
-    """
+    """Return an executor with a number of processes, or on a Ray cluster: auto, local, HOST:PORT or ray://HOST:PORT."""
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, not {jobs}")
     if cluster is None:
@@ -75,10 +69,7 @@ def run(
 
     `jobs` is the number of processes, or an executor. `done` is called in this process with the name and the result of
     each call that succeeds, as soon as it ends. A message about failures says what a call is (`what`). The progress bar
-    begins with `finished` calls.
-
-    Raises:
-        CallsFailedError: If calls failed, when all others have ended.
+    begins with `finished` calls. CallsFailedError is raised when all calls have ended.
     """
     pool = executor(jobs) if isinstance(jobs, int) else jobs
     results: dict[Name, Any] = {}

@@ -14,11 +14,8 @@ from quadpend_gym.wrappers import last_observations, replace_final_observations
 class ConcatenatedVectorEnv(VectorEnv[Any, Any, Any]):
     """The sub-environments of several vector environments, in the order of `envs`.
 
-    The info has only ``tracking_error``, ``tilt`` and ``reward_terms``, beside the keys of same-step autoreset.
-
-    Args:
-        envs: QuadPendulum vector environments or concatenations of them, wrapped or not, with same-step autoreset,
-            equal observation spaces and equal nominal simulations.
+    The info has only ``tracking_error``, ``tilt`` and ``reward_terms``, beside the keys of same-step autoreset. The
+    parts are QuadPendulum vector environments or concatenations of them, with same-step autoreset.
     """
 
     def __init__(self, envs: Sequence[VectorEnv[Any, Any, Any]]) -> None:

@@ -66,11 +66,7 @@ def code_hash() -> str:
 def run_jobs(
     jobs: Mapping[Name, Job], cache_folder: Path | None = None, processes: int | Executor = 1
 ) -> dict[Name, EpisodeResults]:
-    """Run all jobs and return their results, which do not depend on `processes`.
-
-    `cache_folder` is the folder of the cached results; only missing results are computed. All jobs are run and cached
-    before CallsFailedError is raised for those that failed.
-    """
+    """Run all jobs and return their results, which do not depend on `processes`; only missing results are computed."""
     files = {name: job.file(cache_folder) for name, job in jobs.items()}
     results = {name: _load(path) for name, path in files.items() if path and path.exists()}
     missing = {name: job for name, job in jobs.items() if name not in results}

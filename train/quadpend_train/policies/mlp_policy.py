@@ -75,9 +75,8 @@ class MlpMemory(NamedTuple):
 class MlpPolicy(Policy):
     """A feedforward network as a deterministic policy with the `predict` protocol.
 
-    Args:
-        layers: Weights of shape (inputs, outputs) and biases of shape (outputs,) of each layer, float32.
-        card: The fields of `Card`, and others.
+    Layers are weights of shape (inputs, outputs) and biases of shape (outputs,), float32; the card has the fields of
+    `Card`, and others.
     """
 
     observation_sizes: tuple[int, ...]  # 36, 27 or both

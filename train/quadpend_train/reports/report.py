@@ -18,13 +18,7 @@ FILES = ("report.html", "comparison.csv", "comparison.md", "episodes.csv", "comp
 
 @dataclass(frozen=True)
 class Report:
-    """What `evaluate` found; as text, it is one sentence for each policy but the first, and the names of the files.
-
-    Attributes:
-        comparison: Table of all episodes, with the metrics of every policy in every scenario.
-        leaderboard: The policies in the order of their mean penalised RMSE.
-        folder: Folder of the `FILES`.
-    """
+    """What `evaluate` found; as text, it is one sentence for each policy but the first, and the names of the files."""
 
     comparison: Comparison
     leaderboard: list[LeaderboardRow]

@@ -46,11 +46,10 @@ _WARM_UP, _STARTUP = 5, 4  # moments and finished trials before the first compar
 
 
 def read_space(path: Path | None, start: TrainSettings) -> tuple[dict[str, BaseDistribution], dict[str, Any]]:
-    """Read a search space; without a file, that of the algorithm in this package.
+    """Return the distributions and the values at the start by the path of the setting, such as ``ppo.n_epochs``.
 
-    Returns:
-        The distributions and the values at the start by the path of the setting, such as ``ppo.n_epochs``. A setting
-        that the start leaves to the algorithm starts with the lowest or the first value.
+    Without a file, the space is that of the algorithm in this package. A setting that the start leaves to the algorithm
+    starts with the lowest or the first value.
     """
     file, known = path or SPACES / f"{start.algo}.toml", dict(flat(to_mapping(start)))
     if not file.is_file():

@@ -189,7 +189,6 @@ def _final_policy(
     """Return the policy of a finished run with its card."""
     policy = MlpPolicy.load(folder / BEST) if curve else export(model, **settings.policy_interface())
     survival, rmse = validate(policy, settings, CARD_SEED)
-    best_at = min(curve, key=lambda score: score.penalised_rmse).steps if curve else model.num_timesteps
     simulation = next(iter(settings.found().values())).simulation  # all scenarios have the same
     card = {
         **policy.card,
@@ -198,7 +197,6 @@ def _final_policy(
         "settings": to_mapping(settings),
         "seed": settings.seed,
         "steps": model.num_timesteps,
-        "best_at": best_at,
         "seconds": round(curve[-1].seconds if curve else seconds, 1),
         "score": {"survival": survival, "penalised_rmse": rmse},
         "curve": [list(score) for score in curve],
